@@ -1,0 +1,1 @@
+"""Shared vocabulary: poses, messages, grids, the robot, protocols, errors. Imports nothing of Ambler."""

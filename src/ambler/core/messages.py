@@ -1,0 +1,266 @@
+"""Everything that travels on the bus: frozen, slotted records that never change after birth.
+
+`stamp_ns` is the instant of the measurement that a message was computed from, in nanoseconds. Arrays are read-only.
+Poses are SE3, so that a recording holds exactly what the nodes saw. Each record names its ROS 2 type in `wire.ros_messages`.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.core.se3 import SE3, Vector3
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+def _freeze(message: Any) -> None:
+    for f in fields(message):
+        value = getattr(message, f.name)
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+
+
+class Message:
+    """Marks a record of the bus and makes its arrays read-only."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        _freeze(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserScan(Message):
+    """One planar scan; beam i points at angle_min + i * angle_increment in `frame` and was taken at stamp + i * time_increment.
+
+    `ranges` float32 (N,): +inf means "nothing within range_max", NaN means "no measurement". `intensities` (N,) or (0,).
+    """
+
+    stamp_ns: int
+    frame: str
+    angle_min: float
+    angle_increment: float
+    time_increment: float
+    scan_time: float
+    range_min: float
+    range_max: float
+    ranges: F32
+    intensities: F32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud(Message):
+    """One 3-D scan in the sensor frame: points float32 (N, 3), intensity float32 (N,), time float32 (N,) in seconds after
+    the stamp, ring uint16 (N,). Only returns are listed, at whatever range; a consumer that limits its range may still use a
+    farther return as free space."""
+
+    stamp_ns: int
+    frame: str
+    points: F32
+    intensity: F32
+    time: F32
+    ring: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imu(Message):
+    """Angular velocity (rad/s) and specific force (m/s^2) in the sensor frame."""
+
+    stamp_ns: int
+    frame: str
+    angular_velocity: Vector3
+    linear_acceleration: Vector3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry(Message):
+    """A pose of `child` in `frame` with the velocity in the child frame; covariances float64 (6, 6), (x, y, z, roll, pitch, yaw)."""
+
+    stamp_ns: int
+    frame: str
+    child: str
+    pose: SE3
+    linear: Vector3
+    angular: Vector3
+    pose_covariance: F64
+    twist_covariance: F64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VelocityCommand(Message):
+    """A wanted velocity in the base frame, m/s and rad/s."""
+
+    stamp_ns: int
+    vx: float = 0.0
+    vy: float = 0.0
+    wz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransformStamped(Message):
+    """One edge of the transform tree."""
+
+    stamp_ns: int
+    parent: str
+    child: str
+    parent_from_child: SE3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transforms(Message):
+    """Several edges of the transform tree at once."""
+
+    stamp_ns: int
+    transforms: tuple[TransformStamped, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OccupancyGrid(Message):
+    """Occupancy int8 [iy, ix]: -1 unknown, 0 free ... 100 occupied."""
+
+    stamp_ns: int
+    frame: str
+    spec: GridSpec
+    data: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CostGrid(Message):
+    """Costs uint8 [iy, ix]: 0 free ... 253 inscribed, 254 lethal, 255 unknown."""
+
+    stamp_ns: int
+    frame: str
+    spec: GridSpec
+    data: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path(Message):
+    """A path in `frame`: poses float64 (N, 3) of (x, y, yaw)."""
+
+    stamp_ns: int
+    frame: str
+    poses: F64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseStamped(Message):
+    """A pose in a frame: a goal, an estimate, a truth."""
+
+    stamp_ns: int
+    frame: str
+    pose: SE3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointStamped(Message):
+    """A point in a frame."""
+
+    stamp_ns: int
+    frame: str
+    point: Vector3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygon(Message):
+    """A closed polygon float32 (N, 3) in a frame: the footprint, a boundary."""
+
+    stamp_ns: int
+    frame: str
+    points: F32
+
+
+class FrontierState(enum.IntEnum):
+    """What the explorer thinks of a frontier."""
+
+    OPEN = 0
+    TARGET = 1
+    UNREACHABLE = 2
+    TOO_SMALL = 3
+    OUTSIDE_BOUNDARY = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frontier:
+    """One connected group of frontier cells: cells float32 (N, 2) in metres, centroid, goal, its state and the reason in words."""
+
+    cells: F32
+    centroid: tuple[float, float]
+    goal: tuple[float, float, float] | None
+    path_distance: float
+    state: FrontierState
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frontiers(Message):
+    """All frontiers of one map."""
+
+    stamp_ns: int
+    frame: str
+    frontiers: tuple[Frontier, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlamHealth(Message):
+    """How good the last scan match was. `covariance` float64 (3, 3) of (x, y, yaw); `degeneracy` is the ratio of the smallest to
+    the largest eigenvalue of the translational information (1 = isotropic, 0 = a corridor)."""
+
+    stamp_ns: int
+    score: float
+    inlier_ratio: float
+    degeneracy: float
+    covariance: F64
+    submaps: int
+    nodes: int
+    loop_closures: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contact(Message):
+    """A contact of the robot with something that is not the ground, as the simulator's ground truth sees it."""
+
+    stamp_ns: int
+    robot_geom: str
+    other_geom: str
+    position: Vector3
+    speed: float
+    force: float
+
+
+class GateState(enum.IntEnum):
+    """What the velocity gate lets pass."""
+
+    PAUSED = 0
+    ARMED = 1
+    PROTECTIVE_STOP = 2
+    EMERGENCY_STOP = 3
+    FAULT = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GateStatus(Message):
+    """State of the velocity gate, why, and which source drives."""
+
+    stamp_ns: int
+    state: GateState
+    reason: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Status(Message):
+    """A node's state for people and logs: a short code, a sentence, and a flat JSON object of fields."""
+
+    stamp_ns: int
+    node: str
+    code: str
+    text: str
+    fields_json: str = "{}"

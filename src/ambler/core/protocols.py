@@ -1,0 +1,61 @@
+"""What one room needs of another, so that no two algorithm rooms import each other; nodes and apps inject the parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import Frontier
+from ambler.core.se2 import SE2
+
+
+@dataclass(frozen=True, slots=True)
+class PlanResult:
+    """A path float64 (N, 3) of (x, y, yaw) in the grid's frame, its cost, and how far its end lies from the wanted goal."""
+
+    path: NDArray[np.float64]
+    cost: float
+    goal_distance: float
+
+
+class GlobalPlanner(Protocol):
+    """Plans over a cost grid (uint8 [iy, ix]). Same input, same output; never through lethal or unknown cells."""
+
+    def plan(self, costs: NDArray[np.uint8], spec: GridSpec, start: SE2, goal: SE2) -> PlanResult:
+        """Return a path from start to goal or the nearest reachable cell; raises a PlanningError subclass."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class BodyVelocity:
+    """A velocity in the base frame: m/s, m/s, rad/s."""
+
+    vx: float = 0.0
+    vy: float = 0.0
+    wz: float = 0.0
+
+
+class LocalPlanner(Protocol):
+    """Follows a path inside a local cost grid; both are in the odom frame."""
+
+    def set_path(self, path_odom: NDArray[np.float64]) -> None:
+        """Take a new path float64 (N, 3); raises InvalidPathError."""
+        ...
+
+    def compute_command(
+        self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
+    ) -> BodyVelocity:
+        """Return the next command; raises NoValidControlError when every admissible motion collides."""
+        ...
+
+
+class ExplorationStrategy(Protocol):
+    """Chooses the next frontier."""
+
+    def choose(self, frontiers: tuple[Frontier, ...], map_from_base: SE2) -> int | None:
+        """Return the index of the frontier to visit next, or None when none can be visited."""
+        ...

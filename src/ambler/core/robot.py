@@ -1,0 +1,74 @@
+"""What every room must know about the robot: footprint, limits, drive, and where its sensors sit."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se3 import SE3
+
+
+class DriveKind(enum.Enum):
+    """How a base moves."""
+
+    DIFFERENTIAL = "differential"
+    OMNI = "omni"
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityLimits:
+    """Limits of the base, SI: forward, backward (negative), sideways, yaw rate; accelerations and decelerations are positive."""
+
+    vx_max: float = 0.8
+    vx_min: float = -0.3
+    vy_max: float = 0.0
+    wz_max: float = 1.5
+    ax_max: float = 1.0
+    ay_max: float = 1.0
+    az_max: float = 2.5
+    ax_brake: float = 1.5
+    ay_brake: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class SensorMount:
+    """A sensor and its pose: `kind` is scan, cloud, imu or camera; `frame` names it in the transform tree."""
+
+    frame: str
+    kind: str
+    base_from_sensor: SE3
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A robot as its algorithms see it. `footprint` is a convex polygon (N, 2) in the base frame, counter-clockwise."""
+
+    name: str
+    drive: DriveKind
+    footprint: NDArray[np.float64]
+    limits: VelocityLimits
+    sensors: tuple[SensorMount, ...] = field(default=())
+    body_height: float = 0.5
+
+    @property
+    def inscribed_radius(self) -> float:
+        """Largest circle about the base origin inside the footprint, metres."""
+        a, b = self.footprint, np.roll(self.footprint, -1, axis=0)
+        edge = b - a
+        cross = edge[:, 0] * a[:, 1] - edge[:, 1] * a[:, 0]
+        return float(np.min(np.abs(cross) / np.hypot(edge[:, 0], edge[:, 1])))
+
+    @property
+    def circumscribed_radius(self) -> float:
+        """Smallest circle about the base origin that contains the footprint, metres."""
+        return float(np.max(np.hypot(self.footprint[:, 0], self.footprint[:, 1])))
+
+    def sensor(self, frame: str) -> SensorMount:
+        """Return the sensor mounted as `frame`; raises KeyError with the known names."""
+        for mount in self.sensors:
+            if mount.frame == frame:
+                return mount
+        raise KeyError(f"robot {self.name} has no sensor {frame!r}, only {[m.frame for m in self.sensors]}")

@@ -1,0 +1,1 @@
+"""How programs run: the table of topics, services and tasks; bus, clocks, nodes, executors, stacks, log."""

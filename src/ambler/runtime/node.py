@@ -1,0 +1,178 @@
+"""What a node is. It owns no thread and no time: it subscribes in `start`, has timers, calls one algorithm.
+
+A node declares its inputs and outputs as class attributes, so that a stack can be checked before it runs. The executor
+hands it a `Context`, the only way to the world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from ambler.core.messages import Message
+from ambler.runtime.topics import Topic
+
+M = TypeVar("M", bound=Message)
+T = TypeVar("T")
+Q = TypeVar("Q")
+R = TypeVar("R")
+G = TypeVar("G")
+F = TypeVar("F")
+
+
+@dataclass(frozen=True, slots=True)
+class Service(Generic[Q, R]):
+    """A request with one reply."""
+
+    name: str
+    request: type[Q]
+    reply: type[R]
+
+
+@dataclass(frozen=True, slots=True)
+class Task(Generic[G, F, R]):
+    """A long-running goal with feedback and a result; cancellable and preemptible, with named failures."""
+
+    name: str
+    goal: type[G]
+    feedback: type[F]
+    result: type[R]
+    failures: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TaskOutcome(Generic[R]):
+    """How a task ended: `code` is SUCCEEDED, CANCELLED, PREEMPTED or one of the task's failures; `text` says why in one sentence."""
+
+    code: str
+    text: str
+    result: R | None
+
+    @property
+    def is_success(self) -> bool:
+        return self.code == "SUCCEEDED"
+
+
+class GoalHandle(Generic[G, F, R]):
+    """The server's side of one goal. After `succeed`, `fail` or `cancelled` every further call is ignored."""
+
+    def __init__(
+        self, goal: G, send_feedback: Callable[[F], None], send_outcome: Callable[[TaskOutcome[R]], None]
+    ) -> None:
+        self.goal = goal
+        self.is_active = True
+        self._send_feedback = send_feedback
+        self._send_outcome = send_outcome
+
+    def feedback(self, feedback: F) -> None:
+        """Tell the client how far the goal is."""
+        if self.is_active:
+            self._send_feedback(feedback)
+
+    def succeed(self, result: R) -> None:
+        """End the goal successfully."""
+        self.end(TaskOutcome("SUCCEEDED", "", result))
+
+    def fail(self, code: str, text: str, result: R | None = None) -> None:
+        """End the goal with one of the task's named failures and one sentence that says why."""
+        self.end(TaskOutcome(code, text, result))
+
+    def cancelled(self, result: R | None = None) -> None:
+        """End the goal because the client cancelled it."""
+        self.end(TaskOutcome("CANCELLED", "cancelled on request", result))
+
+    def end(self, outcome: TaskOutcome[R]) -> None:
+        """End the goal with any outcome."""
+        if self.is_active:
+            self.is_active = False
+            self._send_outcome(outcome)
+
+
+class GoalTicket(Protocol):
+    """The client's side of one goal."""
+
+    def cancel(self) -> None: ...
+
+
+class Context(Protocol):
+    """What the executor offers to a node. Every callback of one node runs alone: a node needs no lock."""
+
+    @property
+    def now_ns(self) -> int:
+        """The executor's time, nanoseconds."""
+        ...
+
+    def subscribe(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+        """Call back for each message, in order; with a `latest` topic only the newest waiting one."""
+        ...
+
+    def publish(self, topic: Topic[M], message: M) -> None:
+        """Publish now; subscribers get it after the node's declared latency."""
+        ...
+
+    def newest(self, topic: Topic[M]) -> M | None:
+        """Return the newest message delivered to this node, or None; raises StaleInputError when it is older than the topic allows."""
+        ...
+
+    def timer(self, period: float, callback: Callable[[], None], *, phase: float = 0.0) -> None:
+        """Call back every `period` seconds, the first time `phase` seconds after the start plus one period."""
+        ...
+
+    def after(self, delay: float, callback: Callable[[], None]) -> None:
+        """Call back once, `delay` seconds from now."""
+        ...
+
+    def background(self, work: Callable[[], T], duration: float, done: Callable[[T], None]) -> None:
+        """Run pure `work` off the node's time; `done` gets its value `duration` simulated seconds later (live: when it is ready)."""
+        ...
+
+    def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> None:
+        """Answer a service. An AmblerError raised by the handler reaches the caller as a failed reply."""
+        ...
+
+    def call(self, service: Service[Q, R], request: Q, done: Callable[[R | Exception], None]) -> None:
+        """Ask a service; `done` gets the reply, or the AmblerError that the handler raised."""
+        ...
+
+    def serve_task(
+        self,
+        task: Task[G, F, R],
+        on_goal: Callable[[GoalHandle[G, F, R]], None],
+        on_cancel: Callable[[GoalHandle[G, F, R]], None],
+    ) -> None:
+        """Offer a task. A new goal first cancels the running one, whose client sees PREEMPTED."""
+        ...
+
+    def send_goal(
+        self,
+        task: Task[G, F, R],
+        goal: G,
+        on_done: Callable[[TaskOutcome[R]], None],
+        on_feedback: Callable[[F], None] | None = None,
+    ) -> GoalTicket:
+        """Start a task."""
+        ...
+
+    def log(self, code: str, text: str, **fields: Any) -> None:
+        """Write one line of the structured log."""
+        ...
+
+
+class Node:
+    """Base class. Subclasses set the declarations and override `start`; `stop` is called once at the end."""
+
+    name: ClassVar[str] = ""
+    inputs: ClassVar[tuple[Topic[Any], ...]] = ()
+    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = ()
+    outputs: ClassVar[tuple[Topic[Any], ...]] = ()
+    serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = ()
+    calls: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = ()
+    latency: ClassVar[float] = 0.001
+    ctx: Context
+
+    def start(self) -> None:
+        """Subscribe, set timers, serve; `self.ctx` is ready."""
+
+    def stop(self) -> None:
+        """Close files and sockets."""

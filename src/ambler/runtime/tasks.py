@@ -1,0 +1,167 @@
+"""The services and tasks of the stack, the second half of the one table."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from ambler.core.messages import Frontier, Path
+from ambler.core.se2 import SE2
+from ambler.runtime.node import Service, Task
+
+
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """An empty request or reply."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """Ask for a path from the robot's pose to `map_from_goal`."""
+
+    map_from_goal: SE2
+
+
+@dataclass(frozen=True, slots=True)
+class PlanReply:
+    """A path in the map frame, its cost, and how far its end lies from the wanted goal, metres (0: exactly there)."""
+
+    path: Path
+    cost: float
+    goal_distance: float
+
+
+@dataclass(frozen=True, slots=True)
+class GateRequest:
+    """Ask the gate to arm, pause, stop or reset; `source` says who asks, `reason` why."""
+
+    source: str
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GateReply:
+    """Whether the gate did it, and if not, why."""
+
+    is_done: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SaveMapRequest:
+    """Save the map as `<stem>.pgm` and `<stem>.yaml`."""
+
+    stem: str
+
+
+COMPUTE_PATH = Service("compute_path", PlanRequest, PlanReply)
+CLEAR_GLOBAL_COSTMAP = Service("clear_global_costmap", Nothing, Nothing)
+CLEAR_LOCAL_COSTMAP = Service("clear_local_costmap", Nothing, Nothing)
+ARM = Service("arm", GateRequest, GateReply)
+PAUSE = Service("pause", GateRequest, GateReply)
+EMERGENCY_STOP = Service("emergency_stop", GateRequest, GateReply)
+RESET_STOP = Service("reset_stop", GateRequest, GateReply)
+SAVE_MAP = Service("save_map", SaveMapRequest, Nothing)
+
+
+@dataclass(frozen=True, slots=True)
+class FollowPathGoal:
+    """Follow a path in the map frame to its end; newer paths on the `path` topic replace it while the goal is active."""
+
+    path: Path
+    xy_tolerance: float = 0.15
+    yaw_tolerance: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class FollowPathFeedback:
+    """How much path is left, metres."""
+
+    distance_remaining: float
+
+
+class RecoveryKind(enum.Enum):
+    """What the base may do to free itself."""
+
+    ROTATE = "rotate"
+    BACK_UP = "back_up"
+
+
+@dataclass(frozen=True, slots=True)
+class RecoverGoal:
+    """Turn by `amount` radians in place, or back up by `amount` metres."""
+
+    kind: RecoveryKind
+    amount: float
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateGoal:
+    """Drive to a pose of the map."""
+
+    map_from_goal: SE2
+    xy_tolerance: float = 0.15
+    yaw_tolerance: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateFeedback:
+    """Named state of the navigator, path left in metres, and recoveries used so far."""
+
+    state: str
+    distance_remaining: float
+    recoveries: int
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateResult:
+    """Where the robot ended, and how far from the wanted goal a substitute lay."""
+
+    map_from_base: SE2 | None
+    goal_distance: float
+    recoveries: int
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreGoal:
+    """Explore until no reachable frontier is left, then return to the start if wanted."""
+
+    return_to_start: bool = True
+    boundary: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreFeedback:
+    """Named state of the explorer and what is still open."""
+
+    state: str
+    frontiers_open: int
+    goals_reached: int
+    known_area: float
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreResult:
+    """The proof: the frontiers that remain, each with its reason; and whether the robot came home."""
+
+    remaining: tuple[Frontier, ...]
+    goals_reached: int
+    is_home: bool
+
+
+FOLLOW_PATH = Task(
+    "follow_path",
+    FollowPathGoal,
+    FollowPathFeedback,
+    Nothing,
+    ("INVALID_PATH", "TRANSFORM_MISSING", "STALE_INPUT", "NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS"),
+)
+RECOVER = Task("recover", RecoverGoal, Nothing, Nothing, ("COLLISION_AHEAD", "TIMEOUT", "STALE_INPUT"))
+NAVIGATE = Task(
+    "navigate",
+    NavigateGoal,
+    NavigateFeedback,
+    NavigateResult,
+    ("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+)
+EXPLORE = Task("explore", ExploreGoal, ExploreFeedback, ExploreResult, ("STUCK", "LOST", "RETURN_FAILED"))

@@ -1,0 +1,89 @@
+"""The one table of everything that travels. Recording, bridges, health limits and replay are derived from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, TypeVar
+
+from ambler.core import messages as m
+
+M = TypeVar("M", bound=m.Message)
+
+Delivery = Literal["latest", "queue", "latched"]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[M]):
+    """A typed stream. `max_age` is the age in seconds after which the newest message must not be used (None: never stale)."""
+
+    name: str
+    type: type[M]
+    ros_name: str
+    delivery: Delivery = "queue"
+    depth: int = 10
+    max_age: float | None = None
+    is_truth: bool = False
+
+
+_TABLE: dict[str, Topic[Any]] = {}
+
+
+def _topic(
+    name: str,
+    message_type: type[M],
+    ros_name: str,
+    delivery: Delivery = "queue",
+    depth: int = 10,
+    max_age: float | None = None,
+    is_truth: bool = False,
+) -> Topic[M]:
+    topic = Topic(name, message_type, ros_name, delivery, depth, max_age, is_truth)
+    _TABLE[name] = topic
+    return topic
+
+
+# Sensors
+SCAN = _topic("scan", m.LaserScan, "/scan", max_age=0.5)
+CLOUD = _topic("cloud", m.PointCloud, "/points", max_age=0.5)
+IMU = _topic("imu", m.Imu, "/imu", depth=200, max_age=0.2)
+ODOMETRY = _topic("odometry", m.Odometry, "/odom", depth=100, max_age=0.3)
+# Transforms
+TRANSFORMS = _topic("transforms", m.Transforms, "/tf", depth=200)
+STATIC_TRANSFORMS = _topic("static_transforms", m.Transforms, "/tf_static", "latched", 1)
+# Mapping
+MAP = _topic("map", m.OccupancyGrid, "/map", "latched", 1)
+MATCHED_SCAN = _topic("matched_scan", m.PointCloud, "/matched_scan", depth=2)
+SLAM_POSE = _topic("slam_pose", m.PoseStamped, "/slam_pose", depth=50)
+SLAM_HEALTH = _topic("slam_health", m.SlamHealth, "/slam_health")
+# Navigation
+GOAL = _topic("goal", m.PoseStamped, "/goal_pose", depth=2)
+GLOBAL_COSTMAP = _topic("global_costmap", m.CostGrid, "/global_costmap/costmap", "latched", 1)
+LOCAL_COSTMAP = _topic("local_costmap", m.CostGrid, "/local_costmap/costmap", "latched", 1, max_age=1.0)
+FOOTPRINT = _topic("footprint", m.Polygon, "/footprint", depth=1)
+PATH = _topic("path", m.Path, "/plan", "latched", 1)
+LOCAL_PATH = _topic("local_path", m.Path, "/local_plan", depth=1)
+FRONTIERS = _topic("frontiers", m.Frontiers, "/frontiers", "latched", 1)
+VELOCITY_REQUEST = _topic("velocity_request", m.VelocityCommand, "/cmd_vel_nav", "latest", 1, max_age=0.3)
+TELEOP_REQUEST = _topic("teleop_request", m.VelocityCommand, "/cmd_vel_teleop", "latest", 1, max_age=0.4)
+VELOCITY_COMMAND = _topic("velocity_command", m.VelocityCommand, "/cmd_vel", "latest", 1, max_age=0.5)
+GATE_STATUS = _topic("gate_status", m.GateStatus, "/gate_status", "latched", 1)
+STATUS = _topic("status", m.Status, "/status", depth=50)
+# Ground truth, in simulation only; no algorithm may subscribe to it
+TRUE_POSE = _topic("true_pose", m.Odometry, "/ground_truth/pose", depth=100, is_truth=True)
+CONTACT = _topic("contact", m.Contact, "/ground_truth/contacts", depth=100, is_truth=True)
+TRUE_MAP = _topic("true_map", m.OccupancyGrid, "/ground_truth/map", "latched", 1, is_truth=True)
+
+
+def all_topics() -> tuple[Topic[Any], ...]:
+    """Return every declared topic in the order of declaration, which is also the order of delivery at one instant."""
+    return tuple(_TABLE.values())
+
+
+def topic_named(name: str) -> Topic[Any]:
+    """Return a topic by its name or its ROS name; raises KeyError."""
+    if name in _TABLE:
+        return _TABLE[name]
+    for topic in _TABLE.values():
+        if topic.ros_name == name:
+            return topic
+    raise KeyError(f"no topic {name!r}")
