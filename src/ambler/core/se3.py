@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.se2 import SE2, F64
+from ambler.core.se2 import F64, SE2
 
 Quaternion = tuple[float, float, float, float]
 Vector3 = tuple[float, float, float]
