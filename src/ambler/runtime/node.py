@@ -62,6 +62,7 @@ class GoalHandle(Generic[G, F, R]):
     ) -> None:
         self.goal = goal
         self.is_active = True
+        self.is_preempted = False
         self._send_feedback = send_feedback
         self._send_outcome = send_outcome
 
@@ -79,8 +80,11 @@ class GoalHandle(Generic[G, F, R]):
         self.end(TaskOutcome(code, text, result))
 
     def cancelled(self, result: R | None = None) -> None:
-        """End the goal because the client cancelled it."""
-        self.end(TaskOutcome("CANCELLED", "cancelled on request", result))
+        """End the goal because its client cancelled it, or because a newer goal took its place."""
+        if self.is_preempted:
+            self.end(TaskOutcome("PREEMPTED", "a newer goal took its place", result))
+        else:
+            self.end(TaskOutcome("CANCELLED", "cancelled on request", result))
 
     def end(self, outcome: TaskOutcome[R]) -> None:
         """End the goal with any outcome."""

@@ -14,7 +14,10 @@ Delivery = Literal["latest", "queue", "latched"]
 
 @dataclass(frozen=True, slots=True)
 class Topic(Generic[M]):
-    """A typed stream. `max_age` is the age in seconds after which the newest message must not be used (None: never stale)."""
+    """A typed stream. `max_age` is the age in seconds after which the newest message must not be used (None: never stale).
+
+    A topic has one writer unless `has_many_writers`; `is_truth` marks the simulator's ground truth.
+    """
 
     name: str
     type: type[M]
@@ -23,6 +26,7 @@ class Topic(Generic[M]):
     depth: int = 10
     max_age: float | None = None
     is_truth: bool = False
+    has_many_writers: bool = False
 
 
 _TABLE: dict[str, Topic[Any]] = {}
@@ -36,8 +40,9 @@ def _topic(
     depth: int = 10,
     max_age: float | None = None,
     is_truth: bool = False,
+    has_many_writers: bool = False,
 ) -> Topic[M]:
-    topic = Topic(name, message_type, ros_name, delivery, depth, max_age, is_truth)
+    topic = Topic(name, message_type, ros_name, delivery, depth, max_age, is_truth, has_many_writers)
     _TABLE[name] = topic
     return topic
 
@@ -48,7 +53,7 @@ CLOUD = _topic("cloud", m.PointCloud, "/points", max_age=0.5)
 IMU = _topic("imu", m.Imu, "/imu", depth=200, max_age=0.2)
 ODOMETRY = _topic("odometry", m.Odometry, "/odom", depth=100, max_age=0.3)
 # Transforms
-TRANSFORMS = _topic("transforms", m.Transforms, "/tf", depth=200)
+TRANSFORMS = _topic("transforms", m.Transforms, "/tf", depth=200, has_many_writers=True)
 STATIC_TRANSFORMS = _topic("static_transforms", m.Transforms, "/tf_static", "latched", 1)
 # Mapping
 MAP = _topic("map", m.OccupancyGrid, "/map", "latched", 1)
@@ -67,7 +72,7 @@ VELOCITY_REQUEST = _topic("velocity_request", m.VelocityCommand, "/cmd_vel_nav",
 TELEOP_REQUEST = _topic("teleop_request", m.VelocityCommand, "/cmd_vel_teleop", "latest", 1, max_age=0.4)
 VELOCITY_COMMAND = _topic("velocity_command", m.VelocityCommand, "/cmd_vel", "latest", 1, max_age=0.5)
 GATE_STATUS = _topic("gate_status", m.GateStatus, "/gate_status", "latched", 1)
-STATUS = _topic("status", m.Status, "/status", depth=50)
+STATUS = _topic("status", m.Status, "/status", depth=50, has_many_writers=True)
 # Ground truth, in simulation only; no algorithm may subscribe to it
 TRUE_POSE = _topic("true_pose", m.Odometry, "/ground_truth/pose", depth=100, is_truth=True)
 CONTACT = _topic("contact", m.Contact, "/ground_truth/contacts", depth=100, is_truth=True)

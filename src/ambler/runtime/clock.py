@@ -1,0 +1,53 @@
+"""Clocks. Nodes never see one directly: the executor owns time and hands out `now_ns`."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Time in nanoseconds."""
+
+    @property
+    def now_ns(self) -> int: ...
+
+
+class SystemClock:
+    """The wall clock of a real robot, or (from_zero) the time since the start of a simulated run; monotonic in both cases."""
+
+    def __init__(self, *, from_zero: bool) -> None:
+        self._offset_ns = (0 if from_zero else time.time_ns()) - time.monotonic_ns()
+
+    @property
+    def now_ns(self) -> int:
+        return time.monotonic_ns() + self._offset_ns
+
+
+class SimulatedClock:
+    """A clock that the executor sets. With a `rate` it waits so that simulated time runs at that multiple of real time."""
+
+    def __init__(self, start_ns: int = 0, rate: float | None = None) -> None:
+        self._now_ns = start_ns
+        self._start_ns = start_ns
+        self._rate = rate
+        self._started = time.monotonic()
+
+    @property
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def advance(self, to_ns: int) -> None:
+        """Set the time, never backwards."""
+        if to_ns < self._now_ns:
+            raise ValueError(f"time cannot run backwards: {to_ns} < {self._now_ns}")
+        self._now_ns = to_ns
+        if self._rate is not None:
+            due = self._started + (to_ns - self._start_ns) * 1e-9 / self._rate
+            delay = due - time.monotonic()
+            if delay > 0:
+                time.sleep(delay)
+
+
+class ReplayClock(SimulatedClock):
+    """Follows the times of a recording, beginning at its first message."""
