@@ -1,0 +1,47 @@
+"""`ambler`: parses the verb, maps errors to one clear line and an exit code (0 done, 1 fell short, 2 bad input, 130 interrupted)."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+
+from ambler import __version__
+
+VERBS = ("demo", "slam2d", "replay", "eval", "bench", "warmup")
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser with every verb."""
+    parser = argparse.ArgumentParser(prog="ambler", description="The whole stack of a LiDAR mobile robot.")
+    parser.add_argument("--version", action="version", version=f"ambler {__version__}")
+    subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb in VERBS:
+        importlib.import_module(f"ambler.cli.{verb}").add_parser(subparsers)
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one verb and return its exit code."""
+    args = build_parser().parse_args(arguments)
+    from ambler.core.errors import AmblerError, BadInputError
+
+    try:
+        return int(args.run(args))
+    except BadInputError as error:
+        print(f"ambler: {error}", file=sys.stderr)
+        return 2
+    except AmblerError as error:
+        print(f"ambler: {error.code}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("ambler: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

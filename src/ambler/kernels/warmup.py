@@ -1,0 +1,53 @@
+"""Calls every kernel once with its real types, so that none compiles while a robot moves. Shows a line while the cache is cold."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pkgutil
+import sys
+import time
+from pathlib import Path
+
+import ambler.kernels
+
+_NOT_KERNELS = {"jit", "warmup"}
+
+
+def kernel_modules() -> list[str]:
+    """Return the names of all kernel modules."""
+    names = [m.name for m in pkgutil.iter_modules(ambler.kernels.__path__)]
+    return sorted(n for n in names if n not in _NOT_KERNELS)
+
+
+def warm_up_all() -> float:
+    """Warm up every kernel module; returns the seconds that it took. Prints progress only when it has to compile."""
+    started = time.monotonic()
+    names = kernel_modules()
+    importlib.import_module("ambler.kernels.jit")
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    mark = folder / "warm"
+    is_cold = not mark.exists()
+    for i, name in enumerate(names):
+        if is_cold:
+            text = f"compiling kernels, once: {i + 1}/{len(names)} {name} ({time.monotonic() - started:.0f} s)"
+            print(f"\r{text:<70}", end="", file=sys.stderr, flush=True)
+        importlib.import_module(f"ambler.kernels.{name}").warm_up()
+    seconds = time.monotonic() - started
+    if is_cold:
+        print(f"\r{f'kernels compiled in {seconds:.0f} s':<70}", file=sys.stderr, flush=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.touch()
+    return seconds
+
+
+def compiled_signatures() -> dict[str, int]:
+    """Return the number of compiled signatures of every kernel, to prove that a run compiled none."""
+    counts = {}
+    for name in kernel_modules():
+        module = importlib.import_module(f"ambler.kernels.{name}")
+        for attribute, value in vars(module).items():
+            signatures = getattr(value, "signatures", None)
+            if signatures is not None:
+                counts[f"{name}.{attribute}"] = len(signatures)
+    return counts
