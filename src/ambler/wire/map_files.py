@@ -1,0 +1,205 @@
+"""Map files of the ROS map servers: a YAML file with the geometry and thresholds beside an image whose first row is the top.
+
+A pixel p becomes an occupancy o = (255 - p) / 255, or p / 255 when `negate` is set (colour channels averaged). Mode trinary:
+o >= occupied_thresh is 100, o <= free_thresh is 0, else unknown; scale: the middle maps linearly to 0 ... 100, transparent
+pixels are unknown; raw: the pixel is the occupancy, above 100 unknown.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+
+PIXEL_FREE, PIXEL_OCCUPIED, PIXEL_UNKNOWN = 254, 0, 205
+OCCUPIED_THRESH = 0.65
+FREE_THRESH = 0.196  # just below the 50 / 255 of an unknown pixel; with 0.25 every map server reads unknown as free
+SAVED_FREE, SAVED_OCCUPIED = 25, 65  # occupancies written as free and as occupied
+MODES = ("trinary", "scale", "raw")
+
+
+def save_map(stem: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[Path, Path]:
+    """Write `<stem>.pgm` and `<stem>.yaml` as map_saver does (trinary, 0 / 254 / 205); the YAML appears last, both atomically.
+
+    `occupancy` is int8 [iy, ix]: -1 unknown, 0 ... 100. Returns the two paths.
+    """
+    if occupancy.shape != spec.shape:
+        raise BadInputError(f"{stem}: the map is {occupancy.shape}, its geometry says {spec.shape}")
+    pixels = np.full(occupancy.shape, PIXEL_UNKNOWN, np.uint8)
+    pixels[(occupancy >= 0) & (occupancy <= SAVED_FREE)] = PIXEL_FREE
+    pixels[occupancy >= SAVED_OCCUPIED] = PIXEL_OCCUPIED
+    image = stem.with_name(stem.name + ".pgm")
+    header = f"P5\n# resolution {spec.resolution:.6g} m\n{spec.width} {spec.height}\n255\n".encode("ascii")
+    _write(image, header + np.ascontiguousarray(pixels[::-1]).tobytes())
+    text = (
+        f"image: {image.name}\nmode: trinary\nresolution: {spec.resolution!r}\n"
+        f"origin: [{spec.origin_x!r}, {spec.origin_y!r}, 0]\nnegate: 0\n"
+        f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
+    )
+    description = stem.with_name(stem.name + ".yaml")
+    _write(description, text.encode("ascii"))
+    return image, description
+
+
+def _write(path: Path, data: bytes) -> None:
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(partial, path)
+
+
+def load_map(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
+    """Read a map; returns its geometry and occupancy int8 [iy, ix], row 0 at the lowest y. Raises BadInputError."""
+    description = _read_description(yaml_path)
+    pixels = _read_image(description.image)
+    if description.mode == "raw":
+        grey = _grey(pixels)
+        occupancy = np.where(grey <= 100, np.rint(grey), OCC_UNKNOWN).astype(np.int8)
+    else:
+        occupancy = _interpret(pixels, description)
+    height, width = occupancy.shape
+    spec = GridSpec(description.resolution, width, height, *description.origin)
+    return spec, np.ascontiguousarray(occupancy[::-1])
+
+
+def _interpret(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
+    grey = _grey(pixels)
+    occupied = grey / 255.0 if description.is_negated else (255.0 - grey) / 255.0
+    low, high = description.free_thresh, description.occupied_thresh
+    out = np.full(grey.shape, OCC_UNKNOWN, np.int8)
+    if description.mode == "scale":
+        out[:] = np.clip(np.rint((occupied - low) / (high - low) * 100.0), 0, 100).astype(np.int8)
+    out[occupied <= low] = OCC_FREE
+    out[occupied >= high] = OCC_OCCUPIED
+    if description.mode == "scale" and pixels.shape[2] in (2, 4):
+        out[pixels[:, :, -1] < 255] = OCC_UNKNOWN
+    return out
+
+
+def _grey(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
+    colours = pixels[:, :, : pixels.shape[2] - (pixels.shape[2] in (2, 4))]
+    grey: NDArray[np.float64] = colours.mean(axis=2, dtype=np.float64)
+    if pixels.shape[2] in (
+        2,
+        4,
+    ):  # a see-through pixel shows nothing: as dark as the map servers make it, unknown by its alpha
+        grey = grey * (pixels[:, :, -1] / 255.0)
+    return grey
+
+
+@dataclass(frozen=True, slots=True)
+class _Description:
+    image: Path
+    resolution: float
+    origin: tuple[float, float]
+    is_negated: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: str
+
+
+def _read_description(path: Path) -> _Description:
+    try:
+        table = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise BadInputError(f"{path}: {' '.join(str(error).split())}") from error
+    if not isinstance(table, dict):
+        raise BadInputError(f"{path}: is no map description (a table with image, resolution, origin)")
+    missing = [key for key in ("image", "resolution", "origin") if key not in table]
+    if missing:
+        raise BadInputError(f"{path}: {missing[0]} is missing")
+    mode = table.get("mode", "trinary")
+    if mode not in MODES:
+        raise BadInputError(f"{path}: mode {mode!r} is none of {', '.join(MODES)}")
+    origin = _origin(path, table["origin"])
+    high = _number(path, table.get("occupied_thresh", OCCUPIED_THRESH), "occupied_thresh")
+    low = _number(path, table.get("free_thresh", FREE_THRESH), "free_thresh")
+    if not 0.0 <= low < high <= 1.0:
+        raise BadInputError(
+            f"{path}: thresholds must be 0 <= free_thresh < occupied_thresh <= 1, found {low} and {high}"
+        )
+    resolution = _number(path, table["resolution"], "resolution")
+    if resolution <= 0.0:
+        raise BadInputError(f"{path}: resolution must be positive, found {resolution}")
+    negate = table.get("negate", 0)
+    if negate not in (0, 1):
+        raise BadInputError(f"{path}: negate must be 0 or 1, found {negate!r}")
+    image = path.parent / str(table["image"])
+    return _Description(image, resolution, origin, bool(negate), high, low, mode)
+
+
+def _number(path: Path, value: Any, key: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise BadInputError(f"{path}: {key} is no number: {value!r}") from error
+    if not math.isfinite(number):
+        raise BadInputError(f"{path}: {key} is not finite")
+    return number
+
+
+def _origin(path: Path, value: Any) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) not in (2, 3):
+        raise BadInputError(f"{path}: origin must be [x, y, yaw]")
+    numbers = [_number(path, v, "origin") for v in value]
+    if len(numbers) == 3 and abs(math.remainder(numbers[2], 2.0 * math.pi)) > 1e-6:
+        raise BadInputError(f"{path}: a turned map (origin yaw {numbers[2]}) is not supported")
+    return numbers[0], numbers[1]
+
+
+def _read_image(path: Path) -> NDArray[np.uint8]:
+    """Return the pixels uint8 [row, column, channel], whatever the name ends with: P2, P5, P6 and everything OpenCV reads."""
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise BadInputError(f"{path}: {error.strerror or error}") from error
+    _check_netpbm(path, bytes(data[:4096]), len(data))
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    except cv2.error as error:
+        raise BadInputError(f"{path}: the image cannot be read") from error
+    if image is None:
+        raise BadInputError(f"{path}: is no image that can be read")
+    if image.dtype == np.uint16:
+        image = (image // 257).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise BadInputError(f"{path}: pixels of type {image.dtype} are not supported")
+    pixels = np.asarray(image, np.uint8)
+    return pixels[:, :, None] if pixels.ndim == 2 else pixels
+
+
+def _check_netpbm(path: Path, head: bytes, size: int) -> None:
+    """Refuse a binary netpbm file that is shorter than its header says; a decoder would fill the rest with anything."""
+    if head[:2] not in (b"P5", b"P6"):
+        return
+    words: list[bytes] = []
+    position = 2
+    while len(words) < 3:
+        end = position + 1
+        if position >= len(head):
+            raise BadInputError(f"{path}: the header of the image is cut off")
+        if head[position : position + 1] == b"#":
+            end = head.find(b"\n", position) + 1 or len(head)
+        elif not head[position : position + 1].isspace():
+            while end < len(head) and not head[end : end + 1].isspace():
+                end += 1
+            words.append(head[position:end])
+        position = end
+    if not all(w.isdigit() and int(w) > 0 for w in words):
+        raise BadInputError(f"{path}: the header of the image is damaged")
+    width, height, deepest = (int(w) for w in words)
+    needed = position + 1 + width * height * (3 if head[:2] == b"P6" else 1) * (2 if deepest > 255 else 1)
+    if size < needed:
+        raise BadInputError(f"{path}: the image is cut off after {size} of {needed} bytes")

@@ -1,0 +1,54 @@
+"""The TUM trajectory format: `stamp x y z qx qy qz qw` per line, seconds and metres, six decimals of the stamp."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+
+
+def write_tum(path: Path, stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    """Write stamps (N,) in seconds with planar poses (N, 3) of (x, y, yaw), atomically."""
+    half = 0.5 * poses[:, 2]
+    lines = [
+        f"{t:.6f} {x:.6f} {y:.6f} 0.000000 0.000000 0.000000 {s:.9f} {c:.9f}\n"
+        for t, (x, y), s, c in zip(
+            stamps.tolist(), poses[:, :2].tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True
+        )
+    ]
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text("".join(lines), encoding="ascii")
+    os.replace(partial, path)
+
+
+def read_tum(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Read stamps (N,) and planar poses (N, 3) of (x, y, yaw); raises BadInputError naming the line.
+
+    Spatial poses are projected on the plane: x, y and the heading of the body's x axis.
+    """
+    rows: list[list[float]] = []
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path}: {error}") from error
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            row = [float(w) for w in words]
+        except ValueError as error:
+            raise BadInputError(f"{path}:{number}: {error}") from error
+        if len(row) != 8:
+            raise BadInputError(f"{path}:{number}: a pose has 8 numbers, found {len(row)}")
+        if not np.isfinite(row).all() or sum(q * q for q in row[4:]) < 1e-6:
+            raise BadInputError(f"{path}:{number}: a number is not finite, or the quaternion is zero")
+        rows.append(row)
+    table = np.array(rows, np.float64).reshape(len(rows), 8)
+    x, y, z, w = (table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)).T
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return table[:, 0].copy(), np.column_stack((table[:, 1:3], yaw))

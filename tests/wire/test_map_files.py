@@ -1,0 +1,139 @@
+"""Map files: round trip, every mode and image kind, the recorded maps, clear errors, fuzz."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.wire.map_files import load_map, save_map
+
+MAPS = Path(__file__).parents[3] / "shared" / "data" / "maps"
+SPEC = GridSpec(0.05, 4, 3, -1.25, 2.5)
+CELLS = np.array([[0, 100, -1, 0], [-1, -1, 100, 100], [0, 0, 0, -1]], np.int8)
+
+
+def describe(tmp_path: Path, name: str, /, **changes: object) -> Path:
+    table: dict[str, object] = {"image": name, "resolution": 0.1, "origin": [0, 0, 0], "negate": 0}
+    table |= {"occupied_thresh": 0.65, "free_thresh": 0.196} | changes
+    path = tmp_path / "map.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in table.items() if value is not None))
+    return path
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    image, description = save_map(tmp_path / "floor.v2", SPEC, CELLS)
+    assert (image.name, description.name) == ("floor.v2.pgm", "floor.v2.yaml")
+    spec, cells = load_map(description)
+    assert spec == SPEC
+    np.testing.assert_array_equal(cells, CELLS)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["floor.v2.pgm", "floor.v2.yaml"]
+
+
+def test_pixels_are_those_of_map_saver_with_the_top_row_first(tmp_path: Path) -> None:
+    image, _ = save_map(tmp_path / "m", SPEC, CELLS)
+    pixels = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(pixels, [[254, 254, 254, 205], [205, 205, 0, 0], [254, 0, 205, 254]])
+
+
+@pytest.mark.parametrize("negate", [0, 1])
+def test_trinary_thresholds_are_inclusive(tmp_path: Path, negate: int) -> None:
+    p = np.array([[255, 192, 191, 90, 89, 0]], np.uint8)
+    if negate:
+        p = 255 - p
+    cv2.imwrite(str(tmp_path / "m.png"), p)
+    _, cells = load_map(describe(tmp_path, "m.png", negate=negate, free_thresh=63 / 255, occupied_thresh=166 / 255))
+    assert cells.tolist() == [[0, 0, -1, -1, 100, 100]]
+
+
+def test_scale_and_raw(tmp_path: Path) -> None:
+    p = np.array([[255, 204, 128, 51, 0]], np.uint8)
+    cv2.imwrite(str(tmp_path / "m.png"), p)
+    _, cells = load_map(describe(tmp_path, "m.png", mode="scale", free_thresh=0.1, occupied_thresh=0.9))
+    expected = [0, round((0.2 - 0.1) / 0.8 * 100), round((127 / 255 - 0.1) / 0.8 * 100), round(0.7 / 0.8 * 100), 100]
+    assert cells[0] == pytest.approx(expected, abs=1)
+    cv2.imwrite(str(tmp_path / "r.png"), np.array([[0, 37, 100, 101, 255]], np.uint8))
+    assert load_map(describe(tmp_path, "r.png", mode="raw"))[1].tolist() == [[0, 37, 100, -1, -1]]
+
+
+def test_colour_is_averaged_and_transparency_is_unknown(tmp_path: Path) -> None:
+    bgr = np.array([[[255, 255, 255], [0, 0, 0], [0, 255, 255]]], np.uint8)
+    cv2.imwrite(str(tmp_path / "c.png"), bgr)
+    assert load_map(describe(tmp_path, "c.png"))[1].tolist() == [[0, 100, -1]]
+    bgra = np.array([[[255, 255, 255, 255], [255, 255, 255, 0]]], np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), bgra)
+    assert load_map(describe(tmp_path, "a.png", mode="scale"))[1].tolist() == [[0, -1]]
+
+
+@pytest.mark.parametrize("magic", ["P2", "P5", "P6"])
+def test_netpbm_kinds_with_comments(tmp_path: Path, magic: str) -> None:
+    values = [0, 254, 205]
+    body = {
+        "P2": b"0 254 205\n",
+        "P5": bytes(values),
+        "P6": bytes(v for v in values for _ in range(3)),
+    }[magic]
+    (tmp_path / "m.pgm").write_bytes(f"{magic}\n# made by hand\n3 1\n255\n".encode() + body)
+    spec, cells = load_map(describe(tmp_path, "m.pgm"))
+    assert (spec.width, spec.height, cells.tolist()) == (3, 1, [[100, 0, -1]])
+
+
+@pytest.mark.parametrize(("name", "shape"), [("depot", (307, 604)), ("ac109_3", None)])
+def test_recorded_maps_load(name: str, shape: tuple[int, int] | None) -> None:
+    path = MAPS / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip(f"{path} is absent")
+    spec, cells = load_map(path)
+    assert cells.shape == spec.shape
+    assert shape in (None, cells.shape)
+    assert set(np.unique(cells)) <= {-1, 0, 100}
+    assert (cells == 0).sum() > 1000
+    assert (cells == 100).sum() > 100
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resolution": None}, "resolution is missing"),
+        ({"resolution": "wide"}, "resolution is no number"),
+        ({"resolution": 0}, "must be positive"),
+        ({"origin": "[0]"}, "origin must be"),
+        ({"origin": "[0, 0, 0.5]"}, "turned map"),
+        ({"mode": "octal"}, "mode 'octal'"),
+        ({"free_thresh": 0.9}, "thresholds"),
+        ({"negate": 2}, "negate"),
+        ({"image": "gone.pgm"}, r"gone\.pgm: No such file"),
+        ({"image": "[1"}, "map.yaml"),
+    ],
+)
+def test_errors_are_one_clear_line(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    save_map(tmp_path / "m", SPEC, CELLS)
+    with pytest.raises(BadInputError, match=message) as caught:
+        load_map(describe(tmp_path, "m.pgm", **changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_truncated_and_garbled_images_are_refused_or_read_whole(tmp_path: Path) -> None:
+    image, description = save_map(tmp_path / "m", SPEC, CELLS)
+    good = image.read_bytes()
+    for length in range(len(good)):
+        image.write_bytes(good[:length])
+        with pytest.raises(BadInputError, match=r"m\.pgm"):
+            load_map(description)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        bad = bytearray(good)
+        bad[rng.integers(len(bad))] = rng.integers(256)
+        image.write_bytes(bytes(bad))
+        try:
+            _, cells = load_map(description)
+        except BadInputError:
+            continue
+        assert cells.size > 0
+
+
+def test_a_wrong_shape_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="geometry"):
+        save_map(tmp_path / "m", SPEC, CELLS[:2])
