@@ -1,0 +1,135 @@
+"""What the explorer remembers of frontiers it went to in vain, so that it neither insists nor gives up too early.
+
+A refusal belongs to a place, not to a number: a later frontier is the same one when most of its cells lie beside the cells
+of the remembered one. A refused frontier may be tried again when the map near it has changed, at most `max_attempts` times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import Frontier
+
+UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryConfig:
+    """`match_distance` (m) and `match_ratio` say when two frontiers are the same one; the map has changed near a frontier when
+    at least `change_cells` cells within `change_radius` (m) of its middle changed between unknown, free and occupied."""
+
+    max_attempts: int = 3
+    max_looks: int = 2
+    match_distance: float = 0.25
+    match_ratio: float = 0.5
+    change_radius: float = 1.5
+    change_cells: int = 40
+
+
+def classify(occupancy: NDArray[np.int8], free_below: int) -> NDArray[np.uint8]:
+    """Return UNKNOWN, FREE or OCCUPIED for each cell."""
+    known = np.where(occupancy < free_below, FREE, OCCUPIED)
+    return np.where(occupancy < 0, UNKNOWN, known).astype(np.uint8)
+
+
+def patch_around(
+    spec: GridSpec, occupancy: NDArray[np.int8], center: tuple[float, float], radius: float, free_below: int
+) -> NDArray[np.uint8]:
+    """Return the classes of a square about a point, uint8 (2 n + 1, 2 n + 1); outside the grid is unknown."""
+    n = round(radius / spec.resolution)
+    iy, ix = spec.cell_of(*center)
+    patch = np.zeros((2 * n + 1, 2 * n + 1), np.uint8)
+    y0, y1 = max(0, iy - n), min(spec.height, iy + n + 1)
+    x0, x1 = max(0, ix - n), min(spec.width, ix + n + 1)
+    if y0 < y1 and x0 < x1:
+        inside = classify(occupancy[y0:y1, x0:x1], free_below)
+        patch[y0 - iy + n : y1 - iy + n, x0 - ix + n : x1 - ix + n] = inside
+    return patch
+
+
+@dataclass(slots=True)
+class Refusal:
+    """One remembered place: its cells (m), how often it was tried and looked at in vain, why, and the map around it then."""
+
+    tree: cKDTree
+    center: tuple[float, float]
+    attempts: int
+    looks: int
+    reason: str
+    patch: NDArray[np.uint8]
+    is_pardoned: bool = False
+
+
+class FrontierMemory:
+    """Remembers refusals and says which frontiers are not worth another drive."""
+
+    def __init__(self, config: MemoryConfig, free_below: int) -> None:
+        self.config = config
+        self._free_below = free_below
+        self._refusals: list[Refusal] = []
+
+    def __len__(self) -> int:
+        return len(self._refusals)
+
+    def refuse(
+        self, frontier: Frontier, reason: str, spec: GridSpec, occupancy: NDArray[np.int8], *, has_looked: bool
+    ) -> None:
+        """Remember that a drive to this frontier failed, or (`has_looked`) that the robot stood there and nothing changed."""
+        patch = patch_around(spec, occupancy, frontier.centroid, self.config.change_radius, self._free_below)
+        old = self.find(frontier)
+        attempts, looks = (0, 0) if old is None else (old.attempts, old.looks)
+        if old is not None:
+            self._refusals.remove(old)
+        self._refusals.append(
+            Refusal(
+                cKDTree(frontier.cells.astype(np.float64)),
+                frontier.centroid,
+                attempts + (not has_looked),
+                looks + has_looked,
+                reason,
+                patch,
+            )
+        )
+
+    def find(self, frontier: Frontier) -> Refusal | None:
+        """Return the remembered place that this frontier is, or None."""
+        cells = frontier.cells.astype(np.float64)
+        for refusal in reversed(self._refusals):
+            near = np.isfinite(refusal.tree.query(cells, distance_upper_bound=self.config.match_distance)[0])
+            if near.mean() >= self.config.match_ratio:
+                return refusal
+        return None
+
+    def reason_against(self, frontier: Frontier, spec: GridSpec, occupancy: NDArray[np.int8]) -> str:
+        """Return why this frontier must not be tried now, or an empty text."""
+        refusal = self.find(frontier)
+        if refusal is None or refusal.is_pardoned:
+            return ""
+        tried = refusal.attempts + refusal.looks
+        if tried >= self.config.max_attempts:
+            return f"given up after {tried} attempts: {refusal.reason}"
+        is_refused = refusal.attempts > 0 or refusal.looks >= self.config.max_looks
+        if not is_refused or self._has_changed(refusal, spec, occupancy):
+            return ""
+        if refusal.looks >= self.config.max_looks:
+            return f"looked at {refusal.looks} times from near: {refusal.reason}"
+        return f"attempt {refusal.attempts} failed: {refusal.reason}"
+
+    def pardon(self) -> int:
+        """Give every place that is still refused for a failed drive one more attempt; return how many there are."""
+        pardoned = 0
+        for refusal in self._refusals:
+            if refusal.attempts and refusal.looks < self.config.max_looks:
+                refusal.is_pardoned = True
+                refusal.attempts = self.config.max_attempts - 1 - refusal.looks
+                pardoned += 1
+        return pardoned
+
+    def _has_changed(self, refusal: Refusal, spec: GridSpec, occupancy: NDArray[np.int8]) -> bool:
+        now = patch_around(spec, occupancy, refusal.center, self.config.change_radius, self._free_below)
+        return int(np.count_nonzero(now != refusal.patch)) >= self.config.change_cells

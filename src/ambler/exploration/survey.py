@@ -1,0 +1,194 @@
+"""One look at the map: every frontier with its goal, path distance, gain and state. One distance field serves all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box
+from ambler.exploration.memory import FrontierMemory, MemoryConfig
+from ambler.kernels.frontier import frontier_goals, visible_unknown
+
+Boundary = tuple[tuple[float, float], ...]
+DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
+"""(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyConfig:
+    """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
+    a goal lies at most `goal_reach` (m along free cells) away from its frontier."""
+
+    min_size: float = 0.5
+    min_gain: float = 0.15
+    gain_range: float = 4.0
+    gain_rays: int = 180
+    goal_reach: float = 1.0
+    free_below: int = 50
+    memory: MemoryConfig = field(default_factory=MemoryConfig)
+
+    @classmethod
+    def from_robot(cls, robot: RobotModel) -> SurveyConfig:
+        """Take sizes from the robot: a gap that it does not fit through is no frontier, a goal is near enough to look."""
+        width = 2.0 * robot.inscribed_radius
+        return cls(min_size=width, goal_reach=max(1.0, 1.5 * robot.circumscribed_radius))
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """All frontiers of one map: `gains` float64 (N,) in m², `open` the indices that may be driven to, the areas (m²) of the
+    known map and of the cells that the robot can reach, and the cost grid that all was made with."""
+
+    frontiers: tuple[Frontier, ...]
+    gains: NDArray[np.float64]
+    open: tuple[int, ...]
+    known_area: float
+    reachable_area: float
+    costs: CostGrid
+
+
+class FrontierSurvey:
+    """Finds the frontiers of a map that changes, and judges them."""
+
+    def __init__(self, config: SurveyConfig, distance_field: DistanceField) -> None:
+        self.config = config
+        self.memory = FrontierMemory(config.memory, config.free_below)
+        self._distance_field = distance_field
+        self._frontier_map = FrontierMap(config.free_below)
+        self._last: OccupancyGrid | None = None
+
+    def reset(self) -> None:
+        """Forget the map and every refusal."""
+        self.memory = FrontierMemory(self.config.memory, self.config.free_below)
+        self.forget_map()
+
+    def forget_map(self) -> None:
+        """Search the whole map at the next update."""
+        self._last = None
+
+    def update(self, occupancy: OccupancyGrid, costs: CostGrid, map_from_base: SE2, boundary: Boundary = ()) -> Survey:
+        """Return every frontier of the map, judged for a robot at `map_from_base`.
+
+        Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
+        """
+        groups = self._search(occupancy)
+        distance = self._distance_field(costs.data, costs.spec, map_from_base)
+        goals = self._goals(occupancy, groups, costs.spec, distance)
+        gains, headings = self._gains(occupancy, groups, goals)
+        diy, dix = occupancy.spec.offset_in(costs.spec)
+        points = groups.points()
+        frontiers = []
+        for g in range(len(groups)):
+            cells = points[groups.starts[g] : groups.starts[g + 1]]
+            center = cells.mean(axis=0)
+            goal, path_distance = None, math.inf
+            if goals[g] >= 0:
+                iy, ix = divmod(int(goals[g]), occupancy.spec.width)
+                goal = (*occupancy.spec.center_of(iy, ix), float(headings[g]))
+                path_distance = float(distance[iy + diy, ix + dix])
+            frontier = Frontier(
+                cells.astype(np.float32),
+                (float(center[0]), float(center[1])),
+                goal,
+                path_distance,
+                FrontierState.OPEN,
+            )
+            frontiers.append(self._judge(frontier, float(gains[g]), occupancy, boundary))
+        is_open = tuple(i for i, f in enumerate(frontiers) if f.state is FrontierState.OPEN)
+        cell_area = occupancy.spec.resolution**2
+        known = float(np.count_nonzero(occupancy.data >= 0)) * cell_area
+        reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
+        return Survey(tuple(frontiers), gains, is_open, known, reachable, costs)
+
+    def _search(self, occupancy: OccupancyGrid) -> FrontierGroups:
+        last, self._last = self._last, occupancy
+        if last is None or last.spec != occupancy.spec:
+            return self._frontier_map.update(occupancy.spec, occupancy.data)
+        changed = changed_box(last.data, occupancy.data) or Box(0, 0, 0, 0)
+        return self._frontier_map.update(occupancy.spec, occupancy.data, changed)
+
+    def _goals(
+        self, occupancy: OccupancyGrid, groups: FrontierGroups, cost_spec: GridSpec, distance: NDArray[np.float32]
+    ) -> NDArray[np.int64]:
+        spec = occupancy.spec
+        shift_x = (spec.origin_x - cost_spec.origin_x) / spec.resolution
+        shift_y = (spec.origin_y - cost_spec.origin_y) / spec.resolution
+        off_grid = max(abs(shift_x - round(shift_x)), abs(shift_y - round(shift_y)))
+        if not math.isclose(spec.resolution, cost_spec.resolution, rel_tol=1e-6) or off_grid > 1e-3:
+            raise BadInputError("the map and the global costmap are not aligned to whole cells of one size")
+        diy, dix = spec.offset_in(cost_spec)
+        steps = round(self.config.goal_reach / spec.resolution)
+        visited = np.zeros(spec.width * spec.height, np.int32)
+        queue = np.empty(visited.size, np.int64)
+        goals = np.empty(len(groups), np.int64)
+        free_below = self.config.free_below
+        frontier_goals(
+            occupancy.data,
+            free_below,
+            distance,
+            diy,
+            dix,
+            groups.cells,
+            groups.starts,
+            steps,
+            visited,
+            1,
+            queue,
+            goals,
+        )
+        return goals
+
+    def _gains(
+        self, occupancy: OccupancyGrid, groups: FrontierGroups, goals: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the visible unknown area from each goal and the heading to it; both 0 for groups below the minimum size."""
+        c, resolution = self.config, occupancy.spec.resolution
+        worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
+        gains, headings = np.empty(len(groups)), np.empty(len(groups))
+        visible_unknown(occupancy.data, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
+        return gains, headings
+
+    def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, boundary: Boundary) -> Frontier:
+        c = self.config
+        size = len(frontier.cells) * occupancy.spec.resolution
+        if size < c.min_size:
+            return _refused(frontier, FrontierState.TOO_SMALL, f"{size:.2f} m long, less than {c.min_size:.2f} m")
+        if boundary and not is_inside(boundary, frontier.centroid):
+            return _refused(frontier, FrontierState.OUTSIDE_BOUNDARY, "its middle lies outside the boundary")
+        if frontier.goal is None:
+            return _refused(
+                frontier,
+                FrontierState.UNREACHABLE,
+                f"no cell that the robot can reach within {c.goal_reach:.1f} m of it",
+            )
+        if gain < c.min_gain:
+            return _refused(
+                frontier,
+                FrontierState.TOO_SMALL,
+                f"only {gain:.2f} m² of unknown visible, less than {c.min_gain:.2f} m²",
+            )
+        reason = self.memory.reason_against(frontier, occupancy.spec, occupancy.data)
+        return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
+
+
+def _refused(frontier: Frontier, state: FrontierState, reason: str) -> Frontier:
+    return replace(frontier, state=state, reason=reason)
+
+
+def is_inside(polygon: Boundary, point: tuple[float, float]) -> bool:
+    """Tell whether a point lies inside a closed polygon (even-odd rule)."""
+    x, y = point
+    inside = False
+    for (x0, y0), (x1, y1) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            inside = not inside
+    return inside

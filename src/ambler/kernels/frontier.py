@@ -1,0 +1,357 @@
+"""Frontier search on plain arrays: cells, 8-connected groups, goals, visible unknown area, exact tours.
+
+A frontier cell is a free cell with an unknown 4-neighbour (Yamauchi 1997); what lies outside the grid is unknown. Cells
+travel as flat indices `iy * width + ix` in ascending order, so that grouping needs no image: the upper neighbours of a
+cell are found by a pointer that walks one row behind.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.kernels.jit import jit
+
+I64 = NDArray[np.int64]
+
+
+@jit
+def frontier_cells(
+    occupancy: NDArray[np.int8], free_below: int, iy0: int, ix0: int, iy1: int, ix1: int, out: I64
+) -> int:
+    """Write the flat indices of frontier cells inside the box [iy0, iy1) x [ix0, ix1) into `out`; return their number."""
+    height, width = occupancy.shape
+    n = 0
+    for iy in range(iy0, iy1):
+        for ix in range(ix0, ix1):
+            v = occupancy[iy, ix]
+            if v < 0 or v >= free_below:
+                continue
+            is_frontier = (
+                ix == 0
+                or iy == 0
+                or ix == width - 1
+                or iy == height - 1
+                or occupancy[iy, ix - 1] < 0
+                or occupancy[iy, ix + 1] < 0
+                or occupancy[iy - 1, ix] < 0
+                or occupancy[iy + 1, ix] < 0
+            )
+            if is_frontier:
+                out[n] = iy * width + ix
+                n += 1
+    return n
+
+
+@jit
+def replace_in_box(
+    flat: I64, width: int, iy0: int, ix0: int, iy1: int, ix1: int, fresh: I64, n_fresh: int, out: I64
+) -> int:
+    """Merge ascending `flat` without its cells in the box with ascending `fresh[:n_fresh]` into `out`; return the number."""
+    before = int(np.searchsorted(flat, iy0 * width))
+    after = int(np.searchsorted(flat, iy1 * width))
+    out[:before] = flat[:before]
+    n = before
+    j = 0
+    row_end = iy0 * width
+    column0 = 0
+    for k in range(before, after):
+        f = flat[k]
+        while f >= row_end:
+            column0 = row_end
+            row_end += width
+        ix = f - column0
+        if ix0 <= ix < ix1:
+            continue
+        while j < n_fresh and fresh[j] < f:
+            out[n] = fresh[j]
+            n += 1
+            j += 1
+        out[n] = f
+        n += 1
+    while j < n_fresh:
+        out[n] = fresh[j]
+        n += 1
+        j += 1
+    rest = len(flat) - after
+    out[n : n + rest] = flat[after:]
+    return n + rest
+
+
+@jit
+def _root(parent: I64, k: int) -> int:
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@jit
+def _union(parent: I64, a: int, b: int) -> None:
+    ra, rb = _root(parent, a), _root(parent, b)
+    if ra < rb:
+        parent[rb] = ra
+    elif rb < ra:
+        parent[ra] = rb
+
+
+@jit
+def group_cells(flat: I64, width: int, parent: I64, cells: I64, starts: I64) -> int:
+    """Sort ascending flat cells by their 8-connected group, groups by their first cell; return the number of groups.
+
+    Group g becomes cells[starts[g]:starts[g + 1]]. `parent` is scratch of the length of `flat`, `starts` one longer.
+    """
+    n = len(flat)
+    above = 0
+    row_end = 0
+    for k in range(n):
+        parent[k] = k
+        f = flat[k]
+        if f >= row_end:
+            row_end = (f // width + 1) * width
+        at_left, at_right = f == row_end - width, f == row_end - 1
+        if k > 0 and not at_left and flat[k - 1] == f - 1:
+            parent[k] = parent[k - 1]
+        first = f - width if at_left else f - width - 1
+        last = f - width if at_right else f - width + 1
+        while flat[above] < first:
+            above += 1
+        j = above
+        while flat[j] <= last:
+            if parent[j] != parent[k]:
+                _union(parent, k, j)
+            j += 1
+    groups = 0
+    for k in range(n):
+        p = parent[k]
+        if p == k:
+            parent[k] = -groups - 1
+            starts[groups] = 1
+            groups += 1
+        else:
+            label = parent[p]
+            parent[k] = label
+            starts[-label - 1] += 1
+    total = 0
+    for g in range(groups):
+        size = starts[g]
+        starts[g] = total
+        total += size
+    for k in range(n):
+        g = -parent[k] - 1
+        cells[starts[g]] = flat[k]
+        starts[g] += 1
+    for g in range(groups, 0, -1):
+        starts[g] = starts[g - 1]
+    starts[0] = 0
+    return groups
+
+
+@jit
+def _search_goal(
+    occupancy: NDArray[np.int8],
+    free_below: int,
+    distance: NDArray[np.float32],
+    diy: int,
+    dix: int,
+    max_steps: int,
+    visited: NDArray[np.int32],
+    stamp: int,
+    queue: I64,
+    n_queue: int,
+) -> int:
+    """Breadth-first over free cells from the seeds in `queue[:n_queue]`; return the flat index of the first reachable cell or -1."""
+    height, width = occupancy.shape
+    head = 0
+    level_end = n_queue
+    steps = 0
+    while head < n_queue:
+        if head == level_end:
+            steps += 1
+            level_end = n_queue
+            if steps > max_steps:
+                return -1
+        f: int = queue[head]
+        head += 1
+        iy = f // width
+        ix = f - iy * width
+        cy, cx = iy + diy, ix + dix
+        if 0 <= cy < distance.shape[0] and 0 <= cx < distance.shape[1] and math.isfinite(distance[cy, cx]):
+            return f
+        for ny in range(max(0, iy - 1), min(height, iy + 2)):
+            for nx in range(max(0, ix - 1), min(width, ix + 2)):
+                g = ny * width + nx
+                v = occupancy[ny, nx]
+                if v < 0 or v >= free_below or visited[g] == stamp or n_queue == len(queue):
+                    continue
+                visited[g] = stamp
+                queue[n_queue] = g
+                n_queue += 1
+    return -1
+
+
+@jit
+def frontier_goals(
+    occupancy: NDArray[np.int8],
+    free_below: int,
+    distance: NDArray[np.float32],
+    diy: int,
+    dix: int,
+    cells: I64,
+    starts: I64,
+    max_steps: int,
+    visited: NDArray[np.int32],
+    first_stamp: int,
+    queue: I64,
+    goals: I64,
+) -> None:
+    """Give each group its goal: the reachable free cell nearest (8-neighbour steps) to its cell nearest to the centroid.
+
+    `cells` are flat indices sorted by group, group g is cells[starts[g]:starts[g+1]]. `distance` (metres, inf where the
+    robot cannot be) is indexed [iy + diy, ix + dix]. When the middle of a group is far from every reachable cell, all of
+    its cells are tried at once. `goals[g]` is -1 without a reachable cell within `max_steps`. `visited` (as many as cells
+    of the grid) holds numbers below `first_stamp`; two stamps per group are used.
+    """
+    width = occupancy.shape[1]
+    for g in range(len(starts) - 1):
+        a, b = starts[g], starts[g + 1]
+        sy, sx = 0.0, 0.0
+        for k in range(a, b):
+            sy += cells[k] // width
+            sx += cells[k] % width
+        sy /= b - a
+        sx /= b - a
+        best = np.inf
+        middle = cells[a]
+        for k in range(a, b):
+            d = (cells[k] // width - sy) ** 2 + (cells[k] % width - sx) ** 2
+            if d < best:
+                best = d
+                middle = cells[k]
+        stamp = first_stamp + 2 * g
+        queue[0] = middle
+        visited[middle] = stamp
+        goal = _search_goal(occupancy, free_below, distance, diy, dix, max_steps, visited, stamp, queue, 1)
+        if goal < 0:
+            stamp += 1
+            n = 0
+            for k in range(a, min(b, a + len(queue))):
+                visited[cells[k]] = stamp
+                queue[n] = cells[k]
+                n += 1
+            goal = _search_goal(occupancy, free_below, distance, diy, dix, max_steps, visited, stamp, queue, n)
+        goals[g] = goal
+
+
+@jit
+def visible_unknown(
+    occupancy: NDArray[np.int8],
+    free_below: int,
+    resolution: float,
+    max_range: float,
+    rays: int,
+    cells: I64,
+    area: NDArray[np.float64],
+    heading: NDArray[np.float64],
+) -> None:
+    """Integrate the unknown area (square metres) that is visible from each cell, and the heading of its centre of mass.
+
+    Rays end at cells that are known and not free; unknown cells are transparent. Each step of one cell along a ray
+    stands for an area of r * dr * dtheta, so no cell needs to be marked. Cells of -1 give 0.
+    """
+    height, width = occupancy.shape
+    steps = int(max_range / resolution)
+    dtheta = 2.0 * math.pi / rays
+    for k in range(len(cells)):
+        area[k] = 0.0
+        heading[k] = 0.0
+        if cells[k] < 0:
+            continue
+        y0 = cells[k] // width + 0.5
+        x0 = cells[k] % width + 0.5
+        mx, my, total = 0.0, 0.0, 0.0
+        for i in range(rays):
+            c, s = math.cos(i * dtheta), math.sin(i * dtheta)
+            along = 0.0
+            for r in range(1, steps + 1):
+                iy = int(math.floor(y0 + r * s))
+                ix = int(math.floor(x0 + r * c))
+                if iy < 0 or ix < 0 or iy >= height or ix >= width:
+                    break
+                v = occupancy[iy, ix]
+                if v < 0:
+                    along += r
+                elif v >= free_below:
+                    break
+            total += along
+            mx += along * c
+            my += along * s
+        area[k] = total * dtheta * resolution * resolution
+        heading[k] = math.atan2(my, mx)
+
+
+@jit
+def shrink_costs(costs: NDArray[np.uint8], factor: int, out: NDArray[np.uint8]) -> None:
+    """Shrink a cost grid: each coarse cell takes the least cost of its `factor` x `factor` cells."""
+    height, width = costs.shape
+    for iy in range(out.shape[0]):
+        for ix in range(out.shape[1]):
+            least = 255
+            for y in range(iy * factor, min((iy + 1) * factor, height)):
+                for x in range(ix * factor, min((ix + 1) * factor, width)):
+                    least = min(least, costs[y, x])
+            out[iy, ix] = least
+
+
+@jit
+def tour_costs(
+    from_robot: NDArray[np.float64],
+    between: NDArray[np.float64],
+    table: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write for each place the length of the shortest open tour over all places that begins there (Held and Karp 1962).
+
+    `from_robot` (N,), `between` (N, N), `table` scratch (2**N, N): table[S, j] is the shortest way that starts at j and
+    visits the set S, which contains j.
+    """
+    n = len(from_robot)
+    for subset in range(1, 1 << n):
+        for j in range(n):
+            if not (subset >> j) & 1:
+                continue
+            rest = subset ^ (1 << j)
+            if rest == 0:
+                table[subset, j] = 0.0
+                continue
+            best = np.inf
+            for k in range(n):
+                if (rest >> k) & 1:
+                    d = between[j, k] + table[rest, k]
+                    best = min(best, d)
+            table[subset, j] = best
+    for j in range(n):
+        out[j] = from_robot[j] + table[(1 << n) - 1, j]
+
+
+def warm_up() -> None:
+    """Compile every kernel with its real dtypes; grids that come from messages are read-only."""
+    occupancy = np.zeros((4, 4), np.int8)
+    occupancy[0] = -1
+    occupancy.flags.writeable = False
+    costs = np.zeros((4, 4), np.uint8)
+    costs.flags.writeable = False
+    flat = np.empty(16, np.int64)
+    n = frontier_cells(occupancy, 50, 0, 0, 4, 4, flat)
+    merged = np.empty(16, np.int64)
+    n = replace_in_box(flat[:n].copy(), 4, 0, 0, 4, 4, flat, n, merged)
+    cells = merged[:n].copy()
+    group_cells(cells, 4, np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n + 1, np.int64))
+    goals = np.empty(1, np.int64)
+    starts = np.array([0, n], np.int64)
+    visited = np.zeros(16, np.int32)
+    distance = np.zeros((4, 4), np.float32)
+    frontier_goals(occupancy, 50, distance, 0, 0, cells, starts, 2, visited, 1, np.empty(16, np.int64), goals)
+    visible_unknown(occupancy, 50, 0.1, 0.4, 8, goals, np.empty(1), np.empty(1))
+    shrink_costs(costs, 2, np.empty((2, 2), np.uint8))
+    tour_costs(np.ones(2), np.ones((2, 2)), np.empty((4, 2)), np.empty(2))

@@ -1,0 +1,386 @@
+"""The exploration mission: a state machine that drives to frontiers until it can prove that none is left, then goes home.
+
+It knows neither bus nor clock. `begin`, `update` (about once a second), `drive_ended` and `cancel` return commands for
+the caller to carry out. The proof is a last survey in which no frontier is open, made after a final sweep: costs cleared,
+the whole map searched afresh, and, once, every refused frontier given one more attempt.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field, replace
+
+from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
+from ambler.core.se2 import SE2
+from ambler.exploration.choice import ChoiceConfig, choose, find_again
+from ambler.exploration.strategies import Strategy
+from ambler.exploration.survey import FrontierSurvey, Survey
+from ambler.runtime.tasks import ExploreFeedback, ExploreGoal, ExploreResult
+
+
+class ExploreState(enum.Enum):
+    """What the mission is doing."""
+
+    IDLE = "idle"
+    STARTING = "starting"
+    CHOOSING = "choosing"
+    DRIVING = "driving"
+    LOOKING = "looking"
+    RETURNING = "returning"
+    FINISHED = "finished"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreConfig:
+    """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again."""
+
+    start_timeout: float = 60.0
+    look_time: float = 1.5
+    sweep_time: float = 2.5
+    near: float = 1.0
+    progress_timeout: float = 30.0
+    progress_distance: float = 0.3
+    goal_shift: float = 0.4
+    stuck_failures: int = 8
+    stuck_distance: float = 0.5
+    min_reachable_area: float = 0.5
+    return_attempts: int = 3
+    max_resumes: int = 5
+    xy_tolerance: float = 0.3
+    yaw_tolerance: float = 0.6
+    home_xy_tolerance: float = 0.15
+    home_yaw_tolerance: float = 0.2
+    choice: ChoiceConfig = field(default_factory=ChoiceConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreView:
+    """What the mission sees at one instant; both grids and the pose are in the map frame."""
+
+    now_ns: int
+    map: OccupancyGrid
+    costs: CostGrid
+    map_from_base: SE2
+
+
+@dataclass(frozen=True, slots=True)
+class DriveTo:
+    """Drive to a pose; the end must be reported with the same `drive`. Replaces a running drive."""
+
+    drive: int
+    map_from_goal: SE2
+    xy_tolerance: float
+    yaw_tolerance: float
+
+
+@dataclass(frozen=True, slots=True)
+class TurnAround:
+    """Turn in place by `angle` radians; the end must be reported with the same `drive`."""
+
+    drive: int
+    angle: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopDriving:
+    """Cancel the running drive; its end need not be reported."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearCosts:
+    """Clear the global costmap of what only its obstacle layer believes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The mission is over: SUCCEEDED, CANCELLED or a failure of the EXPLORE task, with one sentence and the proof."""
+
+    code: str
+    text: str
+    result: ExploreResult
+
+
+Command = DriveTo | TurnAround | StopDriving | ClearCosts | Ended
+_OVER = (ExploreState.IDLE, ExploreState.FINISHED, ExploreState.FAILED, ExploreState.CANCELLED)
+
+
+class ExploreMission:
+    """One exploration at a time. `state`, `text`, `survey` and `target` may be read by anyone."""
+
+    def __init__(self, config: ExploreConfig, survey: FrontierSurvey, strategy: Strategy) -> None:
+        self.config = config
+        self.state = ExploreState.IDLE
+        self.text = ""
+        self.survey: Survey | None = None
+        self.target: int | None = None
+        self._surveyor = survey
+        self._strategy = strategy
+        self._drive = 0
+
+    def begin(self, goal: ExploreGoal, now_ns: int) -> None:
+        """Start a new exploration; the pose at the first update is home."""
+        self._surveyor.reset()
+        self.survey = None
+        self.target = None
+        self._goal = goal
+        self._home: SE2 | None = None
+        self._is_home = False
+        self._goals_reached = 0
+        self._begun_ns = now_ns
+        self._look_until_ns = 0
+        self._has_turned = False
+        self._has_swept = False
+        self._has_pardoned = False
+        self._returns = 0
+        self._resumes = 0
+        self._failures = 0
+        self._failed_from = SE2()
+        self._best_distance = math.inf
+        self._progress_ns = 0
+        self._arrived = False
+        self._drive_code: str | None = None
+        self._drive_text = ""
+        self._enter(ExploreState.STARTING, "waiting for a map, a costmap and a pose")
+
+    @property
+    def is_active(self) -> bool:
+        return self.state not in _OVER
+
+    @property
+    def feedback(self) -> ExploreFeedback:
+        """How far the exploration is."""
+        survey = self.survey
+        return ExploreFeedback(
+            self.state.name,
+            0 if survey is None else len(survey.open),
+            self._goals_reached,
+            0.0 if survey is None else survey.known_area,
+        )
+
+    def frontiers(self) -> tuple[Frontier, ...]:
+        """Return the frontiers of the last survey with the target marked."""
+        if self.survey is None:
+            return ()
+        marked = list(self.survey.frontiers)
+        if self.target is not None:
+            marked[self.target] = replace(marked[self.target], state=FrontierState.TARGET)
+        return tuple(marked)
+
+    def cancel(self) -> list[Command]:
+        """End the exploration on request."""
+        if not self.is_active:
+            return []
+        return self._end(ExploreState.CANCELLED, "CANCELLED", "cancelled on request")
+
+    def drive_ended(self, drive: int, code: str, text: str) -> None:
+        """Take the end of a drive; ends of earlier drives are ignored. An update should follow."""
+        if drive == self._drive and self.is_active:
+            self._drive_code, self._drive_text = code, text
+
+    def update(self, view: ExploreView | None, now_ns: int) -> list[Command]:
+        """Look at the map and decide; `view` is None while map, costmap or pose are missing."""
+        if not self.is_active:
+            return []
+        if self._drive_code == "LOST":
+            return self._end(ExploreState.FAILED, "LOST", self._drive_text)
+        if view is None:
+            if self.state is ExploreState.STARTING and now_ns - self._begun_ns > self.config.start_timeout * 1e9:
+                missing = f"no map, costmap or pose within {self.config.start_timeout:.0f} s"
+                return self._end(ExploreState.FAILED, "STUCK", missing)
+            return []
+        if self._home is None:
+            self._home = view.map_from_base
+        self._look(view)
+        steps = {
+            ExploreState.STARTING: self._starting,
+            ExploreState.CHOOSING: self._choosing,
+            ExploreState.DRIVING: self._driving,
+            ExploreState.LOOKING: self._looking,
+            ExploreState.RETURNING: self._returning,
+        }
+        return steps[self.state](view)
+
+    # One method per state; each returns the commands of this update.
+
+    def _starting(self, view: ExploreView) -> list[Command]:
+        """Turn once when nothing is open: the scanner may have blind sectors."""
+        if self._now.open or self._has_turned:
+            return self._choosing(view)
+        self._has_turned = True
+        self._next_drive()
+        self._enter(ExploreState.LOOKING, "nothing open at the start: turning once")
+        self._look_until_ns = view.now_ns + int(30e9)
+        return [TurnAround(self._drive, 2.0 * math.pi)]
+
+    def _choosing(self, view: ExploreView) -> list[Command]:
+        best = choose(self._now, self._strategy, view.map_from_base, None, self.config.choice)
+        if best is not None:
+            self._has_swept = False
+            return self._drive_to_frontier(view, best)
+        if not self._has_swept:
+            return self._sweep(view)
+        if self._goal.return_to_start and not self._is_home:
+            return self._go_home()
+        if self._now.reachable_area < self.config.min_reachable_area:
+            text = f"boxed in: only {self._now.reachable_area:.2f} m² can be reached"
+            return self._end(ExploreState.FAILED, "STUCK", text)
+        return self._end(ExploreState.FINISHED, "SUCCEEDED", self._proof())
+
+    def _driving(self, view: ExploreView) -> list[Command]:
+        code, self._drive_code = self._drive_code, None
+        again = find_again(self._target_frontier, self._now, self.config.choice)
+        if code == "SUCCEEDED":
+            self._goals_reached += 1
+            self._failures = 0
+            self._arrived = True
+            return self._wait(view, self.config.look_time, "arrived, waiting for the map")
+        if again is None:
+            self._failures = 0
+            return self._choosing_or_stop(view)
+        self._track(again, view)
+        if code is not None:
+            return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
+        if view.now_ns - self._progress_ns > self.config.progress_timeout * 1e9:
+            return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
+        best = choose(self._now, self._strategy, view.map_from_base, again, self.config.choice)
+        goal = self._target_frontier.goal
+        assert best is not None
+        assert goal is not None
+        has_moved = math.hypot(goal[0] - self._sent.x, goal[1] - self._sent.y) > self.config.goal_shift
+        if best != again or has_moved:
+            return self._drive_to_frontier(view, best)
+        return []
+
+    def _looking(self, view: ExploreView) -> list[Command]:
+        if self._drive_code is not None and not self._arrived:
+            self._drive_code = None
+            self._look_until_ns = min(self._look_until_ns, view.now_ns + int(self.config.look_time * 1e9))
+        if view.now_ns < self._look_until_ns:
+            return []
+        if self._arrived:
+            self._arrived = False
+            again = find_again(self._target_frontier, self._now, self.config.choice)
+            if again is not None:
+                self._judge_look(view, self._now.frontiers[again])
+        self.target = None
+        return self._choosing(view)
+
+    def _returning(self, view: ExploreView) -> list[Command]:
+        code, self._drive_code = self._drive_code, None
+        if self._now.open and self._resumes < self.config.max_resumes:
+            self._resumes += 1
+            return self._choosing(view)
+        if code == "SUCCEEDED":
+            self._is_home = True
+            return self._wait(view, self.config.look_time, "home, looking once more")
+        if code is None:
+            return []
+        if self._returns < self.config.return_attempts:
+            return [ClearCosts(), *self._go_home()]
+        return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
+
+    # Steps that several states share.
+
+    @property
+    def _now(self) -> Survey:
+        assert self.survey is not None
+        return self.survey
+
+    def _look(self, view: ExploreView) -> None:
+        self.survey = self._surveyor.update(view.map, view.costs, view.map_from_base, self._goal.boundary)
+        self.target = None
+
+    def _enter(self, state: ExploreState, text: str) -> None:
+        self.state, self.text = state, text
+
+    def _next_drive(self) -> None:
+        self._drive += 1
+        self._drive_code = None
+
+    def _wait(self, view: ExploreView, seconds: float, text: str) -> list[Command]:
+        self._look_until_ns = view.now_ns + int(seconds * 1e9)
+        self._enter(ExploreState.LOOKING, text)
+        return []
+
+    def _track(self, index: int, view: ExploreView) -> None:
+        """Take frontier `index` as the present shape of the target, and note progress towards it."""
+        self.target = index
+        self._target_frontier = self._now.frontiers[index]
+        distance = self._target_frontier.path_distance
+        if distance < self._best_distance - self.config.progress_distance:
+            self._best_distance = distance
+            self._progress_ns = view.now_ns
+
+    def _drive_to_frontier(self, view: ExploreView, index: int) -> list[Command]:
+        frontier = self._now.frontiers[index]
+        assert frontier.goal is not None
+        if self.target != index:
+            self._best_distance = math.inf
+            self._progress_ns = view.now_ns
+        self._track(index, view)
+        self._sent = SE2(*frontier.goal)
+        self._is_home = False
+        self._next_drive()
+        self._enter(ExploreState.DRIVING, f"to a frontier {frontier.path_distance:.1f} m away")
+        return [DriveTo(self._drive, self._sent, self.config.xy_tolerance, self.config.yaw_tolerance)]
+
+    def _choosing_or_stop(self, view: ExploreView) -> list[Command]:
+        """Choose anew because the target is gone; a running drive is replaced, or stopped when nothing replaces it."""
+        commands = self._choosing(view)
+        is_replaced = any(isinstance(c, DriveTo | StopDriving) for c in commands)
+        return commands if is_replaced else [StopDriving(), *commands]
+
+    def _give_up(self, view: ExploreView, reason: str) -> list[Command]:
+        """Remember a drive that failed; a robot that fails everywhere without moving is stuck."""
+        if self._failures == 0 or self._failed_from.distance_to(view.map_from_base) > self.config.stuck_distance:
+            self._failures, self._failed_from = 0, view.map_from_base
+        self._failures += 1
+        if self._failures >= self.config.stuck_failures:
+            text = f"{self._failures} drives failed at one place, the last one: {reason}"
+            return self._end(ExploreState.FAILED, "STUCK", text)
+        self._remember(view, self._target_frontier, reason, has_looked=False)
+        return self._wait(view, self.config.look_time, f"gave up a frontier ({reason})")
+
+    def _judge_look(self, view: ExploreView, frontier: Frontier) -> None:
+        """The robot arrived and the frontier is still there: count it as looked at, or as a goal that was not reached."""
+        base = view.map_from_base
+        away = float(((frontier.cells - (base.x, base.y)) ** 2).sum(axis=1).min() ** 0.5)
+        has_looked = away <= max(self.config.near, self._surveyor.config.goal_reach)
+        reason = "nothing changed" if has_looked else f"the drive ended {away:.1f} m away"
+        self._remember(view, frontier, reason, has_looked=has_looked)
+
+    def _remember(self, view: ExploreView, frontier: Frontier, reason: str, *, has_looked: bool) -> None:
+        self._surveyor.memory.refuse(frontier, reason, view.map.spec, view.map.data, has_looked=has_looked)
+        self._look(view)
+
+    def _sweep(self, view: ExploreView) -> list[Command]:
+        """Doubt the end: clear costs, search the whole map afresh, and, once, give refused frontiers one more attempt."""
+        self._has_swept = True
+        self._surveyor.forget_map()
+        if not self._has_pardoned:
+            self._has_pardoned = True
+            self._surveyor.memory.pardon()
+        self._wait(view, self.config.sweep_time, "final sweep")
+        return [ClearCosts()]
+
+    def _go_home(self) -> list[Command]:
+        assert self._home is not None
+        self._returns += 1
+        self._next_drive()
+        self._enter(ExploreState.RETURNING, f"to the start, attempt {self._returns}")
+        c = self.config
+        return [DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance)]
+
+    def _proof(self) -> str:
+        remaining = len(self._now.frontiers)
+        return "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
+
+    def _end(self, state: ExploreState, code: str, text: str) -> list[Command]:
+        self._enter(state, text)
+        self.target = None
+        remaining = () if self.survey is None else self.survey.frontiers
+        result = ExploreResult(remaining, self._goals_reached, self._is_home)
+        return [StopDriving(), Ended(code, text, result)]

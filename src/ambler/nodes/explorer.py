@@ -1,0 +1,171 @@
+"""The explorer: looks at the map about once a second and carries out what the exploration mission commands."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, ClassVar
+
+from ambler.core.errors import TransformError
+from ambler.core.messages import CostGrid, Frontiers, OccupancyGrid, Status, Transforms
+from ambler.core.se2 import SE2
+from ambler.core.transforms import TransformTree
+from ambler.exploration.strategies import Strategy
+from ambler.exploration.survey import FrontierSurvey
+from ambler.missions.explore import (
+    ClearCosts,
+    Command,
+    DriveTo,
+    Ended,
+    ExploreConfig,
+    ExploreMission,
+    ExploreView,
+    StopDriving,
+    TurnAround,
+)
+from ambler.runtime.node import GoalHandle, GoalTicket, Node, Service, Task, TaskOutcome
+from ambler.runtime.tasks import (
+    CLEAR_GLOBAL_COSTMAP,
+    EXPLORE,
+    NAVIGATE,
+    RECOVER,
+    ExploreFeedback,
+    ExploreGoal,
+    ExploreResult,
+    NavigateGoal,
+    Nothing,
+    RecoverGoal,
+    RecoveryKind,
+)
+from ambler.runtime.topics import FRONTIERS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS, Topic
+
+Handle = GoalHandle[ExploreGoal, ExploreFeedback, ExploreResult]
+
+
+class ExplorerNode(Node):
+    """Serves EXPLORE by driving with NAVIGATE; between goals it is silent."""
+
+    name: ClassVar[str] = "explorer"
+    inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
+    outputs: ClassVar[tuple[Topic[Any], ...]] = (FRONTIERS, STATUS)
+    serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (EXPLORE,)
+    calls: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
+    latency: ClassVar[float] = 0.05
+
+    def __init__(self, config: ExploreConfig, survey: FrontierSurvey, strategy: Strategy, period: float = 1.0) -> None:
+        self._mission = ExploreMission(config, survey, strategy)
+        self._period = period
+        self._tree = TransformTree()
+        self._map: OccupancyGrid | None = None
+        self._costs: CostGrid | None = None
+        self._handle: Handle | None = None
+        self._ticket: GoalTicket | None = None
+        self._told = ""
+
+    def start(self) -> None:
+        """Subscribe, serve EXPLORE and look around once per period."""
+        self.ctx.subscribe(MAP, self._on_map)
+        self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costs)
+        self.ctx.subscribe(TRANSFORMS, self._on_transforms)
+        self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
+        self.ctx.timer(self._period, self._update)
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        self._map = message
+
+    def _on_costs(self, message: CostGrid) -> None:
+        self._costs = message
+
+    def _on_transforms(self, message: Transforms) -> None:
+        for edge in message.transforms:
+            self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
+
+    def _on_goal(self, handle: Handle) -> None:
+        self._handle = handle
+        self._mission.begin(handle.goal, self.ctx.now_ns)
+        self._update()
+
+    def _on_cancel(self, handle: Handle) -> None:
+        if handle is self._handle:
+            self._carry_out(self._mission.cancel())
+            self._tell()
+
+    def _pose(self) -> SE2 | None:
+        try:
+            return self._tree.lookup("map", "base").to_se2()
+        except TransformError:
+            return None
+
+    def _view(self) -> ExploreView | None:
+        pose = self._pose()
+        if self._map is None or self._costs is None or pose is None:
+            return None
+        return ExploreView(self.ctx.now_ns, self._map, self._costs, pose)
+
+    def _update(self) -> None:
+        mission = self._mission
+        if not mission.is_active:
+            return
+        commands = mission.update(self._view(), self.ctx.now_ns)
+        if self._map is not None and mission.survey is not None:
+            self.ctx.publish(FRONTIERS, Frontiers(self._map.stamp_ns, self._map.frame, mission.frontiers()))
+        if self._handle is not None:
+            self._handle.feedback(mission.feedback)
+        self._tell()
+        self._carry_out(commands)
+
+    def _tell(self) -> None:
+        """Publish and log the mission's state when it changed."""
+        mission = self._mission
+        said = f"{mission.state.name} {mission.text}"
+        if said == self._told:
+            return
+        self._told = said
+        feedback = mission.feedback
+        fields = {
+            "frontiers_open": feedback.frontiers_open,
+            "goals_reached": feedback.goals_reached,
+            "known_area_m2": round(feedback.known_area, 2),
+        }
+        status = Status(self.ctx.now_ns, self.name, mission.state.name, mission.text, json.dumps(fields))
+        self.ctx.publish(STATUS, status)
+        self.ctx.log(mission.state.name, mission.text, **fields)
+
+    def _carry_out(self, commands: list[Command]) -> None:
+        for command in commands:
+            match command:
+                case DriveTo():
+                    goal = NavigateGoal(command.map_from_goal, command.xy_tolerance, command.yaw_tolerance)
+                    self._ticket = self.ctx.send_goal(NAVIGATE, goal, self._reporter(command.drive))
+                case TurnAround():
+                    turn = RecoverGoal(RecoveryKind.ROTATE, command.angle)
+                    self._ticket = self.ctx.send_goal(RECOVER, turn, self._reporter(command.drive))
+                case StopDriving():
+                    if self._ticket is not None:
+                        self._ticket.cancel()
+                        self._ticket = None
+                case ClearCosts():
+                    self.ctx.call(CLEAR_GLOBAL_COSTMAP, Nothing(), self._on_cleared)
+                case Ended():
+                    self._end(command)
+
+    def _reporter(self, drive: int) -> Any:
+        def report(outcome: TaskOutcome[Any]) -> None:
+            self._mission.drive_ended(drive, outcome.code, outcome.text)
+            self._update()
+
+        return report
+
+    def _on_cleared(self, reply: Nothing | Exception) -> None:
+        if isinstance(reply, Exception):
+            self.ctx.log("CLEAR_FAILED", str(reply))
+
+    def _end(self, ended: Ended) -> None:
+        handle, self._handle = self._handle, None
+        if handle is None:
+            return
+        if ended.code == "SUCCEEDED":
+            handle.succeed(ended.result)
+        elif ended.code == "CANCELLED":
+            handle.cancelled(ended.result)
+        else:
+            handle.fail(ended.code, ended.text, ended.result)
