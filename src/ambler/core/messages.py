@@ -7,6 +7,7 @@ Poses are SE3, so that a recording holds exactly what the nodes saw. Each record
 from __future__ import annotations
 
 import enum
+import struct
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -18,6 +19,9 @@ from ambler.core.se3 import SE3, Vector3
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+
+
+_SIX_FLOATS = struct.Struct("<6f")
 
 
 def _freeze(message: Any) -> None:
@@ -41,6 +45,7 @@ class LaserScan(Message):
     """One planar scan; beam i points at angle_min + i * angle_increment in `frame` and was taken at stamp + i * time_increment.
 
     `ranges` float32 (N,): +inf means "nothing within range_max", NaN means "no measurement". `intensities` (N,) or (0,).
+    The scalars are rounded to float32 at birth, as the wire holds them, so that a replay feeds exactly the same scan.
     """
 
     stamp_ns: int
@@ -53,6 +58,13 @@ class LaserScan(Message):
     range_max: float
     ranges: F32
     intensities: F32
+
+    def __post_init__(self) -> None:
+        names = ("angle_min", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
+        rounded = _SIX_FLOATS.unpack(_SIX_FLOATS.pack(*(getattr(self, name) for name in names)))
+        for name, value in zip(names, rounded, strict=True):
+            object.__setattr__(self, name, value)
+        _freeze(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

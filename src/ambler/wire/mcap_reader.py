@@ -1,0 +1,152 @@
+"""Reads recordings in log order: folders of rosbag2 with MCAP files, single MCAP files, finished or cut off by a crash."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+import zstandard
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import CRCValidationError, StreamReader
+
+from ambler.core.errors import BadInputError
+from ambler.core.messages import Message
+from ambler.wire.mcap_file import McapRecorder
+from ambler.wire.ros_messages import decode, decode_any
+from ambler.wire.rosbag_metadata import METADATA_FILE, is_latched_text
+
+M = TypeVar("M", bound=Message)
+
+_MAGIC = b"\x89MCAP0\r\n"
+# Everything that a cut or garbled record can raise in the MCAP library.
+_DAMAGE = (
+    McapError,
+    CRCValidationError,
+    struct.error,
+    zstandard.ZstdError,
+    ValueError,
+    KeyError,
+    OverflowError,
+    RuntimeError,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """One message of a recording as CDR bytes; times are nanoseconds in the clock of the executor that recorded it."""
+
+    topic: str
+    ros_type: str
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+    is_latched: bool = False
+
+    def decode(self) -> Message:
+        """Read the bytes by their ROS type (grids as occupancy); raises BadInputError."""
+        return decode_any(self.ros_type, self.data)
+
+    def decode_as(self, message_class: type[M]) -> M:
+        """Read the bytes as a message of the class; raises BadInputError."""
+        return decode(message_class, self.data)
+
+
+def recording_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a recording in order; raises BadInputError when there is none."""
+    if path.is_file():
+        return [path]
+    metadata = path / METADATA_FILE
+    if metadata.is_file():
+        try:
+            information = yaml.safe_load(metadata.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+            files = [path / str(name) for name in information["relative_file_paths"]]
+        except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+            raise BadInputError(f"{metadata} is no metadata of rosbag2: {error}") from error
+    else:
+        files = sorted(path.glob("*.mcap"), key=lambda f: (len(f.name), f.name))
+    missing = [f.name for f in files if not f.is_file()]
+    if not files or missing:
+        raise BadInputError(f"{path} holds no recording" + (f": {missing[0]} is missing" if missing else ""))
+    return files
+
+
+def is_finished(file: Path) -> bool:
+    """Say whether an MCAP file has its end; a file without it was cut off by a crash."""
+    with file.open("rb") as stream:
+        if stream.seek(0, 2) < 2 * len(_MAGIC):
+            return False
+        stream.seek(-len(_MAGIC), 2)
+        return stream.read() == _MAGIC
+
+
+def read_recording(path: Path, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
+    """Yield the messages in log order; messages of one instant keep the order in which they were written.
+
+    Of a file that was cut off, everything before the cut is given. Raises BadInputError for a path without a recording,
+    a file that is not MCAP, or damage inside a finished file.
+    """
+    for file in recording_files(path):
+        if is_finished(file):
+            yield from _read_finished(file, topics)
+        else:
+            yield from sorted(_salvage(file, topics), key=lambda recorded: recorded.log_time_ns)
+
+
+def recover_recording(path: Path, folder: Path) -> int:
+    """Copy what can be read of a cut-off recording into a new, finished one; returns the number of messages."""
+    recorder = McapRecorder(folder)
+    for r in read_recording(path):
+        recorder.write_bytes(r.topic, r.ros_type, r.data, r.log_time_ns, r.publish_time_ns, is_latched=r.is_latched)
+    recorder.close()
+    return recorder.message_count
+
+
+def _read_finished(file: Path, topics: Collection[str] | None) -> Iterator[RecordedMessage]:
+    latched: dict[int, bool] = {}
+    with file.open("rb") as stream:
+        try:
+            for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages(topics):
+                yield _recorded(schema, channel, message, latched)
+        except _DAMAGE as error:
+            raise BadInputError(f"{file} is damaged: {error or type(error).__name__}") from error
+
+
+def _salvage(file: Path, topics: Collection[str] | None) -> Iterator[RecordedMessage]:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    latched: dict[int, bool] = {}
+    with file.open("rb") as stream:
+        if stream.read(len(_MAGIC)) != _MAGIC:
+            raise BadInputError(f"{file} is no MCAP file")
+        records = StreamReader(stream, skip_magic=True, validate_crcs=True).records
+        while True:
+            try:
+                record = next(records, None)
+            except _DAMAGE:
+                return
+            if record is None:
+                return
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, McapMessage):
+                channel = channels[record.channel_id]
+                if topics is None or channel.topic in topics:
+                    yield _recorded(schemas.get(channel.schema_id), channel, record, latched)
+
+
+def _recorded(schema: Any, channel: Any, message: Any, latched: dict[int, bool]) -> RecordedMessage:
+    if channel.id not in latched:
+        latched[channel.id] = is_latched_text(channel.metadata.get("offered_qos_profiles", ""))
+    ros_type = "" if schema is None else schema.name
+    return RecordedMessage(
+        channel.topic, ros_type, message.log_time, message.publish_time, message.data, latched[channel.id]
+    )

@@ -1,0 +1,148 @@
+"""Scans, clouds and inertial measurements as ROS 2 records; bit-exact both ways."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core import messages as m
+from ambler.wire.ros_geometry import header_to_ros, stamp_from_ros, vector_from_ros, vector_to_ros
+from ambler.wire.ros_types import record_class
+
+_LaserScan = record_class("sensor_msgs/msg/LaserScan")
+_PointCloud2 = record_class("sensor_msgs/msg/PointCloud2")
+_PointField = record_class("sensor_msgs/msg/PointField")
+_Imu = record_class("sensor_msgs/msg/Imu")
+_Quaternion = record_class("geometry_msgs/msg/Quaternion")
+
+# The layout that Velodyne's drivers publish: packed, 22 bytes per point.
+_POINT = np.dtype(
+    {
+        "names": ["xyz", "intensity", "ring", "time"],
+        "formats": [("<f4", (3,)), "<f4", "<u2", "<f4"],
+        "offsets": [0, 12, 16, 18],
+        "itemsize": 22,
+    }
+)
+_FLOAT32, _UINT16 = 7, 4
+_FIELDS = [
+    _PointField("x", 0, _FLOAT32, 1),
+    _PointField("y", 4, _FLOAT32, 1),
+    _PointField("z", 8, _FLOAT32, 1),
+    _PointField("intensity", 12, _FLOAT32, 1),
+    _PointField("ring", 16, _UINT16, 1),
+    _PointField("time", 18, _FLOAT32, 1),
+]
+# sensor_msgs/PointField datatypes 1..8.
+_FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+_NO_COVARIANCE = np.zeros(9)
+_NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)
+
+
+def laser_scan_to_ros(message: m.LaserScan) -> Any:
+    return _LaserScan(
+        header_to_ros(message.stamp_ns, message.frame),
+        message.angle_min,
+        message.angle_min + (len(message.ranges) - 1) * message.angle_increment,
+        message.angle_increment,
+        message.time_increment,
+        message.scan_time,
+        message.range_min,
+        message.range_max,
+        message.ranges,
+        message.intensities,
+    )
+
+
+def laser_scan_from_ros(record: Any) -> m.LaserScan:
+    return m.LaserScan(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        record.angle_min,
+        record.angle_increment,
+        record.time_increment,
+        record.scan_time,
+        record.range_min,
+        record.range_max,
+        np.array(record.ranges, np.float32),
+        np.array(record.intensities, np.float32),
+    )
+
+
+def cloud_to_ros(message: m.PointCloud) -> Any:
+    count = len(message.points)
+    packed = np.empty(count, _POINT)
+    packed["xyz"] = message.points
+    packed["intensity"] = message.intensity
+    packed["ring"] = message.ring
+    packed["time"] = message.time
+    return _PointCloud2(
+        header_to_ros(message.stamp_ns, message.frame),
+        1,
+        count,
+        _FIELDS,
+        False,
+        _POINT.itemsize,
+        _POINT.itemsize * count,
+        packed.view(np.uint8),
+        True,
+    )
+
+
+def cloud_from_ros(record: Any) -> m.PointCloud:
+    """Read any PointCloud2 that has x, y and z; absent intensity, ring or time become zeros."""
+    order = ">" if record.is_bigendian else "<"
+    layout = np.dtype(
+        {
+            "names": [f.name for f in record.fields],
+            "formats": [
+                (order + _FORMATS[f.datatype], (f.count,)) if f.count > 1 else order + _FORMATS[f.datatype]
+                for f in record.fields
+            ],
+            "offsets": [f.offset for f in record.fields],
+            "itemsize": record.point_step,
+        }
+    )
+    rows = np.asarray(record.data, np.uint8).reshape(record.height, record.row_step)
+    packed = np.ascontiguousarray(rows[:, : record.width * record.point_step]).reshape(-1).view(layout)
+    points = np.empty((len(packed), 3), np.float32)
+    for k, axis in enumerate("xyz"):
+        points[:, k] = packed[axis]
+    return m.PointCloud(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        points,
+        _column(packed, "intensity", np.dtype(np.float32)),
+        _column(packed, "time", np.dtype(np.float32)),
+        _column(packed, "ring", np.dtype(np.uint16)),
+    )
+
+
+def _column(packed: NDArray[np.void], name: str, dtype: np.dtype[Any]) -> NDArray[Any]:
+    if name not in (packed.dtype.names or ()):
+        return np.zeros(len(packed), dtype)
+    return np.array(packed[name], dtype)
+
+
+def imu_to_ros(message: m.Imu) -> Any:
+    """Orientation is not measured: its covariance starts with -1, as sensor_msgs/Imu wants it."""
+    return _Imu(
+        header_to_ros(message.stamp_ns, message.frame),
+        _Quaternion(0.0, 0.0, 0.0, 1.0),
+        _NO_ORIENTATION,
+        vector_to_ros(message.angular_velocity),
+        _NO_COVARIANCE,
+        vector_to_ros(message.linear_acceleration),
+        _NO_COVARIANCE,
+    )
+
+
+def imu_from_ros(record: Any) -> m.Imu:
+    return m.Imu(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        vector_from_ros(record.angular_velocity),
+        vector_from_ros(record.linear_acceleration),
+    )

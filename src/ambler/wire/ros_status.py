@@ -1,0 +1,80 @@
+"""Health, contacts, gate and status as records of the own package `ambler_msgs` (definitions in `msg/`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ambler.core import messages as m
+from ambler.wire.ros_geometry import header_to_ros, point_to_ros, stamp_from_ros, vector_from_ros
+from ambler.wire.ros_types import record_class
+
+_SlamHealth = record_class("ambler_msgs/msg/SlamHealth")
+_Contact = record_class("ambler_msgs/msg/Contact")
+_GateStatus = record_class("ambler_msgs/msg/GateStatus")
+_Status = record_class("ambler_msgs/msg/Status")
+
+
+def slam_health_to_ros(message: m.SlamHealth) -> Any:
+    return _SlamHealth(
+        header_to_ros(message.stamp_ns, ""),
+        message.score,
+        message.inlier_ratio,
+        message.degeneracy,
+        message.covariance.reshape(9),
+        message.submaps,
+        message.nodes,
+        message.loop_closures,
+    )
+
+
+def slam_health_from_ros(record: Any) -> m.SlamHealth:
+    return m.SlamHealth(
+        stamp_from_ros(record.header),
+        record.score,
+        record.inlier_ratio,
+        record.degeneracy,
+        np.array(record.covariance, np.float64).reshape(3, 3),
+        record.submaps,
+        record.nodes,
+        record.loop_closures,
+    )
+
+
+def contact_to_ros(message: m.Contact) -> Any:
+    return _Contact(
+        header_to_ros(message.stamp_ns, ""),
+        message.robot_geom,
+        message.other_geom,
+        point_to_ros(message.position),
+        message.speed,
+        message.force,
+    )
+
+
+def contact_from_ros(record: Any) -> m.Contact:
+    return m.Contact(
+        stamp_from_ros(record.header),
+        record.robot_geom,
+        record.other_geom,
+        vector_from_ros(record.position),
+        record.speed,
+        record.force,
+    )
+
+
+def gate_status_to_ros(message: m.GateStatus) -> Any:
+    return _GateStatus(header_to_ros(message.stamp_ns, ""), int(message.state), message.reason, message.source)
+
+
+def gate_status_from_ros(record: Any) -> m.GateStatus:
+    return m.GateStatus(stamp_from_ros(record.header), m.GateState(record.state), record.reason, record.source)
+
+
+def status_to_ros(message: m.Status) -> Any:
+    return _Status(header_to_ros(message.stamp_ns, ""), message.node, message.code, message.text, message.fields_json)
+
+
+def status_from_ros(record: Any) -> m.Status:
+    return m.Status(stamp_from_ros(record.header), record.node, record.code, record.text, record.fields_json)
