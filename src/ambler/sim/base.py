@@ -1,0 +1,93 @@
+"""What moves the robot: the base's own controller (limits, watchdog) and the Protocol of the physics under it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import VelocityLimits
+from ambler.core.se2 import SE2
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """A contact in the world: names of the robot's part and of the solid, place, speed of the robot there, force."""
+
+    part: str
+    solid: str
+    position: tuple[float, float, float]
+    speed: float
+    force: float
+
+
+@dataclass(frozen=True, slots=True)
+class Carriage:
+    """State of the moving base without its gait: position and quaternion (wxyz) in the map frame."""
+
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+    def to_se2(self) -> SE2:
+        w, x, y, z = self.rotation
+        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return SE2(self.position[0], self.position[1], yaw)
+
+
+class Physics(Protocol):
+    """Moves the base. `travel` is what its own encoders (or legs) have counted: (left, right) wheel angles in radians for
+    wheels, (forward, sideways, turn) in metres and radians for legs."""
+
+    def step(self, target: BodyVelocity) -> None:
+        """Advance by one physics step with the wanted body velocity."""
+        ...
+
+    @property
+    def carriage(self) -> Carriage: ...
+
+    @property
+    def travel(self) -> tuple[float, ...]: ...
+
+    def touches(self) -> tuple[Touch, ...]:
+        """Contacts during the last step, with anything but the ground."""
+        ...
+
+
+class BaseController:
+    """Turns commands into a velocity that respects the base's limits and accelerations; stops without fresh commands."""
+
+    def __init__(self, limits: VelocityLimits, watchdog: float) -> None:
+        self._limits = limits
+        self._watchdog_ns = int(watchdog * 1e9)
+        self._command = BodyVelocity()
+        self._command_ns = -(1 << 62)
+        self._velocity = BodyVelocity()
+
+    def command(self, command: BodyVelocity, now_ns: int) -> None:
+        """Take a new command, clipped to the limits; anything that is not finite is taken as a stop."""
+        lim = self._limits
+        if not all(math.isfinite(v) for v in (command.vx, command.vy, command.wz)):
+            command = BodyVelocity()
+        self._command = BodyVelocity(
+            min(max(command.vx, lim.vx_min), lim.vx_max),
+            min(max(command.vy, -lim.vy_max), lim.vy_max),
+            min(max(command.wz, -lim.wz_max), lim.wz_max),
+        )
+        self._command_ns = now_ns
+
+    def update(self, now_ns: int, dt: float) -> BodyVelocity:
+        """Return the velocity wanted for the next `dt` seconds."""
+        wanted = self._command if now_ns - self._command_ns <= self._watchdog_ns else BodyVelocity()
+        lim, v = self._limits, self._velocity
+        self._velocity = BodyVelocity(
+            _approach(v.vx, wanted.vx, lim.ax_max * dt, lim.ax_brake * dt),
+            _approach(v.vy, wanted.vy, lim.ay_max * dt, lim.ay_brake * dt),
+            _approach(v.wz, wanted.wz, lim.az_max * dt, lim.az_max * dt),
+        )
+        return self._velocity
+
+
+def _approach(value: float, target: float, gain: float, brake: float) -> float:
+    step = gain if abs(target) > abs(value) and target * value >= 0 else brake
+    return min(max(target, value - step), value + step)

@@ -1,0 +1,197 @@
+"""Contact physics with MuJoCo: hinge wheels and a caster for wheeled bases, spheres with a surface velocity for legged ones.
+
+Slip, traction limits and pushing come out of the contact solver. A foot's surface velocity is -(v + w x r) of the wanted
+body velocity (simulation.md §1b).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import mujoco
+import numpy as np
+
+from ambler.core.protocols import BodyVelocity
+from ambler.sim.base import Carriage, Touch
+from ambler.sim.robots import SimRobot
+from ambler.sim.solids import Shape, Solid, WorldSpec
+
+FOOT_RADIUS = 0.05
+WHEEL_WIDTH = 0.04
+WHEEL_GAIN = 20.0
+
+
+class ContactPhysics:
+    """One robot in one world, in the map frame, starting at the origin."""
+
+    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float) -> None:
+        self._robot = robot
+        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robot, dt))
+        self._data: Any = mujoco.MjData(self._model)
+        self._step: Any = mujoco.mj_step
+        self._dt = dt
+        self._qpos, self._qvel, self._ctrl = self._data.qpos, self._data.qvel, self._data.ctrl
+        self._has_wheels = robot.wheel_radius > 0
+        self._feet = [] if self._has_wheels else self._find_feet()
+        self._surface = self._model.geom_surfacevel
+        self._legs = [0.0, 0.0, 0.0]
+        self._geom_body = self._model.geom_bodyid.copy()
+        self._floor = self._model.geom("floor").id
+        self._hull_force = self._data.sensordata
+        self._speed_before = (0.0, 0.0, 0.0)
+        self._carriage = Carriage((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        self._settle()
+
+    def step(self, target: BodyVelocity) -> None:
+        """Advance by one physics step."""
+        if self._has_wheels:
+            half = 0.5 * self._robot.track * target.wz
+            self._ctrl[0] = (target.vx - half) / self._robot.wheel_radius
+            self._ctrl[1] = (target.vx + half) / self._robot.wheel_radius
+        else:
+            self._set_surface(target)
+        v = self._qvel
+        self._speed_before = (float(v[0]), float(v[1]), float(v[5]))
+        self._step(self._model, self._data)
+        q = self._qpos[:7].tolist()
+        self._carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
+
+    @property
+    def carriage(self) -> Carriage:
+        return self._carriage
+
+    @property
+    def travel(self) -> tuple[float, ...]:
+        if self._has_wheels:
+            return (float(self._qpos[7]), float(self._qpos[8]))
+        return (self._legs[0], self._legs[1], self._legs[2])
+
+    def touches(self) -> tuple[Touch, ...]:
+        """Contacts of the robot's own parts with solids, at the end of the last step."""
+        if self._hull_force[0] == 0.0:
+            return ()
+        contact = self._data.contact
+        geoms = contact.geom
+        others = np.nonzero((geoms != self._floor).all(axis=1) & (contact.dist < 1e-3))[0]
+        return tuple(self._touch(int(k)) for k in others)
+
+    def _touch(self, k: int) -> Touch:
+        contact = self._data.contact[k]
+        a, b = int(contact.geom[0]), int(contact.geom[1])
+        part, solid = (a, b) if self._geom_body[a] else (b, a)
+        x, y, z = (float(p) for p in contact.pos)
+        vx, vy, wz = self._speed_before
+        cx, cy, _ = self._carriage.position
+        speed = math.hypot(vx - wz * (y - cy), vy + wz * (x - cx))
+        force = np.zeros(6)
+        mujoco.mj_contactForce(self._model, self._data, k, force)
+        names = self._model.geom
+        return Touch(names(part).name, names(solid).name.split("#")[0], (x, y, z), speed, float(abs(force[0])))
+
+    def _find_feet(self) -> list[tuple[int, float, float]]:
+        ids = [self._model.geom(f"foot_{i}").id for i in range(4)]
+        return [(i, float(self._model.geom_pos[i, 0]), float(self._model.geom_pos[i, 1])) for i in ids]
+
+    def _set_surface(self, target: BodyVelocity) -> None:
+        for geom, x, y in self._feet:
+            self._surface[geom, 0] = -(target.vx - target.wz * y)
+            self._surface[geom, 1] = -(target.vy + target.wz * x)
+        self._legs[0] += target.vx * self._dt
+        self._legs[1] += target.vy * self._dt
+        self._legs[2] += target.wz * self._dt
+
+    def _settle(self) -> None:
+        """Let the robot come to rest on the floor, then put it back to the origin."""
+        if not self._has_wheels:
+            self._set_surface(BodyVelocity())
+        for _ in range(200):
+            self._step(self._model, self._data)
+        self._qpos[0], self._qpos[1] = 0.0, 0.0
+        self._qpos[3:7] = (1.0, 0.0, 0.0, 0.0)
+        self._qpos[7:] = 0.0
+        self._qvel[:] = 0.0
+        self._data.time = 0.0
+        mujoco.mj_forward(self._model, self._data)
+        self._legs = [0.0, 0.0, 0.0]
+        q = self._qpos[:7].tolist()
+        self._carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
+
+
+def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float) -> str:
+    """Return the MuJoCo model of a world with one robot at the origin."""
+    solids = "\n".join(_solid_xml(k, s) for k, s in enumerate(world.solids))
+    drive, actuators = _wheels_xml(robot) if robot.wheel_radius > 0 else (_feet_xml(robot), "")
+    levels = (robot.body_bottom, robot.model.body_height)
+    hull = " ".join(f"{x:.6f} {y:.6f} {z:.6f}" for z in levels for x, y in robot.model.footprint)
+    center_x = -0.05 if robot.wheel_radius > 0 else 0.0
+    return f"""<mujoco model="{robot.model.name}">
+<compiler angle="radian" autolimits="true"/>
+<option timestep="{dt!r}" integrator="implicitfast" cone="elliptic" impratio="10"/>
+<default><geom friction="0.3 0.005 0.0001"/></default>
+<asset><mesh name="hull" vertex="{hull}"/></asset>
+<worldbody>
+<geom name="floor" type="plane" size="0 0 1" priority="1" friction="{world.friction!r} 0.005 0.0001"/>
+{solids}
+<body name="base"><freejoint/>
+<inertial pos="{center_x!r} 0 {0.4 * sum(levels)!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
+<geom name="body" type="mesh" mesh="hull"/>
+<site name="hull" type="box" pos="0 0 {0.5 * sum(levels)!r}" size="{_hull_size(robot)}"/>
+{drive}
+</body>
+</worldbody>
+{actuators}
+<sensor><touch site="hull"/></sensor>
+</mujoco>"""
+
+
+def _inertia(robot: SimRobot) -> str:
+    length, width = np.ptp(robot.model.footprint, axis=0).tolist()
+    height, k = robot.model.body_height - robot.body_bottom, robot.mass / 12.0
+    return f"{k * (width**2 + height**2)} {k * (length**2 + height**2)} {k * (length**2 + width**2)}"
+
+
+def _hull_size(robot: SimRobot) -> str:
+    """Half sizes of a box 2 cm around the body; the touch sensor in it tells cheaply whether contacts need a look."""
+    length, width = np.ptp(robot.model.footprint, axis=0).tolist()
+    height = robot.model.body_height - robot.body_bottom
+    return f"{0.5 * length + 0.02} {0.5 * width + 0.02} {0.5 * height + 0.02}"
+
+
+def _solid_xml(k: int, s: Solid) -> str:
+    pose, half = s.map_from_solid, 0.5 * (s.z_max - s.z_min)
+    turn = f"{math.cos(pose.yaw / 2)!r} 0 0 {math.sin(pose.yaw / 2)!r}"
+    if s.shape is Shape.BOX:
+        kind, size = "box", f"{0.5 * s.size_x!r} {0.5 * s.size_y!r} {half!r}"
+    else:
+        kind, size = "cylinder", f"{0.5 * s.size_x!r} {half!r}"
+    place = f'pos="{pose.x!r} {pose.y!r} {0.5 * (s.z_min + s.z_max)!r}" quat="{turn}"'
+    return f'<geom name={quoteattr(f"{s.name}#{k}")} type="{kind}" size="{size}" {place}/>'
+
+
+def _wheels_xml(robot: SimRobot) -> tuple[str, str]:
+    """Two driven hinge wheels (ellipsoids: one contact each) on the base's y axis and a frictionless caster behind."""
+    r, half = robot.wheel_radius, 0.5 * robot.track
+    back = -0.7 * float(robot.model.footprint[:, 0].max())
+    bodies, motors = [], []
+    for side, y in (("left", half), ("right", -half)):
+        bodies.append(
+            f'<body name="wheel_{side}" pos="0 {y!r} {r!r}"><joint name="{side}" type="hinge" axis="0 1 0" armature="0.01"/>'
+            f'<geom name="wheel_{side}" type="ellipsoid" size="{r!r} {0.5 * WHEEL_WIDTH!r} {r!r}" mass="0.8"/></body>'
+        )
+        torque = robot.mass * 9.81 * r
+        motors.append(f'<velocity joint="{side}" kv="{WHEEL_GAIN!r}" forcerange="{-torque!r} {torque!r}"/>')
+    caster = f'<geom name="caster" type="sphere" size="0.03" pos="{back!r} 0 0.03" priority="2" condim="1" mass="0"/>'
+    return "\n".join([*bodies, caster]), f"<actuator>{''.join(motors)}</actuator>"
+
+
+def _feet_xml(robot: SimRobot) -> str:
+    """Four spheres at the corners whose surface moves; MuJoCo wants one non-zero surface velocity when it compiles."""
+    x, y = (robot.model.footprint.max(axis=0) - [0.15, 0.06]).tolist()
+    places = [(x, y), (-x, y), (-x, -y), (x, -y)]
+    return "\n".join(
+        f'<geom name="foot_{i}" type="sphere" size="{FOOT_RADIUS!r}" pos="{px!r} {py!r} {FOOT_RADIUS!r}" mass="0"'
+        f' surfacevel="1 0 0 0 0 0"/>'
+        for i, (px, py) in enumerate(places)
+    )

@@ -1,0 +1,70 @@
+"""A floor plan (PGM + YAML of ROS map_server) as a world: occupied cells become walls, merged into few boxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_FREE, GridSpec
+from ambler.core.se2 import SE2
+from ambler.sim.solids import Shape, Solid, WorldSpec, to_map_frame
+from ambler.wire.map_files import load_map
+
+OCCUPIED = 65
+WALL_HEIGHT = 2.5
+
+
+def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpec:
+    """Read a floor plan; without a start pose the robot begins at the free cell that is farthest from any wall.
+
+    Raises BadInputError if the plan has no free cell, or the start lies on none.
+    """
+    spec, occupancy = load_map(yaml_path)
+    if start is None:
+        start = _widest_place(yaml_path, spec, occupancy)
+    iy, ix = spec.cell_of(start.x, start.y)
+    if not spec.contains_cell(iy, ix) or occupancy[iy, ix] != OCC_FREE:
+        raise BadInputError(f"{yaml_path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
+    solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(occupancy >= OCCUPIED))]
+    return WorldSpec(yaml_path.stem, to_map_frame(solids, start), start)
+
+
+def merge_cells(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """Cover exactly the true cells by rectangles (iy0, ix0, iy1, ix1), upper ends exclusive.
+
+    Runs of a row grow into the next row while it holds the same run: few boxes for walls along the axes.
+    """
+    done: list[tuple[int, int, int, int]] = []
+    growing: dict[tuple[int, int], int] = {}
+    for iy in range(len(occupied) + 1):
+        runs = set(_runs(occupied[iy])) if iy < len(occupied) else set()
+        for run in [r for r in growing if r not in runs]:
+            done.append((growing.pop(run), run[0], iy, run[1]))
+        for run in sorted(runs):
+            growing.setdefault(run, iy)
+    return done
+
+
+def _runs(row: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _widest_place(yaml_path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE2:
+    free = np.pad(occupancy == OCC_FREE, 1)
+    if not free.any():
+        raise BadInputError(f"{yaml_path}: the floor plan has no free cell")
+    clearance = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
+    iy, ix = np.unravel_index(int(np.argmax(clearance)), clearance.shape)
+    return SE2(*spec.center_of(int(iy), int(ix)), 0.0)
+
+
+def _to_solid(k: int, box: tuple[int, int, int, int], spec: GridSpec) -> Solid:
+    iy0, ix0, iy1, ix1 = box
+    r = spec.resolution
+    center = SE2(spec.origin_x + 0.5 * (ix0 + ix1) * r, spec.origin_y + 0.5 * (iy0 + iy1) * r, 0.0)
+    return Solid(f"plan_{k}", Shape.BOX, center, (ix1 - ix0) * r, (iy1 - iy0) * r, 0.0, WALL_HEIGHT, 0.7)

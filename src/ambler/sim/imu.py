@@ -1,0 +1,71 @@
+"""An integrating IMU: rate and specific force averaged over each sampling period, with bias, noise and scale errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.messages import Imu
+from ambler.core.se3 import SE3, Quaternion, quaternion_multiply
+from ambler.sim.sensors import ImuSpec, named_generator
+
+GRAVITY = 9.80665
+
+
+class ImuSensor:
+    """Turns the sensor's true poses, one per sampling period, into measurements."""
+
+    def __init__(self, spec: ImuSpec, frame: str, seed: int) -> None:
+        self._spec, self._frame = spec, frame
+        rng = self._rng = named_generator(seed, frame)
+        self._period = 1.0 / spec.rate_hz
+        sigma = np.array([spec.gyro_bias_sigma] * 3 + [spec.accel_bias_sigma] * 3)
+        self._keep = math.exp(-self._period / spec.bias_time)
+        self._drive = sigma * math.sqrt(1.0 - self._keep**2)
+        self._bias = sigma * rng.standard_normal(6)
+        self._scale = 1.0 + spec.scale_sigma * rng.standard_normal(6)
+        densities = np.array([spec.gyro_density] * 3 + [spec.accel_density] * 3)
+        self._white = densities * math.sqrt(spec.rate_hz)
+        self._limit = np.array([spec.gyro_limit] * 3 + [spec.accel_limit] * 3)
+        self._map_from_imu: SE3 | None = None
+        self._velocity = (0.0, 0.0, 0.0)
+
+    def update(self, map_from_imu: SE3, velocity: tuple[float, float, float], stamp_ns: int) -> Imu | None:
+        """Take the pose and the velocity in the map at the end of a period; returns its measurement (None the first time).
+
+        `stamp_ns` should be the middle of the period: rate and force are means over it, so that their sums over time are
+        exactly the rotation and the change of velocity.
+        """
+        last, self._map_from_imu = self._map_from_imu, map_from_imu
+        before, self._velocity = self._velocity, velocity
+        if last is None:
+            return None
+        dt = self._period
+        ax, ay, az = ((v - u) / dt for u, v in zip(before, velocity, strict=True))
+        middle = last.interpolate(map_from_imu, 0.5)
+        force = SE3(rotation=_conjugate(middle.rotation)).rotate((ax, ay, az + GRAVITY))
+        values = self._corrupt(np.array([*_rate(last.rotation, map_from_imu.rotation, dt), *force]))
+        w = values.tolist()
+        return Imu(stamp_ns, self._frame, (w[0], w[1], w[2]), (w[3], w[4], w[5]))
+
+    def _corrupt(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        chance = self._rng.standard_normal(12)
+        self._bias = self._keep * self._bias + self._drive * chance[:6]
+        measured = self._scale * values + self._bias + self._white * chance[6:]
+        return np.asarray(np.clip(measured, -self._limit, self._limit))
+
+
+def _conjugate(q: Quaternion) -> Quaternion:
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+def _rate(a: Quaternion, b: Quaternion, dt: float) -> tuple[float, float, float]:
+    """Mean angular velocity in the body frame that turns a into b within dt."""
+    w, x, y, z = quaternion_multiply(_conjugate(a), b)
+    if w < 0:
+        w, x, y, z = -w, -x, -y, -z
+    sine = math.sqrt(x * x + y * y + z * z)
+    k = 2.0 / dt if sine < 1e-9 else 2.0 * math.atan2(sine, w) / (sine * dt)
+    return (k * x, k * y, k * z)

@@ -1,0 +1,71 @@
+"""Spinning scanners: exact ray casting from the moving sensor, then noise and losses; a planar scan or a cloud comes out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.messages import LaserScan, PointCloud
+from ambler.kernels import raycast
+from ambler.sim.scene import RayScene
+from ambler.sim.sensors import LidarSpec, named_generator
+
+F64 = NDArray[np.float64]
+
+
+class LidarSensor:
+    """One scanner. Buffers are its own and used again for every turn."""
+
+    def __init__(self, spec: LidarSpec, frame: str, scene: RayScene, seed: int) -> None:
+        self.spec, self.frame = spec, frame
+        self._scene = scene
+        self._rng = named_generator(seed, frame)
+        self._directions = spec.directions()
+        self._times = spec.column_times
+        shape = self._directions.shape[:2]
+        self._distance, self._cosine, self._intensity, self._measured, self._normals, self._uniforms = (
+            np.zeros(shape, np.float32) for _ in range(6)
+        )
+
+    def sweep(self, times: F64, positions: F64, quaternions: F64) -> None:
+        """Cast one turn; the sensor's poses in the map at `times` (seconds after the first column) are its knots."""
+        scene, spec = self._scene, self.spec
+        reach = spec.range_max + 1.0
+        raycast.sweep(
+            *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling),
+            *(times, positions, quaternions, self._times, self._directions, reach),
+            *(self._distance, self._cosine, self._intensity),
+        )
+        self._rng.standard_normal(out=self._normals, dtype=np.float32)
+        self._rng.random(out=self._uniforms, dtype=np.float32)
+        raycast.corrupt_ranges(
+            *(self._distance, self._cosine, self._normals, self._uniforms, spec.sigma_0, spec.sigma_1, spec.dropout),
+            *(spec.grazing_cosine, spec.grazing_dropout, spec.mixed, spec.mixed_min, spec.mixed_max),
+            *(spec.range_min, spec.range_max, self._measured),
+        )
+
+    def to_scan(self, stamp_ns: int) -> LaserScan:
+        """Return the last turn of a single-ring scanner."""
+        spec = self.spec
+        return LaserScan(
+            stamp_ns,
+            self.frame,
+            spec.azimuth_start,
+            spec.azimuth_increment,
+            spec.period / spec.columns,
+            spec.period,
+            spec.range_min,
+            spec.range_max,
+            self._measured[:, 0].copy(),
+            self._intensity[:, 0].copy(),
+        )
+
+    def to_cloud(self, stamp_ns: int) -> PointCloud:
+        """Return the last turn as points in the sensor frame at each point's own time."""
+        n = self._measured.size
+        points, intensity = np.empty((n, 3), np.float32), np.empty(n, np.float32)
+        time, ring = np.empty(n, np.float32), np.empty(n, np.uint16)
+        m = raycast.gather_points(
+            self._measured, self._intensity, self._times, self._directions, points, intensity, time, ring
+        )
+        return PointCloud(stamp_ns, self.frame, points[:m], intensity[:m], time[:m], ring[:m])

@@ -1,0 +1,197 @@
+"""Every number of every simulated sensor, in one place; `perfect` variants have no noise, no losses and no drift.
+
+Sources: simulation.md §6 (SICK and Velodyne data sheets, InvenSense and MTi IMUs, usual wheel encoders). Every random number
+comes from `named_generator(seed, sensor)`, so that adding a sensor never changes another sensor's noise.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def named_generator(seed: int, name: str) -> np.random.Generator:
+    """Return the generator that belongs to a seed and a name."""
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence([seed, zlib.crc32(name.encode())])))
+
+
+@dataclass(frozen=True, slots=True)
+class LidarSpec:
+    """A spinning scanner: `columns` firings of all `elevations` (rad) per turn, counter-clockwise from `azimuth_start`.
+
+    Noise: sigma_0 + sigma_1 * range; `dropout` loses any beam, `grazing_*` beams that meet a surface at a flat angle; `mixed`
+    is the probability that a beam at an edge of `mixed_min`..`mixed_max` metres falls between the two surfaces.
+    """
+
+    columns: int
+    elevations: tuple[float, ...]
+    azimuth_start: float
+    period: float
+    range_min: float
+    range_max: float
+    sigma_0: float
+    sigma_1: float
+    dropout: float
+    grazing_cosine: float
+    grazing_dropout: float
+    mixed: float
+    mixed_min: float
+    mixed_max: float
+    latency: float
+
+    @property
+    def column_times(self) -> NDArray[np.float64]:
+        """Firing times of the columns after the scan's stamp, seconds."""
+        return np.arange(self.columns, dtype=np.float64) * (self.period / self.columns)
+
+    @property
+    def azimuth_increment(self) -> float:
+        return 2.0 * math.pi / self.columns
+
+    def directions(self) -> NDArray[np.float64]:
+        """Return unit vectors in the sensor frame, float64 (columns, rings, 3)."""
+        azimuth = self.azimuth_start + np.arange(self.columns)[:, None] * self.azimuth_increment
+        elevation = np.array(self.elevations)[None, :]
+        out = np.empty((self.columns, len(self.elevations), 3))
+        out[..., 0] = np.cos(azimuth) * np.cos(elevation)
+        out[..., 1] = np.sin(azimuth) * np.cos(elevation)
+        out[..., 2] = np.sin(elevation)
+        return out
+
+    def perfect(self) -> LidarSpec:
+        """The same scanner without noise and losses; it still turns while the robot moves."""
+        return replace(self, sigma_0=0.0, sigma_1=0.0, dropout=0.0, grazing_dropout=0.0, mixed=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSpec:
+    """An IMU: white noise densities (rad/s/√Hz, m/s²/√Hz), bias as a first-order Gauss-Markov process that starts at its
+    stationary sigma (the turn-on bias), scale errors and limits."""
+
+    rate_hz: float
+    gyro_density: float
+    accel_density: float
+    gyro_bias_sigma: float
+    accel_bias_sigma: float
+    bias_time: float
+    scale_sigma: float
+    gyro_limit: float
+    accel_limit: float
+
+    def perfect(self) -> ImuSpec:
+        """The same IMU without noise, bias and scale errors."""
+        zero = dict.fromkeys(
+            ("gyro_density", "accel_density", "gyro_bias_sigma", "accel_bias_sigma", "scale_sigma"), 0.0
+        )
+        return replace(self, **zero)
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySpec:
+    """Dead reckoning of the base. Constant errors drawn once per run: `radius_sigma` (each wheel, or the step length),
+    `track_sigma` (turning). `slip_sigma` is a slowly changing error (time constant `slip_time`) of each wheel's travel, as a
+    share of it. Encoders count `ticks` per turn (0: not quantised). `tilt_sigma` (rad) is noise of roll and pitch."""
+
+    rate_hz: float
+    radius_sigma: float
+    track_sigma: float
+    slip_sigma: float
+    slip_time: float
+    ticks: int
+    tilt_sigma: float
+
+    def perfect(self) -> OdometrySpec:
+        """Odometry that repeats the true motion of the wheels exactly."""
+        return replace(self, radius_sigma=0.0, track_sigma=0.0, slip_sigma=0.0, ticks=0, tilt_sigma=0.0)
+
+
+# A 360° safety-class scanner: 0.5° steps, 10 Hz, 20 m; noise and losses of the nanoScan3.
+SCANNER_360 = LidarSpec(
+    columns=720,
+    elevations=(0.0,),
+    azimuth_start=-math.pi,
+    period=0.1,
+    range_min=0.1,
+    range_max=20.0,
+    sigma_0=0.008,
+    sigma_1=0.0005,
+    dropout=0.005,
+    grazing_cosine=0.08,
+    grazing_dropout=0.7,
+    mixed=0.15,
+    mixed_min=0.25,
+    mixed_max=3.0,
+    latency=0.005,
+)
+
+# Velodyne VLP-16 at 10 Hz: 16 rings of 2°, 0.2° steps, 28 800 rays per turn, 100 m, blind below 0.4 m.
+VLP_16 = LidarSpec(
+    columns=1800,
+    elevations=tuple(math.radians(e) for e in range(-15, 16, 2)),
+    azimuth_start=-math.pi,
+    period=0.1,
+    range_min=0.4,
+    range_max=100.0,
+    sigma_0=0.012,
+    sigma_1=0.0004,
+    dropout=0.01,
+    grazing_cosine=0.08,
+    grazing_dropout=0.7,
+    mixed=0.15,
+    mixed_min=0.25,
+    mixed_max=3.0,
+    latency=0.01,
+)
+
+# A generic MEMS unit of the MTi-1 class; turn-on biases are those that remain after the usual stand-still calibration.
+MEMS_IMU = ImuSpec(
+    rate_hz=100.0,
+    gyro_density=1.22e-4,
+    accel_density=1.18e-3,
+    gyro_bias_sigma=5e-4,
+    accel_bias_sigma=0.02,
+    bias_time=500.0,
+    scale_sigma=0.002,
+    gyro_limit=35.0,
+    accel_limit=150.0,
+)
+
+# Two driven wheels with 2^12 ticks per turn.
+WHEEL_ODOMETRY = OdometrySpec(
+    rate_hz=50.0,
+    radius_sigma=0.0075,
+    track_sigma=0.01,
+    slip_sigma=0.01,
+    slip_time=2.0,
+    ticks=4096,
+    tilt_sigma=0.0,
+)
+
+# Legs: step length and turning known to 1 %, more slip than wheels, roll and pitch from the body's own IMU.
+LEG_ODOMETRY = OdometrySpec(
+    rate_hz=50.0,
+    radius_sigma=0.01,
+    track_sigma=0.01,
+    slip_sigma=0.03,
+    slip_time=1.0,
+    ticks=0,
+    tilt_sigma=math.radians(0.1),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GaitSpec:
+    """Sway of a legged body while it walks: amplitudes at full speed of heave and sway (m), roll, pitch, yaw (rad)."""
+
+    frequency_hz: float = 2.5
+    heave: float = 0.012
+    sway: float = 0.012
+    roll: float = math.radians(1.5)
+    pitch: float = math.radians(1.0)
+    yaw: float = math.radians(0.7)
+    full_speed: float = 0.4
+    time_constant: float = 0.3

@@ -1,0 +1,192 @@
+"""One robot in one world, stepped from outside: commands in, sensor messages and ground truth out.
+
+Everything is told in the map frame, whose origin is the robot's start pose (`sim.world`). All sensors fire at whole ticks of
+5 ms after the start, so that the same run comes out however the caller cuts time into steps.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core import messages as m
+from ambler.core.protocols import BodyVelocity
+from ambler.core.se3 import SE3, Vector3
+from ambler.sim.base import BaseController, Physics
+from ambler.sim.gait import Gait
+from ambler.sim.imu import ImuSensor
+from ambler.sim.kinematic_physics import KinematicPhysics
+from ambler.sim.lidar import LidarSensor
+from ambler.sim.odometry import DeadReckoning
+from ambler.sim.robots import SimRobot
+from ambler.sim.scene import build_scene
+from ambler.sim.solids import WorldSpec
+
+TICK_NS = 5_000_000
+TICK = TICK_NS * 1e-9
+TRUTH_PERIOD_NS = 20_000_000
+CONTACT_PERIOD_NS = 100_000_000
+HISTORY_NS = 250_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationConfig:
+    """How to simulate: `physics` contact (MuJoCo) or kinematic; `is_perfect` turns noise, losses, slip and drift off."""
+
+    seed: int = 0
+    is_perfect: bool = False
+    physics: Literal["contact", "kinematic"] = "contact"
+
+
+@dataclass(slots=True)
+class SimulationOutput:
+    """What happened during a step, in order of time."""
+
+    scans: list[m.LaserScan] = field(default_factory=list)
+    clouds: list[m.PointCloud] = field(default_factory=list)
+    imus: list[m.Imu] = field(default_factory=list)
+    odometry: list[m.Odometry] = field(default_factory=list)
+    true_poses: list[m.Odometry] = field(default_factory=list)
+    contacts: list[m.Contact] = field(default_factory=list)
+
+
+class Simulation:
+    """Owns the physics, the sensors and their chance. Two with the same arguments and commands give equal bits."""
+
+    def __init__(self, world: WorldSpec, robot: SimRobot, config: SimulationConfig | None = None) -> None:
+        self.world, self.robot = world, robot
+        self.config = config if config is not None else SimulationConfig()
+        seed, is_perfect = self.config.seed, self.config.is_perfect
+        self._physics = _make_physics(world, robot, self.config)
+        self._controller = BaseController(robot.model.limits, robot.watchdog)
+        self._gait = Gait(robot.gait, 0.7 * robot.model.body_height) if robot.gait is not None else None
+        scene = build_scene(world)
+        self._lidars = [
+            LidarSensor(spec.perfect() if is_perfect else spec, frame, scene, seed)
+            for frame, spec in robot.lidars.items()
+        ]
+        self._mounts = {s.frame: s.base_from_sensor for s in robot.model.sensors}
+        imu_spec = robot.imu.perfect() if is_perfect else robot.imu
+        self._imu, self._imu_period_ns = ImuSensor(imu_spec, "imu", seed), round(1e9 / robot.imu.rate_hz)
+        odometry = robot.odometry.perfect() if is_perfect else robot.odometry
+        self._reckoning = DeadReckoning(robot, odometry, seed)
+        self._odometry_period_ns = round(1e9 / odometry.rate_hz)
+        self._start_ns = 0
+        self._elapsed_ns = 0
+        self._is_started = False
+        self._lean = SE3()
+        self._history: deque[tuple[int, SE3]] = deque([(0, self._true_pose())])
+        self._reported: dict[tuple[str, str], int] = {}
+
+    @property
+    def now_ns(self) -> int:
+        """Time up to which the world has been simulated."""
+        return self._start_ns + self._elapsed_ns
+
+    @property
+    def map_from_base(self) -> SE3:
+        """The true pose of the base now."""
+        return self._history[-1][1]
+
+    def start_at(self, now_ns: int) -> None:
+        """Let the simulation begin at this instant; only before the first step."""
+        if self._is_started:
+            raise RuntimeError("the simulation has already begun")
+        self._start_ns = now_ns
+
+    def command(self, command: BodyVelocity) -> None:
+        """Give the base a command; without a new one for `watchdog` seconds it stops by itself."""
+        self._controller.command(command, self._elapsed_ns)
+
+    def step(self, until_ns: int) -> SimulationOutput:
+        """Advance by whole ticks, not beyond `until_ns`; returns what was measured and what truly happened."""
+        out = SimulationOutput()
+        if not self._is_started:
+            self._is_started = True
+            self._sense(out)
+        while self.now_ns + TICK_NS <= until_ns:
+            self._tick()
+            self._sense(out)
+        return out
+
+    def _tick(self) -> None:
+        target = self._controller.update(self._elapsed_ns, TICK)
+        self._physics.step(target)
+        if self._gait is not None:
+            self._lean = self._gait.update(target, TICK)
+        self._elapsed_ns += TICK_NS
+        self._history.append((self._elapsed_ns, self._true_pose()))
+        while self._history[0][0] < self._elapsed_ns - HISTORY_NS:
+            self._history.popleft()
+
+    def _true_pose(self) -> SE3:
+        carriage = self._physics.carriage
+        pose = SE3(carriage.position, carriage.rotation)
+        return pose if self._gait is None else pose @ self._lean
+
+    def _sense(self, out: SimulationOutput) -> None:
+        now, elapsed = self.now_ns, self._elapsed_ns
+        self._sense_contacts(out)
+        if elapsed % self._imu_period_ns == 0:
+            self._sense_imu(out)
+        if elapsed % self._odometry_period_ns == 0:
+            out.odometry.append(self._reckoning.update(self._physics.travel, self._lean, now))
+        if elapsed % TRUTH_PERIOD_NS == 0:
+            out.true_poses.append(self._truth())
+        for lidar in self._lidars:
+            period_ns = round(lidar.spec.period * 1e9)
+            if elapsed > 0 and elapsed % period_ns == 0:
+                lidar.sweep(*self._knots(lidar.frame, elapsed - period_ns))
+                if len(lidar.spec.elevations) == 1:
+                    out.scans.append(lidar.to_scan(now - period_ns))
+                else:
+                    out.clouds.append(lidar.to_cloud(now - period_ns))
+
+    def _knots(self, frame: str, since_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The sensor's poses from an instant until now: seconds after it, positions, quaternions (wxyz)."""
+        mount = self._mounts[frame]
+        knots = [(t, pose @ mount) for t, pose in self._history if t >= since_ns]
+        times = np.array([t - since_ns for t, _ in knots]) * 1e-9
+        return times, np.array([p.translation for _, p in knots]), np.array([p.rotation for _, p in knots])
+
+    def _sense_imu(self, out: SimulationOutput) -> None:
+        mount, (_, pose) = self._mounts["imu"], self._history[-1]
+        map_from_imu = pose @ mount
+        velocity: Vector3 = (0.0, 0.0, 0.0)
+        if len(self._history) > 1:
+            a, b = (self._history[-2][1] @ mount).translation, map_from_imu.translation
+            velocity = ((b[0] - a[0]) / TICK, (b[1] - a[1]) / TICK, (b[2] - a[2]) / TICK)
+        sample = self._imu.update(map_from_imu, velocity, self.now_ns - self._imu_period_ns // 2)
+        if sample is not None:
+            out.imus.append(sample)
+
+    def _truth(self) -> m.Odometry:
+        pose, linear, angular = self.map_from_base, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        if len(self._history) > 1:
+            motion = self._history[-2][1].inverse() @ pose
+            x, y, z = motion.translation
+            _, qx, qy, qz = motion.rotation if motion.rotation[0] >= 0 else tuple(-v for v in motion.rotation)
+            linear, angular = (x / TICK, y / TICK, z / TICK), (2 * qx / TICK, 2 * qy / TICK, 2 * qz / TICK)
+        return m.Odometry(self.now_ns, "map", "base", pose, linear, angular, np.zeros((6, 6)), np.zeros((6, 6)))
+
+    def _sense_contacts(self, out: SimulationOutput) -> None:
+        """Report a contact when it begins, and every 0.1 s while it lasts."""
+        for touch in self._physics.touches():
+            key = (touch.part, touch.solid)
+            if self._elapsed_ns - self._reported.get(key, -CONTACT_PERIOD_NS) >= CONTACT_PERIOD_NS:
+                self._reported[key] = self._elapsed_ns
+                out.contacts.append(
+                    m.Contact(self.now_ns, touch.part, touch.solid, touch.position, touch.speed, touch.force)
+                )
+
+
+def _make_physics(world: WorldSpec, robot: SimRobot, config: SimulationConfig) -> Physics:
+    if config.physics == "kinematic":
+        return KinematicPhysics(world, robot, TICK)
+    from ambler.sim.contact_physics import ContactPhysics
+
+    return ContactPhysics(world, robot, TICK)

@@ -1,0 +1,68 @@
+"""A world: upright solids on a floor.
+
+The *map frame*, in which SLAM starts and ground truth is told, has its origin at the robot's start pose: `WorldSpec` holds
+every solid in that frame, so that an estimated trajectory and map can be compared with the truth without alignment.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+
+
+class Shape(IntEnum):
+    """Kinds of solids; the numbers are those of the ray kernel."""
+
+    BOX = 0
+    CYLINDER = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """An upright solid: planar pose of its centre in the map frame, full sizes (box) or diameters (cylinder), height range."""
+
+    name: str
+    shape: Shape
+    map_from_solid: SE2
+    size_x: float
+    size_y: float
+    z_min: float
+    z_max: float
+    albedo: float = 0.6
+
+    def corners(self) -> NDArray[np.float64]:
+        """Return the four corners of a box (or of a cylinder's square) in the map frame, counter-clockwise, float64 (4, 2)."""
+        half = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [self.size_x, self.size_y]
+        return self.map_from_solid.transform(half)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldSpec:
+    """A world in the map frame. `world_from_start` is the start pose in the author's coordinates; `ceiling` inf: none."""
+
+    name: str
+    solids: tuple[Solid, ...]
+    world_from_start: SE2
+    ceiling: float = math.inf
+    friction: float = 0.8
+    floor_albedo: float = 0.3
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return (x_min, y_min, x_max, y_max) of all solids in the map frame."""
+        if not self.solids:
+            return (-5.0, -5.0, 5.0, 5.0)
+        corners = np.concatenate([s.corners() for s in self.solids])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def to_map_frame(solids: list[Solid], world_from_start: SE2) -> tuple[Solid, ...]:
+    """Move solids from the author's coordinates to the map frame, whose origin is the start pose."""
+    start_from_world = world_from_start.inverse()
+    return tuple(replace(s, map_from_solid=start_from_world @ s.map_from_solid) for s in solids)

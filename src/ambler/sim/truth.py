@@ -1,0 +1,87 @@
+"""The ground-truth map: a planar cut of the world at the sensor's height, as a perfect mapper would draw it.
+
+Free is what can be reached from the start through free cells; occupied are the cells that hold a surface next to it;
+everything else is unknown. Both are in the map frame (origin at the start pose).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.se2 import SE2
+from ambler.sim.solids import Shape, Solid, WorldSpec
+
+SAMPLES = 5
+MARGIN = 0.5
+
+
+def truth_grid(world: WorldSpec, sensor_height: float, resolution: float) -> tuple[GridSpec, NDArray[np.int8]]:
+    """Return the true map as a grid spec and occupancy int8 [iy, ix]; raises BadInputError if the start is not free."""
+    spec, solid = cut(world, sensor_height, resolution)
+    iy, ix = spec.cell_of(0.0, 0.0)
+    if not spec.contains_cell(iy, ix) or solid[iy, ix]:
+        raise BadInputError(f"world {world.name}: the start pose lies in a solid")
+    regions, _ = ndimage.label(~solid)
+    free = regions == regions[iy, ix]
+    out = np.full(spec.shape, OCC_UNKNOWN, np.int8)
+    out[free] = OCC_FREE
+    out[solid & ndimage.binary_dilation(free)] = OCC_OCCUPIED
+    return spec, out
+
+
+def reachable_cells(
+    world: WorldSpec, radius: float, resolution: float, height: float
+) -> tuple[GridSpec, NDArray[np.bool_]]:
+    """Return where the centre of a disc of `radius` metres can get from the start, bool [iy, ix]."""
+    spec, solid = cut(world, height, resolution)
+    clear = ndimage.distance_transform_edt(~solid) * resolution > radius
+    iy, ix = spec.cell_of(0.0, 0.0)
+    regions, _ = ndimage.label(clear)
+    reached = (regions == regions[iy, ix]) & clear
+    return spec, np.asarray(reached)
+
+
+def cut(world: WorldSpec, height: float, resolution: float) -> tuple[GridSpec, NDArray[np.bool_]]:
+    """Cut all solids at a height: a cell is solid if any of its 5 x 5 sample points lies in one; bool [iy, ix]."""
+    spec = _grid_around(world, resolution)
+    out = np.zeros(spec.shape, np.bool_)
+    for solid in world.solids:
+        if solid.z_min <= height <= solid.z_max:
+            _draw(solid, spec, out)
+    return spec, out
+
+
+def _grid_around(world: WorldSpec, resolution: float) -> GridSpec:
+    x0, y0, x1, y1 = world.bounds()
+    ix0, iy0 = math.floor((x0 - MARGIN) / resolution), math.floor((y0 - MARGIN) / resolution)
+    ix1, iy1 = math.ceil((x1 + MARGIN) / resolution), math.ceil((y1 + MARGIN) / resolution)
+    return GridSpec(resolution, ix1 - ix0, iy1 - iy0, ix0 * resolution, iy0 * resolution)
+
+
+def _draw(solid: Solid, spec: GridSpec, out: NDArray[np.bool_]) -> None:
+    corners = solid.corners()
+    low, high = spec.cells_of(np.stack([corners.min(axis=0), corners.max(axis=0)]))
+    rows, columns = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)
+    offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    x = spec.origin_x + (columns[:, None] + offsets).ravel() * spec.resolution
+    y = spec.origin_y + (rows[:, None] + offsets).ravel() * spec.resolution
+    px, py = _local(solid.map_from_solid, x[None, :], y[:, None])
+    if solid.shape is Shape.BOX:
+        inside = (np.abs(px) <= 0.5 * solid.size_x) & (np.abs(py) <= 0.5 * solid.size_y)
+    else:
+        inside = px * px + py * py <= (0.5 * solid.size_x) ** 2
+    cells = inside.reshape(len(rows), SAMPLES, len(columns), SAMPLES).any(axis=(1, 3))
+    out[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] |= cells
+
+
+def _local(
+    pose: SE2, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return c * (x - pose.x) + s * (y - pose.y), -s * (x - pose.x) + c * (y - pose.y)
