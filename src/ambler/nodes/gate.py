@@ -1,0 +1,132 @@
+"""The node of the velocity gate: the only writer of the command to the base, with a heartbeat of 50 Hz."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ambler.core.errors import TransformError
+from ambler.core.messages import (
+    GateState,
+    GateStatus,
+    LaserScan,
+    Odometry,
+    PointCloud,
+    VelocityCommand,
+)
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import RobotModel
+from ambler.core.transforms import TransformTree
+from ambler.runtime.node import Node
+from ambler.runtime.tasks import ARM, EMERGENCY_STOP, PAUSE, RESET_STOP, GateReply, GateRequest
+from ambler.runtime.topics import (
+    CLOUD,
+    GATE_STATUS,
+    ODOMETRY,
+    SCAN,
+    TELEOP_REQUEST,
+    VELOCITY_COMMAND,
+    VELOCITY_REQUEST,
+)
+from ambler.safety.config import GateConfig
+from ambler.safety.gate import GateStep, VelocityGate
+from ambler.safety.points import F64, points_of_cloud, points_of_scan
+
+PERIOD = 0.02
+STATUS_PERIOD_NS = 1_000_000_000
+
+
+class GateNode(Node):
+    """Feeds the gate with every scanner of the robot and with odometry, and sends what it lets pass.
+
+    `z_band` is the height above the floor in which points of a cloud are obstacles; the default reaches from 0.15 m to the
+    robot's height.
+    """
+
+    name = "gate"
+    inputs = (VELOCITY_REQUEST, ODOMETRY)
+    optional_inputs = (TELEOP_REQUEST, SCAN, CLOUD)
+    outputs = (VELOCITY_COMMAND, GATE_STATUS)
+    serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP)
+    latency = 0.001
+
+    def __init__(
+        self, robot: RobotModel, config: GateConfig | None = None, z_band: tuple[float, float] | None = None
+    ) -> None:
+        self.gate = VelocityGate(config if config is not None else GateConfig(), robot)
+        self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
+        self._kinds = {m.kind for m in robot.sensors}
+        self._z_band = z_band if z_band is not None else (0.15, robot.body_height)
+        self._reach = robot.circumscribed_radius + 3.0
+        self._poses = TransformTree(history=2.0)
+        self._status: GateStep | None = None
+        self._status_ns = 0
+
+    def start(self) -> None:
+        self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
+        self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
+        self.ctx.subscribe(ODOMETRY, self._on_odometry)
+        if "scan" in self._kinds:
+            self.ctx.subscribe(SCAN, self._on_scan)
+        if "cloud" in self._kinds:
+            self.ctx.subscribe(CLOUD, self._on_cloud)
+        self.ctx.serve(ARM, self._on_arm)
+        self.ctx.serve(PAUSE, self._on_pause)
+        self.ctx.serve(EMERGENCY_STOP, self._on_emergency_stop)
+        self.ctx.serve(RESET_STOP, self._on_reset)
+        self.ctx.timer(PERIOD, self._step)
+
+    def stop_now(self, reason: str) -> None:
+        """Stop for good because a part of the robot failed; it cannot be reset while this process lives."""
+        self.gate.hold_stop(self.ctx.now_ns, "system", reason)
+        self._step()
+
+    def _on_request(self, source: str, command: VelocityCommand) -> None:
+        velocity = BodyVelocity(command.vx, command.vy, command.wz)
+        self.gate.request(source, command.stamp_ns, velocity, self.ctx.now_ns)
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
+
+    def _on_scan(self, scan: LaserScan) -> None:
+        self._take_points(scan.frame, scan.stamp_ns, points_of_scan(scan, self._mounts[scan.frame]))
+
+    def _on_cloud(self, cloud: PointCloud) -> None:
+        points = points_of_cloud(cloud, self._mounts[cloud.frame], self._reach, self._z_band)
+        self._take_points(cloud.frame, cloud.stamp_ns, points)
+
+    def _take_points(self, sensor: str, stamp_ns: int, points_base: F64) -> None:
+        try:
+            odom_from_base = self._poses.lookup("odom", "base", stamp_ns).to_se2()
+        except TransformError:
+            return  # without a pose of that moment the points say nothing; if that lasts, they are stale
+        self.gate.update_points(sensor, stamp_ns, points_base, odom_from_base)
+
+    def _step(self) -> None:
+        now_ns = self.ctx.now_ns
+        step = self.gate.step(now_ns)
+        v = step.velocity
+        self.ctx.publish(VELOCITY_COMMAND, VelocityCommand(now_ns, v.vx, v.vy, v.wz))
+        last = self._status
+        is_news = last is None or (step.state, step.reason, step.source) != (last.state, last.reason, last.source)
+        if is_news or now_ns - self._status_ns >= STATUS_PERIOD_NS:
+            self.ctx.publish(GATE_STATUS, GateStatus(now_ns, step.state, step.reason, step.source))
+            if is_news:
+                self.ctx.log(f"GATE_{GateState(step.state).name}", step.reason, source=step.source)
+            self._status, self._status_ns = step, now_ns
+
+    def _on_arm(self, request: GateRequest) -> GateReply:
+        return GateReply(*self.gate.arm(self.ctx.now_ns))
+
+    def _on_pause(self, request: GateRequest) -> GateReply:
+        reason = f": {request.reason}" if request.reason else ""
+        self.gate.pause(self.ctx.now_ns, f"PAUSED: by {request.source}{reason}")
+        return GateReply(True, "paused")
+
+    def _on_emergency_stop(self, request: GateRequest) -> GateReply:
+        self.gate.emergency_stop(self.ctx.now_ns, request.source, request.reason)
+        self._step()
+        return GateReply(True, "stopped")
+
+    def _on_reset(self, request: GateRequest) -> GateReply:
+        return GateReply(*self.gate.reset(self.ctx.now_ns))

@@ -1,0 +1,48 @@
+"""What the velocity gate is told once: its sources, its timeouts, and the numbers of the protective field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class VelocitySource:
+    """Somebody who may ask for a velocity. The highest priority that is not older than `timeout` seconds drives."""
+
+    name: str
+    priority: int
+    timeout: float
+
+
+@dataclass(frozen=True, slots=True)
+class GateConfig:
+    """Numbers of the gate, SI. Limits of the robot come from its model, not from here.
+
+    reaction_time      from a command to the base obeying it, including one period of the gate
+    margin             distance that the footprint keeps from every point
+    min_points         points that must agree before they count as an obstacle (one alone may be noise)
+    stop_scale         below this share of the wanted speed the gate stops for good: a protective stop
+    resume_scale       from this share on the field counts as clear
+    resume_delay       how long the field must be clear before motion resumes
+    stale_delay        how long input must be fresh again before motion resumes
+    max_step_gap       a longer pause between two steps means that the gate was starved
+    max_future         a stamp further ahead of the clock than this is refused
+    self_depth         points deeper than this inside the footprint are the robot itself
+    """
+
+    sources: tuple[VelocitySource, ...] = (
+        VelocitySource("teleop", 100, 0.4),
+        VelocitySource("navigation", 10, 0.3),
+    )
+    reaction_time: float = 0.2
+    margin: float = 0.03
+    min_points: int = 2
+    stop_scale: float = 0.1
+    resume_scale: float = 0.3
+    resume_delay: float = 2.0
+    stale_delay: float = 0.5
+    points_timeout: float = 0.5
+    odometry_timeout: float = 0.3
+    max_step_gap: float = 0.25
+    max_future: float = 0.1
+    self_depth: float = 0.05

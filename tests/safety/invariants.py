@@ -1,0 +1,573 @@
+"""What must hold for every correct velocity gate. Each check takes the module under test, so that the mutation test can hand
+it a damaged one."""
+
+import itertools
+import math
+import random
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ambler.core.messages import GateState
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.safety.config import GateConfig, VelocitySource
+
+BOX = RobotModel(
+    "box",
+    DriveKind.OMNI,
+    np.array([[0.4, -0.2], [0.4, 0.2], [-0.4, 0.2], [-0.4, -0.2]]),
+    VelocityLimits(0.8, -0.3, 0.4, 1.5, 1.0, 1.0, 2.5, 1.5, 1.5),
+)
+LIMITS = BOX.limits
+CART = VelocityLimits(0.8, -0.3, 0.0, 1.5)
+TICK_NS = 20_000_000
+TOUCH = 1e-9
+
+
+def cluster(x: float, y: float) -> np.ndarray:
+    """Three returns of one small thing."""
+    return np.array([[x, y], [x, y + 0.004], [x, y - 0.004]])
+
+
+def wall_ahead(x: float) -> np.ndarray:
+    y = np.linspace(-1.0, 1.0, 81)
+    return np.stack((np.full_like(y, x), y), axis=1)
+
+
+class Bench:
+    """A gate with a clock: fresh input unless told otherwise, and requests of every kind."""
+
+    def __init__(self, module: ModuleType, config: GateConfig | None = None, is_armed: bool = True) -> None:
+        self.gate: Any = module.VelocityGate(config or GateConfig(), BOX)
+        self.now_ns = 1_000_000_000
+        self.points = np.array([[50.0, 0.0]])
+        self.pose = SE2()
+        self.has_points = self.has_odometry = True
+        self.log: list[Any] = []
+        if is_armed:
+            assert self.gate.arm(self.now_ns)[0]
+
+    def ask(self, vx: float, vy: float = 0.0, wz: float = 0.0, source: str = "navigation", age: float = 0.0) -> None:
+        stamp = self.now_ns - round(age * 1e9)
+        self.gate.request(source, stamp, BodyVelocity(vx, vy, wz), self.now_ns)
+
+    def tick(self, ticks: int = 1, ask: tuple[float, float, float] | None = None, source: str = "navigation") -> Any:
+        for _ in range(ticks):
+            self.now_ns += TICK_NS
+            if self.has_odometry:
+                self.gate.update_odometry(self.now_ns, self.pose)
+            if self.has_points:
+                self.gate.update_points("laser", self.now_ns, self.points, self.pose)
+            if ask is not None:
+                self.ask(*ask, source=source)
+            self.log.append(self.gate.step(self.now_ns))
+            v = self.log[-1].velocity
+            self.pose = self.pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * TICK_NS * 1e-9)
+        return self.log[-1]
+
+
+def is_zero(step: Any) -> bool:
+    return bool(step.velocity == BodyVelocity())
+
+
+# limits.py
+
+
+def speeds_are_limited_on_the_same_arc(m: ModuleType) -> None:
+    rng = random.Random(1)
+    cases = [BodyVelocity(*(rng.uniform(-3, 3) for _ in range(3))) for _ in range(200)]
+    cases += [BodyVelocity(-1.0, 0.0, 0.0), BodyVelocity(0.1, 0.0, 0.1), BodyVelocity(0.8, 0.4, 1.5)]
+    for v in cases:
+        w = m.limit_speed(v, LIMITS)
+        assert LIMITS.vx_min - 1e-12 <= w.vx <= LIMITS.vx_max + 1e-12
+        assert abs(w.vy) <= LIMITS.vy_max + 1e-12
+        assert abs(w.wz) <= LIMITS.wz_max + 1e-12
+        limit = LIMITS.vx_max if v.vx > 0 else -LIMITS.vx_min
+        ratio = min(1.0, limit / abs(v.vx), *([0.4 / abs(v.vy)] if v.vy else []), *([1.5 / abs(v.wz)] if v.wz else []))
+        assert np.allclose([w.vx, w.vy, w.wz], [v.vx * ratio, v.vy * ratio, v.wz * ratio])
+
+
+def a_missing_axis_is_left_out(m: ModuleType) -> None:
+    assert m.limit_speed(BodyVelocity(0.4, 0.3, 0.2), CART) == BodyVelocity(0.4, 0.0, 0.2)
+    stiff = VelocityLimits(0.8, 0.0, 0.0, 1.5)
+    assert m.limit_speed(BodyVelocity(-0.4, 0.0, 0.2), stiff) == BodyVelocity(0.0, 0.0, 0.2)
+
+
+def accelerations_are_limited(m: ModuleType) -> None:
+    for value in (-0.5, 0.0, 0.01, 0.5):
+        for target in (-0.6, -0.2, 0.0, 0.005, 0.2, 0.6):
+            for dt in (0.0, 0.02, 0.1, 3.0):
+                new = m.approach(value, target, 1.0, 2.0, dt)
+                assert min(value, target) - 1e-12 <= new <= max(value, target) + 1e-12
+                assert abs(new - value) <= 2.0 * dt + 1e-12
+                assert max(0.0, abs(new) - abs(value)) <= 1.0 * dt + 1e-12
+                if dt == 3.0:
+                    assert new == target
+    assert math.isclose(m.approach(0.5, 0.0, 1.0, 2.0, 0.1), 0.3)
+    assert math.isclose(m.approach(0.0, 0.5, 1.0, 2.0, 0.1), 0.1)
+    assert math.isclose(m.approach(0.2, 0.6, 1.0, 2.0, 0.1), 0.3)
+    assert math.isclose(m.approach(-0.2, -0.6, 1.0, 2.0, 0.1), -0.3)
+    assert math.isclose(m.approach(0.1, -0.5, 1.0, 2.0, 0.1), -0.05)
+    assert math.isclose(m.approach(-0.5, -0.2, 1.0, 2.0, 0.1), -0.3)
+
+
+def every_axis_has_its_own_limit(m: ModuleType) -> None:
+    uneven = VelocityLimits(1.0, -1.0, 1.0, 9.0, ax_max=1.0, ay_max=2.0, az_max=3.0, ax_brake=4.0, ay_brake=5.0)
+    up = m.limit_acceleration(BodyVelocity(), BodyVelocity(1, 1, 1), uneven, 0.1)
+    assert np.allclose([up.vx, up.vy, up.wz], [0.1, 0.2, 0.3])
+    down = m.limit_acceleration(BodyVelocity(1, 1, 1), BodyVelocity(), uneven, 0.1)
+    assert np.allclose([down.vx, down.vy, down.wz], [0.6, 0.5, 0.7])
+
+
+def numbers_are_told_from_nonsense(m: ModuleType) -> None:
+    for bad in (math.nan, math.inf, -math.inf):
+        for axis in range(3):
+            assert not m.is_finite(BodyVelocity(*(bad if i == axis else 0.1 for i in range(3))))
+    assert m.is_finite(BodyVelocity(0.1, 0.2, 0.3))
+    assert m.is_still(BodyVelocity())
+    for axis in range(3):
+        assert not m.is_still(BodyVelocity(*(0.1 if i == axis else 0.0 for i in range(3))))
+    assert m.scaled(BodyVelocity(0.2, 0.4, -0.6), 0.5) == BodyVelocity(0.1, 0.2, -0.3)
+
+
+# selection.py
+
+
+def priorities_and_timeouts_choose(m: ModuleType) -> None:
+    sources = (VelocitySource("navigation", 10, 0.3), VelocitySource("teleop", 100, 0.4))
+    s = m.SourceSelector(sources)
+    nav, tele = BodyVelocity(0.1), BodyVelocity(0.2)
+    assert s.select(0) is None
+    assert s.take("navigation", m.VelocityRequest(1000, nav))
+    assert s.select(1000) == ("navigation", nav)
+    assert s.take("teleop", m.VelocityRequest(1000, tele))
+    assert s.select(1000) == ("teleop", tele)
+    assert s.select(1000 + 300_000_000) == ("teleop", tele)
+    assert s.select(1000 + 400_000_000) == ("teleop", tele)
+    assert s.take("navigation", m.VelocityRequest(1000 + 390_000_000, nav))
+    assert s.select(1000 + 400_000_001) == ("navigation", nav)
+    assert s.select(1000 + 690_000_000) == ("navigation", nav)
+    assert s.select(1000 + 690_000_001) is None
+    assert s.names == ("teleop", "navigation")
+
+
+def old_requests_are_void(m: ModuleType) -> None:
+    s = m.SourceSelector(GateConfig().sources)
+    assert s.take("teleop", m.VelocityRequest(2000, BodyVelocity(0.1)))
+    assert not s.take("teleop", m.VelocityRequest(1999, BodyVelocity(0.2)))
+    assert s.select(2000) == ("teleop", BodyVelocity(0.1))
+    assert s.take("teleop", m.VelocityRequest(2000, BodyVelocity(0.3)))
+    s.void(3000)
+    assert s.select(3000) is None
+    assert not s.take("teleop", m.VelocityRequest(2999, BodyVelocity(0.2)))
+    assert s.select(3000) is None
+    assert s.take("teleop", m.VelocityRequest(3000, BodyVelocity(0.2)))
+    try:
+        s.take("nobody", m.VelocityRequest(4000, BodyVelocity()))
+    except KeyError:
+        return
+    raise AssertionError("an unknown source was accepted")
+
+
+# stops.py
+
+
+def stops_stay_until_every_cause_is_gone(m: ModuleType) -> None:
+    latch = m.StopLatch()
+    assert not latch.is_set
+    assert not latch.is_stopped
+    assert not latch.is_faulty
+    latch.fault("F: first")
+    latch.fault("G: second")
+    assert latch.is_faulty
+    assert latch.is_set
+    assert not latch.is_stopped
+    assert latch.reason == "F: first"
+    latch.stop("page", "pressed")
+    latch.stop("page", "again")
+    latch.hold("bumper", "")
+    assert latch.is_stopped
+    assert latch.reason == "page: pressed; bumper"
+    is_done, text = latch.reset()
+    assert not is_done
+    assert "bumper" in text
+    assert latch.is_stopped
+    latch.release("bumper")
+    assert latch.is_stopped
+    assert latch.reset()[0]
+    assert not latch.is_set
+    assert latch.reason == ""
+
+
+# protective_stop.py
+
+
+def a_protective_stop_holds_frees_and_resumes(m: ModuleType) -> None:
+    ahead, back, spin = BodyVelocity(0.5), BodyVelocity(-0.2), BodyVelocity(0.0, 0.0, 0.5)
+    stop = m.ProtectiveStop(0.1, 0.3, 2.0)
+    assert not stop.update(0, ahead, 0.1, ahead, 0.1)
+    assert stop.update(0, ahead, 0.099, ahead, 0.099)
+    assert stop.blocked == ahead
+    assert stop.update(10**9, ahead, 1.0, ahead, 0.29)
+    assert not stop.update(2 * 10**9, back, 1.0, back, 1.0), "a motion that leads away must pass at once"
+    assert not stop.update(2 * 10**9, spin, 1.0, spin, 1.0)
+    assert stop.update(2 * 10**9, back, 0.99, back, 0.99), "one that is not free itself must wait"
+    assert stop.update(2 * 10**9, BodyVelocity(), 1.0, BodyVelocity(), 0.2)
+    assert stop.update(3 * 10**9, ahead, 1.0, ahead, 0.3)
+    assert stop.update(4 * 10**9, ahead, 1.0, ahead, 0.29)
+    assert stop.update(5 * 10**9, ahead, 1.0, ahead, 0.3)
+    assert stop.update(7 * 10**9 - 1, ahead, 1.0, ahead, 0.3)
+    assert not stop.update(7 * 10**9, ahead, 1.0, ahead, 0.3)
+    assert not stop.update(7 * 10**9 + 1, ahead, 1.0, ahead, 0.2)
+    braking = m.ProtectiveStop(0.1, 0.3, 2.0)
+    assert braking.update(0, ahead, 0.0, BodyVelocity(), 1.0)
+    assert braking.blocked == ahead
+    braking.reset()
+    assert braking.blocked == BodyVelocity()
+    assert not braking.update(0, ahead, 1.0, ahead, 0.2)
+
+
+def leading_away_means_no_component_along(m: ModuleType) -> None:
+    ahead = BodyVelocity(0.5, 0.0, 0.2)
+    assert m.leads_away(BodyVelocity(-0.1), ahead)
+    assert m.leads_away(BodyVelocity(0.0, 0.3), ahead)
+    assert m.leads_away(BodyVelocity(0.0, 0.0, -0.3), ahead)
+    assert not m.leads_away(BodyVelocity(0.0, 0.0, 0.3), ahead)
+    assert not m.leads_away(BodyVelocity(0.1, 0.0, -0.3), ahead)
+    assert not m.leads_away(BodyVelocity(-0.1, 0.4), BodyVelocity(0.4, 0.4))
+    assert m.leads_away(BodyVelocity(-0.4, 0.1), BodyVelocity(0.4, 0.4))
+
+
+# field.py
+
+
+def the_field_grows_with_the_speed(m: ModuleType) -> None:
+    last = -1.0
+    for vx in np.linspace(0.0, 0.8, 33):
+        v = BodyVelocity(float(vx))
+        reach = float(vx) * m.stopping_time(1.0, 0.2, m.braking_time(v, LIMITS))
+        assert math.isclose(reach, vx * 0.2 + vx * vx / (2 * LIMITS.ax_brake), abs_tol=1e-12)
+        assert reach >= last
+        last = reach
+    assert math.isclose(m.braking_time(BodyVelocity(-0.3, 0.4, 0.5), LIMITS), max(0.2, 0.4 / 1.5, 0.2))
+    assert math.isclose(m.braking_time(BodyVelocity(0.0, 0.1, 1.0), LIMITS), 0.4)
+    assert math.isclose(m.braking_time(BodyVelocity(-0.3), LIMITS), 0.2)
+    assert math.isclose(m.stopping_time(0.5, 0.2, 0.4), 0.15)
+
+
+def the_safe_speed_just_stops(m: ModuleType) -> None:
+    for reaction in (0.0, 0.1, 0.3):
+        for braking in (0.0, 0.2, 1.0):
+            full = m.stopping_time(1.0, reaction, braking)
+            last = 0.0
+            for contact in np.linspace(0.0, full * 0.999, 20):
+                s = m.safe_scale(float(contact), reaction, braking)
+                assert last <= s <= 1.0
+                last = s
+                if full > 0.0:
+                    assert math.isclose(m.stopping_time(s, reaction, braking), contact, abs_tol=1e-9)
+            assert m.safe_scale(full, reaction, braking) == 1.0
+            assert m.safe_scale(math.inf, reaction, braking) == 1.0
+
+
+def the_field_looks_only_where_the_motion_leads(m: ModuleType) -> None:
+    field = m.ProtectiveField(BOX, 0.2, 0.03, 2, 0.05)
+    ahead, back, left = BodyVelocity(0.5), BodyVelocity(-0.3), BodyVelocity(0.0, 0.3)
+    near = cluster(0.42, 0.0)
+    assert field.free_scale(ahead, near) < 0.01
+    assert field.free_scale(back, near) == 1.0
+    assert field.free_scale(left, near) == 1.0
+    assert field.free_scale(BodyVelocity(), near) == 1.0
+    assert field.free_scale(BodyVelocity(0.0, 0.0, 1.0), cluster(0.3, 0.25)) < 0.5
+    assert field.free_scale(BodyVelocity(0.0, 0.0, -1.0), cluster(-0.3, 0.25)) < 0.5
+    assert field.free_scale(BodyVelocity(0.0, 0.0, 1.0), cluster(0.5, 0.0)) == 1.0
+    inside = cluster(0.38, 0.0)
+    assert field.free_scale(ahead, inside) < 0.01
+    assert field.free_scale(back, inside) == 1.0
+    assert field.free_scale(ahead, cluster(0.2, 0.0)) == 1.0, "deep inside is the robot itself"
+    assert field.free_scale(ahead, near[:1]) == 1.0, "one point alone is noise"
+    assert field.free_scale(ahead, near[:2]) < 0.01
+    assert field.free_scale(ahead, np.empty((0, 2))) == 1.0
+
+
+def the_field_is_as_long_as_the_way_to_stop(m: ModuleType) -> None:
+    field = m.ProtectiveField(BOX, 0.2, 0.03, 2, 0.05)
+    for v in (0.1, 0.4, 0.8):
+        way = v * 0.2 + v * v / (2 * LIMITS.ax_brake)
+        front = 0.4 + 0.03 + way
+        assert field.free_scale(BodyVelocity(v), cluster(front + 0.001, 0.0)) == 1.0
+        assert field.free_scale(BodyVelocity(v), cluster(front - 0.025, 0.0)) < 1.0
+    last = -1.0
+    for x in np.linspace(0.4, 1.2, 60):
+        scale = field.free_scale(BodyVelocity(0.8), cluster(float(x), 0.1))
+        assert scale >= last - 1e-12
+        last = scale
+    assert last == 1.0
+
+
+# gate.py
+
+
+def it_starts_paused_and_moves_only_when_armed(m: ModuleType) -> None:
+    b = Bench(m, is_armed=False)
+    assert is_zero(b.tick(20, (0.5, 0, 0)))
+    assert b.log[-1].state == GateState.PAUSED
+    assert b.gate.arm(b.now_ns)[0]
+    assert is_zero(b.tick()), "a request from before arming is void"
+    step = b.tick(100, (0.5, 0.0, 0.0))
+    assert step.velocity == BodyVelocity(0.5)
+    assert step.state == GateState.ARMED
+    assert step.source == "navigation"
+    assert step.reason == ""
+    b.gate.pause(b.now_ns, "PAUSED: test")
+    step = b.tick(1, (0.5, 0.0, 0.0))
+    assert 0.0 < step.velocity.vx < 0.5
+    assert step.state == GateState.PAUSED
+    assert is_zero(b.tick(20, (0.5, 0.0, 0.0)))
+
+
+def arming_twice_changes_nothing(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(50, (0.5, 0.0, 0.0))
+    assert b.gate.arm(b.now_ns + 5)[0]
+    assert b.tick().velocity == BodyVelocity(0.5)
+
+
+def output_respects_all_limits(m: ModuleType) -> None:
+    rng = random.Random(7)
+    b = Bench(m)
+    last = BodyVelocity()
+    for _ in range(400):
+        ask = None if rng.random() < 0.2 else tuple(rng.uniform(-4, 4) for _ in range(3))
+        v = b.tick(1, ask).velocity
+        assert LIMITS.vx_min - 1e-9 <= v.vx <= LIMITS.vx_max + 1e-9
+        assert abs(v.vy) <= LIMITS.vy_max + 1e-9
+        assert abs(v.wz) <= LIMITS.wz_max + 1e-9
+        assert abs(v.vx - last.vx) <= 1.5 * 0.02 + 1e-9
+        assert abs(v.vx) - abs(last.vx) <= 1.0 * 0.02 + 1e-9
+        assert abs(v.wz - last.wz) <= 2.5 * 0.02 + 1e-9
+        last = v
+
+
+def a_long_step_uses_little_acceleration(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(5, (0.0, 0.0, 0.0))
+    b.now_ns += 180_000_000
+    assert b.tick(1, (0.8, 0.0, 0.0)).velocity.vx <= 0.05 + 1e-9
+
+
+def sources_run_out(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(60, (0.8, 0.0, 0.0))
+    assert b.tick(15).velocity == BodyVelocity(0.8)
+    assert b.tick(1).velocity.vx < 0.8
+    last = b.tick(40)
+    assert is_zero(last)
+    assert last.state == GateState.ARMED
+    assert last.reason.startswith("IDLE")
+    b.tick(30, (0.2, 0.0, 0.0), "teleop")
+    assert b.tick(1, (0.8, 0.0, 0.0)).source == "teleop"
+
+
+def nonsense_stops_for_good(m: ModuleType) -> None:
+    for bad in (math.nan, math.inf, -math.inf):
+        for axis in range(3):
+            b = Bench(m)
+            b.tick(50, (0.5, 0.0, 0.0))
+            b.ask(*(bad if i == axis else 0.1 for i in range(3)))
+            step = b.tick(1, (0.5, 0.0, 0.0))
+            assert is_zero(step)
+            assert step.state == GateState.FAULT
+            assert "NOT_FINITE" in step.reason
+            assert is_zero(b.tick(200, (0.5, 0.0, 0.0)))
+            assert not b.gate.arm(b.now_ns)[0]
+            assert b.gate.reset(b.now_ns)[0]
+            assert is_zero(b.tick(20, (0.5, 0.0, 0.0)))
+            assert b.log[-1].state == GateState.PAUSED
+            assert b.gate.arm(b.now_ns)[0]
+            assert b.tick(60, (0.5, 0.0, 0.0)).velocity == BodyVelocity(0.5)
+
+
+def odd_stamps_are_refused(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(50, (0.5, 0.0, 0.0))
+    b.ask(0.5, age=-0.09)
+    assert b.tick().state == GateState.ARMED
+    b.ask(0.5, age=-0.11)
+    assert b.tick().state == GateState.FAULT
+    b = Bench(m)
+    b.gate.update_odometry(b.now_ns, SE2(math.nan, 0.0, 0.0))
+    assert b.tick().state == GateState.FAULT
+    b = Bench(m)
+    b.tick(50, (0.5, 0.0, 0.0))
+    b.now_ns -= 2 * TICK_NS
+    step = b.tick(1, (0.5, 0.0, 0.0))
+    assert is_zero(step)
+    assert step.state == GateState.EMERGENCY_STOP
+    assert "CLOCK_JUMP" in step.reason
+
+
+def an_emergency_stop_is_latched(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(60, (0.8, 0.0, 0.0))
+    b.gate.emergency_stop(b.now_ns, "page", "pressed")
+    step = b.tick(1, (0.8, 0.0, 0.0))
+    assert is_zero(step), "an emergency stop does not ramp"
+    assert step.state == GateState.EMERGENCY_STOP
+    assert not b.gate.arm(b.now_ns)[0]
+    assert is_zero(b.tick(200, (0.8, 0.0, 0.0)))
+    b.gate.hold_stop(b.now_ns, "bumper", "pressed in")
+    assert not b.gate.reset(b.now_ns)[0]
+    assert b.tick().state == GateState.EMERGENCY_STOP
+    b.gate.release_stop("bumper")
+    assert b.tick().state == GateState.EMERGENCY_STOP
+    assert b.gate.reset(b.now_ns)[0]
+    step = b.tick(50, (0.8, 0.0, 0.0))
+    assert is_zero(step)
+    assert step.state == GateState.PAUSED
+    b.gate.arm(b.now_ns)
+    assert b.tick(60, (0.8, 0.0, 0.0)).velocity == BodyVelocity(0.8)
+
+
+def stale_input_stops(m: ModuleType) -> None:
+    for name in ("has_points", "has_odometry"):
+        b = Bench(m)
+        b.tick(60, (0.8, 0.0, 0.0))
+        setattr(b, name, False)
+        timeout = 25 if name == "has_points" else 15
+        step = b.tick(timeout, (0.8, 0.0, 0.0))
+        assert step.velocity == BodyVelocity(0.8)
+        step = b.tick(1, (0.8, 0.0, 0.0))
+        assert step.state == GateState.FAULT
+        assert "STALE" in step.reason
+        assert 0.0 < step.velocity.vx < 0.8
+        assert is_zero(b.tick(30, (0.8, 0.0, 0.0)))
+        setattr(b, name, True)
+        step = b.tick(24, (0.8, 0.0, 0.0))
+        assert is_zero(step), "it waits until the input has been fresh for a while"
+        assert b.tick(10, (0.8, 0.0, 0.0)).velocity.vx > 0.0
+    for name in ("has_points", "has_odometry"):
+        b = Bench(m)
+        setattr(b, name, False)
+        assert is_zero(b.tick(30, (0.5, 0.0, 0.0))), "never seen is as bad as old"
+    b = Bench(m)
+    b.gate.update_points("roof", b.now_ns, b.points, b.pose)
+    assert "roof" in b.tick(30, (0.5, 0.0, 0.0)).reason
+
+
+def input_from_the_future_is_stale(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(10)
+    b.has_points = False
+    b.gate.update_points("laser", b.now_ns + 10**12, b.points, b.pose)
+    assert b.tick().state == GateState.FAULT
+
+
+def a_starved_gate_stops(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(60, (0.5, 0.0, 0.0))
+    b.now_ns += 230_000_000
+    assert b.tick(1, (0.5, 0.0, 0.0)).state == GateState.ARMED
+    b.now_ns += 240_000_000
+    step = b.tick(1, (0.5, 0.0, 0.0))
+    assert step.state == GateState.FAULT
+    assert "STARVED" in step.reason
+    assert b.tick(40, (0.5, 0.0, 0.0)).state == GateState.ARMED
+
+
+def it_never_touches_a_wall(m: ModuleType) -> None:
+    for ask in ((0.8, 0.0, 0.0), (0.5, 0.1, 0.0), (0.5, 0.0, -0.2)):
+        b = Bench(m)
+        wall = wall_ahead(1.2)
+        for _ in range(150):
+            b.points = b.pose.inverse().transform(wall)
+            b.tick(1, ask)
+            near = b.pose.inverse().transform(wall)
+            outside = np.maximum(np.abs(near[:, 0]) - 0.4, np.abs(near[:, 1]) - 0.2)
+            assert outside.min() > TOUCH
+        assert b.pose.distance_to(SE2()) > 0.5
+        assert any(s.state == GateState.PROTECTIVE_STOP for s in b.log)
+
+
+def it_brakes_gently_and_backs_off_at_once(m: ModuleType) -> None:
+    b = Bench(m)
+    wall = wall_ahead(1.8)
+    while b.now_ns < 5_000_000_000:
+        b.points = b.pose.inverse().transform(wall)
+        b.tick(1, (0.8, 0.0, 0.0))
+        if b.log[-1].state == GateState.PROTECTIVE_STOP:
+            break
+    speeds = [s.velocity.vx for s in b.log]
+    assert max(speeds) > 0.7
+    assert min(b - a for a, b in itertools.pairwise(speeds)) > -0.1
+    assert any(s.reason.startswith("SLOWED") for s in b.log)
+    assert 1.8 - 0.4 - b.pose.x < 0.06
+    b.points = b.pose.inverse().transform(wall)
+    step = b.tick(1, (-0.2, 0.0, 0.0))
+    assert step.velocity.vx < 0.0, "backing off is free at once"
+    assert step.state == GateState.ARMED
+
+
+def it_resumes_after_a_while(m: ModuleType) -> None:
+    b = Bench(m)
+    b.points = cluster(0.42, 0.0)
+    assert b.tick(5, (0.5, 0.0, 0.0)).state == GateState.PROTECTIVE_STOP
+    b.points = np.array([[50.0, 0.0]])
+    assert is_zero(b.tick(100, (0.5, 0.0, 0.0)))
+    assert b.tick(2, (0.5, 0.0, 0.0)).velocity.vx > 0.0
+    b = Bench(m)
+    b.points = cluster(0.42, 0.0)
+    b.tick(5, (0.5, 0.0, 0.0))
+    assert b.tick(150).state == GateState.PROTECTIVE_STOP, "asking for nothing does not clear the field"
+    b.points = np.array([[50.0, 0.0]])
+    assert b.tick(105).state == GateState.ARMED
+
+
+def points_move_with_the_odometry(m: ModuleType) -> None:
+    b = Bench(m)
+    b.points = cluster(1.0, 0.0)
+    b.tick(1)
+    b.has_points = False
+    b.pose = SE2(0.57, 0.0, 0.0)
+    b.tick(20, (0.0, 0.0, 0.0))
+    assert b.tick(1, (0.5, 0.0, 0.0)).state == GateState.PROTECTIVE_STOP
+
+
+CHECKS = {
+    "limits": (
+        speeds_are_limited_on_the_same_arc,
+        a_missing_axis_is_left_out,
+        accelerations_are_limited,
+        every_axis_has_its_own_limit,
+        numbers_are_told_from_nonsense,
+    ),
+    "selection": (priorities_and_timeouts_choose, old_requests_are_void),
+    "stops": (stops_stay_until_every_cause_is_gone,),
+    "protective_stop": (a_protective_stop_holds_frees_and_resumes, leading_away_means_no_component_along),
+    "field": (
+        the_field_grows_with_the_speed,
+        the_safe_speed_just_stops,
+        the_field_looks_only_where_the_motion_leads,
+        the_field_is_as_long_as_the_way_to_stop,
+    ),
+    "gate": (
+        it_starts_paused_and_moves_only_when_armed,
+        arming_twice_changes_nothing,
+        output_respects_all_limits,
+        a_long_step_uses_little_acceleration,
+        sources_run_out,
+        nonsense_stops_for_good,
+        odd_stamps_are_refused,
+        an_emergency_stop_is_latched,
+        stale_input_stops,
+        input_from_the_future_is_stale,
+        a_starved_gate_stops,
+        it_never_touches_a_wall,
+        it_brakes_gently_and_backs_off_at_once,
+        it_resumes_after_a_while,
+        points_move_with_the_odometry,
+    ),
+}
