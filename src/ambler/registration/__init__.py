@@ -1,1 +1,1 @@
-"""Room."""
+"""Scan matchers that several rooms share, and the planar scan they take."""

@@ -1,0 +1,100 @@
+"""A probability grid that grows as scans reach beyond its border."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.grids.probability import update_table
+from ambler.kernels import submap as kernels
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class InsertionConfig:
+    """Probabilities of an observed return and of an observed free cell."""
+
+    resolution: float = 0.05
+    p_hit: float = 0.55
+    p_miss: float = 0.49
+    initial_size: float = 20.0
+
+
+class Inserter:
+    """Holds the update tables and scratch memory of scan insertion; one serves many grids."""
+
+    def __init__(self, config: InsertionConfig) -> None:
+        self.config = config
+        self._hit = update_table(config.p_hit)
+        self._miss = update_table(config.p_miss)
+        self._touched = np.empty(0, np.int64)
+
+    def insert(self, grid: ProbabilityGrid, origin: NDArray[np.float64], points: F32, free_points: F32) -> int:
+        """Insert a scan seen from `origin` (2,); points and free ends float32 (N, 2), all in the grid's frame.
+
+        Returns how many cells changed.
+        """
+        grid.grow_to(origin[None], points, free_points)
+        if len(self._touched) < grid.cells.size:
+            self._touched = np.empty(grid.cells.size, np.int64)
+        return int(
+            kernels.insert_scan(
+                grid.cells, origin, points, free_points, grid.frame, self._hit, self._miss, self._touched
+            )
+        )
+
+
+class ProbabilityGrid:
+    """Cells uint16 [iy, ix] (see `grids.probability`) and where they lie; the lattice contains the frame's origin."""
+
+    def __init__(self, resolution: float, center: tuple[float, float], size: float) -> None:
+        n = max(8, math.ceil(size / resolution))
+        corner = [(math.floor(c / resolution) - n // 2) * resolution for c in center]
+        self.cells = np.zeros((n, n), np.uint16)
+        self.frame = np.array([resolution, corner[0], corner[1]])
+
+    @property
+    def spec(self) -> GridSpec:
+        """The geometry in the grid's own frame."""
+        h, w = self.cells.shape
+        return GridSpec(float(self.frame[0]), w, h, float(self.frame[1]), float(self.frame[2]))
+
+    def grow_to(self, *point_sets: NDArray[np.floating]) -> None:
+        """Enlarge the grid, by a quarter of its size at least, until it contains all points (N, 2) with a margin."""
+        low = np.array([np.inf, np.inf])
+        high = -low
+        for points in point_sets:
+            if len(points):
+                low = np.minimum(low, points.min(axis=0))
+                high = np.maximum(high, points.max(axis=0))
+        if not np.isfinite(low).all():
+            return
+        resolution, (h, w) = float(self.frame[0]), self.cells.shape
+        first = np.floor((low - self.frame[1:]) / resolution).astype(int) - 4
+        last = np.floor((high - self.frame[1:]) / resolution).astype(int) + 4
+        left, down = (max(0, -int(f)) for f in first)
+        right, up = max(0, int(last[0]) - w + 1), max(0, int(last[1]) - h + 1)
+        if not (left or down or right or up):
+            return
+        left, right = (max(k, w // 4) if k else 0 for k in (left, right))
+        down, up = (max(k, h // 4) if k else 0 for k in (down, up))
+        self.cells = np.pad(self.cells, ((down, up), (left, right)))
+        self.frame = np.array([resolution, self.frame[1] - left * resolution, self.frame[2] - down * resolution])
+
+    def crop(self, margin: int = 2) -> None:
+        """Shrink to the known cells and a margin of unknown ones; an empty grid stays as it is."""
+        box = np.empty(4, np.int64)
+        kernels.known_box(self.cells, box)
+        y0, y1, x0, x1 = (int(v) for v in box)
+        if y0 > y1:
+            return
+        resolution = float(self.frame[0])
+        self.cells = np.pad(self.cells[y0 : y1 + 1, x0 : x1 + 1], margin)
+        self.frame = np.array(
+            [resolution, self.frame[1] + (x0 - margin) * resolution, self.frame[2] + (y0 - margin) * resolution]
+        )

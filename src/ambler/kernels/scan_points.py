@@ -1,0 +1,200 @@
+"""Kernels from ranges and clouds to planar points: motion compensation, height band, voxel filters.
+
+A point measured at `t` seconds after the reference instant moves with the base: p_ref = exp(twist * t) * base_from_sensor * p,
+where `twist` (vx, vy, wz) is constant in the base frame over the scan. Matrices are the upper (3, 4) of a homogeneous transform.
+"""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+
+@jit
+def carry(x, y, t, twist):
+    """Return (x, y) of a point known in the base frame of time t, in the base frame of time 0."""
+    w = twist[2] * t
+    vx, vy = twist[0] * t, twist[1] * t
+    if abs(w) < 1e-9:
+        return x + vx, y + vy
+    c, s = math.cos(w), math.sin(w)
+    a, b = s / w, (1.0 - c) / w
+    return c * x - s * y + a * vx - b * vy, s * x + c * y + b * vx + a * vy
+
+
+@jit
+def beams_to_points(ranges, beam, limits, base_from_sensor, twist, points, free_points, counts):
+    """Split a laser scan into returns and free ends, both in the base frame of the scan's stamp.
+
+    `beam` (angle_min, angle_increment, time_increment); `limits` (range_min, range_max, free_length). NaN and too short
+    ranges are dropped; ranges beyond range_max (and +inf) become free ends at free_length. `points`, `free_points` float32 (N, 2),
+    `counts` int64 (2,) how many of each were written.
+    """
+    n_hit = 0
+    n_free = 0
+    m = base_from_sensor
+    for i in range(ranges.shape[0]):
+        r = float(ranges[i])
+        if math.isnan(r) or r < limits[0]:
+            continue
+        is_free = r > limits[1]
+        if is_free:
+            r = limits[2]
+        a = beam[0] + i * beam[1]
+        sx, sy = r * math.cos(a), r * math.sin(a)
+        x, y = carry(m[0, 0] * sx + m[0, 1] * sy + m[0, 3], m[1, 0] * sx + m[1, 1] * sy + m[1, 3], i * beam[2], twist)
+        if is_free:
+            free_points[n_free, 0] = x
+            free_points[n_free, 1] = y
+            n_free += 1
+        else:
+            points[n_hit, 0] = x
+            points[n_hit, 1] = y
+            n_hit += 1
+    counts[0] = n_hit
+    counts[1] = n_free
+
+
+@jit
+def cloud_to_points(cloud, times, base_from_sensor, twist, band, limits, nearest, reach, points, free_points, counts):
+    """Flatten a cloud: per azimuth bin the nearest return inside the height band, else how far the bin is seen to be free.
+
+    `cloud` float32 (N, 3) in the sensor frame, `times` float32 (N,) s after the stamp, `base_from_sensor` float64 (3, 4),
+    `band` (z_min, z_max) above the base origin's ground, `limits` (range_min, range_max, free_length) of planar distance from
+    the sensor. A return above or below the band proves its ray free while the ray is inside the band. `nearest` and `reach`
+    float64 (B, 3) are scratch: planar distance, x, y per bin. Outputs as in `beams_to_points`.
+    """
+    bins = nearest.shape[0]
+    m = base_from_sensor
+    ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
+    for b in range(bins):
+        nearest[b, 0] = math.inf
+        reach[b, 0] = 0.0
+    for i in range(cloud.shape[0]):
+        px, py, pz = float(cloud[i, 0]), float(cloud[i, 1]), float(cloud[i, 2])
+        bx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + ox
+        by = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + oy
+        z = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + oz
+        dx, dy = bx - ox, by - oy
+        d = math.hypot(dx, dy)
+        if not d >= limits[0]:
+            continue
+        b = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * bins)
+        b = min(max(b, 0), bins - 1)
+        length = d
+        is_obstacle = False
+        if z < band[0]:
+            length = d * (oz - band[0]) / (oz - z) if oz > band[0] else 0.0
+        elif z > band[1]:
+            length = d * (band[1] - oz) / (z - oz) if oz < band[1] else 0.0
+        else:
+            is_obstacle = d <= limits[1]
+        if is_obstacle:
+            if d < nearest[b, 0]:
+                x, y = carry(bx, by, float(times[i]), twist)
+                nearest[b, 0], nearest[b, 1], nearest[b, 2] = d, x, y
+        else:
+            length = min(length, limits[2])
+            if length > reach[b, 0]:
+                x, y = carry(ox + dx * length / d, oy + dy * length / d, float(times[i]), twist)
+                reach[b, 0], reach[b, 1], reach[b, 2] = length, x, y
+    n_hit = 0
+    n_free = 0
+    for b in range(bins):
+        if nearest[b, 0] < math.inf:
+            points[n_hit, 0] = nearest[b, 1]
+            points[n_hit, 1] = nearest[b, 2]
+            n_hit += 1
+        elif reach[b, 0] > limits[0]:
+            free_points[n_free, 0] = reach[b, 1]
+            free_points[n_free, 1] = reach[b, 2]
+            n_free += 1
+    counts[0] = n_hit
+    counts[1] = n_free
+
+
+@jit
+def voxel_filter(points, size, table, out):
+    """Keep the first point of every square voxel; returns how many were written to `out`.
+
+    `points`, `out` float32 (N, 2); `table` int64, a power of two of at least 2 N entries, scratch.
+    """
+    mask = table.shape[0] - 1
+    for k in range(table.shape[0]):
+        table[k] = -1
+    n = 0
+    for i in range(points.shape[0]):
+        kx = int(math.floor(points[i, 0] / size)) + 1048576
+        ky = int(math.floor(points[i, 1] / size)) + 1048576
+        key = (kx << 21) | ky
+        h = key ^ (key >> 17)
+        h = (h * 0x9E3779B1) & 0x7FFFFFFFFFFF
+        h = (h ^ (h >> 23)) & mask
+        while table[h] != -1 and table[h] != key:
+            h = (h + 1) & mask
+        if table[h] == -1:
+            table[h] = key
+            out[n, 0] = points[i, 0]
+            out[n, 1] = points[i, 1]
+            n += 1
+    return n
+
+
+@jit
+def adaptive_voxel_filter(points, max_size, min_points, table, out):
+    """Filter with the largest voxel that keeps at least `min_points`; returns how many were written to `out`.
+
+    Halving, then bisection to 10 % (Cartographer's adaptive voxel filter).
+    """
+    n_all = points.shape[0]
+    if n_all <= min_points:
+        for i in range(n_all):
+            out[i, 0] = points[i, 0]
+            out[i, 1] = points[i, 1]
+        return n_all
+    n = voxel_filter(points, max_size, table, out)
+    if n >= min_points:
+        return n
+    high = max_size
+    low = max_size * 0.5
+    while low > 0.01 * max_size:
+        n = voxel_filter(points, low, table, out)
+        if n >= min_points:
+            break
+        high = low
+        low *= 0.5
+    while n >= min_points and (high - low) / low > 0.1:
+        middle = 0.5 * (low + high)
+        if voxel_filter(points, middle, table, out) >= min_points:
+            low = middle
+        else:
+            high = middle
+    return voxel_filter(points, low, table, out)
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module with its real types."""
+    points = np.zeros((4, 2), np.float32)
+    out = np.zeros((4, 2), np.float32)
+    counts = np.zeros(2, np.int64)
+    eye = np.ascontiguousarray(np.eye(4)[:3])
+    three = np.ones(3)
+    beams_to_points(np.ones(4, np.float32), three, three, eye, three, points, out, counts)
+    scratch = np.zeros((8, 3))
+    cloud_to_points(
+        np.ones((4, 3), np.float32),
+        np.zeros(4, np.float32),
+        eye,
+        three,
+        np.zeros(2),
+        three,
+        scratch,
+        scratch.copy(),
+        np.zeros((8, 2), np.float32),
+        np.zeros((8, 2), np.float32),
+        counts,
+    )
+    table = np.zeros(16, np.int64)
+    voxel_filter(points, 0.1, table, out)
+    adaptive_voxel_filter(points, 0.5, 2, table, out)

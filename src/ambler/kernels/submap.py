@@ -1,0 +1,164 @@
+"""Kernels on probability grids: scan insertion and the composition of the global map.
+
+A cell is a uint16: 0 unknown, 1 ... 32767 a probability of 0.1 ... 0.9; bit 15 marks "already updated by this scan"
+(after Cartographer's probability grid). Hits are applied first, then misses along the rays; a cell changes once per scan.
+"""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+MARK = np.uint16(32768)
+VALUE = np.uint16(32767)
+
+
+@jit
+def _update(cells, iy, ix, table, touched, n):
+    value = cells[iy, ix]
+    if value & MARK:
+        return n
+    cells[iy, ix] = table[value] | MARK
+    touched[n] = iy * cells.shape[1] + ix
+    return n + 1
+
+
+@jit
+def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
+    """Apply a miss to every cell that the segment crosses, the end cell excluded; coordinates in cells."""
+    height, width = cells.shape
+    ix, iy = int(math.floor(x0)), int(math.floor(y0))
+    ex, ey = int(math.floor(x1)), int(math.floor(y1))
+    dx, dy = x1 - x0, y1 - y0
+    step_x = 1 if dx > 0 else -1
+    step_y = 1 if dy > 0 else -1
+    delta_x = abs(1.0 / dx) if dx != 0.0 else 1e30
+    delta_y = abs(1.0 / dy) if dy != 0.0 else 1e30
+    next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * delta_x
+    next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * delta_y
+    for _ in range(abs(ex - ix) + abs(ey - iy)):
+        if 0 <= ix < width and 0 <= iy < height:
+            n = _update(cells, iy, ix, table, touched, n)
+        if next_x < next_y:
+            next_x += delta_x
+            ix += step_x
+        else:
+            next_y += delta_y
+            iy += step_y
+    return n
+
+
+@jit
+def insert_scan(cells, origin, points, free_points, frame, hit_table, miss_table, touched):
+    """Insert one scan into a grid; returns how many cells changed.
+
+    `cells` uint16 (H, W); `origin` float64 (2,) x, y of the sensor in the grid's frame; `points` and `free_points` float32
+    (N, 2) in the grid's frame; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
+    """
+    height, width = cells.shape
+    inverse = 1.0 / frame[0]
+    x0, y0 = (origin[0] - frame[1]) * inverse, (origin[1] - frame[2]) * inverse
+    n = 0
+    for i in range(points.shape[0]):
+        ix = int(math.floor((points[i, 0] - frame[1]) * inverse))
+        iy = int(math.floor((points[i, 1] - frame[2]) * inverse))
+        if 0 <= ix < width and 0 <= iy < height:
+            n = _update(cells, iy, ix, hit_table, touched, n)
+    for i in range(points.shape[0]):
+        x1, y1 = (points[i, 0] - frame[1]) * inverse, (points[i, 1] - frame[2]) * inverse
+        n = _clear_ray(cells, x0, y0, x1, y1, miss_table, touched, n)
+    for i in range(free_points.shape[0]):
+        x1, y1 = (free_points[i, 0] - frame[1]) * inverse, (free_points[i, 1] - frame[2]) * inverse
+        n = _clear_ray(cells, x0, y0, x1, y1, miss_table, touched, n)
+    for k in range(n):
+        iy, ix = touched[k] // width, touched[k] % width
+        cells[iy, ix] = cells[iy, ix] & VALUE
+    return n
+
+
+@jit
+def known_box(cells, box):
+    """Write (row_min, row_max, column_min, column_max) of the known cells into `box` int64 (4,); an empty grid gives row_min > row_max."""
+    height, width = cells.shape
+    box[0], box[1], box[2], box[3] = height, -1, width, -1
+    for iy in range(height):
+        for ix in range(width):
+            if cells[iy, ix] != 0:
+                box[0] = min(box[0], iy)
+                box[1] = max(box[1], iy)
+                box[2] = min(box[2], ix)
+                box[3] = max(box[3], ix)
+
+
+@jit
+def compose(cells, frame, pose, log_odds, target_frame, evidence, known):
+    """Add a submap's log odds to the global grid, each global cell reading the submap cell under its centre.
+
+    `cells` uint16 (h, w) with `frame` (resolution, x, y) in the submap frame; `pose` float64 (3,) map_from_submap;
+    `log_odds` float32 (32768,); `target_frame` (resolution, x, y); `evidence` float32 (H, W), `known` uint8 (H, W).
+    """
+    h, w = cells.shape
+    height, width = evidence.shape
+    res = frame[0]
+    target = target_frame[0]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x_low, y_low = 1e30, 1e30
+    x_high, y_high = -1e30, -1e30
+    for k in range(4):
+        px = frame[1] + (w * res if k & 1 else 0.0)
+        py = frame[2] + (h * res if k & 2 else 0.0)
+        x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+        x_low, x_high = min(x_low, x), max(x_high, x)
+        y_low, y_high = min(y_low, y), max(y_high, y)
+    ix0 = max(0, int(math.floor((x_low - target_frame[1]) / target)))
+    ix1 = min(width, int(math.ceil((x_high - target_frame[1]) / target)) + 1)
+    iy0 = max(0, int(math.floor((y_low - target_frame[2]) / target)))
+    iy1 = min(height, int(math.ceil((y_high - target_frame[2]) / target)) + 1)
+    inverse = 1.0 / res
+    step_x, step_y = c * target * inverse, -s * target * inverse
+    for iy in range(iy0, iy1):
+        gy = target_frame[2] + (iy + 0.5) * target - pose[1]
+        gx = target_frame[1] + (ix0 + 0.5) * target - pose[0]
+        sx = (c * gx + s * gy - frame[1]) * inverse
+        sy = (-s * gx + c * gy - frame[2]) * inverse
+        for ix in range(ix0, ix1):
+            k = ix - ix0
+            fx = sx + k * step_x
+            fy = sy + k * step_y
+            if fx >= 0.0 and fy >= 0.0:
+                jx, jy = int(fx), int(fy)
+                if jx < w and jy < h:
+                    value = cells[jy, jx]
+                    if value != 0:
+                        evidence[iy, ix] += log_odds[value]
+                        known[iy, ix] = 1
+
+
+@jit
+def to_occupancy(evidence, known, free_below, occupied_above, occupancy):
+    """Threshold summed log odds into int8 occupancy: -1 unknown or undecided, 0 free, 100 occupied."""
+    for iy in range(evidence.shape[0]):
+        for ix in range(evidence.shape[1]):
+            if known[iy, ix] == 0:
+                occupancy[iy, ix] = -1
+            elif evidence[iy, ix] > occupied_above:
+                occupancy[iy, ix] = 100
+            elif evidence[iy, ix] < free_below:
+                occupancy[iy, ix] = 0
+            else:
+                occupancy[iy, ix] = -1
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module with its real types."""
+    cells = np.zeros((4, 4), np.uint16)
+    table = np.ones(32768, np.uint16)
+    points = np.ones((1, 2), np.float32)
+    frame = np.array([1.0, 0.0, 0.0])
+    insert_scan(cells, np.zeros(2), points, points, frame, table, table, np.zeros(16, np.int64))
+    known_box(cells, np.zeros(4, np.int64))
+    evidence = np.zeros((4, 4), np.float32)
+    known = np.zeros((4, 4), np.uint8)
+    compose(cells, frame, np.zeros(3), np.zeros(32768, np.float32), frame, evidence, known)
+    to_occupancy(evidence, known, 0.0, 0.0, np.zeros((4, 4), np.int8))

@@ -1,0 +1,171 @@
+"""2-D SLAM on the bus: scans or clouds in; map, map -> odom, pose and health out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ambler.core.messages import (
+    Imu,
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    PointCloud,
+    PoseStamped,
+    SlamHealth,
+    Transforms,
+    TransformStamped,
+)
+from ambler.core.robot import RobotModel
+from ambler.core.se3 import SE3
+from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
+from ambler.registration.planar_scan import PlanarScan
+from ambler.runtime.node import Node
+from ambler.runtime.tasks import SAVE_MAP, Nothing, SaveMapRequest
+from ambler.runtime.topics import (
+    CLOUD,
+    IMU,
+    MAP,
+    MATCHED_SCAN,
+    ODOMETRY,
+    SCAN,
+    SLAM_HEALTH,
+    SLAM_POSE,
+    TRANSFORMS,
+)
+from ambler.slam2d.config import Slam2dConfig
+from ambler.slam2d.slam import Slam2d, Slam2dResult
+from ambler.wire.map_files import save_map
+
+
+@dataclass(frozen=True, slots=True)
+class Slam2dNodeConfig:
+    """`uses_cloud` chooses CLOUD instead of SCAN. `map_period` is how often a changed map is published, `background_duration` the
+    simulated time of one background job."""
+
+    uses_cloud: bool = False
+    planar: PlanarConfig = field(default_factory=PlanarConfig)
+    slam: Slam2dConfig = field(default_factory=Slam2dConfig)
+    map_period: float = 1.0
+    background_duration: float = 1.0
+    publishes_matched_scan: bool = False
+
+
+class Slam2dNode(Node):
+    """Runs `Slam2d` on the robot's scanner."""
+
+    name = "slam2d"
+    inputs = (SCAN, ODOMETRY)
+    optional_inputs = (IMU,)
+    outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
+    serves = (SAVE_MAP,)
+    latency = 0.01
+
+    def __init__(self, robot: RobotModel, config: Slam2dNodeConfig | None = None) -> None:
+        self._robot = robot
+        self._config = config or Slam2dNodeConfig()
+        if self._config.uses_cloud:
+            self.inputs = (CLOUD, ODOMETRY)  # type: ignore[assignment, misc]
+        self.slam = Slam2d(self._config.slam)
+        self._published_version = 0
+        self._tilt = (0.0, 0.0)
+        self._newest_ns = -1
+
+    def start(self) -> None:
+        """Subscribe to the sensors and publish the map when it has changed."""
+        if self._config.uses_cloud:
+            self.ctx.subscribe(CLOUD, self._on_cloud)
+        else:
+            self.ctx.subscribe(SCAN, self._on_scan)
+        self.ctx.subscribe(ODOMETRY, self._on_odometry)
+        self.ctx.subscribe(IMU, self._on_imu)
+        self.ctx.serve(SAVE_MAP, self._save_map)
+        self.ctx.timer(self._config.map_period, self._publish_map)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        w, x, y, z = message.pose.rotation
+        self._tilt = (
+            math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        )
+        self.slam.add_odometry(message.stamp_ns, message.pose.to_se2())
+
+    def _on_imu(self, message: Imu) -> None:
+        turned = self._robot.sensor(message.frame).base_from_sensor.rotate(message.angular_velocity)
+        self.slam.add_imu(message.stamp_ns, turned[2])
+
+    def _on_scan(self, message: LaserScan) -> None:
+        twist = self.slam.twist(message.stamp_ns, scan_duration(message))
+        mount = self._robot.sensor(message.frame).base_from_sensor
+        self._update(scan_to_points(message, mount, twist, self._config.planar))
+
+    def _on_cloud(self, message: PointCloud) -> None:
+        twist = self.slam.twist(message.stamp_ns, scan_duration(message))
+        mount = level(self._robot.sensor(message.frame).base_from_sensor, *self._tilt)
+        self._update(cloud_to_points(message, mount, twist, self._config.planar))
+
+    def _update(self, scan: PlanarScan) -> None:
+        if scan.stamp_ns <= self._newest_ns:
+            self.ctx.log(
+                "SCAN_OUT_OF_ORDER", "a scan is older than the last one and is left out", stamp_ns=scan.stamp_ns
+            )
+            return
+        self._newest_ns = scan.stamp_ns
+        result = self.slam.update(scan)
+        self._publish_result(result)
+        if self._config.publishes_matched_scan:
+            self._publish_scan(scan, result)
+        if self._published_version == 0:
+            self._publish_map()
+        work = self.slam.take_background_work()
+        if work is not None:
+            self.ctx.background(work, self._config.background_duration, self.slam.commit)
+
+    def _publish_result(self, result: Slam2dResult) -> None:
+        stamp = result.stamp_ns
+        edge = TransformStamped(stamp, "map", "odom", SE3.from_se2(result.map_from_odom))
+        self.ctx.publish(TRANSFORMS, Transforms(stamp, (edge,)))
+        self.ctx.publish(SLAM_POSE, PoseStamped(stamp, "map", SE3.from_se2(result.map_from_base)))
+        self.ctx.publish(
+            SLAM_HEALTH,
+            SlamHealth(
+                stamp,
+                result.score,
+                result.inlier_ratio,
+                result.degeneracy,
+                result.covariance,
+                self.slam.submaps,
+                self.slam.nodes,
+                self.slam.loop_closures,
+            ),
+        )
+
+    def _publish_scan(self, scan: PlanarScan, result: Slam2dResult) -> None:
+        n = len(scan.points)
+        points = np.zeros((n, 3), np.float32)
+        points[:, :2] = result.map_from_base.transform(scan.points)
+        zeros = np.zeros(n, np.float32)
+        self.ctx.publish(
+            MATCHED_SCAN, PointCloud(scan.stamp_ns, "map", points, zeros, zeros.copy(), np.zeros(n, np.uint16))
+        )
+
+    def _publish_map(self) -> None:
+        if self.slam.map_version == self._published_version:
+            return
+        self._published_version = self.slam.map_version
+        spec, occupancy = self.slam.render_map()
+        self.ctx.publish(MAP, OccupancyGrid(self._newest_ns, "map", spec, occupancy))
+
+    def _save_map(self, request: SaveMapRequest) -> Nothing:
+        spec, occupancy = self.slam.render_map()
+        save_map(Path(request.stem), spec, occupancy)
+        return Nothing()
+
+
+def cloud_config(slam: Slam2dConfig | None = None) -> Slam2dNodeConfig:
+    """Return the node's configuration for a robot with a 3-D scanner: 10 m range, obstacles between 0.1 and 0.6 m."""
+    planar = PlanarConfig(range_min=0.3, range_max=10.0, free_length=10.0)
+    return replace(Slam2dNodeConfig(), uses_cloud=True, planar=planar, slam=slam or Slam2dConfig())

@@ -1,0 +1,100 @@
+"""Planar scans from laser scans and clouds: motion-compensated to the message's stamp, in the base frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.messages import LaserScan, PointCloud
+from ambler.core.se3 import SE3
+from ambler.kernels import scan_points
+from ambler.registration.planar_scan import PlanarScan
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PlanarConfig:
+    """Which measurements count. Ranges are planar distances from the sensor; a ray without return is free for `free_length` at most;
+    the height band (metres above the base's ground) and the azimuth bins concern clouds only."""
+
+    range_min: float = 0.1
+    range_max: float = 30.0
+    free_length: float = 5.0
+    height_min: float = 0.1
+    height_max: float = 0.6
+    azimuth_bins: int = 1440
+
+
+def _matrix(base_from_sensor: SE3) -> F64:
+    return np.ascontiguousarray(base_from_sensor.matrix()[:3])
+
+
+def scan_to_points(scan: LaserScan, base_from_sensor: SE3, twist: F64, config: PlanarConfig) -> PlanarScan:
+    """Return the returns and free ends of a laser scan; `twist` (vx, vy, wz) is the base's velocity during the scan.
+
+    Beam i was taken at stamp + i * time_increment; everything is moved to the base frame at the stamp.
+    """
+    n = len(scan.ranges)
+    points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
+    counts = np.empty(2, np.int64)
+    far = min(config.range_max, scan.range_max)
+    scan_points.beams_to_points(
+        np.ascontiguousarray(scan.ranges, np.float32),
+        np.array([scan.angle_min, scan.angle_increment, scan.time_increment]),
+        np.array([max(config.range_min, scan.range_min), far, min(config.free_length, far)]),
+        _matrix(base_from_sensor),
+        twist,
+        points,
+        free_points,
+        counts,
+    )
+    origin = base_from_sensor.translation[0], base_from_sensor.translation[1]
+    return PlanarScan(scan.stamp_ns, points[: counts[0]], free_points[: counts[1]], origin)
+
+
+def cloud_to_points(
+    cloud: PointCloud, base_from_sensor: SE3, twist: F64, config: PlanarConfig, height_offset: float = 0.0
+) -> PlanarScan:
+    """Flatten a cloud: per azimuth bin the nearest return of the height band, else how far the bin is proved free.
+
+    Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. `base_from_sensor`
+    should be levelled when the body tilts; `height_offset` is the height of the base origin above the ground.
+    """
+    counts = np.empty(2, np.int64)
+    bins = config.azimuth_bins
+    points, free_points = np.empty((bins, 2), np.float32), np.empty((bins, 2), np.float32)
+    band = np.array([config.height_min - height_offset, config.height_max - height_offset])
+    scan_points.cloud_to_points(
+        np.ascontiguousarray(cloud.points, np.float32),
+        np.ascontiguousarray(cloud.time, np.float32),
+        _matrix(base_from_sensor),
+        twist,
+        band,
+        np.array([config.range_min, config.range_max, min(config.free_length, config.range_max)]),
+        np.empty((bins, 3)),
+        np.empty((bins, 3)),
+        points,
+        free_points,
+        counts,
+    )
+    origin = base_from_sensor.translation[0], base_from_sensor.translation[1]
+    return PlanarScan(cloud.stamp_ns, points[: counts[0]], free_points[: counts[1]], origin)
+
+
+def scan_duration(message: LaserScan | PointCloud) -> float:
+    """Return how long the measurement lasted, seconds."""
+    if isinstance(message, LaserScan):
+        return max(0.0, (len(message.ranges) - 1) * message.time_increment)
+    return float(message.time.max()) if len(message.time) else 0.0
+
+
+def level(base_from_sensor: SE3, roll: float, pitch: float) -> SE3:
+    """Return the sensor's pose in the base frame turned level, for a body that is rolled and pitched by the given angles."""
+    half = math.cos(roll / 2) * math.cos(pitch / 2)
+    if half <= 0.0:
+        return base_from_sensor
+    return SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0) @ base_from_sensor

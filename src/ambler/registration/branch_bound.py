@@ -1,0 +1,52 @@
+"""Branch-and-bound matching of a scan against a finished grid over a large window, for loop closure and relocalization."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.grids.probability_grid import ProbabilityGrid
+from ambler.kernels import branch_bound
+from ambler.registration.correlative import Window, angular_step
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class BranchBoundResult:
+    """Best pose of the window, its score (mean probability) and how many candidates were scored."""
+
+    grid_from_base: SE2
+    score: float
+    scored: int
+
+
+class BranchBoundMatcher:
+    """Searches one finished grid; holds its stack of maxima, about `depth` bytes per cell."""
+
+    def __init__(self, grid: ProbabilityGrid, depth: int = 7) -> None:
+        h, w = grid.cells.shape
+        pad = (1 << (depth - 1)) - 1
+        self.frame = grid.frame.copy()
+        self.depth = depth
+        self.stack = np.empty((depth, h + pad, w + pad), np.uint8)
+        branch_bound.build_stack(grid.cells, self.stack)
+
+    def match(self, points: F32, center: SE2, window: Window, min_score: float) -> BranchBoundResult | None:
+        """Return the best pose (grid_from_base) whose mean probability exceeds `min_score`, or None; points (N, 2) in the base frame."""
+        resolution = float(self.frame[0])
+        step = angular_step(points, resolution, 0.8)
+        half = math.ceil(window.linear / resolution)
+        top = min(self.depth - 1, max(0, half.bit_length() - 2))
+        search = np.array([half, math.ceil(window.angular / step), step, top])
+        min_sum = math.floor((min_score - 0.1) / 0.8 * 255.0 * len(points))
+        best = np.empty(4)
+        scored = int(branch_bound.search(self.stack, self.frame, points, center.as_array(), search, min_sum, best))
+        if best[3] < 0.0:
+            return None
+        score = 0.1 + 0.8 * float(best[3]) / (255.0 * len(points))
+        return BranchBoundResult(SE2.from_array(best[:3]), score, scored)

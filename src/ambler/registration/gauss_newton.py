@@ -1,0 +1,66 @@
+"""Refinement of a pose on the bicubic surface of a probability grid (after Cartographer's scan matcher), with its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.grids.probability_grid import ProbabilityGrid
+from ambler.kernels import correlation
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class RefineConfig:
+    """Weights of the points, of the prior's translation (1/m) and of its rotation (1/rad)."""
+
+    occupied_weight: float = 1.0
+    translation_weight: float = 1.0
+    rotation_weight: float = 4.0
+    max_iterations: int = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchResult:
+    """Where the scan fits. `information` float64 (3, 3) is J^T J of the points over x, y, yaw in the grid frame; `score` the mean
+    probability under the points, `inlier_ratio` the share of points on cells more likely occupied than not."""
+
+    grid_from_base: SE2
+    information: NDArray[np.float64]
+    score: float
+    inlier_ratio: float
+    residual: float
+    iterations: int
+
+    @property
+    def degeneracy(self) -> float:
+        """Smallest over largest eigenvalue of the translational information with the yaw marginalized: 0 in a corridor, 1 isotropic."""
+        h = self.information
+        if h[2, 2] <= 0.0:
+            return 0.0
+        schur = h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2]
+        low, high = np.linalg.eigvalsh(schur)
+        return float(max(0.0, low) / high) if high > 0.0 else 0.0
+
+    def covariance(self, sigma: float, floor: tuple[float, float]) -> NDArray[np.float64]:
+        """Return float64 (3, 3): sigma^2 (J^T J)^-1 plus a floor (metres, radians); `sigma` is the noise of one point's probability
+        with the correlation between neighbours taken into account."""
+        prior = np.diag([1.0, 1.0, 10.0])
+        cov = sigma**2 * np.linalg.inv(self.information + sigma**2 * prior)
+        return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
+
+
+def refine(grid: ProbabilityGrid, points: F32, start: SE2, prior: SE2, config: RefineConfig) -> MatchResult:
+    """Move `start` (grid_from_base) to the best fit of the points (N, 2) near `prior`."""
+    pose = start.as_array()
+    centre = prior.as_array()
+    centre[2] = pose[2] + (centre[2] - pose[2] + np.pi) % (2 * np.pi) - np.pi
+    h = np.empty((3, 3))
+    info = np.empty(4)
+    weights = np.array([config.occupied_weight, config.translation_weight, config.rotation_weight])
+    correlation.refine(grid.cells, grid.frame, points, pose, centre, weights, config.max_iterations, h, info)
+    return MatchResult(SE2.from_array(pose), h, float(info[0]), float(info[1]), float(info[2]), int(info[3]))

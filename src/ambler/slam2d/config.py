@@ -1,0 +1,93 @@
+"""Parameters of 2-D SLAM, with the defaults that Ambler ships; angles in radians, lengths in metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ambler.grids.probability_grid import InsertionConfig
+from ambler.registration.gauss_newton import RefineConfig
+
+
+@dataclass(frozen=True, slots=True)
+class FrontEndConfig:
+    """Scan matching and insertion. The search window around the prediction is base + gain * predicted motion, within the largest."""
+
+    voxel_size: float = 0.025
+    match_max_voxel: float = 0.5
+    match_min_points: int = 200
+    window_linear: float = 0.05
+    window_angular: float = math.radians(3.0)
+    window_gain: float = 0.3
+    window_linear_max: float = 0.25
+    window_angular_max: float = math.radians(20.0)
+    blind_window_linear: float = 0.15
+    blind_window_angular: float = math.radians(10.0)
+    rescue_score_drop: float = 0.12
+    refine: RefineConfig = field(default_factory=RefineConfig)
+    point_sigma: float = 0.35
+    motion_time: float = 5.0
+    motion_distance: float = 0.2
+    motion_angle: float = math.radians(1.0)
+    scans_per_submap: int = 90
+    insertion: InsertionConfig = field(default_factory=InsertionConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopConfig:
+    """Search for loop closures. A pair's window grows with the path length through the graph that separates them."""
+
+    max_voxel: float = 0.9
+    min_points: int = 100
+    min_score: float = 0.55
+    min_refined_score: float = 0.55
+    min_inlier_ratio: float = 0.6
+    max_distance: float = 15.0
+    window_base: float = 0.4
+    window_per_metre: float = 0.05
+    window_max: float = 7.0
+    angle_base: float = math.radians(4.0)
+    angle_per_metre: float = math.radians(0.4)
+    angle_max: float = math.radians(30.0)
+    node_stride: int = 5
+    candidates_per_node: int = 2
+    searches_per_job: int = 24
+    edges_per_pair: int = 6
+    cached_stacks: int = 24
+    refine: RefineConfig = field(default_factory=lambda: RefineConfig(20.0, 0.1, 0.1, 10))
+
+
+@dataclass(frozen=True, slots=True)
+class GraphConfig:
+    """Standard deviations of the edges (metres, radians) and when to optimize."""
+
+    intra_sigma: tuple[float, float] = (0.02, math.radians(0.3))
+    inter_sigma: tuple[float, float] = (0.03, math.radians(0.4))
+    local_sigma: tuple[float, float] = (0.01, math.radians(0.2))
+    odometry_sigma: tuple[float, float] = (0.05, math.radians(2.0))
+    odometry_gain: float = 0.2
+    robust_width: float = 2.0
+    reject_width: float = 15.0
+    nodes_between: int = 90
+    max_iterations: int = 10
+
+
+@dataclass(frozen=True, slots=True)
+class RenderConfig:
+    """The published map: cells whose summed log odds pass the thresholds."""
+
+    resolution: float = 0.05
+    occupied_above: float = 0.0
+    free_below: float = 0.0
+    margin: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Slam2dConfig:
+    """Everything; `correction_time` is the time constant (s) with which a loop closure's correction reaches the published pose."""
+
+    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
+    loop: LoopConfig = field(default_factory=LoopConfig)
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    correction_time: float = 0.5

@@ -1,0 +1,108 @@
+"""Predicts the next pose: odometry and gyroscope where present, else constant velocity (Cartographer's pose extrapolator)."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2, wrap_angle
+
+_HISTORY_NS = 3_000_000_000
+_MAX_AHEAD_NS = 300_000_000
+
+
+class _Track:
+    """Poses over a short time, interpolated and shortly extrapolated."""
+
+    def __init__(self) -> None:
+        self.stamps: deque[int] = deque()
+        self.poses: deque[SE2] = deque()
+
+    def add(self, stamp_ns: int, pose: SE2) -> None:
+        if self.stamps and stamp_ns <= self.stamps[-1]:
+            return
+        self.stamps.append(stamp_ns)
+        self.poses.append(pose)
+        while len(self.stamps) > 2 and self.stamps[1] < stamp_ns - _HISTORY_NS:
+            self.stamps.popleft()
+            self.poses.popleft()
+
+    def at(self, stamp_ns: int) -> SE2 | None:
+        """Return the pose at an instant, None when the track is empty or ended too long ago."""
+        if not self.stamps or stamp_ns > self.stamps[-1] + _MAX_AHEAD_NS:
+            return None
+        if len(self.stamps) == 1 or stamp_ns <= self.stamps[0]:
+            return self.poses[0]
+        k = min(bisect_right(self.stamps, stamp_ns), len(self.stamps) - 1)
+        t0, t1 = self.stamps[k - 1], self.stamps[k]
+        return self.poses[k - 1].interpolate(self.poses[k], (stamp_ns - t0) / (t1 - t0))
+
+
+class PoseExtrapolator:
+    """Keeps recent odometry, gyroscope and matched poses."""
+
+    def __init__(self) -> None:
+        self._odometry = _Track()
+        self._gyro = _Track()
+        self._matched = _Track()
+        self._gyro_yaw = 0.0
+
+    def add_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
+        """Take one odometry pose; stamps that do not increase are ignored."""
+        self._odometry.add(stamp_ns, odom_from_base)
+
+    def add_imu(self, stamp_ns: int, wz: float) -> None:
+        """Take one yaw rate (rad/s) in the base frame."""
+        if self._gyro.stamps:
+            dt = (stamp_ns - self._gyro.stamps[-1]) * 1e-9
+            if dt <= 0.0:
+                return
+            self._gyro_yaw += wz * dt
+        self._gyro.add(stamp_ns, SE2(0.0, 0.0, wrap_angle(self._gyro_yaw)))
+
+    def add_matched(self, stamp_ns: int, local_from_base: SE2) -> None:
+        """Take the pose that the scan matcher found."""
+        self._matched.add(stamp_ns, local_from_base)
+
+    def odom_from_base(self, stamp_ns: int) -> SE2 | None:
+        """Return the odometry at an instant, or None without recent odometry."""
+        return self._odometry.at(stamp_ns)
+
+    def predict(self, stamp_ns: int) -> tuple[SE2, bool]:
+        """Return the predicted local_from_base and whether odometry stands behind it."""
+        if not self._matched.stamps:
+            return SE2(), False
+        last_ns, last = self._matched.stamps[-1], self._matched.poses[-1]
+        motion, is_measured = self.motion(last_ns, stamp_ns)
+        return last @ motion, is_measured
+
+    def motion(self, from_ns: int, to_ns: int) -> tuple[SE2, bool]:
+        """Return base(from)_from_base(to), and whether odometry was used."""
+        start, end = self._odometry.at(from_ns), self._odometry.at(to_ns)
+        is_measured = start is not None and end is not None
+        if start is not None and end is not None:
+            motion = start.inverse() @ end
+        else:
+            motion = SE2.exp(self._velocity() * ((to_ns - from_ns) * 1e-9))
+        yaw0, yaw1 = self._gyro.at(from_ns), self._gyro.at(to_ns)
+        if yaw0 is not None and yaw1 is not None and len(self._gyro.stamps) > 2:
+            motion = SE2(motion.x, motion.y, wrap_angle(yaw1.yaw - yaw0.yaw))
+        return motion, is_measured
+
+    def twist(self, stamp_ns: int, duration: float) -> NDArray[np.float64]:
+        """Return the mean body twist (vx, vy, wz) from an instant on over `duration` seconds, for motion compensation."""
+        span = max(duration, 0.02)
+        motion, _ = self.motion(stamp_ns, stamp_ns + int(span * 1e9))
+        return motion.log() / span
+
+    def _velocity(self) -> NDArray[np.float64]:
+        stamps, poses = self._matched.stamps, self._matched.poses
+        if len(stamps) < 2:
+            return np.zeros(3)
+        dt = (stamps[-1] - stamps[-2]) * 1e-9
+        if not 1e-4 < dt < 1.0:
+            return np.zeros(3)
+        return (poses[-2].inverse() @ poses[-1]).log() / dt

@@ -1,0 +1,158 @@
+"""2-D SLAM as one object: scans in, poses, covariance, health and map out. The background work is separable (see `BackEnd`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.registration.planar_scan import PlanarScan
+from ambler.slam2d.back_end import BackEnd, JobResult
+from ambler.slam2d.config import Slam2dConfig
+from ambler.slam2d.extrapolator import PoseExtrapolator
+from ambler.slam2d.front_end import FrontEnd
+from ambler.slam2d.renderer import MapRenderer, PlacedSubmap
+
+_COVARIANCE_FLOOR = (0.005, 0.001)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slam2dResult:
+    """One scan's outcome. `map_from_odom` is smooth (corrections of loop closures arrive gradually) and `map_from_base` belongs to
+    it; `covariance` float64 (3, 3) of (x, y, yaw) of this match; `node` is the new node's number when the scan was inserted."""
+
+    stamp_ns: int
+    map_from_base: SE2
+    map_from_odom: SE2
+    odom_from_base: SE2
+    local_from_base: SE2
+    covariance: NDArray[np.float64]
+    score: float
+    inlier_ratio: float
+    degeneracy: float
+    node: int | None
+    finished_submap: int | None
+
+
+class Slam2d:
+    """Builds a map from planar scans and, when present, odometry and a gyroscope."""
+
+    def __init__(self, config: Slam2dConfig | None = None) -> None:
+        self.config = config or Slam2dConfig()
+        self._extrapolator = PoseExtrapolator()
+        self._front_end = FrontEnd(self.config.front_end)
+        self._back_end = BackEnd(self.config.loop, self.config.graph, self.config.front_end.point_sigma)
+        self._renderer = MapRenderer(self.config.render)
+        self._last_ns: int | None = None
+        self._node_ns: int | None = None
+        self._smooth = SE2()
+        self.map_version = 0
+
+    @property
+    def submaps(self) -> int:
+        """How many submaps there are."""
+        return len(self._back_end.submaps)
+
+    @property
+    def nodes(self) -> int:
+        """How many scans were inserted."""
+        return len(self._back_end.nodes)
+
+    @property
+    def loop_closures(self) -> int:
+        """How many loop closures hold."""
+        return self._back_end.loop_closures
+
+    def add_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
+        """Take one odometry pose."""
+        self._extrapolator.add_odometry(stamp_ns, odom_from_base)
+
+    def add_imu(self, stamp_ns: int, wz: float) -> None:
+        """Take one yaw rate (rad/s) in the base frame."""
+        self._extrapolator.add_imu(stamp_ns, wz)
+
+    def twist(self, stamp_ns: int, duration: float) -> NDArray[np.float64]:
+        """Return the body twist (vx, vy, wz) expected from an instant on, for the motion compensation of a scan."""
+        return self._extrapolator.twist(stamp_ns, duration)
+
+    def update(self, scan: PlanarScan) -> Slam2dResult:
+        """Match, insert and add one scan to the graph. Stamps must increase."""
+        prediction, is_measured = self._extrapolator.predict(scan.stamp_ns)
+        motion = SE2()
+        if self._last_ns is not None:
+            motion, _ = self._extrapolator.motion(self._last_ns, scan.stamp_ns)
+        local = self._front_end.update(scan, prediction, motion, is_measured)
+        self._extrapolator.add_matched(scan.stamp_ns, local.local_from_base)
+        node = None
+        if local.submaps:
+            node = len(self._back_end.nodes)
+            self._back_end.add(local, self._odometry_since_node(scan.stamp_ns))
+            self._node_ns = scan.stamp_ns
+            self.map_version += 1
+        map_from_local = self._smoothed(scan.stamp_ns)
+        self._last_ns = scan.stamp_ns
+        map_from_base = map_from_local @ local.local_from_base
+        odom_from_base = self._extrapolator.odom_from_base(scan.stamp_ns) or local.local_from_base
+        match = local.match
+        covariance = np.diag([0.01, 0.01, 0.01])
+        if match is not None:
+            covariance = match.covariance(self.config.front_end.point_sigma, _COVARIANCE_FLOOR)
+            c, s = math.cos(map_from_local.yaw), math.sin(map_from_local.yaw)
+            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            covariance = turn @ covariance @ turn.T
+        return Slam2dResult(
+            scan.stamp_ns,
+            map_from_base,
+            map_from_base @ odom_from_base.inverse(),
+            odom_from_base,
+            local.local_from_base,
+            covariance,
+            match.score if match else 0.0,
+            match.inlier_ratio if match else 0.0,
+            match.degeneracy if match else 0.0,
+            node,
+            local.finished.index if local.finished else None,
+        )
+
+    def take_background_work(self, *, is_final: bool = False) -> Callable[[], JobResult] | None:
+        """Return a pure job on snapshots when there is one; run it anywhere and `commit` its result. One at a time."""
+        return self._back_end.take_work(is_final=is_final)
+
+    def commit(self, result: JobResult) -> None:
+        """Apply the result of a background job."""
+        self._back_end.commit(result)
+        self.map_version += 1
+
+    def render_map(self) -> tuple[GridSpec, NDArray[np.int8]]:
+        """Return the map's geometry and occupancy int8 [iy, ix] (-1 unknown, 0 free, 100 occupied)."""
+        back_end = self._back_end
+        return self._renderer.render([PlacedSubmap(s, back_end.submap_pose(s)) for s in back_end.submaps])
+
+    def map_from_node(self, index: int) -> SE2:
+        """Return the optimized pose of a node."""
+        return self._back_end.graph.pose(self._back_end.nodes[index].vertex)
+
+    def local_from_node(self, index: int) -> SE2:
+        """Return a node's pose in the local frame, as it was matched."""
+        return self._back_end.nodes[index].local_from_base
+
+    def _odometry_since_node(self, stamp_ns: int) -> SE2 | None:
+        if self._node_ns is None:
+            return None
+        motion, is_measured = self._extrapolator.motion(self._node_ns, stamp_ns)
+        return motion if is_measured else None
+
+    def _smoothed(self, stamp_ns: int) -> SE2:
+        """Let the published map_from_local follow the optimized one with a time constant."""
+        target = self._back_end.map_from_local()
+        if self._last_ns is None:
+            self._smooth = target
+        else:
+            dt = (stamp_ns - self._last_ns) * 1e-9
+            self._smooth = self._smooth.interpolate(target, 1.0 - math.exp(-dt / self.config.correction_time))
+        return self._smooth

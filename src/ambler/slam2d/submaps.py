@@ -1,0 +1,70 @@
+"""Submaps: each is a probability grid filled by consecutive scans; two are active, the older one is matched against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ambler.core.se2 import SE2
+from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
+from ambler.registration.planar_scan import PlanarScan
+
+
+@dataclass(slots=True, eq=False)
+class Submap:
+    """A grid in its own frame; `local_from_submap` never changes and has yaw 0, so that its cells lie on the local frame's lattice."""
+
+    index: int
+    local_from_submap: SE2
+    grid: ProbabilityGrid
+    scans: int = 0
+    is_finished: bool = False
+    nodes: list[int] = field(default_factory=list)
+    path_length: float = 0.0
+
+    def to_submap(self, local_from_base: SE2) -> SE2:
+        """Return submap_from_base."""
+        return self.local_from_submap.inverse() @ local_from_base
+
+
+class ActiveSubmaps:
+    """The one or two submaps that take scans: a new one starts when the newer is half full, the older one ends when full."""
+
+    def __init__(self, config: InsertionConfig, scans_per_submap: int) -> None:
+        self._inserter = Inserter(config)
+        self._half = scans_per_submap
+        self.submaps: list[Submap] = []
+        self._count = 0
+
+    @property
+    def target(self) -> Submap | None:
+        """The submap to match against."""
+        return self.submaps[0] if self.submaps else None
+
+    def insert(self, scan: PlanarScan, local_from_base: SE2) -> tuple[list[Submap], Submap | None]:
+        """Insert a scan; returns the submaps that took it and the one that this scan finished, if any."""
+        if not self.submaps or self.submaps[-1].scans >= self._half:
+            self._start(local_from_base)
+        for submap in self.submaps:
+            pose = submap.to_submap(local_from_base)
+            origin = pose.transform(np.array([scan.origin]))[0]
+            points = pose.transform(scan.points).astype(np.float32)
+            free = pose.transform(scan.free_points).astype(np.float32)
+            self._inserter.insert(submap.grid, origin, points, free)
+            submap.scans += 1
+        used = list(self.submaps)
+        finished = None
+        if self.submaps[0].scans >= 2 * self._half:
+            finished = self.submaps.pop(0)
+            finished.grid.crop()
+            finished.is_finished = True
+        return used, finished
+
+    def _start(self, local_from_base: SE2) -> None:
+        config = self._inserter.config
+        r = config.resolution
+        snapped = SE2(round(local_from_base.x / r) * r, round(local_from_base.y / r) * r, 0.0)
+        grid = ProbabilityGrid(r, (0.0, 0.0), config.initial_size)
+        self.submaps.append(Submap(self._count, snapped, grid))
+        self._count += 1

@@ -1,0 +1,222 @@
+"""Reader of CARMEN logs: FLASER, RLASER, ROBOTLASER1/2 and ODOM lines of plain, gzip or bzip2 files.
+
+`FLASER n r1..rn x y theta odom_x odom_y odom_theta ipc_stamp host logger_stamp`; beams go right to left over 180 degrees.
+`ROBOTLASER1 type start fov step max_range accuracy remission_mode n r1..rn m s1..sm laser_pose(3) robot_pose(3) tv rv
+forward side turn_axis ipc_stamp host logger_stamp`. Damage is reported with the line or byte where it shows.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import math
+import re
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
+
+_NAME = re.compile(rb"[A-Z][A-Z0-9_-]*$")
+_CHUNK = 1 << 20
+_MAX_BEAMS = 20000
+LASER_NAMES = (b"FLASER", b"RLASER", b"ROBOTLASER1", b"ROBOTLASER2")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserLine:
+    """One laser line: `ranges` float32 (N,) metres, beam i at angle_min + i * angle_increment in the laser frame, poses as logged
+    (`odom_from_laser` may hold a corrected pose in some logs), `stamp` the ipc stamp in seconds, `max_range` of the device or inf."""
+
+    name: str
+    line: int
+    stamp: float
+    ranges: NDArray[np.float32]
+    angle_min: float
+    angle_increment: float
+    max_range: float
+    odom_from_laser: SE2
+    odom_from_base: SE2
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryLine:
+    """One ODOM line."""
+
+    line: int
+    stamp: float
+    odom_from_base: SE2
+
+
+@dataclass(frozen=True, slots=True)
+class CarmenLog:
+    """A whole log in file order, and its parameters."""
+
+    lasers: tuple[LaserLine, ...]
+    odometry: tuple[OdometryLine, ...]
+    parameters: dict[str, str]
+
+
+def _chunks(path: Path) -> Iterator[bytes]:
+    """Decompress by the file's magic, not its name; raises BadInputError naming the byte where the stream breaks."""
+    done = 0
+    try:
+        with path.open("rb") as raw:
+            magic = raw.read(3)
+        opener = bz2.open if magic == b"BZh" else gzip.open if magic[:2] == b"\x1f\x8b" else open
+        with opener(path, "rb") as stream:
+            while chunk := stream.read(_CHUNK):
+                done += len(chunk)
+                yield chunk
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise BadInputError(
+            f"{path}: compressed stream is damaged or cut off after byte {done} of text: {error}"
+        ) from error
+    except OSError as error:
+        where = f" after byte {done} of text" if error.errno is None else ""
+        raise BadInputError(f"{path}: cannot be read{where}: {error.strerror or error}") from error
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    rest = b""
+    number = 0
+    for chunk in _chunks(path):
+        parts = (rest + chunk).split(b"\n")
+        rest = parts.pop()
+        if len(rest) > _CHUNK:
+            raise BadInputError(
+                f"{path}: line {number + len(parts) + 1} is longer than a megabyte; this is no CARMEN log"
+            )
+        for part in parts:
+            number += 1
+            yield number, part
+    if rest:
+        yield number + 1, rest
+
+
+def _floats(fields: list[bytes]) -> list[float]:
+    return [float(f) for f in fields]
+
+
+def _pose(x: float, y: float, theta: float) -> SE2:
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(theta)):
+        raise ValueError("a pose is not finite")
+    return SE2(x, y, math.remainder(theta, 2.0 * math.pi))
+
+
+def _count(field: bytes, available: int) -> int:
+    n = int(field)
+    if not 0 <= n <= min(available, _MAX_BEAMS):
+        raise ValueError(f"announces {n} readings and has {available} fields left")
+    return n
+
+
+def _stamp(field: bytes) -> float:
+    value = float(field)
+    if not 0.0 <= value < 1e11:
+        raise ValueError(f"stamp {value} is impossible")
+    return value
+
+
+def _ranges(fields: list[bytes]) -> NDArray[np.float32]:
+    out = np.array(_floats(fields), np.float32)
+    if np.isnan(out).any() or (out < 0.0).any():
+        raise ValueError("a range is negative or not a number")
+    return out
+
+
+def _old_laser(name: str, number: int, fields: list[bytes]) -> LaserLine:
+    n = _count(fields[1], len(fields) - 2)
+    if len(fields) != n + 11:
+        raise ValueError(f"announces {n} readings, so it needs {n + 11} fields, but has {len(fields)}")
+    if n == 0:
+        raise ValueError("has no readings")
+    v = _floats(fields[n + 2 : n + 8])
+    _stamp(fields[n + 10])
+    step = math.pi / (n - 1 if n % 2 and n > 1 else n)
+    return LaserLine(
+        name,
+        number,
+        _stamp(fields[n + 8]),
+        _ranges(fields[2 : n + 2]),
+        -0.5 * math.pi,
+        step,
+        math.inf,
+        _pose(v[0], v[1], v[2]),
+        _pose(v[3], v[4], v[5]),
+    )
+
+
+def _new_laser(name: str, number: int, fields: list[bytes]) -> LaserLine:
+    start, _fov, step, max_range = _floats(fields[2:6])
+    n = _count(fields[8], len(fields) - 9)
+    if n == 0:
+        raise ValueError("has no readings")
+    m = _count(fields[9 + n], len(fields) - 10 - n)
+    tail = fields[10 + n + m :]
+    if len(tail) != 14:
+        raise ValueError(
+            f"announces {n} readings and {m} remissions, so it needs {n + m + 24} fields, but has {len(fields)}"
+        )
+    if not (abs(start) <= 2 * math.pi and 0.0 < abs(step) < 1.0):
+        raise ValueError("has an impossible start angle or step")
+    v = _floats(tail[:11])
+    _stamp(tail[13])
+    return LaserLine(
+        name,
+        number,
+        _stamp(tail[11]),
+        _ranges(fields[9 : 9 + n]),
+        start,
+        step,
+        max_range if max_range > 0.0 else math.inf,
+        _pose(v[0], v[1], v[2]),
+        _pose(v[3], v[4], v[5]),
+    )
+
+
+def _odometry(number: int, fields: list[bytes]) -> OdometryLine:
+    if len(fields) != 10:
+        raise ValueError(f"needs 10 fields, but has {len(fields)}")
+    v = _floats(fields[1:7])
+    return OdometryLine(number, _stamp(fields[7]), _pose(v[0], v[1], v[2]))
+
+
+def load_carmen(path: Path) -> CarmenLog:
+    """Read a whole log.
+
+    Raises BadInputError naming the line or byte of the first damage, or saying that there is no laser line.
+    """
+    lasers: list[LaserLine] = []
+    odometry: list[OdometryLine] = []
+    parameters: dict[str, str] = {}
+    number = 0
+    for number, line in _lines(path):
+        fields = line.split()
+        if not fields or fields[0].startswith(b"#"):
+            continue
+        name = fields[0]
+        try:
+            if name in (b"FLASER", b"RLASER"):
+                lasers.append(_old_laser(name.decode(), number, fields))
+            elif name in (b"ROBOTLASER1", b"ROBOTLASER2"):
+                lasers.append(_new_laser(name.decode(), number, fields))
+            elif name == b"ODOM":
+                odometry.append(_odometry(number, fields))
+            elif name == b"PARAM" and len(fields) >= 3:
+                parameters[fields[1].decode()] = fields[2].decode()
+            elif not _NAME.match(name):
+                raise ValueError(f"begins with {name[:20]!r}, which is no CARMEN message")
+        except (ValueError, IndexError) as error:
+            what = name.decode("ascii", "replace")[:20]
+            raise BadInputError(f"{path}: line {number} ({what}): {error}") from error
+    if not lasers:
+        raise BadInputError(
+            f"{path}: no laser line (FLASER, RLASER, ROBOTLASER1) in {number} lines; this is no CARMEN laser log"
+        )
+    return CarmenLog(tuple(lasers), tuple(odometry), parameters)
