@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
-from ambler.grids.probability_grid import ProbabilityGrid
 from ambler.kernels import branch_bound
+from ambler.registration.cell_grid import CellGrid
 from ambler.registration.correlative import Window, angular_step
 
 F32 = NDArray[np.float32]
@@ -28,7 +28,7 @@ class BranchBoundResult:
 class BranchBoundMatcher:
     """Searches one finished grid; holds its stack of maxima, about `depth` bytes per cell."""
 
-    def __init__(self, grid: ProbabilityGrid, depth: int = 7) -> None:
+    def __init__(self, grid: CellGrid, depth: int = 7) -> None:
         h, w = grid.cells.shape
         pad = (1 << (depth - 1)) - 1
         self.frame = grid.frame.copy()

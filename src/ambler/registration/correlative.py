@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
-from ambler.grids.probability_grid import ProbabilityGrid
 from ambler.kernels import correlation
+from ambler.registration.cell_grid import CellGrid
 
 F32 = NDArray[np.float32]
 
@@ -39,7 +39,7 @@ class CorrelationResult:
 
 
 def correlate(
-    grid: ProbabilityGrid,
+    grid: CellGrid,
     points: F32,
     center: SE2,
     window: Window,

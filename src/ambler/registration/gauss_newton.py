@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
-from ambler.grids.probability_grid import ProbabilityGrid
 from ambler.kernels import correlation
+from ambler.registration.cell_grid import CellGrid
 
 F32 = NDArray[np.float32]
 
@@ -54,7 +54,7 @@ class MatchResult:
         return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
 
 
-def refine(grid: ProbabilityGrid, points: F32, start: SE2, prior: SE2, config: RefineConfig) -> MatchResult:
+def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineConfig) -> MatchResult:
     """Move `start` (grid_from_base) to the best fit of the points (N, 2) near `prior`."""
     pose = start.as_array()
     centre = prior.as_array()
