@@ -24,3 +24,5 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
 
 jit = numba.njit(cache=True, nogil=True)
+# Division by zero gives inf as in IEEE 754 instead of an exception, which lets LLVM vectorise loops that divide.
+jit_ieee = numba.njit(cache=True, nogil=True, error_model="numpy")

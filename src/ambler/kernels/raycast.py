@@ -3,7 +3,10 @@
 A primitive is a row of `prims` float64 (P, 15): centre (3), half extents (3), rotation world_from_local row by row (9); a
 cylinder stands along its local z with radius half[0]. `kinds` uint8 (P,): 0 box, 1 cylinder. A node's `bounds` float64 (N, 6)
 are (lower, upper); `counts` > 0 marks a leaf with primitives `firsts ... firsts + counts - 1`, else its children are
-`firsts` and `firsts + 1`. Floor and ceiling are planes of their own. Slab test after Kay and Kajiya 1986.
+`firsts` and `firsts + 1`. Floor and ceiling are planes of their own.
+
+Rays travel in packets of 16 neighbours (one column of a 16-ring scanner): a node is opened if any of them enters it, and all
+are tested at once (Wald et al. 2001). Slab test after Kay and Kajiya 1986.
 """
 
 from __future__ import annotations
@@ -12,145 +15,148 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit
+from ambler.kernels.jit import jit, jit_ieee
 
 STACK = 64
+PACKET = 16
 NOTHING = -1
 FLOOR = -2
 CEILING = -3
 TINY = 1e-12
+# Rows of a packet float64 (11, PACKET): origin, direction, 1 / direction, nearest distance so far, cosine of incidence.
+OX, OY, OZ, DX, DY, DZ, IX, IY, IZ, BEST, COSINE = range(11)
 
 
-@jit
+@jit_ieee
 def _away_from_zero(d):
-    if abs(d) < TINY:
-        return TINY if d >= 0.0 else -TINY
-    return d
+    return d if abs(d) > TINY else (TINY if d >= 0.0 else -TINY)
 
 
-@jit
-def _entry(bounds, node, ox, oy, oz, ix, iy, iz, best):
-    """Distance at which the ray enters a node's bounds, or inf if it misses them before `best`."""
-    ax = (bounds[node, 0] - ox) * ix
-    bx = (bounds[node, 3] - ox) * ix
-    ay = (bounds[node, 1] - oy) * iy
-    by = (bounds[node, 4] - oy) * iy
-    az = (bounds[node, 2] - oz) * iz
-    bz = (bounds[node, 5] - oz) * iz
-    near = max(min(ax, bx), min(ay, by), min(az, bz), 0.0)
-    far = min(max(ax, bx), max(ay, by), max(az, bz), best)
-    return near if near <= far else np.inf
+@jit_ieee
+def _count_entering(bounds, node, packet):
+    """How many rays of the packet enter a node's bounds before their nearest hit so far."""
+    x0, y0, z0 = bounds[node, 0], bounds[node, 1], bounds[node, 2]
+    x1, y1, z1 = bounds[node, 3], bounds[node, 4], bounds[node, 5]
+    count = 0
+    for r in range(PACKET):
+        ax = (x0 - packet[OX, r]) * packet[IX, r]
+        bx = (x1 - packet[OX, r]) * packet[IX, r]
+        ay = (y0 - packet[OY, r]) * packet[IY, r]
+        by = (y1 - packet[OY, r]) * packet[IY, r]
+        az = (z0 - packet[OZ, r]) * packet[IZ, r]
+        bz = (z1 - packet[OZ, r]) * packet[IZ, r]
+        near = max(min(ax, bx), min(ay, by), min(az, bz), 0.0)
+        far = min(max(ax, bx), max(ay, by), max(az, bz), packet[BEST, r])
+        count += 1 if near <= far else 0
+    return count
 
 
-@jit
-def _hit_box(hx, hy, hz, px, py, pz, dx, dy, dz):
-    """Distance and cosine of incidence on a box about the origin; from inside, of the way out."""
-    dx, dy, dz = _away_from_zero(dx), _away_from_zero(dy), _away_from_zero(dz)
-    ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
-    mx, my, mz = -px * ix, -py * iy, -pz * iz
-    kx, ky, kz = abs(ix) * hx, abs(iy) * hy, abs(iz) * hz
-    near = max(mx - kx, my - ky, mz - kz)
-    far = min(mx + kx, my + ky, mz + kz)
-    if near > far or far < 0.0:
-        return np.inf, 0.0
-    if near >= 0.0:
-        if near == mx - kx:
-            return near, abs(dx)
-        if near == my - ky:
-            return near, abs(dy)
-        return near, abs(dz)
-    if far == mx + kx:
-        return far, abs(dx)
-    if far == my + ky:
-        return far, abs(dy)
-    return far, abs(dz)
+@jit_ieee
+def _hit_box(prims, k, packet, hit):
+    """Test all rays of the packet against a box; from inside, a ray hits where it leaves."""
+    cx, cy, cz, hx, hy, hz = prims[k, 0], prims[k, 1], prims[k, 2], prims[k, 3], prims[k, 4], prims[k, 5]
+    r00, r01, r02 = prims[k, 6], prims[k, 7], prims[k, 8]
+    r10, r11, r12 = prims[k, 9], prims[k, 10], prims[k, 11]
+    r20, r21, r22 = prims[k, 12], prims[k, 13], prims[k, 14]
+    for r in range(PACKET):
+        rx, ry, rz = packet[OX, r] - cx, packet[OY, r] - cy, packet[OZ, r] - cz
+        dx = _away_from_zero(r00 * packet[DX, r] + r10 * packet[DY, r] + r20 * packet[DZ, r])
+        dy = _away_from_zero(r01 * packet[DX, r] + r11 * packet[DY, r] + r21 * packet[DZ, r])
+        dz = _away_from_zero(r02 * packet[DX, r] + r12 * packet[DY, r] + r22 * packet[DZ, r])
+        mx = -(r00 * rx + r10 * ry + r20 * rz) / dx
+        my = -(r01 * rx + r11 * ry + r21 * rz) / dy
+        mz = -(r02 * rx + r12 * ry + r22 * rz) / dz
+        kx, ky, kz = hx / abs(dx), hy / abs(dy), hz / abs(dz)
+        near = max(mx - kx, my - ky, mz - kz)
+        far = min(mx + kx, my + ky, mz + kz)
+        t = near if near >= 0.0 else far
+        on_x = (t == mx - kx) | (t == mx + kx)
+        on_y = (t == my - ky) | (t == my + ky)
+        is_hit = (near <= far) & (t >= 0.0) & (t < packet[BEST, r])
+        cosine = abs(dx) if on_x else (abs(dy) if on_y else abs(dz))
+        packet[BEST, r] = t if is_hit else packet[BEST, r]
+        packet[COSINE, r] = cosine if is_hit else packet[COSINE, r]
+        hit[r] = k if is_hit else hit[r]
 
 
-@jit
-def _hit_cylinder(radius, half, px, py, pz, dx, dy, dz):
-    """Distance and cosine of incidence on a capped cylinder along z about the origin."""
-    best, cosine = np.inf, 0.0
-    a = dx * dx + dy * dy
-    if a > TINY:
+@jit_ieee
+def _hit_cylinder(prims, k, packet, hit):
+    """Test all rays of the packet against a capped cylinder along its local z."""
+    radius, half = prims[k, 3], prims[k, 5]
+    for r in range(PACKET):
+        rx, ry, rz = packet[OX, r] - prims[k, 0], packet[OY, r] - prims[k, 1], packet[OZ, r] - prims[k, 2]
+        px = prims[k, 6] * rx + prims[k, 9] * ry + prims[k, 12] * rz
+        py = prims[k, 7] * rx + prims[k, 10] * ry + prims[k, 13] * rz
+        pz = prims[k, 8] * rx + prims[k, 11] * ry + prims[k, 14] * rz
+        dx = prims[k, 6] * packet[DX, r] + prims[k, 9] * packet[DY, r] + prims[k, 12] * packet[DZ, r]
+        dy = prims[k, 7] * packet[DX, r] + prims[k, 10] * packet[DY, r] + prims[k, 13] * packet[DZ, r]
+        dz = prims[k, 8] * packet[DX, r] + prims[k, 11] * packet[DY, r] + prims[k, 14] * packet[DZ, r]
+        best, cosine = packet[BEST, r], packet[COSINE, r]
+        a = dx * dx + dy * dy
         b = px * dx + py * dy
         disc = b * b - a * (px * px + py * py - radius * radius)
-        if disc >= 0.0:
+        if a > TINY and disc >= 0.0:
             root = math.sqrt(disc)
             t = (-b - root) / a
             if t < 0.0:
                 t = (-b + root) / a
-            if t >= 0.0 and abs(pz + t * dz) <= half:
+            if 0.0 <= t < best and abs(pz + t * dz) <= half:
                 best, cosine = t, root / radius
-    if abs(dz) > TINY:
-        for side in (-1.0, 1.0):
-            t = (side * half - pz) / dz
-            if 0.0 <= t < best:
+        if abs(dz) > TINY:
+            for side in (-half, half):
+                t = (side - pz) / dz
                 x, y = px + t * dx, py + t * dy
-                if x * x + y * y <= radius * radius:
+                if 0.0 <= t < best and x * x + y * y <= radius * radius:
                     best, cosine = t, abs(dz)
-    return best, cosine
+        if best < packet[BEST, r]:
+            packet[BEST, r], packet[COSINE, r] = best, cosine
+            hit[r] = k
 
 
-@jit
-def _hit_primitive(prims, kinds, k, ox, oy, oz, dx, dy, dz):
-    rx, ry, rz = ox - prims[k, 0], oy - prims[k, 1], oz - prims[k, 2]
-    px = prims[k, 6] * rx + prims[k, 9] * ry + prims[k, 12] * rz
-    py = prims[k, 7] * rx + prims[k, 10] * ry + prims[k, 13] * rz
-    pz = prims[k, 8] * rx + prims[k, 11] * ry + prims[k, 14] * rz
-    ex = prims[k, 6] * dx + prims[k, 9] * dy + prims[k, 12] * dz
-    ey = prims[k, 7] * dx + prims[k, 10] * dy + prims[k, 13] * dz
-    ez = prims[k, 8] * dx + prims[k, 11] * dy + prims[k, 14] * dz
-    if kinds[k] == 0:
-        return _hit_box(prims[k, 3], prims[k, 4], prims[k, 5], px, py, pz, ex, ey, ez)
-    return _hit_cylinder(prims[k, 3], prims[k, 5], px, py, pz, ex, ey, ez)
+@jit_ieee
+def _hit_planes(floor, ceiling, packet, hit):
+    for r in range(PACKET):
+        oz, dz = packet[OZ, r], packet[DZ, r]
+        plane = floor if dz < 0.0 else ceiling
+        t = (plane - oz) * packet[IZ, r]
+        if abs(dz) > TINY and floor < oz < ceiling and t < packet[BEST, r]:
+            packet[BEST, r], packet[COSINE, r] = t, abs(dz)
+            hit[r] = FLOOR if dz < 0.0 else CEILING
 
 
-@jit
-def _nearest(bounds, firsts, counts, prims, kinds, floor, ceiling, ox, oy, oz, dx, dy, dz, reach, stack):
-    """Nearest surface along a unit ray: (distance or inf, primitive or NOTHING, FLOOR, CEILING; cosine of incidence)."""
-    best, hit, cosine = reach, NOTHING, 0.0
-    if dz < -TINY and oz > floor:
-        t = (floor - oz) / dz
-        if t < best:
-            best, hit, cosine = t, FLOOR, -dz
-    if dz > TINY and oz < ceiling:
-        t = (ceiling - oz) / dz
-        if t < best:
-            best, hit, cosine = t, CEILING, dz
-    ix, iy, iz = 1.0 / _away_from_zero(dx), 1.0 / _away_from_zero(dy), 1.0 / _away_from_zero(dz)
-    top = 0
-    node = np.int32(0)
-    if _entry(bounds, node, ox, oy, oz, ix, iy, iz, best) == np.inf:
-        node = np.int32(-1)
-    while node >= 0:
+@jit_ieee
+def _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack):
+    """Find the nearest surface of every ray; BEST must hold its reach (negative: no ray). Nearer children go first."""
+    for r in range(PACKET):
+        hit[r] = NOTHING
+        packet[COSINE, r] = 0.0
+        packet[IX, r] = 1.0 / _away_from_zero(packet[DX, r])
+        packet[IY, r] = 1.0 / _away_from_zero(packet[DY, r])
+        packet[IZ, r] = 1.0 / _away_from_zero(packet[DZ, r])
+    _hit_planes(floor, ceiling, packet, hit)
+    top = 1
+    stack[0] = 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if _count_entering(bounds, node, packet) == 0:
+            continue
+        first = firsts[node]
         if counts[node] > 0:
-            for k in range(firsts[node], firsts[node] + counts[node]):
-                t, c = _hit_primitive(prims, kinds, k, ox, oy, oz, dx, dy, dz)
-                if t < best:
-                    best, hit, cosine = t, k, c
-            node = np.int32(-1)
-        else:
-            left = firsts[node]
-            a = _entry(bounds, left, ox, oy, oz, ix, iy, iz, best)
-            b = _entry(bounds, left + 1, ox, oy, oz, ix, iy, iz, best)
-            if a <= b:
-                node = left if a < np.inf else np.int32(-1)
-                if b < np.inf:
-                    stack[top] = left + 1
-                    top += 1
-            else:
-                node = np.int32(left + 1)
-                if a < np.inf:
-                    stack[top] = left
-                    top += 1
-        while node < 0 and top > 0:
-            top -= 1
-            node = stack[top]
-            if _entry(bounds, node, ox, oy, oz, ix, iy, iz, best) == np.inf:
-                node = np.int32(-1)
-    if hit == NOTHING:
-        return np.inf, hit, cosine
-    return best, hit, cosine
+            for k in range(first, first + counts[node]):
+                if kinds[k] == 0:
+                    _hit_box(prims, k, packet, hit)
+                else:
+                    _hit_cylinder(prims, k, packet, hit)
+            continue
+        along = 0.0
+        for j in range(3):
+            step = bounds[first, j] + bounds[first, j + 3] - bounds[first + 1, j] - bounds[first + 1, j + 3]
+            along += step * packet[DX + j, 0]
+        nearer = first if along < 0.0 else first + 1
+        stack[top] = 2 * first + 1 - nearer
+        stack[top + 1] = nearer
+        top += 2
 
 
 @jit
@@ -159,18 +165,22 @@ def cast_rays(
 ):
     """Cast N rays of their own origins (N, 3) and unit directions (N, 3) up to `reach` metres.
 
-    Writes distance float64 (N,) (inf: nothing), the primitive hit int32 (N,) and the cosine of incidence float64 (N,).
+    Writes distance float64 (N,) (inf: nothing), the primitive hit int64 (N,) and the cosine of incidence float64 (N,).
     """
-    stack = np.empty(STACK, np.int32)
-    for i in range(origins.shape[0]):
-        t, hit, cosine = _nearest(
-            *(bounds, firsts, counts, prims, kinds, floor, ceiling),
-            *(origins[i, 0], origins[i, 1], origins[i, 2]),
-            *(directions[i, 0], directions[i, 1], directions[i, 2], reach, stack),
-        )
-        out_distance[i] = t
-        out_hit[i] = hit
-        out_cosine[i] = cosine
+    packet, hit, stack = np.empty((11, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
+    n = origins.shape[0]
+    for start in range(0, n, PACKET):
+        for r in range(PACKET):
+            i = min(start + r, n - 1)
+            for j in range(3):
+                packet[OX + j, r] = origins[i, j]
+                packet[DX + j, r] = directions[i, j]
+            packet[BEST, r] = reach if start + r < n else -1.0
+        _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack)
+        for r in range(min(PACKET, n - start)):
+            out_distance[start + r] = packet[BEST, r] if hit[r] != NOTHING else np.inf
+            out_hit[start + r] = hit[r]
+            out_cosine[start + r] = packet[COSINE, r]
 
 
 @jit
@@ -210,26 +220,36 @@ def sweep(
     float64 (C, R, 3) are unit vectors in the sensor frame. Writes float32 (C, R): exact distance (inf: nothing), cosine of
     incidence, and intensity = albedo * cosine (floor and ceiling: the last two of `albedos`).
     """
-    stack = np.empty(STACK, np.int32)
-    rotation = np.empty((3, 3))
-    origin = np.empty(3)
-    knot = 0
-    solids = prims.shape[0]
-    for c in range(directions.shape[0]):
-        knot = _pose_at(times, positions, quaternions, column_times[c], knot, rotation, origin)
-        for r in range(directions.shape[1]):
-            ex, ey, ez = directions[c, r, 0], directions[c, r, 1], directions[c, r, 2]
-            t, hit, cosine = _nearest(
-                *(bounds, firsts, counts, prims, kinds, floor, ceiling, origin[0], origin[1], origin[2]),
-                rotation[0, 0] * ex + rotation[0, 1] * ey + rotation[0, 2] * ez,
-                rotation[1, 0] * ex + rotation[1, 1] * ey + rotation[1, 2] * ez,
-                rotation[2, 0] * ex + rotation[2, 1] * ey + rotation[2, 2] * ez,
-                *(reach, stack),
-            )
-            out_distance[c, r] = t
-            out_cosine[c, r] = cosine
-            surface = hit if hit >= 0 else solids - hit - 2
-            out_intensity[c, r] = albedos[surface] * cosine if t < np.inf else 0.0
+    packet, hit, stack = np.empty((11, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
+    rotation, origin = np.empty((3, 3)), np.empty(3)
+    rings, solids = directions.shape[1], prims.shape[0]
+    rays = directions.shape[0] * rings
+    knot, column = 0, -1
+    for start in range(0, rays, PACKET):
+        for r in range(PACKET):
+            i = min(start + r, rays - 1)
+            c = i // rings
+            if c != column:
+                knot = _pose_at(times, positions, quaternions, column_times[c], knot, rotation, origin)
+                column = c
+            ring = i - c * rings
+            for j in range(3):
+                packet[OX + j, r] = origin[j]
+                packet[DX + j, r] = (
+                    rotation[j, 0] * directions[c, ring, 0]
+                    + rotation[j, 1] * directions[c, ring, 1]
+                    + rotation[j, 2] * directions[c, ring, 2]
+                )
+            packet[BEST, r] = reach if start + r < rays else -1.0
+        _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack)
+        for r in range(min(PACKET, rays - start)):
+            c = (start + r) // rings
+            ring = start + r - c * rings
+            found = hit[r] != NOTHING
+            surface = hit[r] if hit[r] >= 0 else solids - hit[r] - 2
+            out_distance[c, ring] = packet[BEST, r] if found else np.inf
+            out_cosine[c, ring] = packet[COSINE, r]
+            out_intensity[c, ring] = albedos[surface] * packet[COSINE, r] if found else 0.0
 
 
 @jit
@@ -289,7 +309,7 @@ def warm_up() -> None:
     prims = np.array([[0.0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 1]])
     scene = (bounds, firsts, counts, prims, np.zeros(1, np.uint8))
     rays = np.array([[1.0, 0.0, 0.0]])
-    cast_rays(*scene, 0.0, 3.0, rays, rays, 10.0, np.empty(1), np.empty(1, np.int32), np.empty(1))
+    cast_rays(*scene, 0.0, 3.0, rays, rays, 10.0, np.empty(1), np.empty(1, np.int64), np.empty(1))
     times, column_times = np.array([0.0, 0.1]), np.zeros(1)
     positions, quaternions = np.zeros((2, 3)), np.array([[1.0, 0, 0, 0], [1.0, 0, 0, 0]])
     directions = rays.reshape(1, 1, 3)

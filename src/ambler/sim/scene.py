@@ -1,4 +1,4 @@
-"""The world as rays see it: primitives in the leaf order of a bounding volume hierarchy (longest-axis median split)."""
+"""The world as rays see it: primitives in the leaf order of a bounding volume hierarchy (surface area heuristic)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ambler.kernels import raycast
 from ambler.sim.solids import Solid, WorldSpec
 
 F64 = NDArray[np.float64]
-LEAF_SIZE = 2
+LEAF_SIZE = 1
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class RayScene:
         """The first five arguments of every ray kernel."""
         return (self.bounds, self.firsts, self.counts, self.prims, self.kinds)
 
-    def cast(self, origins: F64, directions: F64, reach: float = 1e3) -> tuple[F64, NDArray[np.int32], F64]:
+    def cast(self, origins: F64, directions: F64, reach: float = 1e3) -> tuple[F64, NDArray[np.int64], F64]:
         """Cast rays (N, 3), (N, 3 unit); returns distances (inf: nothing), primitives hit, cosines of incidence."""
         n = len(origins)
-        distance, hit, cosine = np.empty(n), np.empty(n, np.int32), np.empty(n)
+        distance, hit, cosine = np.empty(n), np.empty(n, np.int64), np.empty(n)
         raycast.cast_rays(
             *(*self.hierarchy, self.floor, self.ceiling),
             *(np.ascontiguousarray(origins), np.ascontiguousarray(directions), reach, distance, hit, cosine),
@@ -96,14 +96,36 @@ def _split(lower: F64, upper: F64) -> tuple[NDArray[np.int32], list[tuple[F64, i
         if b - a <= LEAF_SIZE:
             nodes[node] = (bounds, a, b - a)
             continue
-        spread = np.ptp(middle[members], axis=0)
-        members = members[np.argsort(middle[members, int(np.argmax(spread))], kind="stable")]
+        members, size = _best_split(members, lower, upper, middle)
         order[a:b] = members
-        half = (a + b) // 2
+        half = a + size
         nodes[node] = (bounds, len(nodes), 0)
         waiting += [(len(nodes), a, half), (len(nodes) + 1, half, b)]
         nodes += [empty, empty]
     return order, nodes
+
+
+def _best_split(
+    members: NDArray[np.int32], lower: F64, upper: F64, middle: F64
+) -> tuple[NDArray[np.int32], int]:
+    """Sort the members along the axis, and cut where, sum of (surface area x primitives) of both halves is least."""
+    best, best_members, best_size = np.inf, members, len(members) // 2
+    sizes = np.arange(1, len(members))
+    for axis in range(3):
+        row = members[np.argsort(middle[members, axis], kind="stable")]
+        left = _areas(lower[row], upper[row])
+        right = _areas(lower[row[::-1]], upper[row[::-1]])[::-1]
+        cost = left[:-1] * sizes + right[1:] * sizes[::-1]
+        cut = int(np.argmin(cost))
+        if cost[cut] < best:
+            best, best_members, best_size = float(cost[cut]), row, cut + 1
+    return best_members, best_size
+
+
+def _areas(lower: F64, upper: F64) -> F64:
+    """Surface areas of the boxes around the first 1, 2, ... N of the given ones."""
+    size = np.maximum.accumulate(upper) - np.minimum.accumulate(lower)
+    return np.asarray(size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0])
 
 
 def _nowhere() -> tuple[F64, int, int]:
