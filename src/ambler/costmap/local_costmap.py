@@ -1,0 +1,76 @@
+"""The local costmap: a window that rolls with the robot in the odom frame, by whole cells, and holds what the sensors see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import COST_FREE, COST_UNKNOWN, GridSpec
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.costmap.inflation import LOCAL_INFLATION, Inflation, InflationConfig
+from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
+
+U8 = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalCostmapConfig:
+    """A square of `size` metres. The inflation is tiny, because the controller checks the true footprint and doors must stay
+    passable. Cells that no ray has touched are free, unless `tracks_unknown`."""
+
+    size: float = 6.0
+    resolution: float = 0.05
+    tracks_unknown: bool = False
+    obstacles: ObstacleConfig = ObstacleConfig(obstacle_range=4.5, raytrace_range=5.0)
+    inflation: InflationConfig = LOCAL_INFLATION
+
+
+class LocalCostmap:
+    """`update` with what the sensors saw, then read `costs` uint8 [iy, ix] and `spec`, both in the odom frame."""
+
+    def __init__(self, config: LocalCostmapConfig, robot: RobotModel) -> None:
+        self.config = config
+        self._footprint = robot.footprint
+        self._inflation = Inflation(config.inflation, robot, config.resolution)
+        self._cells_across = math.ceil(config.size / config.resolution - 1e-9)
+        self._layer = ObstacleLayer(config.obstacles, self._window(SE2()))
+        self._costs: U8 = np.zeros(self._layer.spec.shape, np.uint8)
+
+    @property
+    def spec(self) -> GridSpec:
+        """Where the window lies in the odom frame; its origin is a whole multiple of the resolution."""
+        return self._layer.spec
+
+    @property
+    def costs(self) -> U8:
+        """The newest costs; a new array after every update."""
+        return self._costs
+
+    def update(self, odom_from_base: SE2, rays: Sequence[SensorRays]) -> U8:
+        """Move the window to the robot, clear along all rays, mark all hits, free the footprint, inflate; returns `costs`."""
+        self._layer.move_to(self._window(odom_from_base))
+        self._layer.update(rays)
+        if self.config.obstacles.clears_footprint:
+            self._layer.clear_polygon(odom_from_base.transform(self._footprint))
+        source = self._layer.cells
+        if not self.config.tracks_unknown:
+            source = np.where(source == COST_UNKNOWN, np.uint8(COST_FREE), source)
+        costs = np.empty_like(source)
+        self._inflation.inflate(source, costs)
+        self._costs = costs
+        return costs
+
+    def clear(self) -> None:
+        """Forget all obstacles; the next update sees them anew."""
+        self._layer.reset()
+        self._costs = np.full(self.spec.shape, COST_UNKNOWN if self.config.tracks_unknown else COST_FREE, np.uint8)
+
+    def _window(self, odom_from_base: SE2) -> GridSpec:
+        r, n = self.config.resolution, self._cells_across
+        iy, ix = round(odom_from_base.y / r - n / 2), round(odom_from_base.x / r - n / 2)
+        return GridSpec(r, n, n, ix * r, iy * r)

@@ -1,0 +1,167 @@
+"""Marking and clearing of an obstacle layer: rays through cells, points, polygons, and the mapping of occupancy to cost."""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+FREE, LETHAL, UNKNOWN = 0, 254, 255
+
+
+@jit
+def _clear_ray(layer, x0, y0, x1, y1, ends_free):
+    """Free the cells that the segment passes, in cell units; the cell of its end only when `ends_free`."""
+    height, width = layer.shape
+    ix, iy = int(math.floor(x0)), int(math.floor(y0))
+    end_x, end_y = int(math.floor(x1)), int(math.floor(y1))
+    dx, dy = x1 - x0, y1 - y0
+    step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    far = 1e30
+    per_x = abs(1.0 / dx) if dx != 0.0 else far
+    per_y = abs(1.0 / dy) if dy != 0.0 else far
+    next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * per_x if dx != 0.0 else far
+    next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * per_y if dy != 0.0 else far
+    for _ in range(abs(end_x - ix) + abs(end_y - iy)):
+        if 0 <= iy < height and 0 <= ix < width:
+            layer[iy, ix] = FREE
+        if next_x < next_y:
+            ix += step_x
+            next_x += per_x
+        else:
+            iy += step_y
+            next_y += per_y
+    if ends_free and 0 <= end_y < height and 0 <= end_x < width:
+        layer[end_y, end_x] = FREE
+
+
+@jit
+def clear_rays(layer, origin_x, origin_y, resolution, from_x, from_y, ends, max_range, ends_free):
+    """Free the cells of `layer` uint8 (H, W) along every ray from a sensor at (from_x, from_y) to `ends` float64 (N, 2), metres.
+
+    A ray longer than `max_range` is followed that far only, and frees its last cell too; otherwise the cell of its end is freed
+    only when `ends_free` (nothing was seen there). Cells outside of the layer are passed over.
+    """
+    height, width = layer.shape
+    x0, y0 = (from_x - origin_x) / resolution, (from_y - origin_y) / resolution
+    reach = max_range / resolution
+    for k in range(len(ends)):
+        x1, y1 = (ends[k, 0] - origin_x) / resolution, (ends[k, 1] - origin_y) / resolution
+        dx, dy = x1 - x0, y1 - y0
+        length = math.hypot(dx, dy)
+        if not length < 1e9:
+            continue
+        is_open = ends_free
+        scale = 1.0
+        if length > reach:
+            scale = reach / length
+            is_open = True
+        # Clip to the layer with a margin of one cell, so that far rays cost nothing outside of it.
+        low, high = 0.0, scale
+        for axis in range(2):
+            p, d, size = (x0, dx, width) if axis == 0 else (y0, dy, height)
+            if d == 0.0:
+                if p < 0.0 or p >= size:
+                    low = 2.0
+                continue
+            a, b = (-1.0 - p) / d, (size + 1.0 - p) / d
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+        if low > high:
+            continue
+        if high < scale:
+            is_open = True
+        _clear_ray(layer, x0 + low * dx, y0 + low * dy, x0 + high * dx, y0 + high * dy, is_open)
+
+
+@jit
+def mark_points(layer, origin_x, origin_y, resolution, from_x, from_y, points, max_range):
+    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of (from_x, from_y)."""
+    height, width = layer.shape
+    limit = max_range * max_range
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        if not (x - from_x) ** 2 + (y - from_y) ** 2 <= limit:
+            continue
+        ix, iy = int(math.floor((x - origin_x) / resolution)), int(math.floor((y - origin_y) / resolution))
+        if 0 <= iy < height and 0 <= ix < width:
+            layer[iy, ix] = LETHAL
+
+
+@jit
+def fill_convex(layer, origin_x, origin_y, resolution, polygon, value):
+    """Set the cells whose centres lie in a convex, counter-clockwise polygon float64 (N, 2), metres."""
+    height, width = layer.shape
+    y_low, y_high = polygon[:, 1].min(), polygon[:, 1].max()
+    x_low, x_high = polygon[:, 0].min(), polygon[:, 0].max()
+    iy0, iy1 = max(0, int((y_low - origin_y) / resolution)), min(height, int((y_high - origin_y) / resolution) + 1)
+    ix0, ix1 = max(0, int((x_low - origin_x) / resolution)), min(width, int((x_high - origin_x) / resolution) + 1)
+    n = len(polygon)
+    for iy in range(iy0, iy1):
+        y = origin_y + (iy + 0.5) * resolution
+        for ix in range(ix0, ix1):
+            x = origin_x + (ix + 0.5) * resolution
+            is_inside = True
+            for k in range(n):
+                ax, ay = polygon[k, 0], polygon[k, 1]
+                bx, by = polygon[(k + 1) % n, 0], polygon[(k + 1) % n, 1]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) < 0.0:
+                    is_inside = False
+                    break
+            if is_inside:
+                layer[iy, ix] = value
+
+
+@jit
+def to_static(occupancy, table, out):
+    """Write table[occupancy + 128] uint8 for every cell of `occupancy` int8 (H, W)."""
+    height, width = occupancy.shape
+    for iy in range(height):
+        for ix in range(width):
+            out[iy, ix] = table[np.int64(occupancy[iy, ix]) + 128]
+
+
+@jit
+def combine(static, obstacles, out):
+    """Lay the obstacle layer over the static one: the larger cost, but what an obstacle layer knows replaces unknown."""
+    height, width = static.shape
+    for iy in range(height):
+        for ix in range(width):
+            a, b = static[iy, ix], obstacles[iy, ix]
+            if b == UNKNOWN:
+                out[iy, ix] = a
+            elif a == UNKNOWN:
+                out[iy, ix] = b
+            else:
+                out[iy, ix] = max(a, b)
+
+
+@jit
+def changed_box(old, new):
+    """Return (y0, y1, x0, x1), half open, of the cells that differ; y0 = y1 when none does."""
+    height, width = old.shape
+    y0, y1, x0, x1 = height, 0, width, 0
+    for iy in range(height):
+        first, last = -1, -1
+        for ix in range(width):
+            if old[iy, ix] != new[iy, ix]:
+                if first < 0:
+                    first = ix
+                last = ix
+        if first >= 0:
+            y0, y1 = min(y0, iy), iy + 1
+            x0, x1 = min(x0, first), max(x1, last + 1)
+    if y1 == 0:
+        return 0, 0, 0, 0
+    return y0, y1, x0, x1
+
+
+def warm_up() -> None:
+    """Compile every kernel with the types it is used with."""
+    layer = np.full((4, 4), UNKNOWN, np.uint8)
+    points = np.array([[0.1, 0.1], [0.15, 0.12]])
+    clear_rays(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0, True)
+    mark_points(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0)
+    fill_convex(layer, 0.0, 0.0, 0.05, np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]), FREE)
+    to_static(np.zeros((4, 4), np.int8), np.zeros(256, np.uint8), layer)
+    combine(layer, layer.copy(), layer.copy())
+    changed_box(layer, layer.copy())

@@ -1,0 +1,371 @@
+"""Shortest paths on 8-connected grids: A* and full sweeps with a bucket queue and exact integer costs.
+
+The graph: an edge between two neighbouring traversable cells a, b costs L * (w_a + w_b), with integer weights w and L = 29 for a
+straight and 41 for a diagonal step (41 / 29 = sqrt 2 - 0.03 %); a diagonal also needs both cells that it touches at the corner.
+
+Three things make it fast and keep it exact. (1) Buckets about as wide as the cheapest edge: within a bucket the order does not
+matter, because a cell whose cost improves is expanded again (Denardo and Fox, 1979). (2) A cell reached by the move d is never
+left by d +- 3 or back: the cell before it reaches those at a smaller cost, whatever the weights. (3) Where the 3 x 3 cells around it have
+one weight, only the canonical successors are followed, diagonal moves first (Harabor and Grastien, 2011; Sturtevant and
+Rabin, 2016): the same costs reach all other neighbours another way. Costs are integers, so ties are ties.
+
+Cells travel packed, iy << 16 | ix, in a grid with a border of one blocked cell. `state` is 0 for an unseen cell, else the move
+that led to it + 1 (START: none), with CLOSED added once it was expanded.
+"""
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+STRAIGHT, DIAGONAL = 29, 41
+FINE_STRAIGHT, FINE_DIAGONAL = 70, 99  # of the distance field: sqrt 2 + 0.005 %
+START, CLOSED = 9, 16
+REACHED, UNREACHED, OVERFLOW = 0, 1, 2
+_MOVE_Y = np.array([0, 1, 1, 1, 0, -1, -1, -1], np.int64)
+_MOVE_X = np.array([1, 1, 0, -1, -1, -1, 0, 1], np.int64)
+
+
+@jit
+def weigh(costs, table, weights):
+    """Fill `weights` uint16 (H + 2, W + 2) with table[cost] of every cell and a border of zeros (blocked)."""
+    height, width = costs.shape
+    weights[0, :] = 0
+    weights[height + 1, :] = 0
+    for iy in range(height):
+        weights[iy + 1, 0] = 0
+        weights[iy + 1, width + 1] = 0
+        for ix in range(width):
+            weights[iy + 1, ix + 1] = table[costs[iy, ix]]
+
+
+@jit
+def _is_uniform(weights, i, stride, w):
+    up, down = i + stride, i - stride
+    return (
+        weights[i - 1] == w
+        and weights[i + 1] == w
+        and weights[up] == w
+        and weights[down] == w
+        and weights[up - 1] == w
+        and weights[up + 1] == w
+        and weights[down - 1] == w
+        and weights[down + 1] == w
+    )
+
+
+@jit
+def _octile(iy, ix, goal_y, goal_x, straight, extra):
+    dy, dx = abs(iy - goal_y), abs(ix - goal_x)
+    if dx > dy:
+        return straight * dx + extra * dy
+    return straight * dy + extra * dx
+
+
+@jit
+def _moves_of(state, is_uniform):
+    """Return (first, count): the consecutive moves, modulo 8, by which a cell in `state` may be left."""
+    move = (state & 15) - 1
+    if move == START - 1:
+        return 0, 8
+    if not is_uniform:
+        return move + 6, 5
+    if move & 1:
+        return move + 7, 3
+    return move, 1
+
+
+@jit
+def search(weights, start_y, start_x, goal_y, goal_x, least, most, limit, cost, state):
+    """Find the least cost from start to goal; with goal_y < 0 to every cell. Returns REACHED, UNREACHED or OVERFLOW.
+
+    `weights` uint16 (H + 2, W + 2) from `weigh`, cells count with its border; `least` and `most` bound its positive values.
+    `cost` int32 or int64 and `state` uint8 (zeros) have its shape; cost is valid where state is not 0. OVERFLOW is
+    returned when a cost would exceed `limit`, the last value that the type of `cost` can take safely.
+    """
+    stride = weights.shape[1]
+    w, g, s = weights.ravel(), cost.ravel(), state.ravel()
+    has_goal = goal_y >= 0
+    straight = 2 * least * STRAIGHT if has_goal else 0
+    extra = 2 * least * (DIAGONAL - STRAIGHT) if has_goal else 0
+    shift = 0
+    while (1 << (shift + 1)) <= 2 * least * STRAIGHT:
+        shift += 1
+    buckets = 2
+    while buckets < (((2 * most + 2 * least) * DIAGONAL) >> shift) + 2:
+        buckets *= 2
+    stack = np.empty((buckets, 4096), np.int32)
+    size = np.zeros(buckets, np.int64)
+    goal = goal_y * stride + goal_x
+    best = np.int64(limit)
+    source = start_y * stride + start_x
+    g[source] = 0
+    s[source] = START
+    bucket = _octile(start_y, start_x, goal_y, goal_x, straight, extra) >> shift
+    stack[bucket & (buckets - 1), 0] = (start_y << 16) | start_x
+    size[bucket & (buckets - 1)] = 1
+    waiting = 1
+    is_cut = False
+    while waiting > 0:
+        b = bucket & (buckets - 1)
+        if size[b] == 0:
+            if best < limit and (best >> shift) <= bucket:
+                break
+            bucket += 1
+            continue
+        size[b] -= 1
+        waiting -= 1
+        packed = np.int64(stack[b, size[b]])
+        iy, ix = packed >> 16, packed & 0xFFFF
+        i = iy * stride + ix
+        st = np.int64(s[i])
+        if st & CLOSED:
+            continue
+        s[i] = st | CLOSED
+        here = np.int64(g[i])
+        if here >= best:
+            continue
+        wi = w[i]
+        first, count = _moves_of(st, _is_uniform(w, i, stride, wi))
+        for k in range(first, first + count):
+            move = k & 7
+            my, mx = _MOVE_Y[move], _MOVE_X[move]
+            j = i + my * stride + mx
+            wj = w[j]
+            if wj == 0:
+                continue
+            if move & 1:
+                if w[i + mx] == 0 or w[i + my * stride] == 0:
+                    continue
+                there = here + DIAGONAL * (np.int64(wi) + np.int64(wj))
+            else:
+                there = here + STRAIGHT * (np.int64(wi) + np.int64(wj))
+            if s[j] != 0 and there >= g[j]:
+                continue
+            jy, jx = iy + my, ix + mx
+            f = there + _octile(jy, jx, goal_y, goal_x, straight, extra)
+            if f >= best:
+                is_cut = is_cut or best == limit
+                continue
+            g[j] = there
+            s[j] = move + 1
+            if j == goal:
+                best = there
+                continue
+            b = (f >> shift) & (buckets - 1)
+            if size[b] == stack.shape[1]:
+                larger = np.empty((buckets, 2 * stack.shape[1]), np.int32)
+                for r in range(buckets):
+                    larger[r, : size[r]] = stack[r, : size[r]]
+                stack = larger
+            stack[b, size[b]] = (jy << 16) | jx
+            size[b] += 1
+            waiting += 1
+    if has_goal and (best < limit or source == goal):
+        return REACHED
+    if is_cut:
+        return OVERFLOW
+    return UNREACHED if has_goal else REACHED
+
+
+@jit
+def extract_path(state, goal_y, goal_x, out):
+    """Write the packed cells from the goal back to the start into `out` int32; returns how many there are (out may be too short)."""
+    iy, ix, n = goal_y, goal_x, 0
+    while True:
+        if n < len(out):
+            out[n] = (iy << 16) | ix
+        n += 1
+        move = (np.int64(state[iy, ix]) & 15) - 1
+        if move == START - 1:
+            return n
+        iy -= _MOVE_Y[move]
+        ix -= _MOVE_X[move]
+
+
+@jit
+def nearest_reached(cost, state, goal_y, goal_x):
+    """Return (iy, ix) of the seen cell nearest to the goal cell; among equals the cheapest, then the first. (-1, -1): none."""
+    height, width = state.shape
+    best_d, best_g, best_y, best_x = np.int64(1) << 62, np.int64(0), -1, -1
+    for ring in range(height):
+        if ring * ring > best_d:
+            break
+        for side in range(2):
+            iy = goal_y - ring if side == 0 else goal_y + ring
+            if iy < 0 or iy >= height or (ring == 0 and side == 1):
+                continue
+            for ix in range(width):
+                if state[iy, ix] == 0:
+                    continue
+                d = ring * ring + (ix - goal_x) * (ix - goal_x)
+                if d < best_d or (d == best_d and cost[iy, ix] < best_g):
+                    best_d, best_g, best_y, best_x = d, np.int64(cost[iy, ix]), iy, ix
+    return best_y, best_x
+
+
+@jit
+def distance_field(costs, start_iy, start_ix, lethal_from, resolution, out):
+    """Fill `out` float32 (H, W) with the length of the shortest 8-connected path from the start to every cell, metres; inf: none.
+
+    `costs` uint8 (H, W); cells >= `lethal_from` (253: inscribed, lethal and unknown ones) are blocked, diagonals between blocked
+    cells too. A start on a blocked cell may leave it through cells of cost 253. Lengths are exact to 0.005 %.
+    """
+    height, width = costs.shape
+    stride = width + 2
+    free = np.zeros((height + 2) * stride, np.uint8)
+    for iy in range(height):
+        for ix in range(width):
+            free[(iy + 1) * stride + ix + 1] = costs[iy, ix] < lethal_from
+    g = np.empty((height + 2) * stride, np.int32)
+    s = np.zeros((height + 2) * stride, np.uint8)
+    buckets = 4
+    shift = 6
+    stack = np.empty((buckets, 4096), np.int32)
+    size = np.zeros(buckets, np.int64)
+    source = (start_iy + 1) * stride + start_ix + 1
+    g[source] = 0
+    s[source] = START
+    stack[0, 0] = ((start_iy + 1) << 16) | (start_ix + 1)
+    size[0] = 1
+    waiting = 1
+    bucket = 0
+    while waiting > 0:
+        b = bucket & (buckets - 1)
+        if size[b] == 0:
+            bucket += 1
+            continue
+        size[b] -= 1
+        waiting -= 1
+        packed = np.int64(stack[b, size[b]])
+        iy, ix = packed >> 16, packed & 0xFFFF
+        i = iy * stride + ix
+        st = np.int64(s[i])
+        if st & CLOSED:
+            continue
+        s[i] = st | CLOSED
+        here = g[i]
+        is_free = free[i] != 0
+        first, count = _moves_of(st, is_free and _is_uniform(free, i, stride, 1))
+        for k in range(first, first + count):
+            move = k & 7
+            my, mx = _MOVE_Y[move], _MOVE_X[move]
+            j = i + my * stride + mx
+            if free[j] == 0:
+                jy, jx = iy + my - 1, ix + mx - 1
+                if is_free or jy < 0 or jx < 0 or jy >= height or jx >= width or costs[jy, jx] != 253:
+                    continue
+            if move & 1:
+                if is_free and (free[i + mx] == 0 or free[i + my * stride] == 0):
+                    continue
+                there = here + FINE_DIAGONAL
+            else:
+                there = here + FINE_STRAIGHT
+            if s[j] != 0 and there >= g[j]:
+                continue
+            g[j] = there
+            s[j] = move + 1
+            b = (there >> shift) & (buckets - 1)
+            if size[b] == stack.shape[1]:
+                larger = np.empty((buckets, 2 * stack.shape[1]), np.int32)
+                for r in range(buckets):
+                    larger[r, : size[r]] = stack[r, : size[r]]
+                stack = larger
+            stack[b, size[b]] = ((iy + my) << 16) | (ix + mx)
+            size[b] += 1
+            waiting += 1
+    scale = resolution / FINE_STRAIGHT
+    for iy in range(height):
+        for ix in range(width):
+            i = (iy + 1) * stride + ix + 1
+            out[iy, ix] = g[i] * scale if s[i] != 0 else np.inf
+
+
+@jit
+def segment_cost(weights, y0, x0, y1, x1, most):
+    """Return the integral of the weights along a straight segment (cells; cell i covers [i, i + 1)), or -1 when it touches a cell
+    that is blocked or dearer than `most`; where it passes a corner exactly, both neighbours count as touched."""
+    iy, ix = int(np.floor(y0)), int(np.floor(x0))
+    end_y, end_x = int(np.floor(y1)), int(np.floor(x1))
+    dy, dx = y1 - y0, x1 - x0
+    length = np.sqrt(dy * dy + dx * dx)
+    w = weights[iy, ix]
+    if w == 0 or w > most:
+        return -1.0
+    step_y, step_x = (1 if dy > 0 else -1), (1 if dx > 0 else -1)
+    far = 1e30
+    per_y = abs(1.0 / dy) if dy != 0.0 else far
+    per_x = abs(1.0 / dx) if dx != 0.0 else far
+    next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * per_y if dy != 0.0 else far
+    next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * per_x if dx != 0.0 else far
+    t, total = 0.0, 0.0
+    for _ in range(abs(end_y - iy) + abs(end_x - ix) + 2):
+        until = min(next_y, next_x)
+        if until >= 1.0 or (iy == end_y and ix == end_x):
+            break
+        total += (until - t) * w
+        t = until
+        if abs(next_y - next_x) < 1e-9:
+            for side in (weights[iy + step_y, ix], weights[iy, ix + step_x]):
+                if side == 0 or side > most:
+                    return -1.0
+            iy += step_y
+            ix += step_x
+            next_y += per_y
+            next_x += per_x
+        elif next_y < next_x:
+            iy += step_y
+            next_y += per_y
+        else:
+            ix += step_x
+            next_x += per_x
+        w = weights[iy, ix]
+        if w == 0 or w > most:
+            return -1.0
+    return (total + (1.0 - t) * w) * length
+
+
+@jit
+def shortcut(weights, points, window, keep):
+    """Mark in `keep` bool (N,) the corners of a shorter way through the points float64 (N, 2) of (y, x) in cells.
+
+    A run of points (at most `window`) is replaced by its chord when the chord costs no more than the run and touches no cell
+    that is blocked or dearer than the dearest of the run: it never comes closer to an obstacle. Returns the number kept.
+    """
+    n = len(points)
+    keep[:] = False
+    keep[0] = True
+    kept, i = 1, 0
+    while i < n - 1:
+        reach, run, most = i + 1, 0.0, weights[int(points[i, 0]), int(points[i, 1])]
+        j, due = i, i + 2
+        while j + 1 < n and j - i < window:
+            j += 1
+            w = weights[int(points[j, 0]), int(points[j, 1])]
+            run += segment_cost(weights, points[j - 1, 0], points[j - 1, 1], points[j, 0], points[j, 1], 65535)
+            most = max(most, w)
+            if j < due and j + 1 < n:
+                continue
+            chord = segment_cost(weights, points[i, 0], points[i, 1], points[j, 0], points[j, 1], most)
+            if j > i + 1 and (chord < 0.0 or chord > run * (1.0 + 1e-9)):
+                break
+            reach = j
+            due = j + 1 + (j - i) // 8
+        i = reach
+        keep[i] = True
+        kept += 1
+    return kept
+
+
+def warm_up() -> None:
+    """Compile every kernel with the types it is used with."""
+    costs = np.zeros((3, 3), np.uint8)
+    weights = np.zeros((5, 5), np.uint16)
+    weigh(costs, np.full(256, 50, np.uint16), weights)
+    for kind in (np.int32, np.int64):
+        cost, state = np.zeros((5, 5), kind), np.zeros((5, 5), np.uint8)
+        search(weights, 1, 1, 3, 3, 50, 252, 1 << 30, cost, state)
+        nearest_reached(cost, state, 3, 3)
+    extract_path(state, 3, 3, np.zeros(9, np.int32))
+    distance_field(costs, 1, 1, 253, 0.05, np.zeros((3, 3), np.float32))
+    segment_cost(weights, 1.5, 1.5, 2.5, 3.5, 65535)
+    shortcut(weights, np.array([[1.5, 1.5], [2.5, 2.5]]), 100, np.zeros(2, np.bool_))
