@@ -1,0 +1,135 @@
+"""Map quality: an equal map is perfect, known motions are undone, and each number equals its definition."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skimage.metrics import structural_similarity as skimage_ssim
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.evaluation.alignment import align, best_rigid_motion
+from ambler.evaluation.map_quality import (
+    BLUE,
+    RED,
+    compare_maps,
+    nearest_neighbour_error,
+    points_of,
+    structural_similarity,
+)
+from tests.evaluation.plans import moved, office
+
+
+def test_a_map_equals_itself() -> None:
+    quality = compare_maps(office(), office())
+    assert quality.coverage_ratio == 1.0
+    assert quality.false_free_ratio == 0.0
+    assert quality.nne_cells == pytest.approx(0.0, abs=1e-9)
+    assert quality.nne_reverse_cells == pytest.approx(0.0, abs=1e-9)
+    assert quality.ssim == pytest.approx(1.0, abs=1e-12)
+    assert quality.truth_from_built.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_shift_by_whole_cells_is_undone_exactly() -> None:
+    spec, grid = office()
+    shifted = GridSpec(spec.resolution, spec.width, spec.height, spec.origin_x + 0.3, spec.origin_y - 0.2)
+    quality = compare_maps((shifted, grid), (spec, grid))
+    assert quality.truth_from_built.as_array() == pytest.approx([-0.3, 0.2, 0.0], abs=1e-6)
+    assert quality.ssim == pytest.approx(1.0, abs=1e-6)
+    assert quality.coverage_ratio == 1.0
+
+
+@given(x=st.floats(-0.5, 0.5), y=st.floats(-0.5, 0.5), yaw=st.floats(-10.0, 10.0))
+@settings(max_examples=12, deadline=None)
+def test_icp_undoes_motions_of_points(x: float, y: float, yaw: float) -> None:
+    spec, grid = office()
+    points = points_of(spec, grid >= 65)
+    motion = SE2(x, y, math.radians(yaw))
+    found = align(motion.transform(points), points)
+    undone = found.target_from_source @ motion
+    assert math.hypot(undone.x, undone.y) < 2e-3
+    assert abs(undone.yaw) < 5e-4
+
+
+def test_a_map_drawn_in_a_moved_frame_is_laid_back() -> None:
+    spec, grid = office()
+    motion = SE2(0.4, -0.3, math.radians(8.0))
+    quality = compare_maps(moved(spec, grid, motion), (spec, grid))
+    error = quality.truth_from_built @ motion
+    assert math.hypot(error.x, error.y) < 0.02
+    assert abs(error.yaw) < math.radians(0.2)
+    assert quality.coverage_ratio > 0.99
+    assert quality.nne_cells < 0.6
+    assert quality.nne_reverse_cells < 0.6
+
+
+def test_a_missing_room_lowers_coverage_and_raises_nne_one_way_only() -> None:
+    spec, grid = office()
+    partial = grid.copy()
+    partial[: round(4.95 / 0.05), round(9.05 / 0.05) :] = -1
+    quality = compare_maps((spec, partial), (spec, grid))
+    lost = 1.0 - np.count_nonzero(partial == 0) / np.count_nonzero(grid == 0)
+    assert quality.coverage_ratio == pytest.approx(1.0 - lost, abs=0.003)
+    assert quality.nne_cells > 2.0
+    assert quality.nne_reverse_cells < 0.1
+    assert quality.false_free_ratio < 0.003
+
+
+def test_false_free_counts_free_cells_that_are_not_free_in_truth() -> None:
+    spec, grid = office()
+    wrong = grid.copy()
+    outside = np.argwhere(grid == -1)[:500]
+    wrong[outside[:, 0], outside[:, 1]] = 0
+    quality = compare_maps((spec, wrong), (spec, grid), truth_from_built=SE2())
+    assert quality.false_free_ratio == pytest.approx(500 / np.count_nonzero(wrong == 0))
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_ssim_equals_scikit_image(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a = ((rng.random((40, 57)) < 0.1) * 255).astype(np.uint8)
+    b = np.roll(a, int(rng.integers(0, 3)), axis=1)
+    expected = skimage_ssim(a, b, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255)
+    assert structural_similarity(a, b) == pytest.approx(expected, abs=1e-9)
+
+
+def test_nearest_neighbour_error_equals_brute_force() -> None:
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(size=(80, 2)), rng.normal(size=(60, 2))
+    brute = np.hypot(*(a[:, None] - b[None]).transpose(2, 0, 1)).min(axis=1).mean()
+    assert nearest_neighbour_error(a, b) == pytest.approx(brute)
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_best_rigid_motion_is_a_minimum(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(30, 2))
+    b = SE2(0.3, -1.0, 2.0).transform(a) + rng.normal(scale=0.1, size=(30, 2))
+    best = best_rigid_motion(a, b)
+
+    def cost(motion: SE2) -> float:
+        return float(((motion.transform(a) - b) ** 2).sum())
+
+    for nudge in (SE2(1e-3), SE2(0, 1e-3), SE2(0, 0, 1e-3), SE2(-1e-3), SE2(0, -1e-3), SE2(0, 0, -1e-3)):
+        assert cost(best @ nudge) > cost(best)
+
+
+def test_overlay_shows_truth_red_and_built_blue() -> None:
+    spec, grid = office()
+    partial = grid.copy()
+    partial[:, spec.width // 2 :] = -1
+    overlay = compare_maps((spec, partial), (spec, grid), truth_from_built=SE2()).overlay
+    half = overlay.shape[1] // 2
+    assert (overlay[:, half + 5 :] == RED).all(axis=2).any()
+    assert not (overlay[:, half + 5 :] == BLUE).all(axis=2).any()
+
+
+def test_an_empty_map_is_refused() -> None:
+    spec, grid = office()
+    with pytest.raises(BadInputError, match="three points"):
+        compare_maps((spec, np.zeros_like(grid)), (spec, grid))

@@ -1,0 +1,83 @@
+"""Trajectory errors and collisions against values that are known beforehand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.errors import BadInputError
+from ambler.core.messages import Contact
+from ambler.core.se2 import SE2
+from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.trajectory import trajectory_error
+
+
+def circle(stamps_ns: np.ndarray) -> np.ndarray:
+    t = stamps_ns * 1e-9
+    return np.stack([3 * np.cos(0.2 * t), 3 * np.sin(0.2 * t), 0.2 * t + math.pi / 2], axis=1)
+
+
+TRUTH_NS = np.arange(0, 60_000_000_000, 10_000_000)
+STAMPS_NS = np.arange(123_456_789, 59_000_000_000, 200_000_000)
+
+
+def test_the_truth_itself_has_no_error() -> None:
+    result = trajectory_error(STAMPS_NS, circle(STAMPS_NS), TRUTH_NS, circle(TRUTH_NS))
+    assert result.ate_rms_m < 1e-5
+    assert result.unaligned_rms_m < 1e-5
+    assert result.yaw_rms_rad < 1e-5
+    assert len(result.errors) == len(STAMPS_NS)
+
+
+def test_another_frame_is_aligned_away_but_reported() -> None:
+    motion = SE2(1.0, -2.0, 0.7)
+    estimate = circle(STAMPS_NS)
+    estimate[:, :2] = motion.transform(estimate[:, :2])
+    estimate[:, 2] += motion.yaw
+    result = trajectory_error(STAMPS_NS, estimate, TRUTH_NS, circle(TRUTH_NS))
+    assert result.ate_rms_m < 1e-5
+    assert result.yaw_rms_rad < 1e-5
+    assert result.unaligned_rms_m > 1.0
+    assert result.truth_from_estimate.as_array() == pytest.approx(motion.inverse().as_array(), abs=1e-5)
+
+
+def test_noise_of_known_size_is_measured() -> None:
+    rng = np.random.default_rng(5)
+    estimate = circle(STAMPS_NS)
+    estimate[:, :2] += rng.normal(scale=0.05, size=(len(estimate), 2))
+    result = trajectory_error(STAMPS_NS, estimate, TRUTH_NS, circle(TRUTH_NS))
+    assert result.ate_rms_m == pytest.approx(0.05 * math.sqrt(2), rel=0.1)
+    assert result.ate_rms_m <= result.unaligned_rms_m
+
+
+def test_stamps_in_a_gap_of_the_truth_are_left_out() -> None:
+    keep = (TRUTH_NS < 20_000_000_000) | (TRUTH_NS > 30_000_000_000)
+    result = trajectory_error(STAMPS_NS, circle(STAMPS_NS), TRUTH_NS[keep], circle(TRUTH_NS[keep]))
+    assert not ((result.stamps_ns > 20_000_000_000) & (result.stamps_ns < 30_000_000_000)).any()
+    assert result.ate_rms_m < 1e-5
+
+
+def test_no_common_time_is_refused() -> None:
+    with pytest.raises(BadInputError, match="have a true pose"):
+        trajectory_error(STAMPS_NS + 10**12, circle(STAMPS_NS), TRUTH_NS, circle(TRUTH_NS))
+
+
+def contact(seconds: float, speed: float, other: str = "wall") -> Contact:
+    return Contact(round(seconds * 1e9), "base", other, (0.0, 0.0, 0.0), speed, 10.0 * speed)
+
+
+def test_contacts_cluster_into_collisions() -> None:
+    times = [(1.0, 0.3), (1.2, 0.6), (1.6, 0.2), (2.2, 0.3), (5.0, 0.04), (9.0, 0.2)]
+    found = find_collisions([contact(t, v) for t, v in times])
+    assert [(c.begin_ns, c.end_ns) for c in found] == [
+        (1_000_000_000, 1_600_000_000),
+        (2_200_000_000, 2_200_000_000),
+        (9_000_000_000, 9_000_000_000),
+    ]
+    assert found[0].speed == 0.6
+    assert found[0].force == pytest.approx(6.0)
+
+
+def test_resting_contacts_and_docks_are_no_collisions() -> None:
+    assert find_collisions([contact(1.0, 0.05), contact(2.0, 0.0)]) == ()
+    assert find_collisions([contact(1.0, 0.2, "dock")], allowed=frozenset({"dock"})) == ()
