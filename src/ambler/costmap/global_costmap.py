@@ -6,7 +6,7 @@ It takes the map's geometry and grows with it. While the geometry stays, only th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +35,9 @@ class StaticConfig:
 class GlobalCostmapConfig:
     """Configs of the layers."""
 
-    static: StaticConfig = StaticConfig()
-    obstacles: ObstacleConfig = ObstacleConfig()
-    inflation: InflationConfig = InflationConfig()
+    static: StaticConfig = field(default_factory=StaticConfig)
+    obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
+    inflation: InflationConfig = field(default_factory=InflationConfig)
 
 
 class GlobalCostmap:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ class LocalCostmapConfig:
     size: float = 6.0
     resolution: float = 0.05
     tracks_unknown: bool = False
-    obstacles: ObstacleConfig = ObstacleConfig(obstacle_range=4.5, raytrace_range=5.0)
+    obstacles: ObstacleConfig = field(default_factory=lambda: ObstacleConfig(obstacle_range=4.5, raytrace_range=5.0))
     inflation: InflationConfig = LOCAL_INFLATION
 
 
