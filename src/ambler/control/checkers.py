@@ -1,0 +1,59 @@
+"""Judges of a drive: has it reached its goal, and does it still get anywhere."""
+
+from __future__ import annotations
+
+import math
+
+from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2, wrap_angle
+
+
+class GoalChecker:
+    """Says when a goal is reached: position once, heading, and at rest.
+
+    The position is remembered once it was within its tolerance, so that turning on the spot cannot lose it again; it does not
+    count while more than `path_tolerance` metres of path are left, so that a loop through its own goal is driven to its end.
+    """
+
+    def __init__(
+        self, xy_tolerance: float, yaw_tolerance: float, path_tolerance: float = 1.0, rest_speed: float = 0.1
+    ) -> None:
+        self._xy_tolerance = xy_tolerance
+        self._yaw_tolerance = yaw_tolerance
+        self._path_tolerance = path_tolerance
+        self._rest_speed = rest_speed
+        self.is_position_reached = False
+
+    def update(self, odom_from_base: SE2, odom_from_goal: SE2, velocity: BodyVelocity, path_left: float) -> bool:
+        """Return whether the goal is reached."""
+        away = odom_from_base.distance_to(odom_from_goal)
+        if away <= self._xy_tolerance and path_left <= self._path_tolerance:
+            self.is_position_reached = True
+        elif away > 2.0 * self._xy_tolerance:
+            self.is_position_reached = False
+        yaw_error = abs(wrap_angle(odom_from_goal.yaw - odom_from_base.yaw))
+        is_at_rest = math.hypot(velocity.vx, velocity.vy) + abs(velocity.wz) <= self._rest_speed
+        return self.is_position_reached and yaw_error <= self._yaw_tolerance and is_at_rest
+
+
+class ProgressChecker:
+    """Says when the robot has stayed within a circle, and a sector of heading, for too long."""
+
+    def __init__(self, radius: float = 0.5, angle: float = 0.5, patience: float = 10.0) -> None:
+        self._radius = radius
+        self._angle = angle
+        self._patience_ns = round(patience * 1e9)
+        self._anchor: SE2 | None = None
+        self._since_ns = 0
+
+    def update(self, now_ns: int, odom_from_base: SE2) -> bool:
+        """Return whether the robot still makes progress. The first pose starts the clock."""
+        anchor = self._anchor
+        if (
+            anchor is None
+            or anchor.distance_to(odom_from_base) > self._radius
+            or abs(wrap_angle(anchor.yaw - odom_from_base.yaw)) > self._angle
+        ):
+            self._anchor, self._since_ns = odom_from_base, now_ns
+            return True
+        return now_ns - self._since_ns <= self._patience_ns

@@ -1,0 +1,53 @@
+"""Numbers of the local planner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutConfig:
+    """Trajectory Rollout, SI.
+
+    horizon            seconds that every trajectory is simulated
+    vx_samples, vy_samples, wz_samples   wanted velocities per axis (vy only for an omnidirectional base)
+    step_length        metres that the fastest corner moves between two footprint checks
+    padding            added to the footprint on all sides
+    reaction_time      from a measurement to the base obeying the command computed from it
+    look_ahead         metres of path whose direction decides whether the robot first turns in place
+    turn_start, turn_end   heading errors (rad) at which turning in place begins and ends
+    window             metres of path that are scored ahead of the robot
+    arrive_radius      the goal counts as reached here; within `pass_radius` also when it lies beside or behind
+    arrive_yaw         final heading error that is good enough to stop turning
+    speed_min          slowest motion worth commanding, m/s; `turn_min` rad/s
+    brake_share        share of the deceleration limits used on purpose
+    near               clearance below which a trajectory is charged
+    weight_*           cost per metre off the path (less while it is blocked), per metre not gained, per radian off the path's heading, per metre of missing
+                       clearance, per radian/s of change in yaw rate, per m/s sideways
+    """
+
+    horizon: float = 1.7
+    vx_samples: int = 20
+    vy_samples: int = 5
+    wz_samples: int = 20
+    step_length: float = 0.05
+    padding: float = 0.03
+    reaction_time: float = 0.1
+    look_ahead: float = 0.4
+    turn_start: float = 0.8
+    turn_end: float = 0.15
+    window: float = 2.0
+    arrive_radius: float = 0.03
+    pass_radius: float = 0.1
+    arrive_yaw: float = 0.02
+    speed_min: float = 0.06
+    turn_min: float = 0.15
+    brake_share: float = 0.6
+    near: float = 0.25
+    weight_path: float = 2.0
+    weight_path_blocked: float = 0.2
+    weight_progress: float = 1.0
+    weight_heading: float = 0.15
+    weight_clearance: float = 0.6
+    weight_turn_change: float = 0.04
+    weight_sideways: float = 0.3

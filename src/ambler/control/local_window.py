@@ -1,0 +1,92 @@
+"""One local cost grid, prepared for footprint checks: row sums and the exact distance field of its lethal cells."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import COST_LETHAL, GridSpec
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.kernels.footprint import footprint_edges, lethal_cells_inside, lethal_distance, lethal_row_sums
+from ambler.kernels.rollout import free_slide, free_turn
+
+F64 = NDArray[np.float64]
+
+
+def covering_circles(polygon: F64, padding: float) -> F64:
+    """Return circles (M, 3) of (x, y, r) that together cover a polygon (N, 2) grown by `padding`: a row along its length."""
+    low, high = polygon.min(axis=0) - padding, polygon.max(axis=0) + padding
+    length, width = float(high[0] - low[0]), float(high[1] - low[1])
+    count = max(1, math.ceil(length / width))
+    radius = math.hypot(length / count / 2.0, width / 2.0)
+    x = low[0] + (np.arange(count) + 0.5) * length / count
+    return np.stack((x, np.full(count, (low[1] + high[1]) / 2.0), np.full(count, radius)), axis=1)
+
+
+class LocalWindow:
+    """Answers where the filled, padded footprint is free. Only lethal cells collide; unknown and outside count as free, because
+    a local window sees no farther (the velocity gate watches what it does not show)."""
+
+    def __init__(self, robot: RobotModel, padding: float) -> None:
+        self.normals, self.offsets = footprint_edges(robot.footprint, padding)
+        self.circles = covering_circles(robot.footprint, padding)
+        self.inscribed_radius = robot.inscribed_radius
+        self.radius = robot.circumscribed_radius + padding
+        self.spec = GridSpec(0.05, 0, 0, 0.0, 0.0)
+        self.row_sums = np.zeros((0, 1), np.int32)
+        self.distance = np.zeros((0, 0))
+
+    def update(self, costs: NDArray[np.uint8], spec: GridSpec) -> None:
+        """Take a cost grid uint8 [iy, ix]."""
+        if spec.shape != self.distance.shape:
+            self.row_sums = np.zeros((spec.height, spec.width + 1), np.int32)
+            self.distance = np.zeros(spec.shape)
+        self.spec = spec
+        lethal_row_sums(costs, COST_LETHAL, self.row_sums)
+        lethal_distance(self.row_sums, spec.resolution, self.distance)
+
+    def placed(self, odom_from_base: SE2) -> F64:
+        """Return (x, y, yaw) measured from the corner of the grid."""
+        return np.array(
+            [odom_from_base.x - self.spec.origin_x, odom_from_base.y - self.spec.origin_y, odom_from_base.yaw]
+        )
+
+    def lethal_cells(self, odom_from_base: SE2) -> int:
+        """Count the lethal cells under the footprint."""
+        x, y, yaw = self.placed(odom_from_base)
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return int(lethal_cells_inside(self.row_sums, self.spec.resolution, x, y, cos, sin, self.normals, self.offsets))
+
+    def free_turn(self, odom_from_base: SE2, angle: float) -> float:
+        """Return how far the robot can turn in place, signed radians, at most `angle`."""
+        return float(
+            free_turn(
+                self.placed(odom_from_base),
+                angle,
+                self.row_sums,
+                self.distance,
+                self.spec.resolution,
+                self.normals,
+                self.offsets,
+                self.circles,
+            )
+        )
+
+    def free_slide(self, odom_from_base: SE2, heading: float, length: float) -> float:
+        """Return how far the robot can move along a direction of the odom frame without turning, at most `length` metres."""
+        return float(
+            free_slide(
+                self.placed(odom_from_base),
+                heading,
+                length,
+                self.row_sums,
+                self.distance,
+                self.spec.resolution,
+                self.normals,
+                self.offsets,
+                self.circles,
+            )
+        )

@@ -1,0 +1,214 @@
+"""Trajectory Rollout (navigation reference 4.3): simulate many wanted velocities with the base's accelerations, discard those
+whose filled footprint touches a lethal cell, and take the one that gains most path at least cost.
+
+Differences that experience asked for: the path grid only says which stretch of path is the nearest one around obstacles, the
+distance to it is exact; the robot first turns in place when the path leads elsewhere; the speed towards the goal follows from
+the deceleration; a trajectory must gain something, so a robot that is blocked says so instead of dithering.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.control.config import RolloutConfig
+from ambler.control.local_window import LocalWindow
+from ambler.control.path_tracker import PathTracker
+from ambler.core.errors import InvalidPathError, NoValidControlError
+from ambler.core.grid import GridSpec
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import DriveKind, RobotModel
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.kernels.rollout import locate_on_path, roll_out, spread_path
+
+F64 = NDArray[np.float64]
+
+GAIN_MIN = 0.02  # metres that a trajectory must gain to be worth driving
+
+
+def approach_limit(distance: float, deceleration: float, reaction_time: float) -> float:
+    """Return the speed from which one can stop within `distance`, after reacting for `reaction_time`."""
+    lost = deceleration * reaction_time
+    return math.sqrt(lost * lost + 2.0 * deceleration * max(0.0, distance)) - lost
+
+
+class TrajectoryRollout:
+    """A local planner (core.protocols.LocalPlanner) for differential and omnidirectional bases."""
+
+    def __init__(self, config: RolloutConfig, robot: RobotModel) -> None:
+        self._config = config
+        self._robot = robot
+        self._limits = robot.limits
+        self._window = LocalWindow(robot, config.padding)
+        self._tracker = PathTracker()
+        self._turn_target: str = ""
+        self._turn_sign = 0.0
+        self._has_arrived = False
+        self.trajectory = np.zeros((0, 3))
+        """Where the last command leads, float64 (N, 3) of (x, y, yaw) in the odom frame, for people to look at."""
+
+    @property
+    def path_left(self) -> float:
+        """Arc length of the path that is left, metres."""
+        return self._tracker.length - self._tracker.along if len(self._tracker.points) else 0.0
+
+    def reset(self) -> None:
+        """Forget the path and everything remembered about it."""
+        self._tracker = PathTracker()
+        self._has_arrived = False
+        self._turn_target, self._turn_sign = "", 0.0
+
+    def set_path(self, path_odom: F64) -> None:
+        """Take a new path float64 (N, 3). A path to the same goal keeps what has been reached. Raises InvalidPathError."""
+        if not self._tracker.set_path(path_odom):
+            self._has_arrived = False
+            self._turn_target, self._turn_sign = "", 0.0
+
+    def compute_command(
+        self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
+    ) -> BodyVelocity:
+        """Return the wanted velocity of the base; raises NoValidControlError when every motion worth driving collides."""
+        if len(self._tracker.points) == 0:
+            raise InvalidPathError("there is no path to follow")
+        self._window.update(costs, spec)
+        lead = np.array([velocity.vx, velocity.vy, velocity.wz]) * self._config.reaction_time
+        start = odom_from_base @ SE2.exp(lead)
+        left = self._tracker.locate(start)
+        self.trajectory = np.array([odom_from_base.as_array()])
+        if self._arrives(start, left):
+            return self._turn_to(start, velocity, self._tracker.goal.yaw, "goal", self._config.arrive_yaw)
+        error = self._heading_error(start, left)
+        is_turning = self._turn_target == "path"
+        if abs(error) > (self._config.turn_end if is_turning else self._config.turn_start):
+            try:
+                return self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
+            except NoValidControlError:
+                pass  # it cannot turn here: an arc may still lead out
+        self._turn_target = ""
+        command = self._best_command(start, velocity, left)
+        if command is not None:
+            return command
+        if abs(error) > self._config.turn_end:
+            return self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
+        raise NoValidControlError("every motion along the path collides")
+
+    def _arrives(self, start: SE2, left: float) -> bool:
+        goal = start.inverse() @ self._tracker.goal
+        away = math.hypot(goal.x, goal.y)
+        if self._has_arrived:
+            self._has_arrived = away < 2.0 * self._config.pass_radius
+        elif left < 2.0 * self._config.pass_radius:
+            is_passed = away < self._config.pass_radius and min(left, goal.x) < self._config.arrive_radius
+            self._has_arrived = away < self._config.arrive_radius or is_passed
+        return self._has_arrived
+
+    def _heading_error(self, start: SE2, left: float) -> float:
+        x, y = self._tracker.point_at(min(self._config.look_ahead, left))
+        if math.hypot(x - start.x, y - start.y) < self._config.arrive_radius:
+            return 0.0
+        return wrap_angle(math.atan2(y - start.y, x - start.x) - start.yaw)
+
+    def _turn_to(self, start: SE2, velocity: BodyVelocity, yaw: float, target: str, tolerance: float) -> BodyVelocity:
+        error = wrap_angle(yaw - start.yaw)
+        if target == "goal" and abs(error) <= tolerance:
+            self._turn_target = ""
+            return BodyVelocity()
+        if self._turn_target != target or abs(error) < math.pi / 2:
+            self._turn_sign = math.copysign(1.0, error)
+        turns = (error, error - math.copysign(2.0 * math.pi, error))
+        turns = turns if turns[0] * self._turn_sign > 0.0 else turns[::-1]
+        for turn in turns:
+            if abs(self._window.free_turn(start, turn)) >= abs(turn) - 1e-9:
+                self._turn_target, self._turn_sign = target, math.copysign(1.0, turn)
+                if math.hypot(velocity.vx, velocity.vy) > 2.0 * self._config.speed_min:
+                    return BodyVelocity()
+                limit = approach_limit(
+                    abs(turn), self._limits.az_max * self._config.brake_share, self._config.reaction_time
+                )
+                rate = min(self._limits.wz_max, max(self._config.turn_min, limit))
+                return BodyVelocity(0.0, 0.0, math.copysign(rate, turn))
+        raise NoValidControlError("the robot cannot turn here without touching something")
+
+    def _best_command(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity | None:
+        path = self._tracker.ahead(self._config.window).copy()
+        path[:, 0] -= self._window.spec.origin_x
+        path[:, 1] -= self._window.spec.origin_y
+        steps, label = self._spread(path)
+        here = np.empty(3)
+        at = self._window.placed(start)
+        resolution = self._window.spec.resolution
+        locate_on_path(at[0], at[1], path, steps, label, resolution, here)
+        samples = self._samples(velocity, left)
+        out = np.empty((len(samples), 8))
+        lim = self._limits
+        rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
+        is_end_near = left <= self._config.window
+        stop = max(left, resolution) if is_end_near else 1e9
+        plan = np.array([self._config.horizon, stop, self._config.step_length, self._window.radius])
+        w = self._window
+        v0 = np.array([velocity.vx, velocity.vy, velocity.wz])
+        roll_out(
+            samples, at, v0, rates, plan, w.row_sums, w.distance, resolution, w.normals, w.offsets, w.circles,
+            path, steps, label, out,
+        )  # fmt: skip
+        return self._choose(samples, out, here, path, velocity)
+
+    def _choose(self, samples: F64, out: F64, here: F64, path: F64, velocity: BodyVelocity) -> BodyVelocity | None:
+        c = self._config
+        end_s = path[-1, 2]
+        weight_path = c.weight_path_blocked if self._is_blocked(path) else c.weight_path
+        before = (end_s - here[1]) + min(1.0, weight_path) * here[0]
+        after = (end_s - out[:, 5]) + min(1.0, weight_path) * out[:, 4]
+        is_worth = (out[:, 0] > 0.0) & (after < before - min(GAIN_MIN, 0.25 * before))
+        if not is_worth.any():
+            return None
+        heading = np.abs((out[:, 3] - out[:, 7] + np.pi) % (2.0 * np.pi) - np.pi)
+        missing = np.maximum(0.0, c.near - out[:, 6])
+        cost = (
+            c.weight_progress * (end_s - out[:, 5])
+            + weight_path * out[:, 4]
+            + c.weight_heading * heading
+            + c.weight_clearance * missing
+            + c.weight_turn_change * np.abs(samples[:, 2] - velocity.wz)
+            + c.weight_sideways * np.abs(samples[:, 1])
+            - 0.05 * samples[:, 0]
+        )
+        cost[~is_worth] = np.inf
+        best = int(np.argmin(cost))
+        spec = self._window.spec
+        end = [out[best, 1] + spec.origin_x, out[best, 2] + spec.origin_y, wrap_angle(float(out[best, 3]))]
+        self.trajectory = np.vstack((self.trajectory, [end]))
+        return BodyVelocity(float(samples[best, 0]), float(samples[best, 1]), float(samples[best, 2]))
+
+    def _is_blocked(self, path: F64) -> bool:
+        """Whether the robot's centre cannot stay on the path ahead: then it may leave it to get around."""
+        spec, distance = self._window.spec, self._window.distance
+        iy, ix = np.floor(path[:, 1] / spec.resolution).astype(int), np.floor(path[:, 0] / spec.resolution).astype(int)
+        is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
+        return bool((distance[iy[is_inside], ix[is_inside]] < self._window.inscribed_radius).any())
+
+    def _spread(self, path: F64) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        spec = self._window.spec
+        cells = np.floor(path[:, [1, 0]] / spec.resolution).astype(np.int32)
+        steps, label = np.empty(spec.shape, np.int32), np.empty(spec.shape, np.int32)
+        queue = np.empty(spec.width * spec.height, np.int32)
+        spread_path(cells, self._window.distance, self._window.inscribed_radius, steps, label, queue)
+        return steps, label
+
+    def _samples(self, velocity: BodyVelocity, left: float) -> F64:
+        c, lim = self._config, self._limits
+        top = approach_limit(left, lim.ax_brake * c.brake_share, c.reaction_time + 0.05)
+        top = min(lim.vx_max, max(c.speed_min, top))
+        forward = np.linspace(min(c.speed_min, top), top, c.vx_samples)
+        half = np.linspace(0.0, 1.0, c.wz_samples // 2 + 1)[1:] ** 1.7 * lim.wz_max
+        turn = np.concatenate((-half[::-1], [0.0], half))
+        side = np.zeros(1)
+        if self._robot.drive is DriveKind.OMNI and lim.vy_max > 0.0:
+            forward = np.concatenate(([0.0], forward[1::2]))
+            half_side = np.linspace(0.0, 1.0, c.vy_samples // 2 + 1)[1:] * min(lim.vy_max, top)
+            side = np.concatenate((-half_side[::-1], [0.0], half_side))
+            turn = np.concatenate((turn[: len(half) : 2], [0.0], turn[len(half) + 2 :: 2]))
+        grid = np.stack(np.meshgrid(forward, side, turn, indexing="ij"), axis=-1).reshape(-1, 3)
+        return np.ascontiguousarray(grid[np.hypot(grid[:, 0], grid[:, 1]) >= min(c.speed_min, top)])

@@ -1,0 +1,255 @@
+"""Rolling out many commands at once, and the map grid that scores where they end (navigation reference, Trajectory Rollout)."""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.footprint import lethal_cells_inside, lethal_distance, lethal_row_sums
+from ambler.kernels.jit import jit
+
+
+@jit
+def spread_path(path_cells, distance, blocked_radius, steps, label, queue):  # type: ignore[no-untyped-def]
+    """Breadth-first search from the cells of a path: how many 4-connected steps is each cell from it, and from which point.
+
+    `path_cells` int32 (P, 2) of (iy, ix), in the order of the path; `steps` int32 (H, W) becomes -1 where the path cannot be
+    reached by the robot's centre (`distance` below `blocked_radius`); `label` int32 (H, W) the index of the path point;
+    `queue` int32 (H * W) is scratch.
+    """
+    height, width = steps.shape
+    for iy in range(height):
+        for ix in range(width):
+            steps[iy, ix] = -1
+            label[iy, ix] = -1
+    tail = 0
+    for p in range(path_cells.shape[0]):
+        iy, ix = path_cells[p, 0], path_cells[p, 1]
+        if 0 <= iy < height and 0 <= ix < width and steps[iy, ix] < 0:
+            steps[iy, ix] = 0
+            label[iy, ix] = p
+            queue[tail] = iy * width + ix
+            tail += 1
+    head = 0
+    while head < tail:
+        iy, ix = queue[head] // width, queue[head] % width
+        head += 1
+        for k in range(4):
+            ny = iy + (k == 0) - (k == 1)
+            nx = ix + (k == 2) - (k == 3)
+            if not (0 <= ny < height and 0 <= nx < width):
+                continue
+            if steps[ny, nx] < 0 and distance[ny, nx] >= blocked_radius:
+                steps[ny, nx] = steps[iy, ix] + 1
+                label[ny, nx] = label[iy, ix]
+                queue[tail] = ny * width + nx
+                tail += 1
+
+
+@jit
+def locate_on_path(gx, gy, path, steps, label, resolution, out):  # type: ignore[no-untyped-def]
+    """Write (distance to the path, arc length of the nearest point, its heading) for a place (gx, gy) from the grid's origin.
+
+    `path` float64 (P, 4) of (x, y, arc length, heading), from the grid's origin too. The grid says which stretch of the path
+    is the nearest without crossing an obstacle; the distance to that stretch is exact.
+    """
+    count = path.shape[0]
+    height, width = steps.shape
+    iy, ix = int(math.floor(gy / resolution)), int(math.floor(gx / resolution))
+    is_reached = 0 <= iy < height and 0 <= ix < width and steps[iy, ix] >= 0
+    first, last, walk = 0, count - 1, -1.0
+    if is_reached:
+        first, last = max(0, label[iy, ix] - 6), min(count - 1, label[iy, ix] + 6)
+        walk = steps[iy, ix] * resolution
+    best, at = 1e30, first
+    for p in range(first, last + 1):
+        d = (path[p, 0] - gx) ** 2 + (path[p, 1] - gy) ** 2
+        if d < best:
+            best, at = d, p
+    along = 0.0
+    if count > 1:
+        best = 1e30
+        for p in range(max(0, at - 1), min(count - 2, at) + 1):
+            dx, dy = path[p + 1, 0] - path[p, 0], path[p + 1, 1] - path[p, 1]
+            length = dx * dx + dy * dy
+            u = ((gx - path[p, 0]) * dx + (gy - path[p, 1]) * dy) / length
+            u = min(1.0, max(0.0, u))
+            d = (path[p, 0] + u * dx - gx) ** 2 + (path[p, 1] + u * dy - gy) ** 2
+            if d < best:
+                best, at, along = d, p, u
+    straight = math.sqrt(best)
+    out[0] = walk if walk > 1.5 * straight + 3.0 * resolution else straight
+    if not is_reached:
+        out[0] = straight + 1.0
+    out[1] = path[at, 2]
+    if count > 1:
+        out[1] += along * (path[min(at + 1, count - 1), 2] - path[at, 2])
+    out[2] = path[at, 3]
+
+
+@jit
+def approach_speed(value, target, acceleration, braking, dt):  # type: ignore[no-untyped-def]
+    """Return a velocity after `dt` seconds on the way to `target`."""
+    rate = braking if value * target < 0.0 or abs(target) < abs(value) else acceleration
+    change = rate * dt
+    if abs(target - value) <= change:
+        return target
+    return value + math.copysign(change, target - value)
+
+
+@jit
+def clearance_at(gx, gy, cos, sin, circles, distance, resolution):  # type: ignore[no-untyped-def]
+    """Return a lower bound of the distance between the footprint, covered by circles (M, 3) of (x, y, r), and lethal cells."""
+    height, width = distance.shape
+    best = 1e30
+    for c in range(circles.shape[0]):
+        x = gx + cos * circles[c, 0] - sin * circles[c, 1]
+        y = gy + sin * circles[c, 0] + cos * circles[c, 1]
+        iy = min(max(int(math.floor(y / resolution)), 0), height - 1)
+        ix = min(max(int(math.floor(x / resolution)), 0), width - 1)
+        off = max(0.0, -x, x - width * resolution) + max(0.0, -y, y - height * resolution)
+        best = min(best, distance[iy, ix] - off - circles[c, 2])
+    return best - 0.7072 * resolution
+
+
+@jit
+def roll_out(  # type: ignore[no-untyped-def]
+    samples,
+    start,
+    velocity,
+    rates,
+    plan,
+    row_sums,
+    distance,
+    resolution,
+    normals,
+    offsets,
+    circles,
+    path,
+    steps,
+    label,
+    out,
+):
+    """Simulate every wanted velocity of `samples` (N, 3) from `start` (x, y, yaw), measured from the grid's origin.
+
+    Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
+    step_length, radius): a trajectory ends after the horizon or when it has covered the stop distance. A footprint pose may
+    never cover more lethal cells than the one before, so a robot that already touches something may only leave it.
+    `out` (N, 8): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance, path heading there.
+    """
+    horizon, stop_distance, step_length, radius = plan[0], plan[1], plan[2], plan[3]
+    place = np.empty(3)
+    inside_at_start = lethal_cells_inside(
+        row_sums, resolution, start[0], start[1], math.cos(start[2]), math.sin(start[2]), normals, offsets
+    )
+    for i in range(samples.shape[0]):
+        x, y, yaw = start[0], start[1], start[2]
+        vx, vy, wz = velocity[0], velocity[1], velocity[2]
+        fast = max(math.hypot(samples[i, 0], samples[i, 1]), math.hypot(vx, vy))
+        fast += max(abs(samples[i, 2]), abs(wz)) * radius
+        count = min(80, max(8, int(math.ceil(fast * horizon / step_length))))
+        dt = horizon / count
+        inside, travelled, least = inside_at_start, 0.0, 1e3
+        path_sum, marks = 0.0, 0
+        stride = max(1, count // 4)
+        is_free = 1.0
+        for k in range(count):
+            nx = approach_speed(vx, samples[i, 0], rates[0], rates[3], dt)
+            ny = approach_speed(vy, samples[i, 1], rates[1], rates[4], dt)
+            nw = approach_speed(wz, samples[i, 2], rates[2], rates[5], dt)
+            mx, my, mw = 0.5 * (vx + nx), 0.5 * (vy + ny), 0.5 * (wz + nw)
+            vx, vy, wz = nx, ny, nw
+            part = 1.0
+            way = math.hypot(mx, my) * dt
+            is_last = k == count - 1
+            if travelled + way >= stop_distance:
+                part = (stop_distance - travelled) / way if way > 0.0 else 1.0
+                is_last = True
+            middle = yaw + 0.5 * mw * dt * part
+            c, s = math.cos(middle), math.sin(middle)
+            x += (c * mx - s * my) * dt * part
+            y += (s * mx + c * my) * dt * part
+            yaw += mw * dt * part
+            travelled += way * part
+            c, s = math.cos(yaw), math.sin(yaw)
+            gap = clearance_at(x, y, c, s, circles, distance, resolution)
+            least = min(least, gap)
+            if gap <= 0.0:
+                now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
+                if now > inside:
+                    is_free = 0.0
+                    break
+                inside = now
+            else:
+                inside = 0
+            if is_last or k % stride == stride - 1:
+                locate_on_path(x, y, path, steps, label, resolution, place)
+                path_sum += place[0]
+                marks += 1
+            if is_last:
+                break
+        out[i, 0] = is_free
+        out[i, 1], out[i, 2], out[i, 3] = x, y, yaw
+        out[i, 4] = path_sum / max(marks, 1)
+        out[i, 5], out[i, 6], out[i, 7] = place[1], least, place[2]
+
+
+@jit
+def free_turn(start, angle, row_sums, distance, resolution, normals, offsets, circles):  # type: ignore[no-untyped-def]
+    """Return how far (signed radians, at most `angle`) the footprint at `start` (x, y, yaw) can turn in place."""
+    count = max(1, int(math.ceil(abs(angle) / 0.04)))
+    inside = lethal_cells_inside(
+        row_sums, resolution, start[0], start[1], math.cos(start[2]), math.sin(start[2]), normals, offsets
+    )
+    for k in range(1, count + 1):
+        yaw = start[2] + angle * k / count
+        c, s = math.cos(yaw), math.sin(yaw)
+        if clearance_at(start[0], start[1], c, s, circles, distance, resolution) > 0.0:
+            inside = 0
+            continue
+        now = lethal_cells_inside(row_sums, resolution, start[0], start[1], c, s, normals, offsets)
+        if now > inside:
+            return angle * (k - 1) / count
+        inside = now
+    return angle
+
+
+@jit
+def free_slide(start, heading, length, row_sums, distance, resolution, normals, offsets, circles):  # type: ignore[no-untyped-def]
+    """Return how far (metres, at most `length`) the footprint at `start` can slide along the world direction `heading`."""
+    count = max(1, int(math.ceil(length / 0.02)))
+    c, s = math.cos(start[2]), math.sin(start[2])
+    inside = lethal_cells_inside(row_sums, resolution, start[0], start[1], c, s, normals, offsets)
+    for k in range(1, count + 1):
+        x = start[0] + math.cos(heading) * length * k / count
+        y = start[1] + math.sin(heading) * length * k / count
+        if clearance_at(x, y, c, s, circles, distance, resolution) > 0.0:
+            inside = 0
+            continue
+        now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
+        if now > inside:
+            return length * (k - 1) / count
+        inside = now
+    return length
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module."""
+    n = 8
+    sums, distance = np.zeros((n, n + 1), np.int32), np.empty((n, n))
+    lethal_row_sums(np.zeros((n, n), np.uint8), 254, sums)
+    lethal_distance(sums, 0.05, distance)
+    steps, label = np.empty((n, n), np.int32), np.empty((n, n), np.int32)
+    spread_path(np.array([[1, 1], [1, 2]], np.int32), distance, 0.1, steps, label, np.empty(n * n, np.int32))
+    path = np.array([[0.05, 0.05, 0.0, 0.0], [0.1, 0.05, 0.05, 0.0]])
+    locate_on_path(0.1, 0.1, path, steps, label, 0.05, np.empty(3))
+    normals = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    offsets, circles, start = np.full(4, 0.1), np.array([[0.0, 0.0, 0.15]]), np.array([0.2, 0.2, 0.0])
+    clearance_at(0.2, 0.2, 1.0, 0.0, circles, distance, 0.05)
+    approach_speed(0.0, 1.0, 1.0, 1.0, 0.1)
+    plan = np.array([1.0, 1.0, 0.05, 0.3])
+    roll_out(
+        np.array([[0.1, 0.0, 0.1]]), start, np.zeros(3), np.ones(6), plan, sums, distance, 0.05, normals, offsets, circles,
+        path, steps, label, np.empty((1, 8)),
+    )  # fmt: skip
+    free_turn(start, 0.5, sums, distance, 0.05, normals, offsets, circles)
+    free_slide(start, 0.0, 0.1, sums, distance, 0.05, normals, offsets, circles)
