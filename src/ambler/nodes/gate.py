@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+
+import numpy as np
 
 from ambler.core.errors import TransformError
 from ambler.core.messages import (
@@ -15,6 +18,8 @@ from ambler.core.messages import (
 )
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 from ambler.runtime.node import Node
 from ambler.runtime.tasks import ARM, EMERGENCY_STOP, PAUSE, RESET_STOP, GateReply, GateRequest
@@ -43,8 +48,8 @@ class GateNode(Node):
     """
 
     name = "gate"
-    inputs = (VELOCITY_REQUEST, ODOMETRY)
-    optional_inputs = (TELEOP_REQUEST, SCAN, CLOUD)
+    inputs = (VELOCITY_REQUEST, ODOMETRY, SCAN)
+    optional_inputs = (TELEOP_REQUEST,)
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
     serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP)
     latency = 0.001
@@ -54,10 +59,13 @@ class GateNode(Node):
     ) -> None:
         self.gate = VelocityGate(config if config is not None else GateConfig(), robot)
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
-        self._kinds = {m.kind for m in robot.sensors}
+        kinds = {m.kind for m in robot.sensors}
+        self._scanners = tuple(topic for kind, topic in (("scan", SCAN), ("cloud", CLOUD)) if kind in kinds)
+        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners)  # type: ignore[assignment, misc]
         self._z_band = z_band if z_band is not None else (0.15, robot.body_height)
         self._reach = robot.circumscribed_radius + 3.0
         self._poses = TransformTree(history=2.0)
+        self._twist = np.zeros(3)
         self._status: GateStep | None = None
         self._status_ns = 0
 
@@ -65,9 +73,9 @@ class GateNode(Node):
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
         self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        if "scan" in self._kinds:
+        if SCAN in self._scanners:
             self.ctx.subscribe(SCAN, self._on_scan)
-        if "cloud" in self._kinds:
+        if CLOUD in self._scanners:
             self.ctx.subscribe(CLOUD, self._on_cloud)
         self.ctx.serve(ARM, self._on_arm)
         self.ctx.serve(PAUSE, self._on_pause)
@@ -86,21 +94,27 @@ class GateNode(Node):
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
-        self._take_points(scan.frame, scan.stamp_ns, points_of_scan(scan, self._mounts[scan.frame]))
+        self._take_points(scan, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
 
     def _on_cloud(self, cloud: PointCloud) -> None:
-        points = points_of_cloud(cloud, self._mounts[cloud.frame], self._reach, self._z_band)
-        self._take_points(cloud.frame, cloud.stamp_ns, points)
+        reach, band = self._reach, self._z_band
+        self._take_points(
+            cloud, lambda level_from_sensor: points_of_cloud(cloud, level_from_sensor, self._twist, reach, band)
+        )
 
-    def _take_points(self, sensor: str, stamp_ns: int, points_base: F64) -> None:
+    def _take_points(self, scan: LaserScan | PointCloud, points_of: Callable[[SE3], F64]) -> None:
         try:
-            odom_from_base = self._poses.lookup("odom", "base", stamp_ns).to_se2()
+            odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns)
         except TransformError:
             return  # without a pose of that moment the points say nothing; if that lasts, they are stale
-        self.gate.update_points(sensor, stamp_ns, points_base, odom_from_base)
+        lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
+        level_from_base = SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean
+        points = points_of(level_from_base @ self._mounts[scan.frame])
+        self.gate.update_points(scan.frame, scan.stamp_ns, points, odom_from_base.to_se2())
 
     def _step(self) -> None:
         now_ns = self.ctx.now_ns

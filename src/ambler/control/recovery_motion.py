@@ -1,0 +1,131 @@
+"""Two simple motions that free a robot: turning in place and backing up, each simulated on the local costs before it is done."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.control.local_window import LocalWindow
+from ambler.control.trajectory_rollout import approach_limit
+from ambler.core.errors import ControlError
+from ambler.core.grid import GridSpec
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2, wrap_angle
+
+TURN_RATE_MIN, TURN_RATE_MAX = 0.3, 1.0  # rad/s
+BACK_SPEED = 0.15  # m/s
+REACTION_TIME = 0.15  # s
+TURN_FREE_MIN = 0.3  # rad that must be free before a turn begins
+BACK_FREE_MIN = 0.05  # m that must be free before backing up begins
+ALLOWANCE = 5.0  # s beyond the time that the motion should take
+
+
+class CollisionAheadError(ControlError):
+    """The motion would touch something."""
+
+    code = "COLLISION_AHEAD"
+
+
+class RecoveryTimeoutError(ControlError):
+    """The motion took longer than its time allowance."""
+
+    code = "TIMEOUT"
+
+
+class RecoveryMotion(Protocol):
+    """A motion of its own; `compute_command` returns None when it is done."""
+
+    def compute_command(
+        self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
+    ) -> BodyVelocity | None: ...
+
+
+class _Clock:
+    """Raises when a motion lasts too long."""
+
+    def __init__(self, allowance: float) -> None:
+        self._allowance = allowance
+        self._start_ns: int | None = None
+
+    def check(self, now_ns: int) -> None:
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        if now_ns - self._start_ns > self._allowance * 1e9:
+            raise RecoveryTimeoutError(f"not done after {self._allowance:.0f} s")
+
+
+class TurnInPlace:
+    """Turns by an angle; the sign of `amount` is only a wish, it turns the other way when there is more room."""
+
+    def __init__(self, robot: RobotModel, amount: float, padding: float) -> None:
+        self._limits = robot.limits
+        self._window = LocalWindow(robot, padding)
+        self._amount = amount
+        self._sign = 0.0
+        self._turned = 0.0
+        self._last_yaw: float | None = None
+        self._clock = _Clock(abs(amount) / TURN_RATE_MIN + ALLOWANCE)
+
+    def compute_command(
+        self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
+    ) -> BodyVelocity | None:
+        """Return the next velocity, or None when done; raises CollisionAheadError or RecoveryTimeoutError."""
+        self._clock.check(now_ns)
+        self._window.update(costs, spec)
+        if self._last_yaw is None:
+            self._choose_direction(odom_from_base)
+        else:
+            self._turned += self._sign * wrap_angle(odom_from_base.yaw - self._last_yaw)
+        self._last_yaw = odom_from_base.yaw
+        left = abs(self._amount) - self._turned
+        if left <= 0.02:
+            return None
+        braking = 0.6 * self._limits.az_max
+        limit = approach_limit(left, braking, REACTION_TIME)
+        rate = min(TURN_RATE_MAX, self._limits.wz_max, max(TURN_RATE_MIN, limit))
+        reach = min(left, rate * REACTION_TIME + rate * rate / (2.0 * braking) + 0.05)
+        if abs(self._window.free_turn(odom_from_base, self._sign * reach)) < reach - 1e-9:
+            raise CollisionAheadError("turning further would touch something")
+        return BodyVelocity(0.0, 0.0, self._sign * rate)
+
+    def _choose_direction(self, odom_from_base: SE2) -> None:
+        wish = math.copysign(1.0, self._amount)
+        room = {sign: abs(self._window.free_turn(odom_from_base, sign * abs(self._amount))) for sign in (wish, -wish)}
+        self._sign = wish if room[wish] >= room[-wish] else -wish
+        if room[self._sign] < min(TURN_FREE_MIN, abs(self._amount)):
+            raise CollisionAheadError("there is no room to turn in place")
+
+
+class BackUp:
+    """Backs up straight by a distance, or by what is free of it."""
+
+    def __init__(self, robot: RobotModel, amount: float, padding: float) -> None:
+        self._limits = robot.limits
+        self._window = LocalWindow(robot, padding)
+        self._amount = abs(amount)
+        self._start: SE2 | None = None
+        self._clock = _Clock(self._amount / BACK_SPEED * 1.5 + ALLOWANCE)
+
+    def compute_command(
+        self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
+    ) -> BodyVelocity | None:
+        """Return the next velocity, or None when done; raises CollisionAheadError or RecoveryTimeoutError."""
+        self._clock.check(now_ns)
+        self._window.update(costs, spec)
+        if self._start is None:
+            self._start = odom_from_base
+        moved = self._start.distance_to(odom_from_base)
+        left = self._amount - moved
+        if left <= 0.01:
+            return None
+        free = self._window.free_slide(odom_from_base, odom_from_base.yaw + math.pi, left)
+        speed = min(BACK_SPEED, -self._limits.vx_min, approach_limit(free, 0.6 * self._limits.ax_brake, REACTION_TIME))
+        if speed <= 0.0 or free < min(BACK_FREE_MIN, left - 1e-9):
+            if moved >= BACK_FREE_MIN:
+                return None
+            raise CollisionAheadError("there is no room to back up")
+        return BodyVelocity(-max(speed, min(0.05, -self._limits.vx_min)), 0.0, 0.0)

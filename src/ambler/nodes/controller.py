@@ -1,0 +1,269 @@
+"""Local control on the bus: keeps the local costmap, follows paths, and frees the robot on request.
+
+One motion at a time: a path or a recovery. Every end of a motion, whatever its reason, sends a zero velocity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ambler.control.checkers import GoalChecker, ProgressChecker
+from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
+from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
+from ambler.core.messages import (
+    CostGrid,
+    GateState,
+    GateStatus,
+    LaserScan,
+    Odometry,
+    Path,
+    PointCloud,
+    Polygon,
+    Transforms,
+    VelocityCommand,
+)
+from ambler.core.protocols import BodyVelocity, LocalPlanner
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.costmap.local_costmap import LocalCostmap
+from ambler.nodes.local_view import LocalView
+from ambler.perception.planar import PlanarConfig
+from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.tasks import (
+    CLEAR_LOCAL_COSTMAP,
+    FOLLOW_PATH,
+    RECOVER,
+    FollowPathFeedback,
+    FollowPathGoal,
+    Nothing,
+    RecoverGoal,
+    RecoveryKind,
+)
+from ambler.runtime.topics import (
+    CLOUD,
+    FOOTPRINT,
+    GATE_STATUS,
+    LOCAL_COSTMAP,
+    LOCAL_PATH,
+    ODOMETRY,
+    PATH,
+    SCAN,
+    TRANSFORMS,
+    VELOCITY_REQUEST,
+)
+
+FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
+RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
+
+PERIOD = 0.05
+VIEW_PERIOD = 0.5
+PATIENCE_NS = 1_500_000_000
+PROTECTIVE_PATIENCE_NS = 3_000_000_000
+HELD = (GateState.PAUSED, GateState.EMERGENCY_STOP, GateState.FAULT)
+
+
+class ControllerNode(Node):
+    """Follows paths with any LocalPlanner and recovers, both on the local costmap."""
+
+    name = "controller"
+    inputs = (SCAN, ODOMETRY, TRANSFORMS)
+    optional_inputs = (PATH, GATE_STATUS)
+    outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT)
+    serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
+    latency = 0.01
+
+    def __init__(
+        self, robot: RobotModel, planner: LocalPlanner, costmap: LocalCostmap, planar: PlanarConfig | None = None
+    ) -> None:
+        self._robot = robot
+        self._planner = planner
+        self._view = LocalView(robot, costmap, planar)
+        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS)  # type: ignore[assignment, misc]
+        self._follow: FollowHandle | None = None
+        self._path: Path | None = None
+        self._recover: RecoverHandle | None = None
+        self._motion: RecoveryMotion | None = None
+        self._goal_checker = GoalChecker(0.15, 0.2)
+        self._progress = ProgressChecker()
+        self._trouble_since_ns: int | None = None
+        self._protective_since_ns: int | None = None
+        self._is_held = False
+
+    def start(self) -> None:
+        """Subscribe, serve, and start the two timers."""
+        if self._view.uses_cloud:
+            self.ctx.subscribe(CLOUD, self._on_cloud)
+        else:
+            self.ctx.subscribe(SCAN, self._on_scan)
+        self.ctx.subscribe(ODOMETRY, self._on_odometry)
+        self.ctx.subscribe(TRANSFORMS, self._on_transforms)
+        self.ctx.subscribe(PATH, self._on_path)
+        self.ctx.subscribe(GATE_STATUS, self._on_gate_status)
+        self.ctx.serve_task(FOLLOW_PATH, self._on_follow, self._on_follow_cancelled)
+        self.ctx.serve_task(RECOVER, self._on_recover, self._on_recover_cancelled)
+        self.ctx.serve(CLEAR_LOCAL_COSTMAP, self._on_clear)
+        self.ctx.timer(PERIOD, self._tick)
+        self.ctx.timer(VIEW_PERIOD, self._show)
+
+    # Input
+
+    def _on_scan(self, scan: LaserScan) -> None:
+        self._view.add_scan(scan)
+
+    def _on_cloud(self, cloud: PointCloud) -> None:
+        self._view.add_cloud(cloud)
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._view.add_odometry(odometry)
+
+    def _on_transforms(self, transforms: Transforms) -> None:
+        self._view.add_transforms(transforms)
+
+    def _on_path(self, path: Path) -> None:
+        if self._follow is not None and len(path.poses) > 0:
+            self._path = path
+
+    def _on_gate_status(self, status: GateStatus) -> None:
+        self._is_held = status.state in HELD
+        if status.state is not GateState.PROTECTIVE_STOP:
+            self._protective_since_ns = None
+        elif self._protective_since_ns is None:
+            self._protective_since_ns = self.ctx.now_ns
+
+    def _on_clear(self, request: Nothing) -> Nothing:
+        self._view.costmap.clear()
+        return Nothing()
+
+    # Goals
+
+    def _on_follow(self, handle: FollowHandle) -> None:
+        self._end_recover("PREEMPTED", "a path is to be followed")
+        self._follow, self._path = handle, handle.goal.path
+        self._goal_checker = GoalChecker(handle.goal.xy_tolerance, handle.goal.yaw_tolerance)
+        self._progress = ProgressChecker()
+        self._trouble_since_ns = self._protective_since_ns = None
+
+    def _on_follow_cancelled(self, handle: FollowHandle) -> None:
+        if self._follow is handle:
+            self._follow, self._path = None, None
+            self._send(BodyVelocity())
+
+    def _on_recover(self, handle: RecoverHandle) -> None:
+        self._end_follow("PREEMPTED", "a recovery begins")
+        motion = TurnInPlace if handle.goal.kind is RecoveryKind.ROTATE else BackUp
+        self._recover, self._motion = handle, motion(self._robot, handle.goal.amount, 0.02)
+        self._trouble_since_ns = None
+
+    def _on_recover_cancelled(self, handle: RecoverHandle) -> None:
+        if self._recover is handle:
+            self._recover = None
+            self._send(BodyVelocity())
+
+    def _end_follow(self, code: str, text: str) -> None:
+        if self._follow is None:
+            return
+        handle, self._follow, self._path = self._follow, None, None
+        self._send(BodyVelocity())
+        self.ctx.log(f"FOLLOW_PATH_{code}", text)
+        if code == "SUCCEEDED":
+            handle.succeed(Nothing())
+        else:
+            handle.fail(code, text)
+
+    def _end_recover(self, code: str, text: str) -> None:
+        if self._recover is None:
+            return
+        handle, self._recover = self._recover, None
+        self._send(BodyVelocity())
+        self.ctx.log(f"RECOVER_{code}", text)
+        if code == "SUCCEEDED":
+            handle.succeed(Nothing())
+        else:
+            handle.fail(code, text)
+
+    # Control
+
+    def _tick(self) -> None:
+        if self._follow is None and self._recover is None:
+            return
+        try:
+            self.ctx.newest(ODOMETRY)
+            self.ctx.newest(CLOUD if self._view.uses_cloud else SCAN)
+            odom_from_base, velocity = self._view.now(self.ctx.now_ns)
+            if self._recover is not None:
+                self._recover_step(odom_from_base)
+            else:
+                self._follow_step(odom_from_base, velocity)
+            self._trouble_since_ns = None
+        except (StaleInputError, TransformError, ControlError) as error:
+            self._wait_in_trouble(error)
+
+    def _follow_step(self, odom_from_base: SE2, velocity: BodyVelocity) -> None:
+        assert self._follow is not None
+        assert self._path is not None
+        path_odom = self._view.to_odom(self._path)
+        self._planner.set_path(path_odom)
+        left = _length_left(path_odom, odom_from_base)
+        self._follow.feedback(FollowPathFeedback(left))
+        if self._goal_checker.update(odom_from_base, SE2.from_array(path_odom[-1]), velocity, left):
+            self._end_follow("SUCCEEDED", "the end of the path is reached")
+            return
+        if self._is_held:
+            self._progress = ProgressChecker()
+        elif not self._progress.update(self.ctx.now_ns, odom_from_base):
+            self._end_follow("FAILED_TO_MAKE_PROGRESS", "the robot hardly moved for 10 s")
+            return
+        since_ns = self._protective_since_ns
+        if since_ns is not None and self.ctx.now_ns - since_ns > PROTECTIVE_PATIENCE_NS:
+            self._end_follow("NO_VALID_CONTROL", "the gate has held the robot before an obstacle for 3 s")
+            return
+        costmap = self._view.costmap
+        self._send(self._planner.compute_command(costmap.costs, costmap.spec, odom_from_base, velocity))
+
+    def _recover_step(self, odom_from_base: SE2) -> None:
+        assert self._motion is not None
+        costmap = self._view.costmap
+        try:
+            command = self._motion.compute_command(self.ctx.now_ns, costmap.costs, costmap.spec, odom_from_base)
+        except ControlError as error:
+            self._end_recover(error.code, str(error))
+            return
+        if command is None:
+            self._end_recover("SUCCEEDED", "done")
+        else:
+            self._send(command)
+
+    def _wait_in_trouble(self, error: AmblerError) -> None:
+        """Stand still; end the motion when the trouble lasts, or at once when waiting cannot help."""
+        self._send(BodyVelocity())
+        if self._trouble_since_ns is None or self._is_held:
+            self._trouble_since_ns = self.ctx.now_ns
+        is_hopeless = isinstance(error, InvalidPathError)
+        if is_hopeless or self.ctx.now_ns - self._trouble_since_ns > PATIENCE_NS:
+            self._end_follow(error.code, str(error))
+            self._end_recover("STALE_INPUT", str(error))
+
+    def _send(self, v: BodyVelocity) -> None:
+        self.ctx.publish(VELOCITY_REQUEST, VelocityCommand(self.ctx.now_ns, v.vx, v.vy, v.wz))
+
+    # View
+
+    def _show(self) -> None:
+        costmap, stamp_ns = self._view.costmap, self._view.stamp_ns
+        if stamp_ns is None:
+            return
+        self.ctx.publish(LOCAL_COSTMAP, CostGrid(stamp_ns, "odom", costmap.spec, costmap.costs))
+        odom_from_base, _ = self._view.now(self.ctx.now_ns)
+        corners = np.zeros((len(self._robot.footprint), 3), np.float32)
+        corners[:, :2] = odom_from_base.transform(self._robot.footprint)
+        self.ctx.publish(FOOTPRINT, Polygon(self.ctx.now_ns, "odom", corners))
+        trajectory = getattr(self._planner, "trajectory", None)
+        if self._follow is not None and trajectory is not None and len(trajectory) > 0:
+            self.ctx.publish(LOCAL_PATH, Path(self.ctx.now_ns, "odom", np.array(trajectory)))
+
+
+def _length_left(path: np.ndarray, odom_from_base: SE2) -> float:
+    """Length of the path from its point nearest to the robot to its end, metres."""
+    nearest = int(np.argmin(np.hypot(path[:, 0] - odom_from_base.x, path[:, 1] - odom_from_base.y)))
+    rest = path[nearest:, :2]
+    return float(np.hypot(*np.diff(rest, axis=0).T).sum()) if len(rest) > 1 else 0.0

@@ -1,0 +1,99 @@
+"""What the controller knows of its surroundings: odometry, the newest map -> odom, and the local costmap fed by a scanner."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import TransformError
+from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Transforms
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.core.transforms import TransformTree
+from ambler.costmap.local_costmap import LocalCostmap
+from ambler.costmap.obstacle_layer import SensorRays
+from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_to_points
+from ambler.registration.planar_scan import PlanarScan
+
+F64 = NDArray[np.float64]
+
+LEAD_MAX = 0.3  # seconds by which an odometry pose is carried forward at most
+
+
+class LocalView:
+    """Joins scans, odometry and transforms; keeps the local costmap up to date."""
+
+    def __init__(self, robot: RobotModel, costmap: LocalCostmap, planar: PlanarConfig | None = None) -> None:
+        self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
+        self.uses_cloud = any(m.kind == "cloud" for m in robot.sensors)
+        self.costmap = costmap
+        self.stamp_ns: int | None = None
+        self._planar = planar if planar is not None else PlanarConfig(range_max=10.0 if self.uses_cloud else 20.0)
+        self._poses = TransformTree(history=2.0)
+        self._odometry: Odometry | None = None
+        self._odom_from_map: SE2 | None = None
+
+    def add_odometry(self, odometry: Odometry) -> None:
+        """Take a pose of the base and its velocity."""
+        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._odometry = odometry
+
+    def add_transforms(self, transforms: Transforms) -> None:
+        """Take the newest map -> odom out of a message."""
+        for edge in transforms.transforms:
+            if (edge.parent, edge.child) == ("map", "odom"):
+                self._odom_from_map = edge.parent_from_child.to_se2().inverse()
+
+    def add_scan(self, scan: LaserScan) -> None:
+        """Mark and clear with a planar scan."""
+        self._mark(scan_to_points(scan, self._mounts[scan.frame], self._twist(), self._planar))
+
+    def add_cloud(self, cloud: PointCloud) -> None:
+        """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
+        mount = level(self._mounts[cloud.frame], *self._lean())
+        self._mark(cloud_to_points(cloud, mount, self._twist(), self._planar))
+
+    def now(self, now_ns: int) -> tuple[SE2, BodyVelocity]:
+        """Return the pose of the base, carried forward to now, and its velocity; raises TransformError without odometry."""
+        o = self._odometry
+        if o is None:
+            raise TransformError("odom_from_base: no odometry yet")
+        age = min(LEAD_MAX, max(0.0, (now_ns - o.stamp_ns) * 1e-9))
+        velocity = BodyVelocity(o.linear[0], o.linear[1], o.angular[2])
+        return o.pose.to_se2() @ SE2.exp(self._twist() * age), velocity
+
+    def to_odom(self, path: Path) -> F64:
+        """Return the poses of a path in the odom frame; raises TransformError when map -> odom is not known yet."""
+        if path.frame == "odom":
+            return np.array(path.poses)
+        if self._odom_from_map is None:
+            raise TransformError("map_from_odom: nobody has told it yet")
+        out = np.empty_like(path.poses)
+        out[:, :2] = self._odom_from_map.transform(path.poses[:, :2])
+        out[:, 2] = path.poses[:, 2] + self._odom_from_map.yaw
+        return out
+
+    def _twist(self) -> F64:
+        o = self._odometry
+        return np.zeros(3) if o is None else np.array([o.linear[0], o.linear[1], o.angular[2]])
+
+    def _lean(self) -> tuple[float, float]:
+        if self._odometry is None:
+            return 0.0, 0.0
+        w, x, y, z = self._odometry.pose.rotation
+        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        return roll, math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+
+    def _mark(self, scan: PlanarScan) -> None:
+        try:
+            odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns).to_se2()
+        except TransformError:
+            return  # a scan of a moment without odometry cannot be placed; if that lasts, the odometry is stale
+        origin = odom_from_base.transform(np.array([scan.origin]))[0]
+        hits = odom_from_base.transform(scan.points)
+        free_ends = odom_from_base.transform(scan.free_points)
+        self.costmap.update(odom_from_base, [SensorRays((float(origin[0]), float(origin[1])), hits, free_ends)])
+        self.stamp_ns = scan.stamp_ns
