@@ -23,6 +23,7 @@ from ambler.perception.self_mask import SelfMask
 __all__ = ["AngleWindow", "MergeResult", "MergerConfig", "ScanMerger", "ScannerConfig", "SourceReport", "SourceState"]
 
 F64 = NDArray[np.float64]
+FLOAT32_SLACK_NS = 1000  # a period told as float32 is not exact
 
 
 class SourceState(enum.Enum):
@@ -147,7 +148,7 @@ class ScanMerger:
         may_still_come = self._last_stamp_ns is None and any(s.scan is None for s in self._sources.values())
         if len(fresh) == len(live) and not may_still_come:
             return True
-        return any(now_ns - s.arrived_ns >= s.period * 1e9 for s in fresh)
+        return any(now_ns - s.arrived_ns >= s.period * 1e9 - FLOAT32_SLACK_NS for s in fresh)
 
     def merge(self, now_ns: int) -> MergeResult:
         """Make the merged scan; raises StaleInputError when no source, or no odometry, is fresh enough."""

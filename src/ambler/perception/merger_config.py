@@ -14,6 +14,8 @@ from ambler.core.robot import RobotModel, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 
+ANGLE_SLACK = 1e-5  # rad: angles of a scan are float32, and their steps add up
+
 
 @dataclass(frozen=True, slots=True)
 class AngleWindow:
@@ -31,7 +33,7 @@ class AngleWindow:
         if abs(width) >= 2.0 * math.pi - 1e-9:
             inside = np.ones(len(angles), np.bool_)
         else:
-            inside = (angles - self.start + 1e-9) % (2.0 * math.pi) <= width % (2.0 * math.pi) + 2e-9
+            inside = (angles - self.start + ANGLE_SLACK) % (2.0 * math.pi) <= width % (2.0 * math.pi) + 2 * ANGLE_SLACK
         return ~inside if self.inverse else inside
 
 

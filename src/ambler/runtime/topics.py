@@ -49,6 +49,8 @@ def _topic(
 
 # Sensors
 SCAN = _topic("scan", m.LaserScan, "/scan", max_age=0.5)
+SCANNERS = _topic("scanners", m.LaserScan, "/scanners", depth=20, max_age=0.5, has_many_writers=True)
+MERGED_CLOUD = _topic("merged_cloud", m.PointCloud, "/merged_points", depth=2, max_age=0.5)
 CLOUD = _topic("cloud", m.PointCloud, "/points", max_age=0.5)
 IMU = _topic("imu", m.Imu, "/imu", depth=200, max_age=0.2)
 ODOMETRY = _topic("odometry", m.Odometry, "/odom", depth=100, max_age=0.3)
