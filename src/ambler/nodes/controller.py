@@ -188,7 +188,7 @@ class ControllerNode(Node):
             return
         try:
             self.ctx.newest(ODOMETRY)
-            self.ctx.newest(CLOUD if self._view.uses_cloud else SCAN)
+            self._check_scanner()
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
             if self._recover is not None:
                 self._recover_step(odom_from_base)
@@ -197,6 +197,12 @@ class ControllerNode(Node):
             self._trouble_since_ns = None
         except (StaleInputError, TransformError, ControlError) as error:
             self._wait_in_trouble(error)
+
+    def _check_scanner(self) -> None:
+        if self._view.uses_cloud:
+            self.ctx.newest(CLOUD)
+        else:
+            self.ctx.newest(SCAN)
 
     def _follow_step(self, odom_from_base: SE2, velocity: BodyVelocity) -> None:
         assert self._follow is not None

@@ -14,12 +14,12 @@ F64 = NDArray[np.float64]
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
     """Return the returns of a planar scan in the base frame of its stamp, float64 (N, 2); `twist` (vx, vy, wz) of the base."""
     ranges = scan.ranges.astype(np.float64)
-    beam = np.arange(len(ranges))
+    beam = np.arange(len(ranges), dtype=np.float64)
     is_return = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
     ranges, beam = ranges[is_return], beam[is_return]
     angles = scan.angle_min + beam * scan.angle_increment
     points = np.stack((ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))), axis=1)
-    return carried_to_stamp(base_from_sensor.transform(points)[:, :2], beam * scan.time_increment, twist)
+    return carried_to_stamp(base_from_sensor.transform(points)[:, :2], scan.time_increment * beam, twist)
 
 
 def points_of_cloud(

@@ -1,0 +1,264 @@
+"""Driving to one goal: plan, follow, replan, recover, and end with a named state. It knows no bus.
+
+PLANNING -> FOLLOWING -> SUCCEEDED; a failed plan or drive leads to RECOVERING and back to PLANNING; WAITING bridges moments
+without a pose or fresh input. Everything that takes time is asked of a `Driver` and answered by a callback; an answer that
+comes after the state has moved on is ignored.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ParamSpec, Protocol
+
+import numpy as np
+
+from ambler.core.errors import AmblerError, StaleInputError, TransformError
+from ambler.core.grid import COST_INSCRIBED, COST_UNKNOWN
+from ambler.core.messages import CostGrid, Path
+from ambler.core.se2 import SE2
+from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
+from ambler.runtime.tasks import NavigateGoal, PlanReply
+
+P = ParamSpec("P")
+Cancel = Callable[[], None]
+
+
+class NavigationState(enum.Enum):
+    """Where a drive stands; the last four are its ends."""
+
+    PLANNING = "PLANNING"
+    FOLLOWING = "FOLLOWING"
+    RECOVERING = "RECOVERING"
+    WAITING = "WAITING"
+    SUCCEEDED = "SUCCEEDED"
+    FAILED = "FAILED"
+    CANCELLED = "CANCELLED"
+
+
+ENDS = (NavigationState.SUCCEEDED, NavigationState.FAILED, NavigationState.CANCELLED)
+MISSING = (TransformError.code, StaleInputError.code)
+HOPELESS = ("GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP")
+
+
+class Driver(Protocol):
+    """What a drive needs of the rest of the robot. `done` of a motion gets its outcome's code and sentence."""
+
+    def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None: ...
+
+    def follow(
+        self, path: Path, goal: NavigateGoal, done: Callable[[str, str], None], left: Callable[[float], None]
+    ) -> Cancel: ...
+
+    def replace_path(self, path: Path) -> None: ...
+
+    def recover(self, step: RecoveryStep, done: Callable[[str, str], None]) -> Cancel: ...
+
+    def clear_costmaps(self, done: Callable[[], None]) -> None: ...
+
+    def costmap(self) -> CostGrid | None: ...
+
+    def report(self, state: str, text: str) -> None: ...
+
+    def finish(self, code: str, text: str) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class NavigationConfig:
+    """`keep_path` metres before the goal a path that is still free is kept; `plan_patience` replans in a row may fail while a
+    path is followed; after `wait_patience` ticks without pose or input the robot is lost."""
+
+    keep_path: float = 4.0
+    plan_patience: int = 3
+    wait_patience: int = 8
+    recoveries: tuple[RecoveryStep, ...] = DEFAULT_SEQUENCE
+
+
+class Navigation:
+    """One drive. Call `start` once and `tick` at 1 Hz; `cancel` at any time."""
+
+    def __init__(self, config: NavigationConfig, driver: Driver, goal: NavigateGoal) -> None:
+        self._config = config
+        self._driver = driver
+        self._goal = goal
+        self._recoveries = RecoverySequence(config.recoveries)
+        self._cancel_motion: Cancel | None = None
+        self._epoch = 0
+        self._is_replanning = False
+        self._failed_plans = 0
+        self._waits = 0
+        self._path: Path | None = None
+        self.state = NavigationState.PLANNING
+        self.detail = ""
+        self.goal_distance = 0.0
+        self.distance_remaining = 0.0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the drive has ended."""
+        return self.state in ENDS
+
+    @property
+    def recoveries(self) -> int:
+        """How many recoveries were tried."""
+        return self._recoveries.count
+
+    def start(self) -> None:
+        """Begin with a plan."""
+        self._plan()
+
+    def cancel(self) -> None:
+        """End at once; a motion that is under way is cancelled, which stops the robot."""
+        if not self.is_over:
+            self._stop_motion()
+            self._enter(NavigationState.CANCELLED, "cancelled on request")
+
+    def tick(self) -> None:
+        """Replan while driving; try again while waiting."""
+        if self.state is NavigationState.WAITING:
+            self._plan()
+        elif self.state is NavigationState.FOLLOWING and not self._is_replanning and not self._keeps_path():
+            self._is_replanning = True
+            self._driver.plan(self._goal.map_from_goal, self._guarded(self._on_replan))
+
+    # Planning
+
+    def _plan(self) -> None:
+        self._enter(NavigationState.PLANNING, "asking for a path")
+        self._driver.plan(self._goal.map_from_goal, self._guarded(self._on_plan))
+
+    def _on_plan(self, reply: PlanReply | Exception) -> None:
+        if isinstance(reply, PlanReply):
+            self._follow(reply)
+            return
+        code, text = _named(reply)
+        if code in MISSING:
+            self._wait(text)
+        elif code in HOPELESS:
+            self._fail(code, text)
+        else:
+            self._recover_or_fail(code, text)
+
+    def _on_replan(self, reply: PlanReply | Exception) -> None:
+        self._is_replanning = False
+        if isinstance(reply, PlanReply):
+            self._failed_plans = 0
+            self._take(reply)
+            self._driver.replace_path(reply.path)
+            return
+        self._failed_plans += 1
+        if self._failed_plans >= self._config.plan_patience:
+            self._stop_motion()
+            self._on_plan(reply)
+
+    def _keeps_path(self) -> bool:
+        """Near the goal a path that is still free is better than a new one that differs a little."""
+        costs = self._driver.costmap()
+        if self._path is None or costs is None or self.distance_remaining > self._config.keep_path:
+            return False
+        return is_path_free(self._path, costs, self.distance_remaining)
+
+    def _take(self, reply: PlanReply) -> None:
+        self._path, self.goal_distance = reply.path, reply.goal_distance
+
+    # Driving
+
+    def _follow(self, reply: PlanReply) -> None:
+        self._failed_plans = 0
+        self._is_replanning = False
+        self._take(reply)
+        self._enter(NavigationState.FOLLOWING, "driving")
+        self._driver.replace_path(reply.path)
+        done = self._guarded(self._on_followed)
+        self._cancel_motion = self._driver.follow(reply.path, self._goal, done, self._on_left)
+
+    def _on_left(self, distance: float) -> None:
+        if self.state is NavigationState.FOLLOWING:
+            self._waits = 0
+            self.distance_remaining = distance
+            self._recoveries.update(distance)
+
+    def _on_followed(self, code: str, text: str) -> None:
+        self._cancel_motion = None
+        if code == "SUCCEEDED":
+            self._enter(NavigationState.SUCCEEDED, "the goal is reached")
+            self._driver.finish("SUCCEEDED", "")
+        elif code in MISSING:
+            self._wait(text)
+        else:
+            self._recover_or_fail("RECOVERIES_EXHAUSTED", f"{code}: {text}")
+
+    # Trouble
+
+    def _wait(self, text: str) -> None:
+        self._waits += 1
+        if self._waits > self._config.wait_patience:
+            self._fail("LOST", text)
+        else:
+            self._enter(NavigationState.WAITING, text)
+
+    def _recover_or_fail(self, code: str, text: str) -> None:
+        step = self._recoveries.peek()
+        # Moving does not open a way that the map denies, only forgetting obstacles may.
+        if step is None or (code == "NO_VALID_PATH" and step.action is not RecoveryAction.CLEAR):
+            self._fail(code, text)
+            return
+        self._recoveries.take()
+        self._enter(NavigationState.RECOVERING, f"{step.action.value} because of {text}")
+        if step.action is RecoveryAction.CLEAR:
+            self._driver.clear_costmaps(self._guarded(self._plan))
+        else:
+            done = self._guarded(lambda outcome, why: self._on_recovered(outcome, why, code, text))
+            self._cancel_motion = self._driver.recover(step, done)
+
+    def _on_recovered(self, outcome: str, why: str, code: str, text: str) -> None:
+        self._cancel_motion = None
+        if outcome == "SUCCEEDED":
+            self._plan()
+        elif outcome in MISSING:
+            self._wait(why)
+        else:
+            self._recover_or_fail(code, f"{text}; {outcome}: {why}")
+
+    def _fail(self, code: str, text: str) -> None:
+        self._enter(NavigationState.FAILED, text)
+        self._driver.finish(code, text)
+
+    def _stop_motion(self) -> None:
+        if self._cancel_motion is not None:
+            cancel, self._cancel_motion = self._cancel_motion, None
+            cancel()
+
+    def _enter(self, state: NavigationState, detail: str) -> None:
+        self._epoch += 1
+        self._is_replanning = False
+        self.state, self.detail = state, detail
+        self._driver.report(state.value, detail)
+
+    def _guarded(self, handler: Callable[P, None]) -> Callable[P, None]:
+        """An answer counts only in the state that asked for it."""
+        epoch = self._epoch
+
+        def answer(*args: P.args, **kwargs: P.kwargs) -> None:
+            if epoch == self._epoch:
+                handler(*args, **kwargs)
+
+        return answer
+
+
+def _named(error: Exception) -> tuple[str, str]:
+    return (error.code, str(error)) if isinstance(error, AmblerError) else ("PLANNING_FAILED", str(error))
+
+
+def is_path_free(path: Path, costs: CostGrid, length: float) -> bool:
+    """Say whether the last `length` metres of a path lie in known cells where the robot's centre may be."""
+    step = np.hypot(np.diff(path.poses[:, 0]), np.diff(path.poses[:, 1]))
+    to_end = np.concatenate((np.cumsum(step[::-1])[::-1], [0.0]))
+    cells = costs.spec.cells_of(path.poses[to_end <= length, :2])
+    iy, ix = cells[:, 0], cells[:, 1]
+    is_inside = (iy >= 0) & (iy < costs.spec.height) & (ix >= 0) & (ix < costs.spec.width)
+    if not is_inside.all():
+        return False
+    values = costs.data[iy, ix]
+    return not bool(((values >= COST_INSCRIBED) & (values <= COST_UNKNOWN)).any())

@@ -1,0 +1,169 @@
+"""The navigator on the bus: NAVIGATE in; plans, paths and recoveries out. A click on `/goal_pose` starts a drive as well."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+from ambler.core.errors import TransformError
+from ambler.core.messages import CostGrid, Path, PoseStamped, Status, Transforms
+from ambler.core.se2 import SE2
+from ambler.core.transforms import TransformTree
+from ambler.missions.navigate import Cancel, Navigation, NavigationConfig
+from ambler.missions.recovery import RecoveryAction, RecoveryStep
+from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.tasks import (
+    CLEAR_GLOBAL_COSTMAP,
+    CLEAR_LOCAL_COSTMAP,
+    COMPUTE_PATH,
+    FOLLOW_PATH,
+    NAVIGATE,
+    RECOVER,
+    FollowPathGoal,
+    NavigateFeedback,
+    NavigateGoal,
+    NavigateResult,
+    Nothing,
+    PlanReply,
+    PlanRequest,
+    RecoverGoal,
+    RecoveryKind,
+)
+from ambler.runtime.topics import GLOBAL_COSTMAP, GOAL, PATH, STATUS, TRANSFORMS
+
+NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, NavigateResult]
+
+REPLAN_PERIOD = 1.0
+FEEDBACK_PERIOD = 0.25
+KINDS = {RecoveryAction.ROTATE: RecoveryKind.ROTATE, RecoveryAction.BACK_UP: RecoveryKind.BACK_UP}
+
+
+class NavigatorNode(Node):
+    """Runs one `Navigation` at a time; a new goal preempts the old one."""
+
+    name = "navigator"
+    inputs = (TRANSFORMS,)
+    optional_inputs = (GOAL, GLOBAL_COSTMAP)
+    outputs = (PATH, STATUS)
+    serves = (NAVIGATE,)
+    calls = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
+    latency = 0.002
+
+    def __init__(self, config: NavigationConfig | None = None) -> None:
+        self._config = config if config is not None else NavigationConfig()
+        self._tree = TransformTree()
+        self._costmap: CostGrid | None = None
+        self._drive: _Drive | None = None
+
+    def start(self) -> None:
+        """Subscribe, serve, and start the timers."""
+        self.ctx.subscribe(TRANSFORMS, self._on_transforms)
+        self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costmap)
+        self.ctx.subscribe(GOAL, self._on_click)
+        self.ctx.serve_task(NAVIGATE, self._on_goal, self._on_cancel)
+        self.ctx.timer(REPLAN_PERIOD, self._tick)
+        self.ctx.timer(FEEDBACK_PERIOD, self._feedback)
+
+    @property
+    def newest_costmap(self) -> CostGrid | None:
+        """The newest global costmap, if any."""
+        return self._costmap
+
+    def map_from_base(self) -> SE2 | None:
+        """Return the pose of the robot, or None while it is unknown."""
+        try:
+            return self._tree.lookup("map", "base").to_se2()
+        except TransformError:
+            return None
+
+    def say(self, code: str, text: str, recoveries: int = 0) -> None:
+        """Tell people and the log."""
+        fields = json.dumps({"recoveries": recoveries})
+        self.ctx.log(f"NAVIGATION_{code}", text, recoveries=recoveries)
+        self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, text, fields))
+
+    def _on_transforms(self, message: Transforms) -> None:
+        for edge in message.transforms:
+            self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
+
+    def _on_costmap(self, costmap: CostGrid) -> None:
+        self._costmap = costmap
+
+    def _on_click(self, goal: PoseStamped) -> None:
+        if goal.frame != "map":
+            self.say("GOAL_REFUSED", f"a goal must be told in the frame map, not in {goal.frame!r}")
+            return
+        self.ctx.send_goal(NAVIGATE, NavigateGoal(goal.pose.to_se2()), lambda outcome: None)
+
+    def _on_goal(self, handle: NavigateHandle) -> None:
+        self._drive = _Drive(self, handle, self._config)
+        self._drive.navigation.start()
+
+    def _on_cancel(self, handle: NavigateHandle) -> None:
+        if self._drive is not None and self._drive.handle is handle:
+            drive, self._drive = self._drive, None
+            drive.navigation.cancel()
+
+    def _tick(self) -> None:
+        if self._drive is not None:
+            self._drive.navigation.tick()
+
+    def _feedback(self) -> None:
+        if self._drive is None:
+            return
+        n = self._drive.navigation
+        if n.is_over:
+            self._drive = None
+        else:
+            self._drive.handle.feedback(NavigateFeedback(n.state.value, n.distance_remaining, n.recoveries))
+
+
+class _Drive:
+    """Carries the requests of one `Navigation` (missions.navigate.Driver) to the other nodes."""
+
+    def __init__(self, node: NavigatorNode, handle: NavigateHandle, config: NavigationConfig) -> None:
+        self._node = node
+        self._ctx = node.ctx
+        self.handle = handle
+        self.navigation = Navigation(config, self, handle.goal)
+
+    def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
+        self._ctx.call(COMPUTE_PATH, PlanRequest(map_from_goal), done)
+
+    def follow(
+        self, path: Path, goal: NavigateGoal, done: Callable[[str, str], None], left: Callable[[float], None]
+    ) -> Cancel:
+        ticket = self._ctx.send_goal(
+            FOLLOW_PATH,
+            FollowPathGoal(path, goal.xy_tolerance, goal.yaw_tolerance),
+            lambda outcome: done(outcome.code, outcome.text),
+            lambda feedback: left(feedback.distance_remaining),
+        )
+        return ticket.cancel
+
+    def replace_path(self, path: Path) -> None:
+        self._ctx.publish(PATH, path)
+
+    def recover(self, step: RecoveryStep, done: Callable[[str, str], None]) -> Cancel:
+        goal = RecoverGoal(KINDS[step.action], step.amount)
+        return self._ctx.send_goal(RECOVER, goal, lambda outcome: done(outcome.code, outcome.text)).cancel
+
+    def clear_costmaps(self, done: Callable[[], None]) -> None:
+        def clear_global(reply: Nothing | Exception) -> None:
+            self._ctx.call(CLEAR_GLOBAL_COSTMAP, Nothing(), lambda reply: done())
+
+        self._ctx.call(CLEAR_LOCAL_COSTMAP, Nothing(), clear_global)
+
+    def costmap(self) -> CostGrid | None:
+        return self._node.newest_costmap
+
+    def report(self, state: str, text: str) -> None:
+        self._node.say(state, text, self.navigation.recoveries)
+
+    def finish(self, code: str, text: str) -> None:
+        n = self.navigation
+        result = NavigateResult(self._node.map_from_base(), n.goal_distance, n.recoveries)
+        if code == "SUCCEEDED":
+            self.handle.succeed(result)
+        else:
+            self.handle.fail(code, text, result)
