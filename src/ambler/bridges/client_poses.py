@@ -1,0 +1,62 @@
+"""Poses that a viewer publishes: PoseStamped as CDR or JSON, checked before anything may drive there."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from ambler.core.errors import BadInputError
+from ambler.core.messages import PoseStamped
+from ambler.core.se3 import SE3
+from ambler.wire.ros_messages import decode
+
+POSE_SCHEMA = "geometry_msgs/msg/PoseStamped"
+
+
+def normalized_type(name: str) -> str:
+    """Return a ROS type name with `/msg/`; viewers leave it out or put it in as they like."""
+    package, _, rest = name.partition("/")
+    return name if not rest or rest.startswith("msg/") else f"{package}/msg/{rest}"
+
+
+def pose_from_client(encoding: str, schema: str, data: bytes, stamp_ns: int) -> PoseStamped:
+    """Read a pose that a viewer sent; `stamp_ns` replaces its stamp, which is the browser's clock.
+
+    Raises BadInputError for another schema or encoding, damaged data, numbers that are not finite, or no direction.
+    """
+    if normalized_type(schema) != POSE_SCHEMA:
+        raise BadInputError(f"a goal must be {POSE_SCHEMA}, not {schema}")
+    if encoding == "cdr":
+        frame, pose = _from_cdr(data)
+    elif encoding == "json":
+        frame, pose = _from_json(data)
+    else:
+        raise BadInputError(f"a goal must be encoded as cdr or json, not {encoding}")
+    return PoseStamped(stamp_ns, frame.removeprefix("/"), _checked(pose))
+
+
+def _from_cdr(data: bytes) -> tuple[str, SE3]:
+    message = decode(PoseStamped, data)
+    return message.frame, message.pose
+
+
+def _from_json(data: bytes) -> tuple[str, SE3]:
+    try:
+        fields: Any = json.loads(data)
+        position, q = fields["pose"]["position"], fields["pose"]["orientation"]
+        translation = (float(position["x"]), float(position["y"]), float(position.get("z", 0.0)))
+        rotation = (float(q["w"]), float(q.get("x", 0.0)), float(q.get("y", 0.0)), float(q["z"]))
+        return str(fields["header"]["frame_id"]), SE3(translation, rotation)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise BadInputError(f"the goal is no JSON of {POSE_SCHEMA}: {error}") from error
+
+
+def _checked(pose: SE3) -> SE3:
+    if not all(math.isfinite(value) for value in (*pose.translation, *pose.rotation)):
+        raise BadInputError("the goal holds numbers that are not finite")
+    w, x, y, z = pose.rotation
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.5 < norm < 2.0:
+        raise BadInputError(f"the goal has no direction: its quaternion has length {norm:.3g}")
+    return SE3(pose.translation, (w / norm, x / norm, y / norm, z / norm))

@@ -1,0 +1,229 @@
+"""The live view from a viewer's side: a real WebSocket client subscribes, publishes a goal, is refused, is slow."""
+
+import json
+import queue
+import socket
+import time
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidHandshake, InvalidStatus
+from websockets.sync.client import connect
+
+from ambler.bridges.foxglove import FoxgloveBridge
+from ambler.core import messages as m
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.se3 import SE3
+from ambler.runtime import topics
+from ambler.wire.ros_messages import decode, encode, message_definition
+
+from .viewer import TIMEOUT, Viewer
+
+GOAL = m.PoseStamped(99, "map", SE3((1.5, -2.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+
+
+@pytest.fixture
+def goals():
+    return queue.Queue()
+
+
+@pytest.fixture
+def bridge(goals):
+    bridge = FoxgloveBridge(port=0, on_client_message=lambda topic, message: goals.put((topic, message)))
+    yield bridge
+    bridge.close()
+
+
+def occupancy(stamp_ns=5):
+    data = np.arange(-1, 99, dtype=np.int8).reshape(10, 10)
+    return m.OccupancyGrid(stamp_ns, "map", GridSpec(0.05, 10, 10, -1.0, 2.0), data)
+
+
+def edge(child, x, stamp_ns=7):
+    return m.TransformStamped(stamp_ns, "odom", child, SE3((x, 0.0, 0.0)))
+
+
+def test_a_viewer_is_introduced_with_what_the_3d_panel_needs(bridge):
+    with Viewer(bridge.port) as viewer:
+        viewer.wait_for(lambda: "/map" in viewer.channels)
+        assert viewer.info["metadata"]["ROS_DISTRO"] == "jazzy"
+        assert {"clientPublish", "time"} <= set(viewer.info["capabilities"])
+        assert {"cdr", "json"} <= set(viewer.info["supportedEncodings"])
+        assert set(viewer.channels) == {topic.ros_name for topic in topics.all_topics()}
+        tf = viewer.channels["/tf"]
+        assert (tf["encoding"], tf["schemaName"], tf["schemaEncoding"]) == ("cdr", "tf2_msgs/msg/TFMessage", "ros2msg")
+        assert tf["schema"] == message_definition("tf2_msgs/msg/TFMessage")
+
+
+def test_latched_topics_come_on_every_subscription_and_others_as_they_happen(bridge):
+    bridge.on_message(topics.MAP, occupancy(), 1_000)
+    bridge.on_message(topics.STATIC_TRANSFORMS, m.Transforms(7, (edge("a", 1.0),)), 1_000)
+    bridge.on_message(topics.STATIC_TRANSFORMS, m.Transforms(7, (edge("b", 2.0),)), 1_000)
+    for _ in range(2):
+        with Viewer(bridge.port) as viewer:
+            viewer.subscribe("/map")
+            assert viewer.next_data("/map") == (1_000, encode(occupancy()))
+            viewer.subscribe("/tf_static")
+            tree = decode(m.Transforms, viewer.next_data("/tf_static")[1])
+            assert [e.child for e in tree.transforms] == ["a", "b"]
+            assert viewer.times
+            viewer.subscribe("/cmd_vel")
+            bridge.on_message(topics.STATUS, m.Status(1, "nobody", "WATCHES", "this"), 1_500)
+            command = m.VelocityCommand(3, 0.5, 0.0, -0.1)
+            received = send_until_received(bridge, viewer, topics.VELOCITY_COMMAND, command)
+            assert received == encode(command)
+    assert bridge.counts()["/status"].sent == 0
+
+
+def send_until_received(bridge, viewer, topic, message):
+    """Publish again and again, as a robot does, until the subscription has taken effect; return the payload."""
+    deadline = time.monotonic() + TIMEOUT
+    while time.monotonic() < deadline:
+        bridge.on_message(topic, message, 2_000)
+        try:
+            frame = viewer.receive(timeout=0.05)
+        except TimeoutError:
+            continue
+        if frame is not None and frame[0] == topic.ros_name:
+            return frame[2]
+    raise AssertionError(f"nothing came on {topic.ros_name}")
+
+
+@pytest.mark.parametrize("schema", ["geometry_msgs/PoseStamped", "geometry_msgs/msg/PoseStamped"])
+def test_a_clicked_goal_reaches_the_robot_as_cdr(bridge, goals, schema):
+    bridge.on_message(topics.ODOMETRY, odometry(), 123_000)
+    with Viewer(bridge.port) as viewer:
+        viewer.publish("/goal_pose", "cdr", schema, encode(GOAL))
+        topic, goal = goals.get(timeout=TIMEOUT)
+    assert topic is topics.GOAL
+    assert (goal.frame, goal.pose) == (GOAL.frame, GOAL.pose)
+    assert goal.stamp_ns == 123_000  # the robot's time, not the browser's
+
+
+def test_a_clicked_goal_reaches_the_robot_as_json(bridge, goals):
+    fields = {
+        "header": {"stamp": {"sec": 1, "nsec": 2}, "frame_id": "/map"},
+        "pose": {"position": {"x": 3, "y": 4.5, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0.6, "w": 0.8}},
+    }
+    with Viewer(bridge.port) as viewer:
+        viewer.publish("/goal_pose", "json", "geometry_msgs/PoseStamped", json.dumps(fields).encode())
+        _, goal = goals.get(timeout=TIMEOUT)
+    assert (goal.frame, goal.pose) == ("map", SE3((3.0, 4.5, 0.0), (0.8, 0.0, 0.0, 0.6)))
+
+
+NOT_FINITE = m.PoseStamped(1, "map", SE3((float("inf"), 0.0, 0.0)))
+NO_DIRECTION = m.PoseStamped(1, "map", SE3((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "schema", "payload", "words"),
+    [
+        ("cdr", "geometry_msgs/PoseStamped", b"\x00\x01\x00\x00abc", "are no geometry_msgs/msg/PoseStamped"),
+        ("cdr", "geometry_msgs/PoseStamped", encode(NOT_FINITE), "not finite"),
+        ("cdr", "geometry_msgs/PoseStamped", encode(NO_DIRECTION), "no direction"),
+        ("cdr", "std_msgs/String", encode(GOAL), "must be geometry_msgs/msg/PoseStamped"),
+        ("json", "geometry_msgs/PoseStamped", b'{"pose": 3}', "is no JSON"),
+    ],
+    ids=["damaged", "not_finite", "no_direction", "wrong_type", "wrong_json"],
+)
+def test_bad_goals_are_refused_with_a_word_to_the_viewer(bridge, goals, encoding, schema, payload, words):
+    with Viewer(bridge.port) as viewer:
+        viewer.publish("/goal_pose", encoding, schema, payload)
+        viewer.wait_for(lambda: viewer.warnings)
+        assert words in viewer.warnings[0]
+        viewer.publish("/cmd_vel", "cdr", "geometry_msgs/TwistStamped", encode(m.VelocityCommand(1, 9.0)))
+        viewer.publish("/goal_pose", "cdr", "geometry_msgs/PoseStamped", encode(GOAL))
+        topic, _ = goals.get(timeout=TIMEOUT)
+    assert topic is topics.GOAL  # nothing else got through
+    assert goals.empty()
+
+
+def test_without_the_token_nobody_enters():
+    bridge = FoxgloveBridge(port=0, token="secret")
+    try:
+        for path in ("/", "/?token=wrong", "/?token="):
+            with pytest.raises(InvalidStatus, match="401"):
+                Viewer(bridge.port, path=path)
+        for entry in ({"path": "/?token=secret"}, {"headers": {"Authorization": "Bearer secret"}}):
+            with Viewer(bridge.port, **entry) as viewer:
+                viewer.wait_for(lambda: bool(viewer.info))
+    finally:
+        bridge.close()
+
+
+def test_other_protocols_are_refused(bridge):
+    address, old = f"ws://127.0.0.1:{bridge.port}", ["foxglove.websocket.v1"]
+    with pytest.raises(InvalidHandshake), connect(address, subprotocols=old):
+        pass
+
+
+def test_a_busy_port_is_one_clear_error_and_a_closed_bridge_frees_it(bridge):
+    port = bridge.port
+    with pytest.raises(BadInputError, match=rf"cannot listen on 127\.0\.0\.1:{port}"):
+        FoxgloveBridge(port=port)
+    bridge.close()
+    bridge.close()
+    again = FoxgloveBridge(port=port)
+    with Viewer(port) as viewer:
+        viewer.wait_for(lambda: bool(viewer.info))
+    again.close()
+
+
+def odometry(stamp_ns=0):
+    zero = (0.0, 0.0, 0.0)
+    return m.Odometry(stamp_ns, "odom", "base", SE3(), zero, zero, np.zeros((6, 6)), np.zeros((6, 6)))
+
+
+def cloud(stamp_ns, count=20_000):
+    column = np.zeros(count, np.float32)
+    return m.PointCloud(stamp_ns, "lidar", np.zeros((count, 3), np.float32), column, column, np.zeros(count, np.uint16))
+
+
+def narrow_socket(port):
+    """Return a connected socket that takes in little before its reader reads."""
+    narrow = socket.socket()
+    narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+    narrow.connect(("127.0.0.1", port))
+    return narrow
+
+
+def test_a_slow_viewer_gets_the_newest_frame_and_delays_nobody():
+    """50 clouds of 440 KB pass while one viewer does not read: it later finds what was under way, then the last one."""
+    bridge = FoxgloveBridge(port=0, rates_hz={"/points": 1e9})
+    try:
+        with Viewer(bridge.port) as fast, Viewer(bridge.port, sock=narrow_socket(bridge.port)) as slow:
+            for viewer in (fast, slow):
+                viewer.subscribe("/points")
+                send_until_received(bridge, viewer, topics.CLOUD, cloud(0, 1))
+            slowest = 0.0
+            for k in range(1, 51):
+                start = time.monotonic()
+                bridge.on_message(topics.CLOUD, cloud(k), k)
+                slowest = max(slowest, time.monotonic() - start)
+                while fast.next_data("/points")[0] != k:
+                    pass
+            seen = [slow.next_data("/points")[0]]
+            while seen[-1] != 50:
+                seen.append(slow.next_data("/points")[0])
+        assert slowest < 1.0
+        assert seen == sorted(seen)
+        assert len(seen) < 12
+    finally:
+        bridge.close()
+
+
+def test_a_viewer_that_leaves_in_the_middle_harms_nobody(bridge):
+    bridge.on_message(topics.MAP, occupancy(), 1_000)
+    for _ in range(3):
+        rude = Viewer(bridge.port)
+        rude.subscribe("/map")
+        rude.socket.socket.close()
+    with Viewer(bridge.port) as viewer:
+        viewer.subscribe("/map")
+        assert viewer.next_data("/map")[0] == 1_000
+        viewer.socket.send("this is no JSON")
+        viewer.socket.send(b"")
+        viewer.subscribe("/gate_status")
+        bridge.on_message(topics.GATE_STATUS, m.GateStatus(1, m.GateState.ARMED, "", "x"), 2_000)
+        assert viewer.next_data("/gate_status")[0] == 2_000

@@ -1,0 +1,111 @@
+"""The parts of the live view alone: rates, the queue of a slow client, and the layout that is shipped."""
+
+import asyncio
+import json
+import math
+import re
+from importlib import resources
+
+import pytest
+
+from ambler.bridges.foxglove_front import FrameQueue
+from ambler.bridges.view_rates import EVENT_BACKLOG, Outbox
+from ambler.core import messages as m
+from ambler.core.se3 import SE3
+from ambler.runtime import topics
+from ambler.wire.ros_messages import ros_type_of
+from ambler.wire.ros_types import STORE
+
+
+def command(k):
+    return m.VelocityCommand(k, float(k))
+
+
+def test_only_the_newest_message_waits_and_rates_count_in_wall_time():
+    box = Outbox(topics.VELOCITY_COMMAND, rate_hz=10.0)
+    for k in range(5):
+        box.put(command(k), k)
+    assert [message.stamp_ns for message, _ in box.take(100.0)] == [4]
+    box.put(command(5), 5)
+    assert box.take(100.05) == []
+    assert [message.stamp_ns for message, _ in box.take(100.11)] == [5]
+    assert box.take(200.0) == []
+    assert (box.counts.sent, box.counts.skipped) == (2, 4)
+
+
+def test_events_are_all_shown_up_to_a_bounded_backlog():
+    box = Outbox(topics.STATUS, rate_hz=math.inf)
+    for k in range(EVENT_BACKLOG + 7):
+        box.put(m.Status(k, "node", "CODE", "text"), k)
+    assert [time_ns for _, time_ns in box.take(0.0)] == list(range(7, EVENT_BACKLOG + 7))
+    assert box.counts.skipped == 7
+
+
+def test_transforms_are_merged_to_the_newest_of_every_edge():
+    box = Outbox(topics.TRANSFORMS)
+    for k in range(4):
+        child = "base" if k % 2 == 0 else "odom"
+        box.put(m.Transforms(k, (m.TransformStamped(k, "up", child, SE3((float(k), 0.0, 0.0))),)), k)
+    [(tree, time_ns)] = box.take(0.0)
+    assert time_ns == 3
+    assert {edge.child: edge.stamp_ns for edge in tree.transforms} == {"base": 2, "odom": 3}
+    assert box.take(1.0) == []
+
+
+def test_a_full_slot_keeps_the_newest_frame_and_control_overtakes_data():
+    async def run():
+        frames = FrameQueue()
+        frames.set_depth(2, 3)
+        for k in range(5):
+            frames.put_data(1, f"scan {k}")
+            frames.put_data(2, f"status {k}")
+        frames.put_control("advertise")
+        taken = [await frames.take() for _ in range(5)]
+        return taken, frames.dropped
+
+    taken, dropped = asyncio.run(run())
+    assert taken == ["advertise", "scan 4", "status 2", "status 3", "status 4"]
+    assert dropped == 6
+
+
+def leaves(node):
+    return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
+
+
+def has_field(ros_type, path):
+    """Say whether a dotted path of fields exists in a ROS type."""
+    for name in path.split("."):
+        fields = dict(STORE.fielddefs[ros_type][1])
+        if name not in fields:
+            return False
+        ros_type = fields[name][1]
+        if not isinstance(ros_type, str) or ros_type not in STORE.fielddefs:
+            ros_type = "std_msgs/msg/Empty"
+    return True
+
+
+def test_the_layout_names_only_topics_and_fields_that_exist():
+    text = (resources.files("ambler.bridges") / "layouts" / "ambler.json").read_text()
+    layout = json.loads(text)
+    panels = layout["configById"]
+    assert leaves(layout["layout"]) == set(panels)
+    scene = panels["3D!scene"]
+    known = {topic.ros_name: ros_type_of(topic.type) for topic in topics.all_topics()}
+    assert set(scene["topics"]) <= set(known)
+    for wanted in ("/map", "/scan", "/local_costmap/costmap", "/frontiers", "/plan", "/footprint"):
+        assert scene["topics"][wanted]["visible"]
+    assert scene["publish"]["poseTopic"] == topics.GOAL.ros_name
+    paths = [p["value"] for panel in panels.values() for p in panel.get("paths", [])] + [
+        panels["Indicator!gate"]["path"]
+    ]
+    for path in paths:
+        name, _, field = path.partition(".")
+        assert has_field(known[name], field), path
+    states = {rule["rawValue"]: rule["label"].replace(" ", "_") for rule in panels["Indicator!gate"]["rules"]}
+    assert states == {str(int(state)): state.name for state in m.GateState}
+    assert not re.search(r"https?://", text)
+
+
+@pytest.mark.parametrize(("field", "exists"), [("twist.linear.x", True), ("twist.linear.w", False)])
+def test_the_check_of_fields_can_fail(field, exists):
+    assert has_field("geometry_msgs/msg/TwistStamped", field) == exists
