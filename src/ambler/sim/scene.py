@@ -105,9 +105,7 @@ def _split(lower: F64, upper: F64) -> tuple[NDArray[np.int32], list[tuple[F64, i
     return order, nodes
 
 
-def _best_split(
-    members: NDArray[np.int32], lower: F64, upper: F64, middle: F64
-) -> tuple[NDArray[np.int32], int]:
+def _best_split(members: NDArray[np.int32], lower: F64, upper: F64, middle: F64) -> tuple[NDArray[np.int32], int]:
     """Sort the members along the axis, and cut where, sum of (surface area x primitives) of both halves is least."""
     best, best_members, best_size = np.inf, members, len(members) // 2
     sizes = np.arange(1, len(members))
@@ -129,5 +127,5 @@ def _areas(lower: F64, upper: F64) -> F64:
 
 
 def _nowhere() -> tuple[F64, int, int]:
-    """The only node of an empty world: bounds that no ray enters."""
-    return (np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0]) * 1e12, 0, 0)
+    """The only node of an empty world: bounds that no ray reaches."""
+    return (np.full(6, 1e15), 0, 0)

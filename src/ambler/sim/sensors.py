@@ -163,7 +163,7 @@ MEMS_IMU = ImuSpec(
 # Two driven wheels with 2^12 ticks per turn.
 WHEEL_ODOMETRY = OdometrySpec(
     rate_hz=50.0,
-    radius_sigma=0.0075,
+    radius_sigma=0.005,
     track_sigma=0.01,
     slip_sigma=0.01,
     slip_time=2.0,

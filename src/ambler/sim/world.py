@@ -17,6 +17,7 @@ from ambler.sim.floorplan import world_from_floor_plan
 from ambler.sim.solids import Shape, Solid, WorldSpec, to_map_frame
 
 WORLDS = Path(__file__).parent / "worlds"
+SUFFIXES = (".yaml", ".yml")
 
 
 class _Entry(BaseModel):
@@ -101,7 +102,7 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
 
 def _find(name: str) -> Path:
     path = Path(name)
-    if path.suffix in {".yaml", ".yml"}:
+    if path.suffix in SUFFIXES:
         if not path.is_file():
             raise BadInputError(f"world file {name} does not exist")
         return path
@@ -121,7 +122,7 @@ def _read_yaml(path: Path) -> dict[str, object]:
     return content
 
 
-def _parse(path: Path, content: dict[str, object]) -> _World:
+def _parse(path: Path, content: dict[str, object], heirs: tuple[Path, ...] = ()) -> _World:
     try:
         entry = _World.model_validate(content)
     except ValidationError as error:
@@ -130,10 +131,12 @@ def _parse(path: Path, content: dict[str, object]) -> _World:
         raise BadInputError(f"{path}: {place}: {first['msg']}") from error
     if entry.extends is None:
         return entry
-    base_path = _find(entry.extends)
-    if base_path.resolve() == path.resolve():
-        raise BadInputError(f"{path}: extends: a world cannot extend itself")
-    base = _parse(base_path, _read_yaml(base_path))
+    beside = path.parent / entry.extends
+    base_path = beside if beside.suffix in SUFFIXES and beside.is_file() else _find(entry.extends)
+    heirs = (*heirs, path.resolve())
+    if base_path.resolve() in heirs:
+        raise BadInputError(f"{path}: extends: {entry.extends} extends this world itself")
+    base = _parse(base_path, _read_yaml(base_path), heirs)
     lists = {k: getattr(base, k) + getattr(entry, k) for k in ("walls", "boxes", "cylinders")}
     own = {k: getattr(entry, k) for k in entry.model_fields_set if k not in lists}
     return base.model_copy(update={**own, **lists})

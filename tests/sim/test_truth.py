@@ -1,0 +1,75 @@
+"""The ground-truth map: the surfaces that can be seen from free space, cut at the sensor's height."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
+from ambler.sim.robots import robot_named, robot_names
+from ambler.sim.scene import build_scene
+from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.sim.truth import truth_grid
+from ambler.sim.world import load_world, world_names
+
+
+def box(x: float, y: float, size_x: float, size_y: float, z_max: float = 2.0) -> Solid:
+    return Solid("box", Shape.BOX, SE2(x, y, 0.0), size_x, size_y, 0.0, z_max)
+
+
+def closed_room(*inside: Solid) -> WorldSpec:
+    """A room with inner faces at +-2 m and walls 0.5 m thick."""
+    walls = (box(2.25, 0, 0.5, 5), box(-2.25, 0, 0.5, 5), box(0, 2.25, 5, 0.5), box(0, -2.25, 5, 0.5))
+    return WorldSpec("room", (*walls, *inside), SE2())
+
+
+def test_free_area_and_surface_of_a_room() -> None:
+    spec, grid = truth_grid(closed_room(), 0.3, 0.05)
+    assert np.count_nonzero(grid == 0) == 80 * 80
+    assert np.count_nonzero(grid == 100) == 4 * 80
+    assert grid[spec.cell_of(0.0, 0.0)] == 0
+    assert grid[spec.cell_of(2.02, 0.0)] == 100
+    assert grid[spec.cell_of(2.3, 0.0)] == -1
+
+
+def test_a_cell_that_holds_a_surface_is_occupied() -> None:
+    spec, grid = truth_grid(closed_room(box(1.0, 0.0, 0.08, 0.08)), 0.3, 0.05)
+    assert all(grid[spec.cell_of(x, y)] == 100 for x in (0.97, 1.03) for y in (-0.03, 0.03))
+
+
+def test_low_things_are_not_cut_and_hollow_ones_stay_unknown() -> None:
+    low = box(1.0, 1.0, 0.4, 0.4, z_max=0.2)
+    spec, grid = truth_grid(closed_room(low), 0.3, 0.05)
+    assert grid[spec.cell_of(1.0, 1.0)] == 0
+    hollow = [box(-1, 0.5, 1.1, 0.1), box(-1, -0.5, 1.1, 0.1), box(-0.5, 0, 0.1, 1.1), box(-1.5, 0, 0.1, 1.1)]
+    spec, grid = truth_grid(closed_room(*hollow), 0.3, 0.05)
+    assert grid[spec.cell_of(-1.0, 0.0)] == -1
+
+
+def test_a_start_inside_a_solid_is_refused() -> None:
+    with pytest.raises(BadInputError, match="start"):
+        truth_grid(closed_room(box(0, 0, 1, 1)), 0.3, 0.05)
+
+
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("name", world_names())
+def test_rays_end_on_true_surfaces(name: str, robot: str) -> None:
+    """A level ray at the sensor's height runs through free cells and ends within a cell of an occupied one."""
+    world, height = load_world(name), robot_named(robot).sensor_height
+    spec, grid = truth_grid(world, height, 0.05)
+    angles = np.linspace(-np.pi, np.pi, 500)
+    directions = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    distance, _, _ = build_scene(world).cast(np.tile([0.0, 0.0, height], (500, 1)), directions)
+    ends = spec.cells_of((distance[:, None] + 1e-4) * directions[:, :2])
+    near_surface = ndimage.binary_dilation(grid == 100, np.ones((3, 3)))
+    assert near_surface[ends[:, 0], ends[:, 1]].all()
+    for share in np.linspace(0.02, 0.98, 25):
+        on_way = share * np.maximum(distance - 0.2, 0.0)
+        cells = spec.cells_of(on_way[:, None] * directions[:, :2])
+        assert (grid[cells[:, 0], cells[:, 1]] != -1).all()
+
+
+@pytest.mark.parametrize("name", world_names())
+def test_free_space_is_enclosed_by_surfaces(name: str) -> None:
+    _, grid = truth_grid(load_world(name), 0.28, 0.05)
+    assert not (ndimage.binary_dilation(grid == 0) & (grid == -1)).any()
