@@ -1,0 +1,178 @@
+"""Pictures of a run: the map with trajectories and frontiers, the overlay on the truth, curves over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import Frontier, FrontierState
+from ambler.evaluation.map_quality import BLUE, BOTH, FREE_UP_TO, OCCUPIED_FROM, RED, MapQuality
+
+matplotlib.use("Agg")
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+F64 = NDArray[np.float64]
+INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
+COLOURS = ("#2563eb", "#f97316", "#059669", "#9333ea", "#dc2626", "#0891b2")
+UNKNOWN_SHADE, FREE_SHADE, UNDECIDED_SHADE, OCCUPIED_SHADE = (
+    (225, 228, 234),
+    (255, 255, 255),
+    (180, 184, 194),
+    (31, 36, 48),
+)
+DPI = 130
+STATE_COLOURS = {
+    FrontierState.OPEN: "#059669",
+    FrontierState.TARGET: "#2563eb",
+    FrontierState.UNREACHABLE: "#dc2626",
+    FrontierState.TOO_SMALL: "#d97706",
+    FrontierState.OUTSIDE_BOUNDARY: "#9333ea",
+}
+
+
+def draw_map_with_trajectory(
+    path: Path,
+    spec: GridSpec,
+    occupancy: NDArray[np.int8],
+    trajectories: Mapping[str, F64],
+    frontiers: Sequence[Frontier] = (),
+) -> Path:
+    """Draw a map with named trajectories float64 (N, 2 or 3) in its frame, start and end marked, and frontiers by state."""
+    shades = np.empty((*spec.shape, 3), np.uint8)
+    shades[:] = UNDECIDED_SHADE
+    shades[occupancy < 0] = UNKNOWN_SHADE
+    shades[(occupancy >= 0) & (occupancy <= FREE_UP_TO)] = FREE_SHADE
+    shades[occupancy >= OCCUPIED_FROM] = OCCUPIED_SHADE
+    x0, x1, y0, y1 = _known_box(spec, occupancy)
+    figure, axes = _figure_for(x1 - x0, y1 - y0)
+    extent = (spec.origin_x, spec.origin_x + spec.width * spec.resolution)
+    extent_y = (spec.origin_y, spec.origin_y + spec.height * spec.resolution)
+    axes.imshow(shades, origin="lower", extent=(*extent, *extent_y), interpolation="nearest")
+    for k, (label, poses) in enumerate(trajectories.items()):
+        style: dict[str, Any] = {"lw": 1.6} if k == 0 else {"lw": 1.1, "ls": (0, (4, 2))}
+        axes.plot(poses[:, 0], poses[:, 1], color=COLOURS[k % len(COLOURS)], label=label, zorder=3 + k, **style)
+        if k == 0 and len(poses):
+            axes.plot(*poses[0, :2], "o", ms=8, mfc="white", mec=COLOURS[0], mew=2, zorder=9, label="start")
+            axes.plot(*poses[-1, :2], "s", ms=7, color=COLOURS[0], mec="white", zorder=9, label="end")
+    for state, colour in STATE_COLOURS.items():
+        cells = [f.cells for f in frontiers if f.state is state]
+        if cells:
+            label = f"frontier, {state.name.lower().replace('_', ' ')}"
+            axes.plot(*np.concatenate(cells).T, ".", ms=2.5, color=colour, label=label, zorder=2)
+    axes.set_xlim(x0, x1)
+    axes.set_ylim(y0, y1)
+    _dress_map(axes)
+    return _save(figure, path)
+
+
+def draw_overlay(quality: MapQuality, path: Path) -> Path:
+    """Draw the overlay of a comparison with its legend and numbers."""
+    height, width = quality.overlay.shape[:2]
+    figure, axes = _figure_for(width, height)
+    axes.imshow(quality.overlay, interpolation="nearest")
+    for colour, label in ((RED, "truth"), (BLUE, "built"), (BOTH, "both")):
+        axes.plot([], [], "s", color=tuple(c / 255 for c in colour), label=label)
+    numbers = (
+        f"coverage {quality.coverage_ratio:.2%}   false free {quality.false_free_ratio:.2%}   "
+        f"NNE {quality.nne_cells:.2f} / {quality.nne_reverse_cells:.2f} cells   SSIM {quality.ssim:.3f}"
+    )
+    axes.text(0.0, -0.02, numbers, transform=axes.transAxes, va="top", color=INK, fontsize=9)
+    axes.set_axis_off()
+    _legend(axes)
+    return _save(figure, path)
+
+
+def draw_series(
+    path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Sequence[float] | F64, Sequence[float] | F64]]
+) -> Path:
+    """Draw named curves (x values, y values) into one plot; a single curve needs no legend."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.6, 3.2), dpi=DPI)
+    axes = figure.add_subplot()
+    for k, (label, (x, y)) in enumerate(series.items()):
+        axes.plot(x, y, color=COLOURS[k % len(COLOURS)], lw=1.6, label=label)
+    if len(series) == 1:
+        for x, y in series.values():
+            axes.fill_between(x, y, color=COLOURS[0], alpha=0.08, lw=0)
+    axes.set_xlabel(label_x, color=INK)
+    axes.set_ylabel(label_y, color=INK)
+    axes.grid(color=GRID, lw=0.8)
+    axes.set_axisbelow(True)
+    axes.margins(x=0.01)
+    _dress(axes)
+    if len(series) > 1:
+        _legend(axes)
+    return _save(figure, path)
+
+
+def _known_box(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[float, float, float, float]:
+    rows, columns = np.nonzero((occupancy >= 0).any(axis=1))[0], np.nonzero((occupancy >= 0).any(axis=0))[0]
+    if len(rows) == 0:
+        rows, columns = np.array([0, spec.height - 1]), np.array([0, spec.width - 1])
+    margin, r = 0.5, spec.resolution
+    return (
+        float(spec.origin_x + columns[0] * r - margin),
+        float(spec.origin_x + (columns[-1] + 1) * r + margin),
+        float(spec.origin_y + rows[0] * r - margin),
+        float(spec.origin_y + (rows[-1] + 1) * r + margin),
+    )
+
+
+def _figure_for(width: float, height: float) -> tuple[Figure, Axes]:
+    """Make a figure of about 60 square inches' area in the shape of the content, at most 9 by 9 inches."""
+    from matplotlib.figure import Figure
+
+    scale = min(9.0 / max(width, height), math.sqrt(60.0 / (width * height)))
+    figure = Figure(figsize=(max(4.5, width * scale), max(3.0, height * scale) + 0.6), dpi=DPI)
+    return figure, figure.add_subplot()
+
+
+def _dress(axes: Axes) -> None:
+    for name, spine in axes.spines.items():
+        spine.set_visible(name in ("left", "bottom"))
+        spine.set_color(MUTED)
+    axes.tick_params(colors=MUTED, labelsize=8)
+
+
+def _dress_map(axes: Axes) -> None:
+    _dress(axes)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)", color=INK, fontsize=9)
+    axes.set_ylabel("y (m)", color=INK, fontsize=9)
+    _legend(axes)
+
+
+def _legend(axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    axes.legend(
+        handles,
+        labels,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=min(6, len(handles)),
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+        handlelength=1.6,
+        columnspacing=1.2,
+        borderaxespad=0.2,
+    )
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, bbox_inches="tight", facecolor="white")
+    return path

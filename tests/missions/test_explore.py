@@ -1,0 +1,323 @@
+"""The exploration mission on scripted surveys: every way to end, what it refuses, when it switches, and that it can be cancelled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
+from ambler.core.se2 import SE2
+from ambler.exploration.memory import FrontierMemory
+from ambler.exploration.strategies import NearestStrategy
+from ambler.exploration.survey import Survey, SurveyConfig
+from ambler.missions.explore import (
+    ClearCosts,
+    Command,
+    DriveTo,
+    Ended,
+    ExploreConfig,
+    ExploreMission,
+    ExploreState,
+    ExploreView,
+    StopDriving,
+    TurnAround,
+)
+from ambler.runtime.tasks import ExploreGoal
+
+SPEC = GridSpec(0.1, 200, 200, 0.0, 0.0)
+S = 1_000_000_000
+
+
+def frontier(x: float, y: float, distance: float) -> Frontier:
+    """A frontier one metre long whose goal is its middle."""
+    cells = np.stack([np.linspace(x - 0.5, x + 0.5, 11), np.full(11, y)], axis=1).astype(np.float32)
+    return Frontier(cells, (x, y), (x, y, 0.0), distance, FrontierState.OPEN)
+
+
+class ScriptedSurveyor:
+    """Shows the frontiers that the test puts there, and consults the real memory."""
+
+    def __init__(self) -> None:
+        self.config = SurveyConfig()
+        self.frontiers: list[Frontier] = []
+        self.full_searches = 0
+        self.reset()
+
+    def reset(self) -> None:
+        self.memory = FrontierMemory(self.config.memory, self.config.free_below)
+
+    def forget_map(self) -> None:
+        self.full_searches += 1
+
+    def update(self, occupancy: OccupancyGrid, costs: CostGrid, base: SE2, boundary: object = ()) -> Survey:
+        judged = []
+        for f in self.frontiers:
+            reason = self.memory.reason_against(f, occupancy.spec, occupancy.data)
+            judged.append(replace(f, state=FrontierState.UNREACHABLE, reason=reason) if reason else f)
+        is_open = tuple(i for i, f in enumerate(judged) if f.state is FrontierState.OPEN)
+        return Survey(tuple(judged), np.ones(len(judged)), is_open, 100.0, 50.0, costs)
+
+
+class Play:
+    """A mission, its surveyor, and a clock that moves by hand."""
+
+    def __init__(self, *frontiers: Frontier, goal: ExploreGoal | None = None, **config: float) -> None:
+        self.surveyor = ScriptedSurveyor()
+        self.surveyor.frontiers = list(frontiers)
+        self.mission = ExploreMission(ExploreConfig(**config), self.surveyor, NearestStrategy())  # type: ignore[arg-type]
+        self.map = np.zeros(SPEC.shape, np.int8)
+        self.pose = SE2(10.0, 10.0)
+        self.now_ns = 0
+        self.mission.begin(goal or ExploreGoal(), 0)
+
+    def view(self) -> ExploreView:
+        costs = CostGrid(self.now_ns, "map", SPEC, np.zeros(SPEC.shape, np.uint8))
+        return ExploreView(self.now_ns, OccupancyGrid(self.now_ns, "map", SPEC, self.map.copy()), costs, self.pose)
+
+    def step(self, seconds: float = 1.0) -> list[Command]:
+        self.now_ns += round(seconds * S)
+        return self.mission.update(self.view(), self.now_ns)
+
+    def drive(self, seconds: float = 1.0) -> DriveTo:
+        """Step and return the drive that is commanded now."""
+        drives = [c for c in self.step(seconds) if isinstance(c, DriveTo)]
+        assert len(drives) == 1
+        return drives[0]
+
+    def end(self, drive: DriveTo | TurnAround, code: str = "SUCCEEDED", text: str = "") -> list[Command]:
+        self.mission.drive_ended(drive.drive, code, text)
+        return self.step(0.01)
+
+    def until_ended(self, code: str = "SUCCEEDED") -> Ended:
+        """Step on, ending every drive with a code, until the mission is over."""
+        for _ in range(100):
+            for command in self.step():
+                match command:
+                    case Ended():
+                        return command
+                    case DriveTo() | TurnAround():
+                        self.mission.drive_ended(command.drive, code, "")
+                        if isinstance(command, DriveTo) and code == "SUCCEEDED":
+                            self.pose = command.map_from_goal
+        raise AssertionError("the mission does not end")
+
+
+def test_nothing_to_explore_turns_sweeps_goes_home_and_ends_with_proof() -> None:
+    play = Play()
+    (turn,) = play.step()
+    assert isinstance(turn, TurnAround)
+    assert turn.angle == pytest.approx(2 * math.pi)
+    play.end(turn)
+    assert play.mission.state is ExploreState.LOOKING
+    ended = play.until_ended()
+    assert (ended.code, ended.text) == ("SUCCEEDED", "no frontier is left")
+    assert ended.result.is_home
+    assert ended.result.remaining == ()
+    assert play.surveyor.full_searches >= 1
+
+
+def test_it_drives_to_the_nearest_and_counts_what_it_reached() -> None:
+    play = Play(frontier(5, 5, 8.0), frontier(12, 10, 2.0))
+    drive = play.drive()
+    assert (drive.map_from_goal.x, drive.map_from_goal.y) == (12.0, 10.0)
+    marked = [f.state for f in play.mission.frontiers()]
+    assert marked == [FrontierState.OPEN, FrontierState.TARGET]
+    play.surveyor.frontiers = [frontier(5, 5, 8.0)]
+    play.end(drive)
+    assert play.mission.feedback.goals_reached == 1
+    assert play.drive(2.0).map_from_goal.x == 5.0
+
+
+def test_it_turns_to_the_next_as_soon_as_the_target_is_gone() -> None:
+    play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0))
+    play.drive()
+    play.surveyor.frontiers = [frontier(5, 5, 7.0)]
+    assert play.drive().map_from_goal.x == 5.0
+    assert play.mission.state is ExploreState.DRIVING
+
+
+def test_hysteresis_keeps_the_target_unless_another_is_clearly_better() -> None:
+    play = Play(frontier(5, 5, 5.0), frontier(15, 15, 5.5))
+    play.drive()
+    play.surveyor.frontiers = [frontier(5, 5, 5.0), frontier(15, 15, 4.2)]
+    assert play.step() == []
+    play.surveyor.frontiers = [frontier(5, 5, 5.0), frontier(15, 15, 3.9)]
+    assert play.drive().map_from_goal.x == 15.0
+
+
+def test_a_goal_that_moved_with_the_map_is_sent_again() -> None:
+    play = Play(frontier(5, 5, 5.0))
+    first = play.drive()
+    play.surveyor.frontiers = [frontier(5.1, 5.2, 5.0)]
+    assert play.step() == []
+    play.surveyor.frontiers = [frontier(5.2, 5.4, 5.0)]
+    second = play.drive()
+    assert second.map_from_goal.y == pytest.approx(5.4)
+    play.mission.drive_ended(first.drive, "PREEMPTED", "")
+    assert play.step() == []
+    assert play.mission.state is ExploreState.DRIVING
+
+
+def test_a_failed_frontier_is_refused_with_its_reason_and_others_come_first() -> None:
+    play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0))
+    play.end(play.drive(), "NO_VALID_PATH", "no way through")
+    assert play.drive(2.0).map_from_goal.x == 5.0
+    refused = play.mission.frontiers()[0]
+    assert refused.state is FrontierState.UNREACHABLE
+    assert refused.reason == "attempt 1 failed: NO_VALID_PATH: no way through"
+
+
+def test_a_refused_frontier_is_tried_again_when_the_map_near_it_changes_but_three_times_at_most() -> None:
+    play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0))
+    for attempt in range(3):
+        drive = play.drive(2.0)
+        assert drive.map_from_goal.x == 12.0, f"attempt {attempt}"
+        play.end(drive, "RECOVERIES_EXHAUSTED")
+        play.map[95 + attempt, 110:130] = 100
+        play.map[105 - attempt, 100:130] = 100
+    assert play.drive(2.0).map_from_goal.x == 5.0
+    assert play.mission.frontiers()[0].reason == "given up after 3 attempts: RECOVERIES_EXHAUSTED"
+
+
+def test_a_frontier_that_stays_after_two_looks_from_near_is_left() -> None:
+    play = Play(frontier(12, 10, 2.0), goal=ExploreGoal(return_to_start=False))
+    play.pose = SE2(12.0, 9.6)
+    for _ in range(2):
+        play.end(play.drive(2.0))
+    ended = play.until_ended()
+    assert ended.code == "SUCCEEDED"
+    assert ended.result.goals_reached == 2
+    (left,) = ended.result.remaining
+    assert left.reason == "looked at 2 times from near: nothing changed"
+
+
+def test_an_arrival_far_from_the_frontier_is_an_attempt_not_a_look() -> None:
+    play = Play(frontier(12, 10, 2.0))
+    play.pose = SE2(12.0, 7.0)
+    play.end(play.drive())
+    play.step(2.0)
+    assert play.mission.frontiers()[0].reason == "attempt 1 failed: the drive ended 3.0 m away"
+
+
+def test_the_final_sweep_pardons_each_refused_frontier_once() -> None:
+    play = Play(frontier(12, 10, 2.0), goal=ExploreGoal(return_to_start=False))
+    play.end(play.drive(), "NO_VALID_PATH")
+    commands = play.step(2.0)
+    assert commands == [ClearCosts()]
+    assert play.surveyor.full_searches == 1
+    play.end(play.drive(3.0), "NO_VALID_PATH")
+    ended = play.until_ended("NO_VALID_PATH")
+    assert ended.code == "SUCCEEDED"
+    assert ended.result.remaining[0].reason == "given up after 3 attempts: NO_VALID_PATH"
+
+
+def test_no_progress_stops_the_drive_and_refuses_the_frontier() -> None:
+    play = Play(frontier(12, 10, 2.0), progress_timeout=10.0)
+    play.drive()
+    for _ in range(10):
+        assert play.step() == []
+    assert play.step() == [StopDriving()]
+    assert play.mission.state is ExploreState.LOOKING
+    play.step(2.0)
+    assert play.mission.frontiers()[0].reason == "attempt 1 failed: no progress for 10 s"
+
+
+def test_a_slow_robot_that_makes_progress_is_left_alone() -> None:
+    play = Play(frontier(12, 10, 9.0), progress_timeout=10.0)
+    play.drive()
+    for k in range(40):
+        play.surveyor.frontiers = [frontier(12, 10, 9.0 - 0.05 * k)]
+        assert play.step() == []
+
+
+def test_failing_everywhere_at_one_place_is_stuck() -> None:
+    frontiers = [frontier(2.0 + 2 * k, 5.0, 3.0 + k) for k in range(8)]
+    play = Play(*frontiers)
+    ended = play.until_ended("RECOVERIES_EXHAUSTED")
+    assert ended.code == "STUCK"
+    assert "8 drives failed at one place" in ended.text
+    assert len(ended.result.remaining) == 8
+
+
+def test_lost_ends_at_once() -> None:
+    play = Play(frontier(12, 10, 2.0))
+    commands = play.end(play.drive(), "LOST", "scan matching failed for 5 s")
+    assert isinstance(commands[-1], Ended)
+    assert (commands[-1].code, commands[-1].text) == ("LOST", "scan matching failed for 5 s")
+    assert play.mission.state is ExploreState.FAILED
+
+
+def test_without_a_map_it_gives_up_with_a_reason() -> None:
+    play = Play(frontier(12, 10, 2.0), start_timeout=5.0)
+    assert play.mission.update(None, 4 * S) == []
+    (_, ended) = play.mission.update(None, 6 * S)
+    assert isinstance(ended, Ended)
+    assert ended.code == "STUCK"
+
+
+def test_home_that_cannot_be_reached_fails_by_name() -> None:
+    play = Play()
+    play.step()
+    ended = play.until_ended("NO_VALID_PATH")
+    assert ended.code == "RETURN_FAILED"
+    assert not ended.result.is_home
+
+
+def test_home_is_the_pose_of_the_start() -> None:
+    play = Play(frontier(12, 10, 2.0))
+    play.drive()
+    play.surveyor.frontiers = []
+    play.pose = SE2(3.0, 4.0, 1.0)
+    play.step()
+    drive = play.drive(3.0)
+    assert drive.map_from_goal == SE2(10.0, 10.0)
+    assert play.mission.state is ExploreState.RETURNING
+
+
+def test_a_frontier_that_opens_on_the_way_home_is_explored_first() -> None:
+    play = Play(frontier(12, 10, 2.0))
+    play.drive()
+    play.surveyor.frontiers = []
+    play.step()
+    play.drive(3.0)
+    assert play.mission.state is ExploreState.RETURNING
+    play.surveyor.frontiers = [frontier(5, 5, 3.0)]
+    assert play.drive().map_from_goal.x == 5.0
+    play.surveyor.frontiers = []
+    assert play.until_ended().result.is_home
+
+
+def bring_to(state: ExploreState) -> Play:
+    play = Play(frontier(12, 10, 2.0))
+    if state is ExploreState.STARTING:
+        return play
+    drive = play.drive()
+    if state is ExploreState.LOOKING:
+        play.end(drive)
+    if state is ExploreState.RETURNING:
+        play.surveyor.frontiers = []
+        play.step()
+        play.drive(3.0)
+    return play
+
+
+@pytest.mark.parametrize(
+    "state", [ExploreState.STARTING, ExploreState.DRIVING, ExploreState.LOOKING, ExploreState.RETURNING]
+)
+def test_it_can_be_cancelled_in_every_state_and_begun_again(state: ExploreState) -> None:
+    play = bring_to(state)
+    assert play.mission.state is state
+    commands = play.mission.cancel()
+    assert isinstance(commands[0], StopDriving)
+    assert isinstance(commands[1], Ended)
+    assert commands[1].code == "CANCELLED"
+    assert play.mission.state is ExploreState.CANCELLED
+    assert play.step() == []
+    assert play.mission.cancel() == []
+    play.mission.begin(ExploreGoal(), play.now_ns)
+    play.surveyor.frontiers = [frontier(12, 10, 2.0)]
+    assert play.drive().map_from_goal.x == 12.0
