@@ -165,6 +165,16 @@ def test_a_moving_scanner_sees_from_where_it_is_when_each_beam_fires(wall_ahead:
     assert np.isinf(scan.ranges[np.cos(heading) < -0.01]).all()
 
 
+def test_a_sweep_compiles_nothing_after_the_warm_up() -> None:
+    raycast.warm_up()
+    for spec in (SCANNER_360, VLP_16):
+        sensor = LidarSensor(spec, "laser", build_scene(load_world("lab_empty")), 0)
+        sensor.sweep(np.array([0.0, 0.1]), np.array([[0.0, 0, 0.5]] * 2), np.array([[1.0, 0, 0, 0]] * 2))
+        sensor.to_cloud(0)
+    kernels = (raycast.cast_rays, raycast.sweep, raycast.corrupt_ranges, raycast.gather_points)
+    assert [len(k.signatures) for k in kernels] == [1, 1, 1, 1]
+
+
 def test_packets_do_not_depend_on_their_neighbours() -> None:
     """Any cut of the rays into calls gives the same bits."""
     world, rng = load_world("office"), np.random.default_rng(5)

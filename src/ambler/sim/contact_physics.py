@@ -91,7 +91,7 @@ class ContactPhysics:
         force = np.zeros(6)
         mujoco.mj_contactForce(self._model, self._data, k, force)
         names = self._model.geom
-        return Touch(names(part).name, names(solid).name.split("#")[0], (x, y, z), speed, float(abs(force[0])))
+        return Touch(names(part).name, names(solid).name.rsplit("#", 1)[0], (x, y, z), speed, float(abs(force[0])))
 
     def _find_feet(self) -> list[tuple[int, float, float]]:
         ids = [self._model.geom(f"foot_{i}").id for i in range(4)]

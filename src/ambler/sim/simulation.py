@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core import messages as m
+from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3, Vector3
 from ambler.sim.base import BaseController, Physics
@@ -187,6 +188,8 @@ class Simulation:
 def _make_physics(world: WorldSpec, robot: SimRobot, config: SimulationConfig) -> Physics:
     if config.physics == "kinematic":
         return KinematicPhysics(world, robot, TICK)
-    from ambler.sim.contact_physics import ContactPhysics
-
+    try:
+        from ambler.sim.contact_physics import ContactPhysics
+    except ModuleNotFoundError as error:
+        raise BadInputError("contact physics needs MuJoCo (the extra `sim`); or choose kinematic physics") from error
     return ContactPhysics(world, robot, TICK)

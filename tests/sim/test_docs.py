@@ -1,0 +1,28 @@
+"""The examples of docs/simulation.md are run as they stand."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from ambler.sim.world import load_world
+
+PAGE = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text()
+
+
+def example(language: str) -> str:
+    found = re.search(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    assert found is not None
+    return found.group(1)
+
+
+def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    exec(compile(example("python"), "simulation.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("2 20 ")
+
+
+def test_the_world_example_loads(tmp_path: Path) -> None:
+    path = tmp_path / "example.yaml"
+    path.write_text(example("yaml"))
+    names = [s.name for s in load_world(path).solids]
+    assert {"desk", "column", "pillar", "wall_0"} <= set(names)
