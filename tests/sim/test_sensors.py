@@ -64,7 +64,7 @@ def test_range_limits_are_told_apart() -> None:
     assert np.isposinf(turns(SCANNER_360, drum(25.0), 2)).all()
 
 
-def test_flat_angles_lose_beams(wall_ahead: WorldSpec) -> None:
+def test_flat_angles_lose_beams() -> None:
     """Along a wall, beams that graze it are lost far more often than those that meet it."""
     side = Solid("side", Shape.BOX, SE2(0.0, 0.6, 0.0), 39.0, 0.2, 0.0, 2.5)
     spec = replace(SCANNER_360, dropout=0.0, mixed=0.0)
