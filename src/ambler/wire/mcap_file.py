@@ -9,17 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from mcap.writer import CompressionType, Writer
 
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
+from ambler.wire.mcap_writer import McapWriter
 from ambler.wire.ros_messages import encode, message_definition, ros_type_of
 from ambler.wire.rosbag_metadata import FileSummary, TopicSummary, qos_text, write_metadata
 
 _LIBRARY = "ambler"
-_CHUNK_BYTES = 1 << 20
 
 
 @dataclass(slots=True)
@@ -41,8 +38,7 @@ class _File:
         self.bytes_written = 0
         self._flushed_ns = 0
         self._stream = path.open("xb")
-        self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start("ros2", _LIBRARY)
+        self._writer = McapWriter(self._stream, "ros2", _LIBRARY)
         self._stream.flush()
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -51,7 +47,7 @@ class _File:
         channel = self._channels.get(topic.name)
         if channel is None:
             channel = self._register(topic)
-        self._writer.add_message(channel, log_time_ns, data, publish_time_ns, topic.count & 0xFFFFFFFF)
+        self._writer.add_message(channel, log_time_ns, data, publish_time_ns)
         if self.count == 0:
             self.start_ns = self.end_ns = self._flushed_ns = log_time_ns
         self.start_ns = min(self.start_ns, log_time_ns)
@@ -61,7 +57,7 @@ class _File:
 
     def flush_if_older(self, log_time_ns: int, period_ns: int) -> None:
         if log_time_ns - self._flushed_ns >= period_ns:
-            self._writer.flush()
+            self._writer.close_chunk()
             self._flushed_ns = log_time_ns
 
     def close(self) -> FileSummary:
@@ -73,9 +69,9 @@ class _File:
         schema = self._schemas.get(topic.ros_type)
         if schema is None:
             text = message_definition(topic.ros_type).encode()
-            schema = self._schemas[topic.ros_type] = self._writer.register_schema(topic.ros_type, "ros2msg", text)
+            schema = self._schemas[topic.ros_type] = self._writer.add_schema(topic.ros_type, "ros2msg", text)
         metadata = {"offered_qos_profiles": qos_text(topic.is_latched)}
-        channel: int = self._writer.register_channel(topic.name, "cdr", schema, metadata)
+        channel = self._writer.add_channel(topic.name, "cdr", schema, metadata)
         self._channels[topic.name] = channel
         return channel
 

@@ -35,6 +35,8 @@ _DAMAGE = (
     KeyError,
     OverflowError,
     RuntimeError,
+    MemoryError,
+    OSError,
 )
 
 

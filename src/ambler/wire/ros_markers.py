@@ -1,16 +1,23 @@
-"""Frontiers as visualization_msgs/MarkerArray: cells as points, the goal as an arrow, the reason as text, coloured by state."""
+"""Frontiers as visualization_msgs/MarkerArray: cells as points, the goal as an arrow, the reason as text, coloured by state.
+
+Thousands of cells are written as arrays; `frontiers_to_ros` is the slow twin that the tests compare with, byte by byte.
+"""
 
 from __future__ import annotations
 
 import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core import messages as m
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.wire.ros_geometry import header_to_ros, pose_to_ros
+from ambler.wire.ros_geometry import NANOSECONDS, header_to_ros, pose_to_ros
 from ambler.wire.ros_types import record_class
 
 _Marker = record_class("visualization_msgs/msg/Marker")
@@ -34,28 +41,44 @@ _COLORS = {
     m.FrontierState.OUTSIDE_BOUNDARY: (0.7, 0.3, 0.8),
 }
 _IDENTITY = SE3()
+
 _NO_LIFETIME = _Duration(0, 0)
 _NO_TEXTURE = _CompressedImage(header_to_ros(0, ""), "", np.empty(0, np.uint8))
 _NO_MESH = _MeshFile("", np.empty(0, np.uint8))
 
 
-def frontiers_to_ros(message: m.Frontiers) -> Any:
-    """Build the markers; the first one deletes those of the map before."""
-    header = header_to_ros(message.stamp_ns, message.frame)
-    markers = [_marker(header, "", 0, _POINTS, m.FrontierState.OPEN, action=_DELETE_ALL)]
+def _no_points() -> NDArray[np.float64]:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """What the two encoders need of one marker; points float64 (N, 3) or none."""
+
+    namespace: str
+    index: int
+    kind: int
+    state: m.FrontierState
+    action: int = _ADD
+    pose: SE3 = _IDENTITY
+    scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: NDArray[np.float64] = field(default_factory=_no_points)
+    text: str = ""
+
+
+def _shapes(message: m.Frontiers) -> Iterator[_Shape]:
+    """Yield the markers; the first one deletes those of the map before."""
+    yield _Shape("", 0, _POINTS, m.FrontierState.OPEN, action=_DELETE_ALL)
     for index, frontier in enumerate(message.frontiers):
-        cells = [_Point(x, y, 0.0) for x, y in frontier.cells.tolist()]
-        size = (_CELL_SIZE, _CELL_SIZE, 0.0)
-        markers.append(_marker(header, "cells", index, _POINTS, frontier.state, scale=size, points=cells))
+        points = np.zeros((len(frontier.cells), 3))
+        points[:, :2] = frontier.cells
+        yield _Shape("cells", index, _POINTS, frontier.state, scale=(_CELL_SIZE, _CELL_SIZE, 0.0), points=points)
         if frontier.goal is not None:
             pose = SE3.from_se2(SE2(*frontier.goal))
-            markers.append(_marker(header, "goal", index, _ARROW, frontier.state, pose=pose, scale=(0.4, 0.08, 0.08)))
+            yield _Shape("goal", index, _ARROW, frontier.state, pose=pose, scale=(0.4, 0.08, 0.08))
         pose = SE3((*frontier.centroid, 0.5))
         size = (0.0, 0.0, _TEXT_HEIGHT)
-        markers.append(
-            _marker(header, "reason", index, _TEXT, frontier.state, pose=pose, scale=size, text=_label(frontier))
-        )
-    return _MarkerArray(markers)
+        yield _Shape("reason", index, _TEXT, frontier.state, pose=pose, scale=size, text=_label(frontier))
 
 
 def _label(frontier: m.Frontier) -> str:
@@ -67,36 +90,78 @@ def _label(frontier: m.Frontier) -> str:
     return ", ".join(words)
 
 
-def _marker(
-    header: Any,
-    namespace: str,
-    index: int,
-    kind: int,
-    state: m.FrontierState,
-    *,
-    action: int = _ADD,
-    pose: SE3 = _IDENTITY,
-    scale: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    points: list[Any] | None = None,
-    text: str = "",
-) -> Any:
+class _CdrWriter:
+    """Appends CDR; offsets count from behind the four header bytes."""
+
+    def __init__(self) -> None:
+        self.out = bytearray()
+
+    def put(self, alignment: int, layout: str, *values: float) -> None:
+        """Append numbers whose first one has to lie at a multiple of `alignment`."""
+        self.out += bytes(-len(self.out) % alignment) + struct.pack("<" + layout, *values)
+
+    def put_text(self, *texts: str) -> None:
+        for text in texts:
+            raw = text.encode() + b"\x00"
+            self.put(4, "I", len(raw))
+            self.out += raw
+
+
+def encode_frontiers(message: m.Frontiers) -> bytes:
+    """Return the marker array as CDR."""
+    writer = _CdrWriter()
+    shapes = list(_shapes(message))
+    writer.put(4, "I", len(shapes))
+    for shape in shapes:
+        _put_marker(writer, message, shape)
+    return b"\x00\x01\x00\x00" + bytes(writer.out)
+
+
+def _put_marker(writer: _CdrWriter, message: m.Frontiers, shape: _Shape) -> None:
+    w, x, y, z = shape.pose.rotation
+    writer.put(4, "iI", *divmod(message.stamp_ns, NANOSECONDS))
+    writer.put_text(message.frame, shape.namespace)
+    writer.put(4, "3i", shape.index, shape.kind, shape.action)
+    writer.put(8, "10d", *shape.pose.translation, x, y, z, w, *shape.scale)
+    writer.put(4, "4f2iB", *_COLORS[shape.state], 1.0, 0, 0, 0)  # colour, lifetime, not frame-locked
+    writer.put(4, "I", len(shape.points))
+    if len(shape.points):
+        writer.put(8, "")
+        writer.out += shape.points.tobytes()
+    writer.put(4, "I", 0)  # colours per point
+    writer.put_text("")  # texture resource
+    writer.put(4, "iI", 0, 0)  # texture: stamp, frame, format, data
+    writer.put_text("", "")
+    writer.put(4, "I", 0)
+    writer.put(4, "I", 0)  # texture coordinates
+    writer.put_text(shape.text, "", "")  # text, mesh resource, mesh file
+    writer.put(4, "IB", 0, 0)  # mesh data, no embedded materials
+
+
+def frontiers_to_ros(message: m.Frontiers) -> Any:
+    """Build the marker array as records of the type store."""
+    header = header_to_ros(message.stamp_ns, message.frame)
+    return _MarkerArray([_marker_to_ros(header, shape) for shape in _shapes(message)])
+
+
+def _marker_to_ros(header: Any, shape: _Shape) -> Any:
     return _Marker(
         header,
-        namespace,
-        index,
-        kind,
-        action,
-        pose_to_ros(pose),
-        _Vector3(*scale),
-        _Color(*_COLORS[state], 1.0),
+        shape.namespace,
+        shape.index,
+        shape.kind,
+        shape.action,
+        pose_to_ros(shape.pose),
+        _Vector3(*shape.scale),
+        _Color(*_COLORS[shape.state], 1.0),
         _NO_LIFETIME,
         False,
-        points or [],
+        [_Point(*point) for point in shape.points.tolist()],
         [],
         "",
         _NO_TEXTURE,
         [],
-        text,
+        shape.text,
         "",
         _NO_MESH,
         False,

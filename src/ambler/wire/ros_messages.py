@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
-from ambler.wire import ros_geometry, ros_grids, ros_markers, ros_paths, ros_sensors, ros_status
+from ambler.wire import ros_fast, ros_geometry, ros_grids, ros_markers, ros_paths, ros_sensors, ros_status
 from ambler.wire.ros_types import STORE, message_definition
 
 __all__ = ["decode", "decode_any", "encode", "is_decodable", "message_class_of", "message_definition", "ros_type_of"]
@@ -37,12 +37,22 @@ class _Codec:
 _CODECS: dict[type[m.Message], _Codec] = {
     m.LaserScan: _Codec("sensor_msgs/msg/LaserScan", ros_sensors.laser_scan_to_ros, ros_sensors.laser_scan_from_ros),
     m.PointCloud: _Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
-    m.Imu: _Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros),
-    m.Odometry: _Codec("nav_msgs/msg/Odometry", ros_geometry.odometry_to_ros, ros_geometry.odometry_from_ros),
-    m.VelocityCommand: _Codec(
-        "geometry_msgs/msg/TwistStamped", ros_geometry.velocity_to_ros, ros_geometry.velocity_from_ros
+    m.Imu: _Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
+    m.Odometry: _Codec(
+        "nav_msgs/msg/Odometry", ros_geometry.odometry_to_ros, ros_geometry.odometry_from_ros, ros_fast.encode_odometry
     ),
-    m.Transforms: _Codec("tf2_msgs/msg/TFMessage", ros_geometry.transforms_to_ros, ros_geometry.transforms_from_ros),
+    m.VelocityCommand: _Codec(
+        "geometry_msgs/msg/TwistStamped",
+        ros_geometry.velocity_to_ros,
+        ros_geometry.velocity_from_ros,
+        ros_fast.encode_velocity,
+    ),
+    m.Transforms: _Codec(
+        "tf2_msgs/msg/TFMessage",
+        ros_geometry.transforms_to_ros,
+        ros_geometry.transforms_from_ros,
+        ros_fast.encode_transforms,
+    ),
     m.OccupancyGrid: _Codec(
         "nav_msgs/msg/OccupancyGrid", ros_grids.occupancy_grid_to_ros, ros_grids.occupancy_grid_from_ros
     ),
@@ -55,7 +65,9 @@ _CODECS: dict[type[m.Message], _Codec] = {
         "geometry_msgs/msg/PointStamped", ros_geometry.point_stamped_to_ros, ros_geometry.point_stamped_from_ros
     ),
     m.Polygon: _Codec("geometry_msgs/msg/PolygonStamped", ros_geometry.polygon_to_ros, ros_geometry.polygon_from_ros),
-    m.Frontiers: _Codec("visualization_msgs/msg/MarkerArray", ros_markers.frontiers_to_ros, None),
+    m.Frontiers: _Codec(
+        "visualization_msgs/msg/MarkerArray", ros_markers.frontiers_to_ros, None, ros_markers.encode_frontiers
+    ),
     m.SlamHealth: _Codec("ambler_msgs/msg/SlamHealth", ros_status.slam_health_to_ros, ros_status.slam_health_from_ros),
     m.Contact: _Codec("ambler_msgs/msg/Contact", ros_status.contact_to_ros, ros_status.contact_from_ros),
     m.GateStatus: _Codec("ambler_msgs/msg/GateStatus", ros_status.gate_status_to_ros, ros_status.gate_status_from_ros),
