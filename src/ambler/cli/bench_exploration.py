@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
 
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
-    from ambler.exploration.distance import path_distances
     from ambler.exploration.strategies import STRATEGIES, strategy_named
+    from ambler.planning.distance import distance_field
 
     begin = time.perf_counter()
     names = args.strategies.split(",")
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         words = []
         for name in names:
             world = load_world(plan, args.resolution)
-            result = explore(world, strategy_named(name, path_distances))
+            result = explore(world, strategy_named(name, distance_field))
             is_good &= result.code == "SUCCEEDED" and result.coverage >= 0.98
             reached = [np.nan if m is None else m for m in result.at_coverage]
             lengths[name].append((*reached, result.explored, result.total, result.coverage))
@@ -95,8 +95,8 @@ def load_world(plan: Path, resolution: float) -> GridWorld:
     from ambler.core.errors import BadInputError
     from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, GridSpec
     from ambler.core.se2 import SE2
-    from ambler.exploration.distance import path_distances
     from ambler.exploration.grid_world import GridWorld
+    from ambler.planning.distance import distance_field
 
     pixels = cv2.imread(str(plan), cv2.IMREAD_GRAYSCALE)
     if pixels is None:
@@ -108,7 +108,7 @@ def load_world(plan: Path, resolution: float) -> GridWorld:
     truth = np.where(pixels == SOLID, OCC_OCCUPIED, OCC_FREE).astype(np.int8)
     spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
     start = SE2(*spec.center_of(int(ys.mean()), int(xs.mean())))
-    return GridWorld(spec, truth, start, path_distances)
+    return GridWorld(spec, truth, start, distance_field)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,6 @@ class Exploration:
 
 def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_updates: int = 5000) -> Exploration:
     """Run the exploration mission in a grid world, one update per simulated second."""
-    from ambler.exploration.distance import path_distances
     from ambler.exploration.survey import FrontierSurvey, SurveyConfig
     from ambler.missions.explore import (
         DriveTo,
@@ -137,9 +136,10 @@ def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_upd
         StopDriving,
         TurnAround,
     )
+    from ambler.planning.distance import distance_field
     from ambler.runtime.tasks import ExploreGoal
 
-    survey = FrontierSurvey(SurveyConfig(), path_distances)
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
     mission = ExploreMission(ExploreConfig(), survey, strategy)
     mission.begin(ExploreGoal(), 0)
     reached: list[float | None] = [None] * len(COVERAGES)

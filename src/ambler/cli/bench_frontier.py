@@ -104,17 +104,17 @@ def _survey_ms(runs: int, rng: np.random.Generator) -> float:
     from ambler.core.grid import COST_LETHAL, COST_UNKNOWN, GridSpec
     from ambler.core.messages import CostGrid, OccupancyGrid
     from ambler.core.se2 import SE2
-    from ambler.exploration.distance import path_distances
     from ambler.exploration.strategies import STRATEGIES, strategy_named
     from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+    from ambler.planning.distance import distance_field
 
     occupancy = explored_map(1000, rng)
     spec = GridSpec(0.05, 1000, 1000, 0.0, 0.0)
     costs = np.where(occupancy < 0, COST_UNKNOWN, np.where(occupancy > 0, COST_LETHAL, 0)).astype(np.uint8)
     iy, ix = np.argwhere(occupancy == 0)[len(occupancy) // 2]
     pose = SE2(*spec.center_of(int(iy), int(ix)))
-    survey = FrontierSurvey(SurveyConfig(), path_distances)
-    strategy = strategy_named(STRATEGIES[0], path_distances)
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    strategy = strategy_named(STRATEGIES[0], distance_field)
 
     def look() -> None:
         survey.forget_map()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import BadInputError
+from ambler.core.errors import BadInputError, PlanningError
 from ambler.core.grid import GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import RobotModel
@@ -20,7 +20,8 @@ from ambler.kernels.frontier import frontier_goals, visible_unknown
 
 Boundary = tuple[tuple[float, float], ...]
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
-"""(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable."""
+"""(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable.
+A PlanningError says that no path can start there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ class FrontierSurvey:
         Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
         """
         groups = self._search(occupancy)
-        distance = self._distance_field(costs.data, costs.spec, map_from_base)
+        distance = self._distances(costs, map_from_base)
         goals = self._goals(occupancy, groups, costs.spec, distance)
         gains, headings = self._gains(occupancy, groups, goals)
         diy, dix = occupancy.spec.offset_in(costs.spec)
@@ -108,6 +109,12 @@ class FrontierSurvey:
         known = float(np.count_nonzero(occupancy.data >= 0)) * cell_area
         reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
         return Survey(tuple(frontiers), gains, is_open, known, reachable, costs)
+
+    def _distances(self, costs: CostGrid, map_from_base: SE2) -> NDArray[np.float32]:
+        try:
+            return self._distance_field(costs.data, costs.spec, map_from_base)
+        except PlanningError:  # the robot stands where it may not be: nothing can be reached now
+            return np.full(costs.spec.shape, np.inf, np.float32)
 
     def _search(self, occupancy: OccupancyGrid) -> FrontierGroups:
         last, self._last = self._last, occupancy

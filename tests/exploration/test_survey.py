@@ -1,0 +1,235 @@
+"""Surveys: goals, gains, states and reasons on small maps; strategies on small sets; the whole mission in an ideal world."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from ambler.core.errors import BadInputError, StartOccupiedError
+from ambler.core.grid import GridSpec
+from ambler.core.messages import CostGrid, FrontierState, OccupancyGrid
+from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.exploration.choice import ChoiceConfig, choose, find_again
+from ambler.exploration.strategies import GreedyStrategy, NearestStrategy, TourConfig, TourStrategy
+from ambler.exploration.survey import FrontierSurvey, Survey, SurveyConfig, is_inside
+from ambler.kernels.frontier import shrink_costs, tour_costs, visible_unknown
+
+R = 0.1
+
+
+def path_distances(costs: NDArray[np.uint8], spec: GridSpec, start: SE2) -> NDArray[np.float32]:
+    """Dijkstra of SciPy over free cells: an oracle that shares nothing with the kernels."""
+    free = costs < 253
+    index = np.arange(costs.size).reshape(costs.shape)
+    rows, columns, lengths = [], [], []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = np.s_[: costs.shape[0] - dy, max(0, -dx) : costs.shape[1] - max(0, dx)]
+        b = np.s_[dy:, max(0, dx) : costs.shape[1] + min(0, dx)]
+        both = free[a] & free[b]
+        rows.append(index[a][both])
+        columns.append(index[b][both])
+        lengths.append(np.full(both.sum(), spec.resolution * math.hypot(dx, dy)))
+    graph = csr_array(
+        (np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), shape=(costs.size, costs.size)
+    )
+    iy, ix = spec.cell_of(start.x, start.y)
+    return dijkstra(graph, directed=False, indices=index[iy, ix]).reshape(costs.shape).astype(np.float32)
+
+
+def corridor() -> NDArray[np.int8]:
+    """A corridor of 10 x 2 m, explored up to x = 6 m; walls around it; spec as in `grids`."""
+    occupancy = np.full((40, 120), -1, np.int8)
+    occupancy[10:30, 10:70] = 0
+    occupancy[9, 9:70] = occupancy[30, 9:70] = 100
+    occupancy[9:31, 9] = 100
+    return occupancy
+
+
+def grids(occupancy: NDArray[np.int8], inflate: int = 0) -> tuple[OccupancyGrid, CostGrid]:
+    spec = GridSpec(R, occupancy.shape[1], occupancy.shape[0], 0.0, 0.0)
+    costs = np.where(occupancy < 0, 255, np.where(occupancy > 50, 254, 0)).astype(np.uint8)
+    for iy, ix in np.argwhere(occupancy > 50):
+        near = costs[max(0, iy - inflate) : iy + inflate + 1, max(0, ix - inflate) : ix + inflate + 1]
+        near[near < 253] = 253
+    return OccupancyGrid(0, "map", spec, occupancy), CostGrid(0, "map", spec, costs)
+
+
+def survey_of(occupancy: NDArray[np.int8], config: SurveyConfig | None = None, inflate: int = 0) -> Survey:
+    surveyor = FrontierSurvey(config or SurveyConfig(), path_distances)
+    return surveyor.update(*grids(occupancy, inflate), SE2(2.0, 2.0))
+
+
+def test_the_open_end_of_a_corridor_is_the_frontier() -> None:
+    survey = survey_of(corridor())
+    (end,) = survey.frontiers
+    assert survey.open == (0,)
+    assert end.goal is not None
+    x, y, yaw = end.goal
+    assert (x, y) == pytest.approx((6.95, 2.0), abs=0.06)
+    assert yaw == pytest.approx(0.0, abs=0.05)
+    assert end.path_distance == pytest.approx(x - 2.0, abs=0.15)
+    assert end.centroid == pytest.approx((6.95, 2.0))
+    assert survey.known_area == pytest.approx(np.count_nonzero(corridor() >= 0) * R * R)
+    assert survey.reachable_area == pytest.approx(20 * 60 * R * R)
+
+
+def test_a_goal_keeps_out_of_inflated_cells_and_stays_near_its_frontier() -> None:
+    occupancy = corridor()
+    occupancy[12:29, 69] = 100
+    survey = survey_of(occupancy, SurveyConfig(min_size=0.1, goal_reach=1.0), inflate=3)
+    for frontier in survey.frontiers:
+        assert frontier.goal is not None
+        cell = survey.costs.spec.cell_of(frontier.goal[0], frontier.goal[1])
+        assert survey.costs.data[cell] == 0
+        assert np.hypot(*(frontier.cells - np.float32(frontier.goal[:2])).T).min() <= 1.0 * math.sqrt(2)
+
+
+def test_what_cannot_be_reached_says_so() -> None:
+    occupancy = corridor()
+    occupancy[9:31, 40] = 100
+    (beyond,) = survey_of(occupancy).frontiers
+    assert beyond.state is FrontierState.UNREACHABLE
+    assert beyond.reason == "no cell that the robot can reach within 1.0 m of it"
+
+
+def test_dust_is_too_small_with_its_numbers() -> None:
+    occupancy = corridor()
+    occupancy[10:30, 70] = 100
+    occupancy[20, 30] = -1
+    (dust,) = survey_of(occupancy).frontiers
+    assert dust.state is FrontierState.TOO_SMALL
+    assert dust.reason == "0.40 m long, less than 0.50 m"
+
+
+def test_a_long_sliver_along_a_wall_shows_too_little() -> None:
+    occupancy = corridor()
+    occupancy[10:30, 70] = 100
+    occupancy[28:30, 20:60] = -1
+    (sliver,) = survey_of(occupancy).frontiers
+    assert len(sliver.cells) * R > 3.0
+    assert sliver.state is FrontierState.TOO_SMALL
+    assert "of unknown visible" in sliver.reason
+
+
+def test_outside_the_boundary_is_left_alone() -> None:
+    occupancy = corridor()
+    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
+    boundary = ((0.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 4.0))
+    (end,) = surveyor.update(*grids(occupancy), SE2(2.0, 2.0), boundary).frontiers
+    assert end.state is FrontierState.OUTSIDE_BOUNDARY
+    assert is_inside(boundary, (4.9, 3.9))
+    assert not is_inside(boundary, (5.1, 3.9))
+
+
+def test_grids_that_do_not_fit_together_are_refused() -> None:
+    occupancy, costs = grids(corridor())
+    shifted = CostGrid(0, "map", GridSpec(R, 120, 40, 0.03, 0.0), costs.data)
+    with pytest.raises(BadInputError, match="aligned"):
+        FrontierSurvey(SurveyConfig(), path_distances).update(occupancy, shifted, SE2(2.0, 2.0))
+
+
+def test_a_larger_costmap_with_another_origin_gives_the_same_goal() -> None:
+    occupancy, costs = grids(corridor())
+    wide = np.full((60, 150), 255, np.uint8)
+    wide[10:50, 20:140] = costs.data
+    wider = CostGrid(0, "map", GridSpec(R, 150, 60, -2.0, -1.0), wide)
+    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
+    assert surveyor.update(occupancy, wider, SE2(2.0, 2.0)).frontiers[0].goal == survey_of(corridor()).frontiers[0].goal
+
+
+def test_a_robot_that_stands_where_it_may_not_be_reaches_nothing() -> None:
+    def nowhere(costs: NDArray[np.uint8], spec: GridSpec, start: SE2) -> NDArray[np.float32]:
+        raise StartOccupiedError("inside a wall")
+
+    survey = FrontierSurvey(SurveyConfig(), nowhere).update(*grids(corridor()), SE2(2.0, 2.0))
+    assert survey.reachable_area == 0.0
+    assert survey.frontiers[0].state is FrontierState.UNREACHABLE
+
+
+def test_sizes_come_from_the_robot() -> None:
+    footprint = np.array([[0.4, 0.3], [-0.4, 0.3], [-0.4, -0.3], [0.4, -0.3]])
+    config = SurveyConfig.from_robot(RobotModel("r", DriveKind.DIFFERENTIAL, footprint, VelocityLimits()))
+    assert config.min_size == pytest.approx(0.6)
+
+
+def test_visible_area_of_an_open_half_plane_is_half_a_disc() -> None:
+    occupancy = np.zeros((201, 201), np.int8)
+    occupancy[:, 101:] = -1
+    area, heading = np.empty(1), np.empty(1)
+    visible_unknown(occupancy, 50, 0.05, 4.0, 720, np.array([100 * 201 + 100]), area, heading)
+    assert area[0] == pytest.approx(math.pi * 16 / 2, rel=0.03)
+    assert heading[0] == pytest.approx(0.0, abs=0.02)
+    occupancy[:, 100:102] = 100
+    occupancy[100, 100] = 0
+    visible_unknown(occupancy, 50, 0.05, 4.0, 720, np.array([100 * 201 + 100]), area, heading)
+    assert area[0] == 0.0
+
+
+@given(seed=st.integers(0, 1000), n=st.integers(1, 6))
+@settings(max_examples=25, deadline=None)
+def test_tours_are_the_best_of_all_orders(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0, 10, (n, 2))
+    between = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    first = np.hypot(*points.T)
+    out = np.empty(n)
+    tour_costs(first, between, np.empty((1 << n, n)), out)
+    for i in range(n):
+        orders = (o for o in itertools.permutations(range(n)) if o[0] == i)
+        best = min(first[i] + sum(between[a, b] for a, b in itertools.pairwise(o)) for o in orders)
+        assert out[i] == pytest.approx(best)
+
+
+def test_coarse_costs_are_the_least_of_each_block() -> None:
+    rng = np.random.default_rng(0)
+    costs = rng.integers(0, 256, (22, 31)).astype(np.uint8)
+    out = np.empty((6, 8), np.uint8)
+    shrink_costs(costs, 4, out)
+    padded = np.full((24, 32), 255, np.uint8)
+    padded[:22, :31] = costs
+    assert np.array_equal(out, padded.reshape(6, 4, 8, 4).min(axis=(1, 3)))
+
+
+def cross() -> NDArray[np.int8]:
+    """A crossing of two corridors with four open ends: west 3 m, east 5 m, south 1.5 m, north 1.5 m from the middle."""
+    occupancy = np.full((60, 110), -1, np.int8)
+    occupancy[22:38, 10:90] = 0
+    occupancy[21, 10:90] = occupancy[38, 10:90] = 100
+    occupancy[15:45, 32:48] = 0
+    occupancy[15:22, 31] = occupancy[15:22, 48] = occupancy[38:45, 31] = occupancy[38:45, 48] = 100
+    return occupancy
+
+
+def test_strategies_order_the_ends_of_a_crossing_as_they_promise() -> None:
+    occupancy, costs = grids(cross())
+    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
+    base = SE2(3.4, 3.0)
+    survey = surveyor.update(occupancy, costs, base)
+    assert len(survey.open) == 4
+    distances = [survey.frontiers[i].path_distance for i in survey.open]
+    assert NearestStrategy().costs(survey, base) == pytest.approx(distances)
+    greedy = GreedyStrategy(1.0, 0.0).costs(survey, base)
+    assert all(g <= d + R for g, d in zip(greedy, distances, strict=True))
+    tour = TourStrategy(path_distances, TourConfig(coarse_cell=R, gain_weight=0.0)).costs(survey, base)
+    last = int(np.argmax([survey.frontiers[i].centroid[0] for i in survey.open]))
+    assert int(np.argmax(tour)) == last
+    assert tour.min() >= max(distances)
+
+
+def test_hysteresis_and_recognition() -> None:
+    occupancy, costs = grids(cross())
+    survey = FrontierSurvey(SurveyConfig(), path_distances).update(occupancy, costs, SE2(3.4, 3.0))
+    config = ChoiceConfig(hysteresis=0.2, min_saving=0.0)
+    nearest = choose(survey, NearestStrategy(), SE2(3.4, 3.0), None, config)
+    farthest = max(survey.open, key=lambda i: survey.frontiers[i].path_distance)
+    assert choose(survey, NearestStrategy(), SE2(3.4, 3.0), farthest, config) == nearest
+    assert choose(survey, NearestStrategy(), SE2(3.4, 3.0), nearest, config) == nearest
+    for i in survey.open:
+        assert find_again(survey.frontiers[i], survey, config) == i
