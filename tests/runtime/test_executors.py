@@ -21,7 +21,7 @@ EXECUTORS = [LockstepExecutor, LiveExecutor]
 @pytest.mark.parametrize("executor_type", EXECUTORS)
 def test_messages_arrive_in_order_and_none_is_lost(executor_type: type[Executor]) -> None:
     source, heard = Source(), Filter()
-    executor_type(Stack([source, heard])).run(0.52)  # type: ignore[attr-defined]
+    executor_type(Stack([source, heard])).run(0.52)
     values = [v for _, v in heard.heard]
     assert values == [float(i + 1) for i in range(len(values))]
     assert len(values) >= 8
@@ -53,7 +53,7 @@ def test_stale_input_is_a_named_failure() -> None:
 @pytest.mark.parametrize("executor_type", EXECUTORS)
 def test_service_and_task_succeed_with_feedback(executor_type: type[Executor]) -> None:
     client = Client([(0.05, 3)])
-    executor_type(Stack([Server(), client])).run(0.4)  # type: ignore[attr-defined]
+    executor_type(Stack([Server(), client])).run(0.4)
     assert client.replies == [42]
     assert [(o.code, o.result) for o in client.outcomes] == [("SUCCEEDED", 3)]
     assert client.feedback == [0, 1, 2]
@@ -71,7 +71,7 @@ def test_service_and_task_succeed_with_feedback(executor_type: type[Executor]) -
 )
 def test_tasks_end_by_name(executor_type: type[Executor], script: list[tuple[float, Any]], codes: list[str]) -> None:
     client = Client(script)
-    executor_type(Stack([Server(), client])).run(0.5)  # type: ignore[attr-defined]
+    executor_type(Stack([Server(), client])).run(0.5)
     assert [o.code for o in client.outcomes] == codes
 
 
@@ -84,7 +84,7 @@ def test_a_failing_node_stops_the_robot_and_ends_the_run(executor_type: type[Exe
     source = Source()
     executor = executor_type(Stack([source, Filter(), Bomb()]), log=log, on_failure=reasons.append)  # type: ignore[abstract]
     with pytest.raises(NodeFailedError, match="bomb failed: ZeroDivisionError: boom"):
-        executor.run(10.0)  # type: ignore[attr-defined]
+        executor.run(10.0)
     assert len(reasons) == 1
     assert [r["code"] for r in records if r["node"] == "bomb"] == ["NODE_FAILED"]
     assert 5 < source.sent < 40, "the other nodes go on for a moment, so that the robot can brake"
@@ -171,7 +171,7 @@ def test_injected_messages_are_delivered_and_shown() -> None:
 def test_two_lockstep_runs_are_equal_and_a_feed_replays_them() -> None:
     def record(executor: LockstepExecutor) -> list[tuple[str, int, Any]]:
         out: list[tuple[str, int, Any]] = []
-        executor.tap(lambda topic, m, now_ns, writer: out.append((topic.name, now_ns, (m.stamp_ns, m.vx, m.vy, m.wz))))  # type: ignore[attr-defined]
+        executor.tap(lambda topic, m, now_ns, writer: out.append((topic.name, now_ns, (m.stamp_ns, m.vx, m.vy, m.wz))))
         return out
 
     runs = []

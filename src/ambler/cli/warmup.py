@@ -14,8 +14,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compile and report."""
-    from ambler.kernels.warmup import warm_up_all
+    from ambler.kernels.warmup import kernel_modules, warm_up
 
-    seconds = warm_up_all()
+    seconds = warm_up(kernel_modules())
     print(f"kernels ready in {seconds:.1f} s")
     return 0

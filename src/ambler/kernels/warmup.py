@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import os
 import pkgutil
@@ -20,13 +21,17 @@ def kernel_modules() -> list[str]:
     return sorted(n for n in names if n not in _NOT_KERNELS)
 
 
-def warm_up_all() -> float:
-    """Warm up every kernel module; returns the seconds that it took. Prints progress only when it has to compile."""
+def imported_kernel_modules() -> list[str]:
+    """Return the names of the kernel modules that this program has imported so far: those that it can call."""
+    return [name for name in kernel_modules() if f"ambler.kernels.{name}" in sys.modules]
+
+
+def warm_up(names: list[str]) -> float:
+    """Warm up kernel modules; returns the seconds that it took. Shows a line of progress only when it has to compile."""
     started = time.monotonic()
-    names = kernel_modules()
     importlib.import_module("ambler.kernels.jit")
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    mark = folder / "warm"
+    mark = folder / f"warm-{hashlib.sha256(' '.join(names).encode()).hexdigest()[:16]}"
     is_cold = not mark.exists()
     for i, name in enumerate(names):
         if is_cold:

@@ -37,6 +37,12 @@ class SimulatedClock:
     def now_ns(self) -> int:
         return self._now_ns
 
+    def pace(self, rate: float | None) -> None:
+        """From now on run at a multiple of real time, or (None) as fast as possible."""
+        self._rate = rate
+        self._start_ns = self._now_ns
+        self._started = time.monotonic()
+
     def advance(self, to_ns: int) -> None:
         """Set the time, never backwards."""
         if to_ns < self._now_ns:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from ambler.core.errors import AmblerError, StackError, StaleInputError
 from ambler.core.messages import Message
@@ -201,6 +201,7 @@ class Executor(abc.ABC):
         self.failure: NodeFailedError | None = None
         self._taps: list[Tap] = []
         self._on_failure = on_failure
+        self._is_started = False
         for node, context in zip(stack.nodes, self.contexts, strict=True):
             node.ctx = context
 
@@ -237,24 +238,45 @@ class Executor(abc.ABC):
     def stop(self) -> None:
         """End `run` after the current callback; may be called from any thread."""
 
-    def tap(self, callback: Tap) -> None:
-        """Show every delivered message to `callback`: a recorder, a live view."""
+    @abc.abstractmethod
+    def run(self, duration: float | None = None) -> None:
+        """Run until `duration` seconds are over or `stop` is called; may be called again. Raises NodeFailedError."""
+
+    def tap(self, callback: Tap) -> Callable[[], None]:
+        """Show every delivered message to `callback`: a recorder, a live view. Returns what ends it."""
         self._taps.append(callback)
+        return lambda: self._taps.remove(callback)
 
     def show(self, topic: Topic[Any], message: Message, now_ns: int, writer: str) -> None:
         """Show a message to the taps."""
-        for tap in self._taps:
+        for tap in tuple(self._taps):
             tap(topic, message, now_ns, writer)
 
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Stop every node and release threads."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def start_nodes(self) -> None:
-        """Start every node, in the order of the stack."""
+        """Start every node once, in the order of the stack."""
+        if self._is_started:
+            return
+        self._is_started = True
         for context in self.contexts:
             self.guarded(context, context.node.start)
         if self.failure is not None:
             raise self.failure
 
     def stop_nodes(self) -> None:
-        """Stop every node, in reverse order."""
+        """Stop every node once, in reverse order."""
+        if not self._is_started:
+            return
+        self._is_started = False
         for context in reversed(self.contexts):
             self.guarded(context, context.node.stop)
 

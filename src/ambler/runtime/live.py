@@ -95,8 +95,9 @@ class LiveExecutor(Executor):
         }
 
     def run(self, duration: float | None = None) -> None:
-        """Run until `duration` seconds are over or `stop` is called. Raises NodeFailedError."""
+        """Run until `duration` seconds are over or `stop` is called; may be called again. Raises NodeFailedError."""
         previous_interval = sys.getswitchinterval()
+        self._stopped.clear()
         sys.setswitchinterval(0.0005)
         self.start_nodes()
         threads = [
@@ -114,15 +115,17 @@ class LiveExecutor(Executor):
                     box.condition.notify()
             for thread in threads:
                 thread.join()
-            if self._grace is not None:
-                self._grace.cancel()
-            self.stop_nodes()
-            self._pool.shutdown(wait=True, cancel_futures=True)
             sys.setswitchinterval(previous_interval)
-        for name, count in self.drops.items():
-            self.log.write(self.now_ns, "executor", "MESSAGES_DROPPED", f"{name} lost {count} messages", count=count)
         if self.failure is not None:
             raise self.failure
+
+    def close(self) -> None:
+        if self._grace is not None:
+            self._grace.cancel()
+        self.stop_nodes()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        for name, count in self.drops.items():
+            self.log.write(self.now_ns, "executor", "MESSAGES_DROPPED", f"{name} lost {count} messages", count=count)
 
     def send(self, topic: Topic[Any], message: Message, writer: NodeContext, number: int) -> None:
         self._deliver(topic, message, writer.node.name)

@@ -8,7 +8,6 @@ first, so a recording replays to the same bits.
 from __future__ import annotations
 
 import heapq
-import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -26,6 +25,8 @@ Key = tuple[int, int, int, int, int]
 
 _MESSAGE, _CALL, _TIMER = 0, 1, 2
 _GRACE_NS = 1_000_000_000
+# Writers that are no nodes sort before the nodes.
+_PERSON, _FEED = -2, -1
 
 
 class LockstepExecutor(Executor):
@@ -49,7 +50,6 @@ class LockstepExecutor(Executor):
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="background")
         self._is_stopping = False
         self._deadline_ns: int | None = None
-        self._main_thread = threading.get_ident()
         for context in self.contexts:
             context.latency_ns += round((extra_latency or {}).get(context.node.name, 0.0) * 1e9)
 
@@ -58,32 +58,34 @@ class LockstepExecutor(Executor):
         return self.clock.now_ns
 
     def run(self, duration: float | None = None, feed: Iterable[tuple[Topic[Any], Message, int]] = ()) -> None:
-        """Run until `duration` simulated seconds are over, `stop` is called or nothing is left to do.
+        """Run until `duration` simulated seconds are over, `stop` is called or nothing is left to do; may be called again.
 
         `feed` gives external messages (topic, message, delivery time ns) in order of time. Raises NodeFailedError.
         """
         end_ns = None if duration is None else self.now_ns + round(duration * 1e9)
         source = iter(feed)
+        self._is_stopping = False
         self.start_nodes()
-        try:
-            self._schedule_next(source)
-            while self._events and not self._is_stopping:
-                self._take_injected()
-                key, callback = heapq.heappop(self._events)
-                if end_ns is not None and key[0] > end_ns:
+        self._schedule_next(source)
+        while not self._is_stopping:
+            self._take_injected()
+            if not self._events or (end_ns is not None and self._events[0][0][0] > end_ns):
+                if end_ns is not None:
                     self.clock.advance(end_ns)
-                    break
-                if self._deadline_ns is not None and key[0] > self._deadline_ns:
-                    break
-                self.clock.advance(key[0])
-                callback()
-                if key[1] == _MESSAGE and key[3] == -1:
-                    self._schedule_next(source)
-        finally:
-            self.stop_nodes()
-            self._pool.shutdown(wait=True, cancel_futures=True)
+                break
+            if self._deadline_ns is not None and self._events[0][0][0] > self._deadline_ns:
+                break
+            key, callback = heapq.heappop(self._events)
+            self.clock.advance(key[0])
+            callback()
+            if key[1] == _MESSAGE and key[3] == _FEED:
+                self._schedule_next(source)
         if self.failure is not None:
             raise self.failure
+
+    def close(self) -> None:
+        self.stop_nodes()
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
     def send(self, topic: Topic[Any], message: Message, writer: NodeContext, number: int) -> None:
         due_ns = self.now_ns + writer.latency_ns
@@ -126,14 +128,14 @@ class LockstepExecutor(Executor):
     def _schedule_next(self, source: Any) -> None:
         for topic, message, due_ns in source:
             self._injections += 1
-            self._push_message(topic, message, max(due_ns, self.now_ns), -1, self._injections, EXTERNAL)
+            self._push_message(topic, message, max(due_ns, self.now_ns), _FEED, self._injections, EXTERNAL)
             return
 
     def _take_injected(self) -> None:
         while self._injected:
             topic, message = self._injected.popleft()
             self._injections += 1
-            self._push_message(topic, message, self.now_ns + 1000, -2, self._injections, EXTERNAL)
+            self._push_message(topic, message, self.now_ns + 1000, _PERSON, self._injections, EXTERNAL)
 
     def _push_message(
         self, topic: Topic[Any], message: Message, due_ns: int, writer_index: int, number: int, writer: str

@@ -1,0 +1,42 @@
+"""The configuration of the exploring robot: one dataclass made of the rooms' own, with per-robot differences in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ambler.control.config import RolloutConfig
+from ambler.core.robot import RobotModel
+from ambler.costmap.global_costmap import GlobalCostmapConfig
+from ambler.costmap.local_costmap import LocalCostmapConfig
+from ambler.exploration.survey import SurveyConfig
+from ambler.missions.explore import ExploreConfig
+from ambler.nodes.slam2d import Slam2dNodeConfig
+from ambler.perception.planar import PlanarConfig
+from ambler.planning.grid_planner import PlannerConfig
+from ambler.safety.config import GateConfig
+
+
+@dataclass(frozen=True, slots=True)
+class ExplorerConfig:
+    """Everything that the exploring robot can be told; the defaults come from `for_robot`."""
+
+    strategy: str = "tour"
+    slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
+    global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
+    local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    rollout: RolloutConfig = field(default_factory=RolloutConfig)
+    gate: GateConfig = field(default_factory=GateConfig)
+    survey: SurveyConfig = field(default_factory=SurveyConfig)
+    explore: ExploreConfig = field(default_factory=ExploreConfig)
+
+
+def for_robot(robot: RobotModel) -> ExplorerConfig:
+    """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts."""
+    uses_cloud = any(mount.kind == "cloud" for mount in robot.sensors)
+    planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    return ExplorerConfig(
+        slam2d=Slam2dNodeConfig(uses_cloud=uses_cloud, planar=planar),
+        planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
+        survey=SurveyConfig.from_robot(robot),
+    )

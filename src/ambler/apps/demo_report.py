@@ -1,0 +1,90 @@
+"""Judges a demonstration from its recording and its saved map, and writes the report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from ambler.apps.demo import Demo
+from ambler.core.errors import BadInputError
+from ambler.evaluation.collisions import Collision, find_collisions
+from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
+from ambler.evaluation.map_quality import MapQuality, compare_maps
+from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
+from ambler.wire.map_files import load_map, save_map
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """The result of a demonstration: `fields` as they go into JSON, and what the report draws."""
+
+    fields: dict[str, Any]
+    record: ExplorationRecord
+    quality: MapQuality | None
+    trajectory: TrajectoryError | None
+    collisions: tuple[Collision, ...]
+    wall_seconds: float
+
+
+def judge(demo: Demo) -> Verdict:
+    """Compare what the robot believed with the ground truth of its recording; unknown values are None."""
+    record = read_exploration(demo.folder.recording)
+    save_map(demo.folder.truth_stem, *record.true_map)
+    quality = _map_quality(demo.folder.map_stem.with_suffix(".yaml"), record)
+    trajectory = None
+    if len(record.stamps_ns) > 1:
+        trajectory = trajectory_error(record.stamps_ns, record.poses, record.true_stamps_ns, record.true_poses)
+    collisions = tuple(find_collisions(record.contacts))
+    result = None if demo.outcome is None else demo.outcome.result
+    fields: dict[str, Any] = {
+        "world": demo.world.name,
+        "robot": demo.options.robot,
+        "ended": demo.ended,
+        "coverage_ratio": None if quality is None else quality.coverage_ratio,
+        "false_free_ratio": None if quality is None else quality.false_free_ratio,
+        "nne_cells": None if quality is None else quality.nne_cells,
+        "nne_reverse_cells": None if quality is None else quality.nne_reverse_cells,
+        "ssim": None if quality is None else quality.ssim,
+        "collisions": len(collisions),
+        "ate_rms_m": None if trajectory is None else trajectory.ate_rms_m,
+        "ate_unaligned_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
+        "path_length_m": record.path_length,
+        "sim_seconds": demo.sim_seconds,
+        "run_seconds": demo.wall_seconds,
+        "real_time_factor": demo.sim_seconds / demo.wall_seconds,
+        "frontiers_left": None if result is None else len(result.remaining),
+        "goals_reached": None if result is None else result.goals_reached,
+        "is_home": None if result is None else result.is_home,
+        "peak_memory_mb": _peak_memory(),
+        "recording": str(demo.folder.recording),
+    }
+    return Verdict(fields, record, quality, trajectory, collisions, demo.wall_seconds)
+
+
+def print_result(fields: dict[str, Any]) -> None:
+    """Print the result as a small table."""
+    table = Table(title="exploration", show_header=False, title_justify="left")
+    for name, value in fields.items():
+        text = "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+        table.add_row(name, text)
+    Console(width=100).print(table)
+
+
+def _map_quality(path: Path, record: ExplorationRecord) -> MapQuality | None:
+    if not path.exists():
+        return None
+    try:
+        return compare_maps(load_map(path), record.true_map)
+    except BadInputError:
+        return None
+
+
+def _peak_memory() -> float:
+    """Return the peak resident memory of this process, MB."""
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -1,0 +1,79 @@
+"""Replays a run's recording through the same nodes, without the simulator, and compares every output with the recorded one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ambler.apps.config import ExplorerConfig
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.stacks import explorer_nodes
+from ambler.core.errors import BadInputError
+from ambler.core.messages import Message, Transforms
+from ambler.evaluation.recording_compare import RecordingComparison, ReplayComparison
+from ambler.nodes.operator import OperatorNode
+from ambler.runtime.clock import ReplayClock
+from ambler.runtime.lockstep import LockstepExecutor
+from ambler.runtime.log import RunLog
+from ambler.runtime.stack import Stack
+from ambler.runtime.topics import (
+    CLOUD,
+    GOAL,
+    IMU,
+    ODOMETRY,
+    SCAN,
+    STATIC_TRANSFORMS,
+    TRANSFORMS,
+    Topic,
+    all_topics,
+    topic_named,
+)
+from ambler.settings.profiles import build, load_profile
+from ambler.sim.robots import robot_named
+from ambler.wire.mcap_reader import read_recording
+from ambler.wire.ros_messages import decode
+
+INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
+
+
+def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -> RecordingComparison:
+    """Feed the sensors of `<root>/recording` to the nodes that `<root>/config.yaml` describes; `out` takes the saved map.
+
+    Raises BadInputError when the folder is not that of a run.
+    """
+    folder = RunFolder(root)
+    if not folder.config.exists():
+        raise BadInputError(f"{root} is not the folder of a run: it has no config.yaml")
+    saved = load_profile(folder.config)
+    try:
+        robot = robot_named(saved["demo"]["robot"]).model
+        config = build(ExplorerConfig, saved["explorer"])
+    except (KeyError, TypeError) as error:
+        raise BadInputError(f"{folder.config} is not the configuration of a run: {error}") from error
+    outputs = _outputs()
+    comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
+    stem = (out if out is not None else folder.root / "replay") / "map"
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    operator = OperatorNode(str(stem), lambda outcome: executor.stop())
+    stack = Stack([*explorer_nodes(robot, config), operator], external=INPUTS)
+    executor = LockstepExecutor(stack, ReplayClock(rate=rate), RunLog())
+    with executor:
+        executor.tap(lambda topic, message, now_ns, writer: comparison.on_message(topic, message, now_ns))
+        executor.run(feed=_feed(folder.recording))
+    return comparison.result()
+
+
+def _outputs() -> list[str]:
+    inputs = {t.ros_name for t in INPUTS}
+    return [t.ros_name for t in all_topics() if t.ros_name not in inputs and not t.is_truth]
+
+
+def _feed(recording: Path) -> Iterator[tuple[Topic[Any], Message, int]]:
+    """The messages that the nodes do not make themselves; of the transforms those of the base."""
+    for recorded in read_recording(recording, [t.ros_name for t in INPUTS]):
+        topic = topic_named(recorded.topic)
+        message = decode(topic.type, recorded.data)
+        if isinstance(message, Transforms) and topic is TRANSFORMS and message.transforms[0].child != "base":
+            continue
+        yield topic, message, recorded.log_time_ns

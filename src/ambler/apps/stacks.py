@@ -1,0 +1,41 @@
+"""The list of nodes that makes a robot explore."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ambler.apps.config import ExplorerConfig
+from ambler.control.trajectory_rollout import TrajectoryRollout
+from ambler.core.robot import RobotModel
+from ambler.costmap.global_costmap import GlobalCostmap
+from ambler.costmap.local_costmap import LocalCostmap
+from ambler.exploration.strategies import strategy_named
+from ambler.exploration.survey import FrontierSurvey
+from ambler.nodes.controller import ControllerNode
+from ambler.nodes.explorer import ExplorerNode
+from ambler.nodes.gate import GateNode
+from ambler.nodes.navigator import NavigatorNode
+from ambler.nodes.planner import GlobalPlannerNode
+from ambler.nodes.slam2d import Slam2dNode
+from ambler.planning.distance import distance_field
+from ambler.planning.grid_planner import GridPlanner
+from ambler.runtime.node import Node
+
+
+def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
+    """Return everything between the sensors and the base: SLAM, planning, control, exploration, and the gate."""
+    distances = partial(distance_field, escape_radius=config.planner.escape_radius)
+    survey = FrontierSurvey(config.survey, distances)
+    return [
+        Slam2dNode(robot, config.slam2d),
+        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner)),
+        ControllerNode(
+            robot,
+            TrajectoryRollout(config.rollout, robot),
+            LocalCostmap(config.local_costmap, robot),
+            config.slam2d.planar,
+        ),
+        NavigatorNode(),
+        ExplorerNode(config.explore, survey, strategy_named(config.strategy, distances)),
+        GateNode(robot, config.gate),
+    ]

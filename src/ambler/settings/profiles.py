@@ -1,0 +1,112 @@
+"""Profiles: YAML files that name only what differs from the defaults of a configuration's dataclass.
+
+A wrong key or value is one clear error that names the path of the key. Keys that end in `_deg` hold degrees for a field of
+the same name without the suffix, which is the only place where degrees become radians.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+import yaml
+from pydantic import TypeAdapter, ValidationError
+
+from ambler.core.errors import BadInputError
+
+T = TypeVar("T")
+
+
+def load_profile(path: Path) -> dict[str, Any]:
+    """Read a profile; raises BadInputError when it is missing, broken or not a mapping."""
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise BadInputError(f"{path} must hold a mapping of names to values")
+    return values
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay one nested mapping over another; the second wins, key by key."""
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(below, Mapping):
+            merged[key] = merge(below, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def parse_assignment(text: str) -> dict[str, Any]:
+    """Turn `slam.front_end.voxel_size=0.05` into a nested mapping; raises BadInputError."""
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise BadInputError(f"{text!r} is not of the form name=value")
+    nested: Any = yaml.safe_load(value)
+    for key in reversed(name.strip().split(".")):
+        nested = {key: nested}
+    result: dict[str, Any] = nested
+    return result
+
+
+def build(kind: type[T], values: Mapping[str, Any]) -> T:
+    """Make the configuration `kind` (a dataclass) from nested values over its defaults; raises BadInputError naming the key."""
+    prepared = _radians(kind, values, "")
+    try:
+        return TypeAdapter(kind).validate_python(prepared)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise BadInputError(f"configuration {where}: {first['msg']}") from error
+
+
+def as_values(config: Any) -> Any:
+    """Turn a configuration into plain nested values, as they go into a YAML file."""
+    if dataclasses.is_dataclass(config) and not isinstance(config, type):
+        return {f.name: as_values(getattr(config, f.name)) for f in dataclasses.fields(config)}
+    if isinstance(config, enum.Enum):
+        return config.value
+    if isinstance(config, np.ndarray):
+        return config.tolist()
+    if isinstance(config, (list, tuple)):
+        return [as_values(v) for v in config]
+    if isinstance(config, Mapping):
+        return {str(k): as_values(v) for k, v in config.items()}
+    return config
+
+
+def save_resolved(path: Path, config: Any) -> None:
+    """Write the resolved configuration of a run."""
+    path.write_text(yaml.safe_dump(as_values(config), sort_keys=False, allow_unicode=True), encoding="utf-8")
+
+
+def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Check the names against the dataclass and turn `<name>_deg` into `<name>` in radians."""
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    hints = get_type_hints(kind)
+    out: dict[str, Any] = {}
+    for key, value in values.items():
+        plain = key.removesuffix("_deg")
+        if key not in fields and key != plain and plain in fields:
+            if not isinstance(value, (int, float)):
+                raise BadInputError(f"configuration {where}{key}: degrees must be a number")
+            out[plain] = math.radians(value)
+        elif key not in fields:
+            raise BadInputError(f"configuration {where}{key}: no such name; there are {', '.join(sorted(fields))}")
+        elif dataclasses.is_dataclass(hints[key]) and isinstance(value, Mapping):
+            out[key] = _radians(hints[key], value, f"{where}{key}.")
+        else:
+            out[key] = value
+    return out

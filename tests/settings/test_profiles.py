@@ -1,0 +1,74 @@
+"""Profiles change defaults by name, and every mistake names its key."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from ambler.core.errors import BadInputError
+from ambler.settings.profiles import as_values, build, load_profile, merge, parse_assignment, save_resolved
+
+
+@dataclass(frozen=True, slots=True)
+class Inner:
+    speed: float = 0.5
+    window: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Outer:
+    inner: Inner = field(default_factory=Inner)
+    name: str = "x"
+    gains: tuple[float, float] = (1.0, 2.0)
+
+
+def test_defaults_work() -> None:
+    assert build(Outer, {}) == Outer()
+
+
+def test_nested_values_override_only_what_they_name() -> None:
+    built = build(Outer, {"inner": {"speed": 1}, "gains": [3, 4]})
+    assert built == Outer(Inner(1.0, 0.1), "x", (3.0, 4.0))
+
+
+def test_degrees_become_radians_here() -> None:
+    assert build(Outer, {"inner": {"window_deg": 180}}).inner.window == pytest.approx(math.pi)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"inner": {"sped": 1}}, r"inner\.sped: no such name; there are speed, window"),
+        ({"inner": {"speed": "fast"}}, r"inner\.speed: Input should be a valid number"),
+        ({"inner": {"window_deg": "x"}}, r"inner\.window_deg: degrees must be a number"),
+        ({"gains": [1]}, r"gains\.1: "),
+    ],
+)
+def test_mistakes_name_the_key(values: dict[str, object], message: str) -> None:
+    with pytest.raises(BadInputError, match=message):
+        build(Outer, values)
+
+
+def test_assignments_and_merge() -> None:
+    over = merge(parse_assignment("inner.speed=2"), parse_assignment("inner.window = 0.3"))
+    assert build(Outer, over) == Outer(Inner(2.0, 0.3))
+    with pytest.raises(BadInputError, match="name=value"):
+        parse_assignment("speed")
+
+
+def test_a_resolved_file_builds_the_same_configuration(tmp_path: Path) -> None:
+    config = Outer(Inner(0.7), "y")
+    save_resolved(tmp_path / "config.yaml", config)
+    assert build(Outer, load_profile(tmp_path / "config.yaml")) == config
+    assert as_values(config)["inner"] == {"speed": 0.7, "window": 0.1}
+
+
+@pytest.mark.parametrize(("text", "message"), [("a: [1", "is not YAML"), ("- 1", "must hold a mapping")])
+def test_broken_files_give_one_clear_error(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "profile.yaml"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=message):
+        load_profile(path)
+    with pytest.raises(BadInputError, match="cannot read"):
+        load_profile(tmp_path / "absent.yaml")
