@@ -146,7 +146,7 @@ def test_damage_inside_a_finished_file_is_named_and_never_read_as_something_else
     file = record(tmp_path / "run", 1) / "recording_0.mcap"
     whole, raw = list(read_recording(file)), file.read_bytes()
     named = 0
-    for position in range(0, len(raw), 67):
+    for position in range(0, len(raw), 149):
         damaged = bytearray(raw)
         damaged[position] ^= 0xFF
         file.write_bytes(damaged)
@@ -154,7 +154,7 @@ def test_damage_inside_a_finished_file_is_named_and_never_read_as_something_else
             assert list(read_recording(file)) == whole  # the byte did not matter: an index, a library name
         except BadInputError as error:
             named += str(error).startswith(str(file))
-    assert named > len(raw) // 67 // 3
+    assert named > len(raw) // 149 // 3
 
 
 def test_wrong_paths_get_one_clear_line(tmp_path):
@@ -183,6 +183,17 @@ def test_long_recordings_continue_in_a_new_file(tmp_path):
         assert reader.message_count == len(sent)
     with pytest.raises(BadInputError, match="closed"):
         recorder.write("/scan", sent[0][1], 0)
+
+
+def test_writers_of_one_topic_are_told_apart(tmp_path):
+    recorder = Recorder(tmp_path / "run")
+    for k in range(6):
+        tree = m.Transforms(k, (m.TransformStamped(k, "odom", "base", SE3()),))
+        recorder.on_message(topics.TRANSFORMS, tree, k, "base" if k % 2 else "slam2d")
+    recorder.close()
+    assert [r.writer for r in read_recording(tmp_path / "run")] == ["slam2d", "base"] * 3
+    with Reader(tmp_path / "run") as reader:
+        assert [(time_ns, c.topic) for c, time_ns, _ in reader.messages()] == [(k, "/tf") for k in range(6)]
 
 
 def test_a_topic_keeps_its_type(tmp_path):

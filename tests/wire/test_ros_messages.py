@@ -112,7 +112,7 @@ def assert_same(a, b):
 
 
 @pytest.mark.parametrize("message_class", MESSAGES, ids=lambda c: c.__name__)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_every_exact_message_survives_the_wire(message_class, data):
     message = data.draw(MESSAGES[message_class])
@@ -146,7 +146,7 @@ frontiers = st.builds(
 
 
 @pytest.mark.parametrize("message_class", FAST, ids=lambda c: c.__name__)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(data=st.data())
 def test_bytes_packed_by_hand_equal_those_of_rosbags(message_class, data):
     trees = edges.map(lambda some: m.Transforms(0, tuple(some)))
@@ -156,7 +156,7 @@ def test_bytes_packed_by_hand_equal_those_of_rosbags(message_class, data):
     assert encode(message) == bytes(STORE.serialize_cdr(codec.to_ros(message), codec.ros_type))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(edges)
 def test_transforms_survive_and_take_their_newest_stamp(some):
     message = m.Transforms(max((e.stamp_ns for e in some), default=0), tuple(some))
@@ -170,7 +170,7 @@ def test_a_scan_is_rounded_at_birth_so_that_a_replay_feeds_the_same():
     assert_same(scan, decode(m.LaserScan, encode(scan)))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(stamps, words, arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-1e3, 1e3)))
 def test_fast_path_bytes_equal_those_of_rosbags(stamp_ns, frame, rows):
     path = m.Path(stamp_ns, frame, rows)
@@ -234,7 +234,7 @@ def test_clouds_of_other_drivers_are_read_by_field_name():
     assert back.intensity.tolist() == [0.0] * 6
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.sampled_from(list(MESSAGES)), st.data())
 def test_damaged_bytes_are_refused_or_read_but_never_crash(message_class, data):
     raw = bytearray(encode(data.draw(MESSAGES[message_class])))

@@ -105,8 +105,8 @@ class FoxgloveBridge:
         """Return sent and skipped messages by ROS name."""
         return {box.topic.ros_name: box.counts for box in self._outboxes.values()}
 
-    def on_message(self, topic: Topic[Any], message: Message, time_ns: int) -> None:
-        """Show a message; returns at once."""
+    def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
+        """Show a message; returns at once. Viewers do not learn its writer."""
         self._newest_ns = time_ns
         box = self._outboxes.get(topic.name)
         if box is None:

@@ -26,9 +26,10 @@ class Recorder:
         """Number of messages written so far."""
         return self._mcap.message_count
 
-    def on_message(self, topic: Topic[Any], message: Message, time_ns: int) -> None:
-        """Write one message; `time_ns` is the executor's time of delivery."""
-        self._mcap.write(topic.ros_name, message, time_ns, is_latched=topic.delivery == "latched")
+    def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
+        """Write one message; `time_ns` is the executor's time of delivery, `writer` the node that published it."""
+        is_latched = topic.delivery == "latched"
+        self._mcap.write(topic.ros_name, message, time_ns, is_latched=is_latched, writer=writer)
 
     def close(self) -> None:
         """Finish the recording."""

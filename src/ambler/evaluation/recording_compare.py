@@ -96,8 +96,8 @@ class ReplayComparison:
                 progress.digests.append(_digest(recorded.data))
                 progress.times_ns.append(recorded.log_time_ns)
 
-    def on_message(self, topic: Topic[Any], message: Message, time_ns: int) -> None:
-        """Compare the next message of a topic of the bus."""
+    def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
+        """Compare the next message of a topic of the bus, whoever wrote it."""
         if self._is_wanted(topic.ros_name):
             self.add(topic.ros_name, encode(message), time_ns)
 

@@ -2,7 +2,8 @@
 
 Each file has the profile `ros2`, schemas `ros2msg`, messages `cdr`, zstd chunks with CRC and indexes. A chunk is closed and
 handed to the operating system after every second of log time, so a crash costs at most that second. Nothing depends on the
-wall clock: the same messages give the same bytes.
+wall clock: the same messages give the same bytes. A topic with several writers (`/tf`) has one channel for each, with the
+writer's name in the channel's metadata.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ class _File:
         self._writer = McapWriter(self._stream, "ros2", _LIBRARY)
         self._stream.flush()
         self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
 
-    def add(self, topic: _Topic, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        channel = self._channels.get(topic.name)
+    def add(self, topic: _Topic, data: bytes, log_time_ns: int, publish_time_ns: int, writer: str) -> None:
+        channel = self._channels.get((topic.name, writer))
         if channel is None:
-            channel = self._register(topic)
+            channel = self._register(topic, writer)
         self._writer.add_message(channel, log_time_ns, data, publish_time_ns)
         if self.count == 0:
             self.start_ns = self.end_ns = self._flushed_ns = log_time_ns
@@ -65,14 +66,16 @@ class _File:
         self._stream.close()
         return FileSummary(self.name, self.start_ns, self.end_ns, self.count)
 
-    def _register(self, topic: _Topic) -> int:
+    def _register(self, topic: _Topic, writer: str) -> int:
         schema = self._schemas.get(topic.ros_type)
         if schema is None:
             text = message_definition(topic.ros_type).encode()
             schema = self._schemas[topic.ros_type] = self._writer.add_schema(topic.ros_type, "ros2msg", text)
         metadata = {"offered_qos_profiles": qos_text(topic.is_latched)}
+        if writer:
+            metadata["writer"] = writer
         channel = self._writer.add_channel(topic.name, "cdr", schema, metadata)
-        self._channels[topic.name] = channel
+        self._channels[topic.name, writer] = channel
         return channel
 
 
@@ -107,10 +110,11 @@ class McapRecorder:
         publish_time_ns: int | None = None,
         *,
         is_latched: bool = False,
+        writer: str = "",
     ) -> None:
-        """Encode and write one message under its ROS name."""
-        ros_type = ros_type_of(type(message))
-        self.write_bytes(topic, ros_type, encode(message), log_time_ns, publish_time_ns, is_latched=is_latched)
+        """Encode and write one message under its ROS name; `writer` is the node that published it."""
+        raw, ros_type = encode(message), ros_type_of(type(message))
+        self.write_bytes(topic, ros_type, raw, log_time_ns, publish_time_ns, is_latched=is_latched, writer=writer)
 
     def write_bytes(
         self,
@@ -121,6 +125,7 @@ class McapRecorder:
         publish_time_ns: int | None = None,
         *,
         is_latched: bool = False,
+        writer: str = "",
     ) -> None:
         """Write one message that is CDR already. A topic keeps the type of its first message (BadInputError otherwise)."""
         if self._file is None:
@@ -135,7 +140,7 @@ class McapRecorder:
             raise BadInputError(f"{topic} is recorded as {entry.ros_type}, not {ros_type}")
         self._file.flush_if_older(log_time_ns, self._flush_period_ns)
         publish_time = log_time_ns if publish_time_ns is None else publish_time_ns
-        self._file.add(entry, data, log_time_ns, publish_time)
+        self._file.add(entry, data, log_time_ns, publish_time, writer)
         entry.count += 1
 
     def close(self) -> None:

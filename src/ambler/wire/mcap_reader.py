@@ -42,7 +42,10 @@ _DAMAGE = (
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """One message of a recording as CDR bytes; times are nanoseconds in the clock of the executor that recorded it."""
+    """One message of a recording as CDR bytes; times are nanoseconds in the clock of the executor that recorded it.
+
+    `writer` is the node that published it, empty in recordings of others.
+    """
 
     topic: str
     ros_type: str
@@ -50,6 +53,7 @@ class RecordedMessage:
     publish_time_ns: int
     data: bytes
     is_latched: bool = False
+    writer: str = ""
 
     def decode(self) -> Message:
         """Read the bytes by their ROS type (grids as occupancy); raises BadInputError."""
@@ -105,7 +109,9 @@ def recover_recording(path: Path, folder: Path) -> int:
     """Copy what can be read of a cut-off recording into a new, finished one; returns the number of messages."""
     recorder = McapRecorder(folder)
     for r in read_recording(path):
-        recorder.write_bytes(r.topic, r.ros_type, r.data, r.log_time_ns, r.publish_time_ns, is_latched=r.is_latched)
+        recorder.write_bytes(
+            r.topic, r.ros_type, r.data, r.log_time_ns, r.publish_time_ns, is_latched=r.is_latched, writer=r.writer
+        )
     recorder.close()
     return recorder.message_count
 
@@ -150,5 +156,11 @@ def _recorded(schema: Any, channel: Any, message: Any, latched: dict[int, bool])
         latched[channel.id] = is_latched_text(channel.metadata.get("offered_qos_profiles", ""))
     ros_type = "" if schema is None else schema.name
     return RecordedMessage(
-        channel.topic, ros_type, message.log_time, message.publish_time, message.data, latched[channel.id]
+        channel.topic,
+        ros_type,
+        message.log_time,
+        message.publish_time,
+        message.data,
+        latched[channel.id],
+        channel.metadata.get("writer", ""),
     )
