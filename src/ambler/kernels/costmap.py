@@ -162,6 +162,9 @@ def warm_up() -> None:
     clear_rays(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0, True)
     mark_points(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0)
     fill_convex(layer, 0.0, 0.0, 0.05, np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]), FREE)
-    to_static(np.zeros((4, 4), np.int8), np.zeros(256, np.uint8), layer)
+    occupancy = np.zeros((4, 4), np.int8)
+    to_static(occupancy, np.zeros(256, np.uint8), layer)
+    occupancy.flags.writeable = False  # messages hold read-only arrays, which are another type to the compiler
+    to_static(occupancy, np.zeros(256, np.uint8), layer)
     combine(layer, layer.copy(), layer.copy())
     changed_box(layer, layer.copy())

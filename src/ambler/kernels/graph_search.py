@@ -9,8 +9,8 @@ left by d +- 3 or back: the cell before it reaches those at a smaller cost, what
 one weight, only the canonical successors are followed, diagonal moves first (Harabor and Grastien, 2011; Sturtevant and
 Rabin, 2016): the same costs reach all other neighbours another way. Costs are integers, so ties are ties.
 
-Cells travel packed, iy << 16 | ix, in a grid with a border of one blocked cell. `state` is 0 for an unseen cell, else the move
-that led to it + 1 (START: none), with CLOSED added once it was expanded.
+Cells travel packed, iy << 16 | ix, in a grid with a border of one blocked cell. `state` is the move that led to a cell
+(START: none), with CLOSED added once it was expanded.
 """
 
 import numpy as np
@@ -19,7 +19,9 @@ from ambler.kernels.jit import jit
 
 STRAIGHT, DIAGONAL = 29, 41
 FINE_STRAIGHT, FINE_DIAGONAL = 70, 99  # of the distance field: sqrt 2 + 0.005 %
-START, CLOSED = 9, 16
+START, CLOSED = 8, 16
+BUCKET_EDGES = 1  # width of a bucket in edges of the least weight, at most
+RUN_BUCKETS = 32  # how many buckets ahead a straight run may go before it queues up
 REACHED, UNREACHED, OVERFLOW = 0, 1, 2
 _MOVE_Y = np.array([0, 1, 1, 1, 0, -1, -1, -1], np.int64)
 _MOVE_X = np.array([1, 1, 0, -1, -1, -1, 0, 1], np.int64)
@@ -54,18 +56,15 @@ def _is_uniform(weights, i, stride, w):
 
 
 @jit
-def _octile(iy, ix, goal_y, goal_x, straight, extra):
-    dy, dx = abs(iy - goal_y), abs(ix - goal_x)
-    if dx > dy:
-        return straight * dx + extra * dy
-    return straight * dy + extra * dx
+def _octile(packed, goal_y, goal_x, straight, extra):
+    dy, dx = abs((packed >> 16) - goal_y), abs((packed & 0xFFFF) - goal_x)
+    return straight * max(dy, dx) + extra * min(dy, dx)
 
 
 @jit
-def _moves_of(state, is_uniform):
-    """Return (first, count): the consecutive moves, modulo 8, by which a cell in `state` may be left."""
-    move = (state & 15) - 1
-    if move == START - 1:
+def _moves_of(move, is_uniform):
+    """Return (first, count): the consecutive moves, modulo 8, by which a cell that was reached by `move` may be left."""
+    if move == START:
         return 0, 8
     if not is_uniform:
         return move + 6, 5
@@ -75,34 +74,50 @@ def _moves_of(state, is_uniform):
 
 
 @jit
-def search(weights, start_y, start_x, goal_y, goal_x, least, most, limit, cost, state):
+def _grown(stack, size):
+    larger = np.empty((stack.shape[0], 2 * stack.shape[1]), np.int32)
+    for r in range(len(size)):
+        larger[r, : size[r]] = stack[r, : size[r]]
+    return larger
+
+
+@jit
+def search(weights, start_y, start_x, goal_y, goal_x, least, most, cost, state):
     """Find the least cost from start to goal; with goal_y < 0 to every cell. Returns REACHED, UNREACHED or OVERFLOW.
 
     `weights` uint16 (H + 2, W + 2) from `weigh`, cells count with its border; `least` and `most` bound its positive values.
-    `cost` int32 or int64 and `state` uint8 (zeros) have its shape; cost is valid where state is not 0. OVERFLOW is
-    returned when a cost would exceed `limit`, the last value that the type of `cost` can take safely.
+    `cost` int32 or int64 has its shape; every value must be `limit` = cost[0, 0] before, unseen cells keep it. `state` uint8 is
+    valid where cost < limit: the move that led to the cell, START for none, + CLOSED. OVERFLOW: a cost would reach the limit.
     """
-    stride = weights.shape[1]
+    stride = np.int64(weights.shape[1])
     w, g, s = weights.ravel(), cost.ravel(), state.ravel()
+    limit = np.int64(g[0])
     has_goal = goal_y >= 0
     straight = 2 * least * STRAIGHT if has_goal else 0
     extra = 2 * least * (DIAGONAL - STRAIGHT) if has_goal else 0
     shift = 0
-    while (1 << (shift + 1)) <= 2 * least * STRAIGHT:
+    while (1 << (shift + 1)) <= BUCKET_EDGES * 2 * least * STRAIGHT:
         shift += 1
     buckets = 2
-    while buckets < (((2 * most + 2 * least) * DIAGONAL) >> shift) + 2:
+    while buckets < (((2 * most + 2 * least) * DIAGONAL) >> shift) + 2 + RUN_BUCKETS:
         buckets *= 2
+    jump = np.empty(8, np.int64)
+    hop = np.empty(8, np.int64)
+    for move in range(8):
+        jump[move] = _MOVE_Y[move] * stride + _MOVE_X[move]
+        hop[move] = _MOVE_Y[move] * 65536 + _MOVE_X[move]
     stack = np.empty((buckets, 4096), np.int32)
     size = np.zeros(buckets, np.int64)
     goal = goal_y * stride + goal_x
-    best = np.int64(limit)
+    best = limit
+    packed = np.int64((start_y << 16) | start_x)
     source = start_y * stride + start_x
     g[source] = 0
     s[source] = START
-    bucket = _octile(start_y, start_x, goal_y, goal_x, straight, extra) >> shift
-    stack[bucket & (buckets - 1), 0] = (start_y << 16) | start_x
-    size[bucket & (buckets - 1)] = 1
+    bucket = _octile(packed, goal_y, goal_x, straight, extra) >> shift
+    b = bucket & (buckets - 1)
+    stack[b, 0] = packed
+    size[b] = 1
     waiting = 1
     is_cut = False
     while waiting > 0:
@@ -115,49 +130,73 @@ def search(weights, start_y, start_x, goal_y, goal_x, least, most, limit, cost, 
         size[b] -= 1
         waiting -= 1
         packed = np.int64(stack[b, size[b]])
-        iy, ix = packed >> 16, packed & 0xFFFF
-        i = iy * stride + ix
-        st = np.int64(s[i])
-        if st & CLOSED:
+        i = (packed >> 16) * stride + (packed & 0xFFFF)
+        move = np.int64(s[i])
+        if move & CLOSED:
             continue
-        s[i] = st | CLOSED
+        s[i] = move | CLOSED
         here = np.int64(g[i])
         if here >= best:
             continue
-        wi = w[i]
-        first, count = _moves_of(st, _is_uniform(w, i, stride, wi))
+        wi = np.int64(w[i])
+        first, count = _moves_of(move, _is_uniform(w, i, stride, wi))
+        if count == 1:  # run straight on, without the queue, while everything around is alike
+            ahead, side, on, step = jump[move], jump[(move + 2) & 7], hop[move], 2 * STRAIGHT * wi
+            while True:
+                i += ahead
+                packed += on
+                here += step
+                if here >= g[i]:
+                    break
+                f = here + _octile(packed, goal_y, goal_x, straight, extra)
+                if f >= best:
+                    is_cut = is_cut or best == limit
+                    break
+                g[i] = here
+                s[i] = move
+                if i == goal:
+                    best = here
+                    break
+                k = i + ahead
+                if (f >> shift) < bucket + RUN_BUCKETS and w[k] == wi and w[k + side] == wi and w[k - side] == wi:
+                    s[i] = move | CLOSED
+                    continue
+                b = (f >> shift) & (buckets - 1)
+                if size[b] == stack.shape[1]:
+                    stack = _grown(stack, size)
+                stack[b, size[b]] = packed
+                size[b] += 1
+                waiting += 1
+                break
+            continue
         for k in range(first, first + count):
             move = k & 7
-            my, mx = _MOVE_Y[move], _MOVE_X[move]
-            j = i + my * stride + mx
-            wj = w[j]
+            j = i + jump[move]
+            wj = np.int64(w[j])
             if wj == 0:
                 continue
             if move & 1:
-                if w[i + mx] == 0 or w[i + my * stride] == 0:
+                if w[i + _MOVE_X[move]] == 0 or w[j - _MOVE_X[move]] == 0:
                     continue
-                there = here + DIAGONAL * (np.int64(wi) + np.int64(wj))
+                there = here + DIAGONAL * (wi + wj)
             else:
-                there = here + STRAIGHT * (np.int64(wi) + np.int64(wj))
-            if s[j] != 0 and there >= g[j]:
+                there = here + STRAIGHT * (wi + wj)
+            if there >= g[j]:
                 continue
-            jy, jx = iy + my, ix + mx
-            f = there + _octile(jy, jx, goal_y, goal_x, straight, extra)
+            p = packed + hop[move]
+            f = there + _octile(p, goal_y, goal_x, straight, extra)
             if f >= best:
                 is_cut = is_cut or best == limit
                 continue
             g[j] = there
-            s[j] = move + 1
+            s[j] = move
             if j == goal:
                 best = there
                 continue
             b = (f >> shift) & (buckets - 1)
             if size[b] == stack.shape[1]:
-                larger = np.empty((buckets, 2 * stack.shape[1]), np.int32)
-                for r in range(buckets):
-                    larger[r, : size[r]] = stack[r, : size[r]]
-                stack = larger
-            stack[b, size[b]] = (jy << 16) | jx
+                stack = _grown(stack, size)
+            stack[b, size[b]] = p
             size[b] += 1
             waiting += 1
     if has_goal and (best < limit or source == goal):
@@ -175,17 +214,18 @@ def extract_path(state, goal_y, goal_x, out):
         if n < len(out):
             out[n] = (iy << 16) | ix
         n += 1
-        move = (np.int64(state[iy, ix]) & 15) - 1
-        if move == START - 1:
+        move = np.int64(state[iy, ix]) & 15
+        if move == START:
             return n
         iy -= _MOVE_Y[move]
         ix -= _MOVE_X[move]
 
 
 @jit
-def nearest_reached(cost, state, goal_y, goal_x):
+def nearest_reached(cost, goal_y, goal_x):
     """Return (iy, ix) of the seen cell nearest to the goal cell; among equals the cheapest, then the first. (-1, -1): none."""
-    height, width = state.shape
+    height, width = cost.shape
+    limit = cost[0, 0]
     best_d, best_g, best_y, best_x = np.int64(1) << 62, np.int64(0), -1, -1
     for ring in range(height):
         if ring * ring > best_d:
@@ -195,7 +235,7 @@ def nearest_reached(cost, state, goal_y, goal_x):
             if iy < 0 or iy >= height or (ring == 0 and side == 1):
                 continue
             for ix in range(width):
-                if state[iy, ix] == 0:
+                if cost[iy, ix] == limit:
                     continue
                 d = ring * ring + (ix - goal_x) * (ix - goal_x)
                 if d < best_d or (d == best_d and cost[iy, ix] < best_g):
@@ -211,24 +251,29 @@ def distance_field(costs, start_iy, start_ix, lethal_from, resolution, out):
     cells too. A start on a blocked cell may leave it through cells of cost 253. Lengths are exact to 0.005 %.
     """
     height, width = costs.shape
-    stride = width + 2
+    stride = np.int64(width + 2)
+    limit = np.int32(2**31 - 1)
     free = np.zeros((height + 2) * stride, np.uint8)
+    g = np.full((height + 2) * stride, limit, np.int32)
+    s = np.zeros((height + 2) * stride, np.uint8)
     for iy in range(height):
         for ix in range(width):
             free[(iy + 1) * stride + ix + 1] = costs[iy, ix] < lethal_from
-    g = np.empty((height + 2) * stride, np.int32)
-    s = np.zeros((height + 2) * stride, np.uint8)
-    buckets = 4
-    shift = 6
+    jump = np.empty(8, np.int64)
+    hop = np.empty(8, np.int64)
+    for move in range(8):
+        jump[move] = _MOVE_Y[move] * stride + _MOVE_X[move]
+        hop[move] = _MOVE_Y[move] * 65536 + _MOVE_X[move]
+    shift, buckets = 6, 32
     stack = np.empty((buckets, 4096), np.int32)
     size = np.zeros(buckets, np.int64)
-    source = (start_iy + 1) * stride + start_ix + 1
-    g[source] = 0
-    s[source] = START
-    stack[0, 0] = ((start_iy + 1) << 16) | (start_ix + 1)
+    packed = np.int64(((start_iy + 1) << 16) | (start_ix + 1))
+    i = (packed >> 16) * stride + (packed & 0xFFFF)
+    g[i] = 0
+    s[i] = START
+    stack[0, 0] = packed
     size[0] = 1
-    waiting = 1
-    bucket = 0
+    waiting, bucket = 1, 0
     while waiting > 0:
         b = bucket & (buckets - 1)
         if size[b] == 0:
@@ -237,47 +282,64 @@ def distance_field(costs, start_iy, start_ix, lethal_from, resolution, out):
         size[b] -= 1
         waiting -= 1
         packed = np.int64(stack[b, size[b]])
-        iy, ix = packed >> 16, packed & 0xFFFF
-        i = iy * stride + ix
-        st = np.int64(s[i])
-        if st & CLOSED:
+        i = (packed >> 16) * stride + (packed & 0xFFFF)
+        move = np.int64(s[i])
+        if move & CLOSED:
             continue
-        s[i] = st | CLOSED
-        here = g[i]
+        s[i] = move | CLOSED
+        here = np.int64(g[i])
         is_free = free[i] != 0
-        first, count = _moves_of(st, is_free and _is_uniform(free, i, stride, 1))
+        first, count = _moves_of(move, is_free and _is_uniform(free, i, stride, 1))
+        if count == 1:
+            ahead, side, on = jump[move], jump[(move + 2) & 7], hop[move]
+            while True:
+                i += ahead
+                packed += on
+                here += FINE_STRAIGHT
+                if here >= g[i]:
+                    break
+                g[i] = here
+                k = i + ahead
+                if (here >> shift) < bucket + RUN_BUCKETS and free[k] and free[k + side] and free[k - side]:
+                    s[i] = move | CLOSED
+                    continue
+                s[i] = move
+                b = (here >> shift) & (buckets - 1)
+                if size[b] == stack.shape[1]:
+                    stack = _grown(stack, size)
+                stack[b, size[b]] = packed
+                size[b] += 1
+                waiting += 1
+                break
+            continue
         for k in range(first, first + count):
             move = k & 7
-            my, mx = _MOVE_Y[move], _MOVE_X[move]
-            j = i + my * stride + mx
+            j = i + jump[move]
+            p = packed + hop[move]
             if free[j] == 0:
-                jy, jx = iy + my - 1, ix + mx - 1
+                jy, jx = (p >> 16) - 1, (p & 0xFFFF) - 1
                 if is_free or jy < 0 or jx < 0 or jy >= height or jx >= width or costs[jy, jx] != 253:
                     continue
+            there = here + FINE_STRAIGHT
             if move & 1:
-                if is_free and (free[i + mx] == 0 or free[i + my * stride] == 0):
+                if is_free and (free[i + _MOVE_X[move]] == 0 or free[j - _MOVE_X[move]] == 0):
                     continue
                 there = here + FINE_DIAGONAL
-            else:
-                there = here + FINE_STRAIGHT
-            if s[j] != 0 and there >= g[j]:
+            if there >= g[j]:
                 continue
             g[j] = there
-            s[j] = move + 1
+            s[j] = move
             b = (there >> shift) & (buckets - 1)
             if size[b] == stack.shape[1]:
-                larger = np.empty((buckets, 2 * stack.shape[1]), np.int32)
-                for r in range(buckets):
-                    larger[r, : size[r]] = stack[r, : size[r]]
-                stack = larger
-            stack[b, size[b]] = ((iy + my) << 16) | (ix + mx)
+                stack = _grown(stack, size)
+            stack[b, size[b]] = p
             size[b] += 1
             waiting += 1
     scale = resolution / FINE_STRAIGHT
     for iy in range(height):
         for ix in range(width):
-            i = (iy + 1) * stride + ix + 1
-            out[iy, ix] = g[i] * scale if s[i] != 0 else np.inf
+            d = g[(iy + 1) * stride + ix + 1]
+            out[iy, ix] = d * scale if d != limit else np.inf
 
 
 @jit
@@ -360,12 +422,16 @@ def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     costs = np.zeros((3, 3), np.uint8)
     weights = np.zeros((5, 5), np.uint16)
-    weigh(costs, np.full(256, 50, np.uint16), weights)
+    frozen = costs.copy()
+    frozen.flags.writeable = False  # messages hold read-only arrays, which are another type to the compiler
+    for grid in (costs, frozen):
+        weigh(grid, np.full(256, 50, np.uint16), weights)
+        distance_field(grid, 1, 1, 253, 0.05, np.zeros((3, 3), np.float32))
+    state = np.zeros((5, 5), np.uint8)
     for kind in (np.int32, np.int64):
-        cost, state = np.zeros((5, 5), kind), np.zeros((5, 5), np.uint8)
-        search(weights, 1, 1, 3, 3, 50, 252, 1 << 30, cost, state)
-        nearest_reached(cost, state, 3, 3)
+        cost = np.full((5, 5), 1 << 30, kind)
+        search(weights, 1, 1, 3, 3, 50, 252, cost, state)
+        nearest_reached(cost, 3, 3)
     extract_path(state, 3, 3, np.zeros(9, np.int32))
-    distance_field(costs, 1, 1, 253, 0.05, np.zeros((3, 3), np.float32))
     segment_cost(weights, 1.5, 1.5, 2.5, 3.5, 65535)
     shortcut(weights, np.array([[1.5, 1.5], [2.5, 2.5]]), 100, np.zeros(2, np.bool_))

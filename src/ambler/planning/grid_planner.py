@@ -105,7 +105,7 @@ class GridPlanner:
         iy, ix = goal
         if self._weights[iy + 1, ix + 1] == 0:
             status, cost = self._sweep(begin, (-2, -2))
-            iy, ix = kernels.nearest_reached(cost, self._state, iy + 1, ix + 1)
+            iy, ix = kernels.nearest_reached(cost, iy + 1, ix + 1)
             return (int(iy) - 1, int(ix) - 1), int(cost[iy, ix])
         status, cost = self._sweep(begin, goal)
         if status != kernels.REACHED:
@@ -117,13 +117,12 @@ class GridPlanner:
     def _sweep(self, begin: Cell, goal: Cell) -> tuple[int, NDArray[np.int32] | NDArray[np.int64]]:
         least, most = self.config.neutral, int(self._table.max())
         cells = (begin[0] + 1, begin[1] + 1, goal[0] + 1, goal[1] + 1)
-        self._state.fill(0)
-        status = kernels.search(self._weights, *cells, least, most, INT32_LIMIT, self._cost, self._state)
+        self._cost.fill(INT32_LIMIT)
+        status = kernels.search(self._weights, *cells, least, most, self._cost, self._state)
         if status != kernels.OVERFLOW:
             return status, self._cost
-        cost = np.empty(self._state.shape, np.int64)  # a path of more than some 700 000 cells
-        self._state.fill(0)
-        return kernels.search(self._weights, *cells, least, most, 2**60, cost, self._state), cost
+        cost = np.full(self._state.shape, 2**60, np.int64)  # a path of more than some 700 000 cells
+        return kernels.search(self._weights, *cells, least, most, cost, self._state), cost
 
     def _check_substitute(self, spec: GridSpec, cell: Cell, goal: SE2) -> None:
         x, y = spec.center_of(*cell)

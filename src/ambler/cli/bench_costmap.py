@@ -1,0 +1,117 @@
+"""`ambler bench costmap`: inflation and the update of a rolling window, beside the inflation of Nav2 and of SciPy's transform."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+LOCAL_BAR_MS = 0.3
+# Inflation of others, compiled -O2 on a 2-core x86-64, one thread (docs/costmap.md): ROS 1 brushfire at radius 0.55 m, Nav2's transform
+ROS1_MS = {60: 0.09, 200: 0.57, 1000: 17.0, 4000: 390.0}
+NAV2_MS = {60: 0.05, 200: 0.6, 1000: 19.0, 4000: 500.0}
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the sub-verb."""
+    parser = subparsers.add_parser("costmap", help="costmaps: inflation and rolling update")
+    parser.add_argument("--sizes", type=int, nargs="+", default=[60, 200, 1000, 4000])
+    parser.add_argument("--runs", type=int, default=15)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure; exit 1 when the inflation of a 60 x 60 window takes more than 0.3 ms or differs from SciPy's distances."""
+    import numpy as np
+
+    from ambler.cli.bench_worlds import make_world
+    from ambler.evaluation.results import write_results
+
+    begin = time.perf_counter()
+    fields: dict[str, Any] = {}
+    is_good = True
+    for n in args.sizes:
+        cells = make_world("clutter", max(n, 200), np.random.default_rng(args.seed))[-n:, -n:].copy()
+        fields |= _inflation(cells, n, args.runs)
+        is_good &= fields[f"inflation_{n}_cells_wrong"] == 0
+    if 60 in args.sizes:
+        is_good &= fields["inflation_60_ms"] <= LOCAL_BAR_MS
+    fields["local_update_ms"] = _local_update(args.runs)
+    print(f"local costmap, 6 m, 720 rays: {fields['local_update_ms']:.3f} ms per update")
+    if args.json:
+        write_results(args.json, "bench costmap", args.seed, time.perf_counter() - begin, fields)
+    return 0 if is_good else 1
+
+
+def _inflation(cells: NDArray[np.uint8], n: int, runs: int) -> dict[str, Any]:
+    import numpy as np
+    from scipy.ndimage import distance_transform_edt
+
+    from ambler.cli.bench_worlds import inflated
+    from ambler.costmap.inflation import cost_table
+    from ambler.kernels.distance_transform import inflate
+
+    repeats = runs if n > 500 else 20 * runs
+    out = np.empty_like(cells)
+    table = cost_table(11, 0.05, 0.25, 10.0)
+    full = _median(lambda: inflate(cells, 0, n, 0, n, 11, table, out), repeats)
+    side = min(60, n) // 2
+    y0, y1 = n // 2 - side, n // 2 + side
+    box = _median(lambda: inflate(cells, y0, y1, y0, y1, 11, table, out), 20 * runs)
+    begin = time.perf_counter()
+    squared = np.rint(distance_transform_edt(cells != 254) ** 2).astype(np.int64)
+    expected = table[np.minimum(squared, len(table) - 1)]
+    peer = 1e3 * (time.perf_counter() - begin)
+    wrong = int((inflated(cells) != expected).sum())
+    fields: dict[str, Any] = {
+        f"inflation_{n}_ms": full,
+        f"inflation_{n}_box_3m_ms": box,
+        f"inflation_{n}_cells_wrong": wrong,
+        f"peer_scipy_inflation_{n}_ms": peer,
+        f"ratio_vs_scipy_inflation_{n}": full / peer,
+    }
+    text = (
+        f"inflation {n} x {n}: {full:.3f} ms, a changed 3 m box {box:.3f} ms, SciPy {peer:.2f} ms, cells wrong {wrong}"
+    )
+    if n in NAV2_MS:
+        fields |= {f"ratio_vs_nav2_inflation_{n}": full / NAV2_MS[n], f"ratio_vs_ros1_inflation_{n}": full / ROS1_MS[n]}
+        text += f"; ROS 1 {ROS1_MS[n]} ms, Nav2 {NAV2_MS[n]} ms"
+    print(text, flush=True)
+    return fields
+
+
+def _local_update(runs: int) -> float:
+    import numpy as np
+
+    from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+    from ambler.core.se2 import SE2
+    from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
+    from ambler.costmap.obstacle_layer import SensorRays
+
+    footprint = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
+    costmap = LocalCostmap(
+        LocalCostmapConfig(), RobotModel("bench", DriveKind.DIFFERENTIAL, footprint, VelocityLimits())
+    )
+    angle = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+    hits = (2.0 + 0.5 * np.sin(5.0 * angle))[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
+    return _median(lambda: costmap.update(SE2(), [SensorRays((0.0, 0.0), hits)]), 20 * runs)
+
+
+def _median(work: Callable[[], Any], runs: int) -> float:
+    import statistics
+
+    work()
+    times = []
+    for _ in range(runs):
+        begin = time.perf_counter()
+        work()
+        times.append(1e3 * (time.perf_counter() - begin))
+    return statistics.median(times)

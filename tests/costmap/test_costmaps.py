@@ -1,0 +1,181 @@
+"""The layers and both costmaps: rays clear and mark, windows roll, maps grow, doors stay passable."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig, StaticConfig, occupancy_table
+from ambler.costmap.inflation import InflationConfig
+from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
+from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
+
+FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
+ROBOT = RobotModel("test", DriveKind.DIFFERENTIAL, FOOTPRINT, VelocityLimits())
+SPEC = GridSpec(0.05, 80, 60, -1.0, -1.5)
+
+
+def layer(**changes: float) -> ObstacleLayer:
+    return ObstacleLayer(ObstacleConfig(**({"obstacle_range": 10.0, "raytrace_range": 10.0} | changes)), SPEC)
+
+
+def cost_at(costs: np.ndarray, spec: GridSpec, x: float, y: float) -> int:
+    return int(costs[spec.cell_of(x, y)])
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=80, deadline=None)
+def test_rays_free_the_cells_they_cross_and_hits_mark_their_own(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    origin = rng.uniform([-2.0, -2.5], [4.0, 2.5])
+    hits = rng.uniform([-2.0, -2.5], [4.0, 2.5], (5, 2))
+    free = rng.uniform([-2.0, -2.5], [4.0, 2.5], (5, 2))
+    grid = layer()
+    grid.cells[:] = 254
+    grid.update([SensorRays((float(origin[0]), float(origin[1])), hits, free)])
+    marked = {tuple(c) for c in SPEC.cells_of(hits)}
+    crossed = set()
+    for end, last in [(e, 0.999) for e in hits] + [(e, 1.0) for e in free]:
+        t = np.linspace(0.0, last, 4000)[:, None]
+        cells = SPEC.cells_of(origin + t * (end - origin))
+        crossed |= {tuple(c) for c in cells}
+    ends = {tuple(c) for c in SPEC.cells_of(hits)}
+    for iy, ix in crossed - ends:
+        if SPEC.contains_cell(iy, ix):
+            assert grid.cells[iy, ix] == 0
+    for iy, ix in marked:
+        if SPEC.contains_cell(iy, ix):
+            assert grid.cells[iy, ix] == 254
+    freed = {tuple(c) for c in np.argwhere(grid.cells == 0)}
+    assert len(freed - crossed) <= 0.02 * len(crossed) + 2  # corners that the sampling missed
+
+
+def test_rays_without_return_clear_up_to_their_range_and_mark_nothing() -> None:
+    grid = layer(raytrace_range=1.0)
+    grid.cells[:] = 254
+    grid.update([SensorRays((0.0, 0.02), free_ends=np.array([[1e6, 0.02]]))])
+    row = grid.cells[SPEC.cell_of(0.0, 0.02)[0]]
+    first, last = SPEC.cell_of(0.0, 0.02)[1], SPEC.cell_of(1.0, 0.02)[1]
+    assert (row[first : last + 1] == 0).all()
+    assert (row[:first] == 254).all()
+    assert (row[last + 1 :] == 254).all()
+
+
+def test_hits_beyond_the_obstacle_range_clear_but_do_not_mark() -> None:
+    grid = layer(obstacle_range=0.5, raytrace_range=3.0)
+    grid.update([SensorRays((0.0, 0.02), np.array([[1.02, 0.02]]))])
+    assert cost_at(grid.cells, SPEC, 0.6, 0.02) == 0
+    assert cost_at(grid.cells, SPEC, 1.02, 0.02) == 255
+
+
+def test_one_sensor_does_not_erase_what_another_sees_now() -> None:
+    grid = layer()
+    low = SensorRays((0.0, 0.02), np.array([[0.52, 0.02]]))
+    high = SensorRays((0.0, 0.02), free_ends=np.array([[2.0, 0.02]]))
+    for order in ([low, high], [high, low]):
+        grid.update(order)
+        assert cost_at(grid.cells, SPEC, 0.52, 0.02) == 254
+
+
+def test_not_a_number_is_passed_over() -> None:
+    grid = layer()
+    grid.update([SensorRays((0.0, 0.0), np.array([[np.nan, 0.0], [np.inf, 1.0]]), np.array([[np.nan, np.nan]]))])
+    assert set(np.unique(grid.cells)) <= {0, 255}
+
+
+def test_the_window_rolls_by_whole_cells_and_keeps_the_world_in_place() -> None:
+    costmap = LocalCostmap(LocalCostmapConfig(size=4.0), ROBOT)
+    box = np.array([[1.02, 0.52], [1.07, 0.52]])
+    costmap.update(SE2(), [SensorRays((0.0, 0.0), box)])
+    rng = np.random.default_rng(0)
+    x = y = 0.0
+    for _ in range(60):
+        x, y = x + rng.uniform(-0.03, 0.03), y + rng.uniform(-0.03, 0.03)
+        costs = costmap.update(SE2(x, y, 0.4), [])
+        spec = costmap.spec
+        assert spec.origin_x / 0.05 == pytest.approx(round(spec.origin_x / 0.05))
+        assert abs(spec.origin_x + 2.0 - x) <= 0.0251
+        assert {tuple(p) for p in spec.centers_of(np.argwhere(costs == 254)).round(3)} == {
+            (1.025, 0.525),
+            (1.075, 0.525),
+        }
+    costmap.update(SE2(30.0, 0.0), [])
+    assert (costmap.update(SE2(), []) == 0).all()
+
+
+def test_the_footprint_is_freed_and_clear_forgets() -> None:
+    costmap = LocalCostmap(LocalCostmapConfig(), ROBOT)
+    points = np.array([[0.2, 0.1], [1.0, 1.0]])
+    costs = costmap.update(SE2(), [SensorRays((2.0, 2.0), points)])
+    assert cost_at(costs, costmap.spec, 0.2, 0.1) == 0
+    assert cost_at(costs, costmap.spec, 1.01, 1.01) == 254
+    costmap.clear()
+    assert (costmap.costs == 0).all()
+    tracking = LocalCostmap(LocalCostmapConfig(tracks_unknown=True), ROBOT)
+    assert cost_at(tracking.update(SE2(), []), tracking.spec, 2.0, 2.0) == 255
+    assert cost_at(tracking.costs, tracking.spec, 0.0, 0.0) == 0
+
+
+def test_a_local_doorway_stays_passable() -> None:
+    costmap = LocalCostmap(LocalCostmapConfig(), ROBOT)
+    wall = np.arange(0.45, 2.0, 0.02)
+    posts = np.column_stack((np.full(2 * len(wall), 1.02), np.concatenate((wall, -wall))))
+    costs = costmap.update(SE2(), [SensorRays((0.0, 0.0), posts)])
+    for y in np.arange(-0.4, 0.41, 0.05):
+        assert cost_at(costs, costmap.spec, 1.02, y) == 0
+
+
+def occupancy(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return rng.choice(np.array([-1, 0, 40, 100], np.int8), shape, p=[0.2, 0.7, 0.05, 0.05])
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=40, deadline=None)
+def test_changes_box_by_box_equal_a_fresh_global_costmap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    config = GlobalCostmapConfig(inflation=InflationConfig(radius=0.4))
+    costmap = GlobalCostmap(config, ROBOT)
+    cells = occupancy(rng, SPEC.shape)
+    for _ in range(4):
+        cells = cells.copy()
+        y, x = int(rng.integers(0, 50)), int(rng.integers(0, 70))
+        cells[y : y + 5, x : x + 8] = occupancy(rng, (5, 8))
+        cells.flags.writeable = False
+        costs = costmap.set_map(SPEC, cells)
+        costs.flags.writeable = False
+        np.testing.assert_array_equal(costs, GlobalCostmap(config, ROBOT).set_map(SPEC, cells))
+
+
+def test_the_global_costmap_grows_with_its_map_and_keeps_its_obstacles() -> None:
+    config = GlobalCostmapConfig(inflation=InflationConfig(radius=0.0))
+    costmap = GlobalCostmap(config, ROBOT)
+    costmap.set_map(SPEC, np.zeros(SPEC.shape, np.int8))
+    costmap.update([SensorRays((0.0, 0.0), np.array([[1.02, 0.52]]))])
+    larger = GridSpec(0.05, 120, 100, -2.0, -2.5)
+    costs = costmap.set_map(larger, np.full(larger.shape, -1, np.int8))
+    assert costs.shape == larger.shape
+    assert cost_at(costs, larger, 1.02, 0.52) == 254
+    assert cost_at(costs, larger, 0.5, 0.26) == 0  # seen free by the ray, though unknown in the map
+    assert cost_at(costs, larger, -1.5, -2.0) == 255
+    costs = costmap.clear()
+    assert (costs == 255).all()
+
+
+def test_static_costs_follow_the_configuration() -> None:
+    table = occupancy_table(StaticConfig())
+    assert [int(table[v + 128]) for v in (-1, 0, 30, 64, 65, 100)] == [255, 0, 0, 0, 254, 254]
+    graded = occupancy_table(StaticConfig(lethal_threshold=100, tracks_unknown=False, is_trinary=False))
+    assert [int(graded[v + 128]) for v in (-1, 0, 50, 100)] == [0, 0, 127, 254]
+
+
+def test_a_costmap_without_a_map_says_so() -> None:
+    costmap = GlobalCostmap(GlobalCostmapConfig(), ROBOT)
+    assert not costmap.has_map
+    with pytest.raises(BadInputError, match="no map"):
+        _ = costmap.spec
+    with pytest.raises(BadInputError, match="does not fit"):
+        costmap.set_map(SPEC, np.zeros((3, 3), np.int8))
