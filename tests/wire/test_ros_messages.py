@@ -13,8 +13,16 @@ from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se3 import SE3
-from ambler.wire import ros_grids, ros_markers, ros_messages, ros_paths
-from ambler.wire.ros_messages import decode, decode_any, encode, message_class_of, message_definition, ros_type_of
+from ambler.wire import ros_grids, ros_markers, ros_paths
+from ambler.wire.ros_messages import (
+    codec_of,
+    decode,
+    decode_any,
+    encode,
+    message_class_of,
+    message_definition,
+    ros_type_of,
+)
 from ambler.wire.ros_types import STORE, record_class, type_hash
 
 float64s = st.floats(allow_nan=False, allow_infinity=True)
@@ -151,7 +159,7 @@ frontiers = st.builds(
 def test_bytes_packed_by_hand_equal_those_of_rosbags(message_class, data):
     trees = edges.map(lambda some: m.Transforms(0, tuple(some)))
     message = data.draw({**MESSAGES, m.Transforms: trees, m.Frontiers: frontiers}[message_class])
-    codec = ros_messages._CODECS[message_class]
+    codec = codec_of(message_class)
     assert codec.encode is not None
     assert encode(message) == bytes(STORE.serialize_cdr(codec.to_ros(message), codec.ros_type))
 

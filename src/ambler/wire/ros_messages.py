@@ -18,7 +18,16 @@ from ambler.core.errors import BadInputError
 from ambler.wire import ros_fast, ros_geometry, ros_grids, ros_markers, ros_paths, ros_sensors, ros_status
 from ambler.wire.ros_types import STORE, message_definition
 
-__all__ = ["decode", "decode_any", "encode", "is_decodable", "message_class_of", "message_definition", "ros_type_of"]
+__all__ = [
+    "codec_of",
+    "decode",
+    "decode_any",
+    "encode",
+    "is_decodable",
+    "message_class_of",
+    "message_definition",
+    "ros_type_of",
+]
 
 M = TypeVar("M", bound=m.Message)
 
@@ -27,51 +36,53 @@ _DAMAGE = (SerdeError, struct.error, ValueError, IndexError, KeyError, TypeError
 
 
 @dataclass(frozen=True, slots=True)
-class _Codec:
+class Codec:
+    """How a message class travels: its ROS type, to and from its record, and a faster way to the bytes where there is one."""
+
     ros_type: str
     to_ros: Callable[[Any], Any]
     from_ros: Callable[[Any], m.Message] | None
     encode: Callable[[Any], bytes] | None = None
 
 
-_CODECS: dict[type[m.Message], _Codec] = {
-    m.LaserScan: _Codec("sensor_msgs/msg/LaserScan", ros_sensors.laser_scan_to_ros, ros_sensors.laser_scan_from_ros),
-    m.PointCloud: _Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
-    m.Imu: _Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
-    m.Odometry: _Codec(
+_CODECS: dict[type[m.Message], Codec] = {
+    m.LaserScan: Codec("sensor_msgs/msg/LaserScan", ros_sensors.laser_scan_to_ros, ros_sensors.laser_scan_from_ros),
+    m.PointCloud: Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
+    m.Imu: Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
+    m.Odometry: Codec(
         "nav_msgs/msg/Odometry", ros_geometry.odometry_to_ros, ros_geometry.odometry_from_ros, ros_fast.encode_odometry
     ),
-    m.VelocityCommand: _Codec(
+    m.VelocityCommand: Codec(
         "geometry_msgs/msg/TwistStamped",
         ros_geometry.velocity_to_ros,
         ros_geometry.velocity_from_ros,
         ros_fast.encode_velocity,
     ),
-    m.Transforms: _Codec(
+    m.Transforms: Codec(
         "tf2_msgs/msg/TFMessage",
         ros_geometry.transforms_to_ros,
         ros_geometry.transforms_from_ros,
         ros_fast.encode_transforms,
     ),
-    m.OccupancyGrid: _Codec(
+    m.OccupancyGrid: Codec(
         "nav_msgs/msg/OccupancyGrid", ros_grids.occupancy_grid_to_ros, ros_grids.occupancy_grid_from_ros
     ),
-    m.CostGrid: _Codec("nav_msgs/msg/OccupancyGrid", ros_grids.cost_grid_to_ros, ros_grids.cost_grid_from_ros),
-    m.Path: _Codec("nav_msgs/msg/Path", ros_paths.path_to_ros, ros_paths.path_from_ros, ros_paths.encode_path),
-    m.PoseStamped: _Codec(
+    m.CostGrid: Codec("nav_msgs/msg/OccupancyGrid", ros_grids.cost_grid_to_ros, ros_grids.cost_grid_from_ros),
+    m.Path: Codec("nav_msgs/msg/Path", ros_paths.path_to_ros, ros_paths.path_from_ros, ros_paths.encode_path),
+    m.PoseStamped: Codec(
         "geometry_msgs/msg/PoseStamped", ros_geometry.pose_stamped_to_ros, ros_geometry.pose_stamped_from_ros
     ),
-    m.PointStamped: _Codec(
+    m.PointStamped: Codec(
         "geometry_msgs/msg/PointStamped", ros_geometry.point_stamped_to_ros, ros_geometry.point_stamped_from_ros
     ),
-    m.Polygon: _Codec("geometry_msgs/msg/PolygonStamped", ros_geometry.polygon_to_ros, ros_geometry.polygon_from_ros),
-    m.Frontiers: _Codec(
+    m.Polygon: Codec("geometry_msgs/msg/PolygonStamped", ros_geometry.polygon_to_ros, ros_geometry.polygon_from_ros),
+    m.Frontiers: Codec(
         "visualization_msgs/msg/MarkerArray", ros_markers.frontiers_to_ros, None, ros_markers.encode_frontiers
     ),
-    m.SlamHealth: _Codec("ambler_msgs/msg/SlamHealth", ros_status.slam_health_to_ros, ros_status.slam_health_from_ros),
-    m.Contact: _Codec("ambler_msgs/msg/Contact", ros_status.contact_to_ros, ros_status.contact_from_ros),
-    m.GateStatus: _Codec("ambler_msgs/msg/GateStatus", ros_status.gate_status_to_ros, ros_status.gate_status_from_ros),
-    m.Status: _Codec("ambler_msgs/msg/Status", ros_status.status_to_ros, ros_status.status_from_ros),
+    m.SlamHealth: Codec("ambler_msgs/msg/SlamHealth", ros_status.slam_health_to_ros, ros_status.slam_health_from_ros),
+    m.Contact: Codec("ambler_msgs/msg/Contact", ros_status.contact_to_ros, ros_status.contact_from_ros),
+    m.GateStatus: Codec("ambler_msgs/msg/GateStatus", ros_status.gate_status_to_ros, ros_status.gate_status_from_ros),
+    m.Status: Codec("ambler_msgs/msg/Status", ros_status.status_to_ros, ros_status.status_from_ros),
 }
 # The first class declared for a ROS type is its default reading: OccupancyGrid, not CostGrid.
 _CLASS_OF_TYPE: dict[str, type[m.Message]] = {}
@@ -79,9 +90,14 @@ for _cls, _codec in _CODECS.items():
     _CLASS_OF_TYPE.setdefault(_codec.ros_type, _cls)
 
 
+def codec_of(message_class: type[m.Message]) -> Codec:
+    """Return how a message class travels; raises KeyError."""
+    return _CODECS[message_class]
+
+
 def ros_type_of(message_class: type[m.Message]) -> str:
     """Return the ROS 2 type of a message class, such as `sensor_msgs/msg/LaserScan`; raises KeyError."""
-    return _CODECS[message_class].ros_type
+    return codec_of(message_class).ros_type
 
 
 def message_class_of(ros_type: str) -> type[m.Message]:

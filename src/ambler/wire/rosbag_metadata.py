@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -53,11 +54,13 @@ def qos_profiles(is_latched: bool) -> list[dict[str, Any]]:
     ]
 
 
+@cache
 def qos_text(is_latched: bool) -> str:
     """Return the profile as the YAML text of the channel metadata `offered_qos_profiles`."""
     return yaml.safe_dump(qos_profiles(is_latched), sort_keys=False).strip()
 
 
+@cache
 def is_latched_text(text: str) -> bool:
     """Say whether the YAML text of a channel offers transient-local (by name, or 1 in older files)."""
     profiles = yaml.safe_load(text) or []
