@@ -14,6 +14,9 @@ from ambler.core.errors import BadInputError
 from ambler.evaluation.collisions import Collision, find_collisions
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps
+from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, draw_series
+from ambler.evaluation.report import Picture, collision_table, frontier_table, write_report
+from ambler.evaluation.results import machine_class
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
 from ambler.wire.map_files import load_map, save_map
 
@@ -63,6 +66,56 @@ def judge(demo: Demo) -> Verdict:
         "recording": str(demo.folder.recording),
     }
     return Verdict(fields, record, quality, trajectory, collisions, demo.wall_seconds)
+
+
+def write_demo_report(demo: Demo, verdict: Verdict) -> Path:
+    """Draw the run and write `report.html` and `report.json` into its folder; returns the page."""
+    folder, record = demo.folder.root, verdict.record
+    pictures: list[Picture] = []
+    remaining = () if demo.outcome is None or demo.outcome.result is None else demo.outcome.result.remaining
+    if demo.folder.map_stem.with_suffix(".yaml").exists():
+        spec, occupancy = load_map(demo.folder.map_stem.with_suffix(".yaml"))
+        paths = {"estimated": record.poses, "true": record.true_poses}
+        path = draw_map_with_trajectory(folder / "map.png", spec, occupancy, paths, remaining)
+        pictures.append(Picture("The map as it was built, with the estimated and the true path", path))
+    if verdict.quality is not None:
+        path = draw_overlay(verdict.quality, folder / "overlay.png")
+        pictures.append(Picture("Walls of the true map (red) and of the built map (blue), thinned and aligned", path))
+    if len(record.coverage):
+        path = draw_series(
+            folder / "coverage.png",
+            "time, s",
+            "truly free area known, %",
+            {"coverage": (record.coverage[:, 0], 100.0 * record.coverage[:, 1])},
+        )
+        pictures.append(Picture("Coverage over time", path))
+    if verdict.trajectory is not None:
+        t = verdict.trajectory
+        path = draw_series(
+            folder / "trajectory_error.png",
+            "time, s",
+            "position error, cm",
+            {"error": (t.stamps_ns * 1e-9, 100.0 * t.errors)},
+        )
+        pictures.append(Picture("Error of the estimated position", path))
+    if len(record.speeds):
+        path = draw_series(
+            folder / "speed.png",
+            "time, s",
+            "true speed, m/s",
+            {"speed": (record.true_stamps_ns[::10] * 1e-9, record.speeds[::10])},
+        )
+        pictures.append(Picture("Speed of the base", path))
+    return write_report(
+        folder,
+        f"Exploration of {demo.world.name} with {demo.options.robot}",
+        verdict.fields,
+        pictures,
+        (frontier_table(remaining), collision_table(verdict.collisions)),
+        subtitle=f"seed {demo.options.seed}, {machine_class()}",
+        configuration=demo.folder.config.read_text(encoding="utf-8"),
+        passed={"ended": demo.ended == "finished", "collisions": not verdict.collisions},
+    )
 
 
 def print_result(fields: dict[str, Any]) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 F64 = NDArray[np.float64]
+Curve = Sequence[float] | NDArray[np.floating]
 INK, MUTED, GRID = "#1f2430", "#6b7280", "#e5e7eb"
 COLOURS = ("#2563eb", "#f97316", "#059669", "#9333ea", "#dc2626", "#0891b2")
 UNKNOWN_SHADE, FREE_SHADE, UNDECIDED_SHADE, OCCUPIED_SHADE = (
@@ -93,7 +94,7 @@ def draw_overlay(quality: MapQuality, path: Path) -> Path:
 
 
 def draw_series(
-    path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Sequence[float] | F64, Sequence[float] | F64]]
+    path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Curve, Curve]]
 ) -> Path:
     """Draw named curves (x values, y values) into one plot; a single curve needs no legend."""
     from matplotlib.figure import Figure

@@ -25,6 +25,7 @@ from ambler.missions.explore import (
 from ambler.runtime.node import GoalHandle, GoalTicket, Node, Service, Task, TaskOutcome
 from ambler.runtime.tasks import (
     CLEAR_GLOBAL_COSTMAP,
+    CLICKED_GOAL_OVER,
     EXPLORE,
     NAVIGATE,
     RECOVER,
@@ -46,6 +47,7 @@ class ExplorerNode(Node):
 
     name: ClassVar[str] = "explorer"
     inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
+    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATUS,)
     outputs: ClassVar[tuple[Topic[Any], ...]] = (FRONTIERS, STATUS)
     serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (EXPLORE,)
     calls: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
@@ -59,6 +61,8 @@ class ExplorerNode(Node):
         self._costs: CostGrid | None = None
         self._handle: Handle | None = None
         self._ticket: GoalTicket | None = None
+        self._drive: DriveTo | TurnAround | None = None
+        self._is_yielding = False
         self._told = ""
 
     def start(self) -> None:
@@ -66,6 +70,7 @@ class ExplorerNode(Node):
         self.ctx.subscribe(MAP, self._on_map)
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costs)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
+        self.ctx.subscribe(STATUS, self._on_status)
         self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
         self.ctx.timer(self._period, self._update)
 
@@ -79,8 +84,16 @@ class ExplorerNode(Node):
         for edge in message.transforms:
             self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
 
+    def _on_status(self, message: Status) -> None:
+        """When a person's own goal is over, go on with the drive that it displaced."""
+        if self._is_yielding and message.code == CLICKED_GOAL_OVER:
+            self._is_yielding = False
+            if self._mission.is_active and self._drive is not None:
+                self._carry_out([self._drive])
+
     def _on_goal(self, handle: Handle) -> None:
         self._handle = handle
+        self._is_yielding = False
         self._mission.begin(handle.goal, self.ctx.now_ns)
         self._update()
 
@@ -103,7 +116,7 @@ class ExplorerNode(Node):
 
     def _update(self) -> None:
         mission = self._mission
-        if not mission.is_active:
+        if not mission.is_active or self._is_yielding:
             return
         commands = mission.update(self._view(), self.ctx.now_ns)
         if self._map is not None and mission.survey is not None:
@@ -132,6 +145,8 @@ class ExplorerNode(Node):
 
     def _carry_out(self, commands: list[Command]) -> None:
         for command in commands:
+            if isinstance(command, DriveTo | TurnAround):
+                self._drive = command
             match command:
                 case DriveTo():
                     goal = NavigateGoal(command.map_from_goal, command.xy_tolerance, command.yaw_tolerance)
@@ -150,6 +165,10 @@ class ExplorerNode(Node):
 
     def _reporter(self, drive: int) -> Any:
         def report(outcome: TaskOutcome[Any]) -> None:
+            if outcome.code == "PREEMPTED" and self._drive is not None and self._drive.drive == drive:
+                self._is_yielding = True
+                self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
+                return
             self._mission.drive_ended(drive, outcome.code, outcome.text)
             self._update()
 

@@ -11,10 +11,11 @@ from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.missions.navigate import Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoveryStep
-from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.node import GoalHandle, Node, TaskOutcome
 from ambler.runtime.tasks import (
     CLEAR_GLOBAL_COSTMAP,
     CLEAR_LOCAL_COSTMAP,
+    CLICKED_GOAL_OVER,
     COMPUTE_PATH,
     FOLLOW_PATH,
     NAVIGATE,
@@ -93,7 +94,12 @@ class NavigatorNode(Node):
         if goal.frame != "map":
             self.say("GOAL_REFUSED", f"a goal must be told in the frame map, not in {goal.frame!r}")
             return
-        self.ctx.send_goal(NAVIGATE, NavigateGoal(goal.pose.to_se2()), lambda outcome: None)
+
+        def over(outcome: TaskOutcome[NavigateResult]) -> None:
+            if outcome.code != "PREEMPTED":
+                self.say(CLICKED_GOAL_OVER, f"{outcome.code}: {outcome.text}" if outcome.text else outcome.code)
+
+        self.ctx.send_goal(NAVIGATE, NavigateGoal(goal.pose.to_se2()), over)
 
     def _on_goal(self, handle: NavigateHandle) -> None:
         self._drive = _Drive(self, handle, self._config)

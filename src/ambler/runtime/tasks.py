@@ -165,3 +165,6 @@ NAVIGATE = Task(
     ("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
 )
 EXPLORE = Task("explore", ExploreGoal, ExploreFeedback, ExploreResult, ("STUCK", "LOST", "RETURN_FAILED"))
+
+CLICKED_GOAL_OVER = "CLICKED_GOAL_OVER"
+"""Code of the status with which the navigator says that a goal clicked by a person is over; explorers wait for it."""
