@@ -28,7 +28,7 @@ def cost_at(costs: np.ndarray, spec: GridSpec, x: float, y: float) -> int:
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_rays_free_the_cells_they_cross_and_hits_mark_their_own(seed: int) -> None:
     rng = np.random.default_rng(seed)
     origin = rng.uniform([-2.0, -2.5], [4.0, 2.5])
@@ -40,7 +40,7 @@ def test_rays_free_the_cells_they_cross_and_hits_mark_their_own(seed: int) -> No
     marked = {tuple(c) for c in SPEC.cells_of(hits)}
     crossed = set()
     for end, last in [(e, 0.999) for e in hits] + [(e, 1.0) for e in free]:
-        t = np.linspace(0.0, last, 4000)[:, None]
+        t = np.linspace(0.0, last, 2000)[:, None]
         cells = SPEC.cells_of(origin + t * (end - origin))
         crossed |= {tuple(c) for c in cells}
     ends = {tuple(c) for c in SPEC.cells_of(hits)}

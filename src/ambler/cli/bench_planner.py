@@ -1,5 +1,5 @@
-"""`ambler bench planner`: the global planner on four grids at two sizes, its costs checked against SciPy's Dijkstra, its times beside
-those of navfn (docs/planning.md) and of SciPy."""
+"""`ambler bench planner`: the global planner on four grids at two sizes, its costs checked against SciPy's Dijkstra, its times (of
+the processor, one thread) beside those of navfn (docs/planning.md) and of SciPy."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _measure(costs: NDArray[np.uint8], n: int, runs: int) -> tuple[float, PlanResult]:
-    """Return the median of whole plans (weights, search, path, shortcuts) in ms, and the last result."""
+    """Return the median CPU time of whole plans (weights, search, path, shortcuts; one thread) in ms, and the last result."""
     import statistics
 
     from ambler.cli.bench_worlds import MARGIN
@@ -85,9 +85,9 @@ def _measure(costs: NDArray[np.uint8], n: int, runs: int) -> tuple[float, PlanRe
     result = planner.plan(costs, spec, start, goal)
     times = []
     for _ in range(runs):
-        begin = time.perf_counter()
+        begin = time.process_time()
         result = planner.plan(costs, spec, start, goal)
-        times.append(1e3 * (time.perf_counter() - begin))
+        times.append(1e3 * (time.process_time() - begin))
     return statistics.median(times), result
 
 
@@ -104,9 +104,9 @@ def _compare(costs: NDArray[np.uint8], n: int, result: PlanResult) -> tuple[floa
     config = PlannerConfig()
     table = weight_table(config)
     graph = grid_graph(table[costs])
-    begin = time.perf_counter()
+    begin = time.process_time()
     theirs = sweep(graph, MARGIN * n + MARGIN).reshape(n, n)
-    peer_ms = 1e3 * (time.perf_counter() - begin)
+    peer_ms = 1e3 * (time.process_time() - begin)
     at = n - MARGIN - 1
     ours = round(result.cost / RESOLUTION * 2 * kernels.STRAIGHT * config.neutral)
     weights, state = np.zeros((n + 2, n + 2), np.uint16), np.zeros((n + 2, n + 2), np.uint8)

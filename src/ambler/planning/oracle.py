@@ -42,4 +42,5 @@ def scipy_costs(
 
 def sweep(graph: csr_array, start: int) -> F64:
     """Return the least cost from one node of a symmetric graph to every node, float64 (n,)."""
-    return np.asarray(dijkstra(graph, directed=False, indices=np.array([start])), np.float64)[0]
+    costs: F64 = np.asarray(dijkstra(graph, directed=False, indices=np.array([start])), np.float64)
+    return costs.reshape(-1)

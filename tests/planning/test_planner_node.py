@@ -1,0 +1,114 @@
+"""The planner node in a hand-made context: rate of the costmap, services, named failures."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambler.core.errors import AmblerError, GoalOutsideMapError, NoValidPathError, TransformError
+from ambler.core.grid import GridSpec
+from ambler.core.messages import CostGrid, OccupancyGrid, Transforms, TransformStamped
+from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
+from ambler.nodes.planner import GlobalPlannerNode
+from ambler.planning.grid_planner import GridPlanner
+from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanRequest
+from ambler.runtime.topics import MAP, TRANSFORMS
+
+FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
+ROBOT = RobotModel("test", DriveKind.DIFFERENTIAL, FOOTPRINT, VelocityLimits())
+SPEC = GridSpec(0.05, 100, 80, -1.0, -1.0)
+
+
+class FakeContext:
+    """Records what is published and runs delayed calls by hand."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self.callbacks: dict[str, Callable[[Any], None]] = {}
+        self.handlers: dict[str, Callable[[Any], Any]] = {}
+        self.published: list[CostGrid] = []
+        self.delayed: list[tuple[float, Callable[[], None]]] = []
+
+    def subscribe(self, topic: Any, callback: Callable[[Any], None]) -> None:
+        self.callbacks[topic.name] = callback
+
+    def serve(self, service: Any, handler: Callable[[Any], Any]) -> None:
+        self.handlers[service.name] = handler
+
+    def publish(self, topic: Any, message: Any) -> None:
+        assert topic.name == "global_costmap"
+        self.published.append(message)
+
+    def after(self, delay: float, callback: Callable[[], None]) -> None:
+        self.delayed.append((delay, callback))
+
+
+def started() -> FakeContext:
+    node = GlobalPlannerNode(GlobalCostmap(GlobalCostmapConfig(), ROBOT), GridPlanner(), period=0.5)
+    context = FakeContext()
+    node.ctx = context  # type: ignore[assignment]
+    node.start()
+    return context
+
+
+def grid(stamp_ns: int, wall: int | None = None) -> OccupancyGrid:
+    cells = np.zeros(SPEC.shape, np.int8)
+    if wall is not None:
+        cells[:, wall] = 100
+    return OccupancyGrid(stamp_ns, "map", SPEC, cells)
+
+
+def locate(context: FakeContext, pose: SE2) -> None:
+    edges = (
+        TransformStamped(0, "map", "odom", SE3.from_se2(SE2(0.5, 0.0, 0.0))),
+        TransformStamped(0, "odom", "base", SE3.from_se2(SE2(-0.5, 0.0, 0.0) @ pose)),
+    )
+    context.callbacks[TRANSFORMS.name](Transforms(0, edges))
+
+
+def test_paths_start_at_the_robot_and_carry_the_maps_stamp() -> None:
+    context = started()
+    context.callbacks[MAP.name](grid(7))
+    locate(context, SE2(0.2, 0.1, 0.0))
+    reply = context.handlers[COMPUTE_PATH.name](PlanRequest(SE2(3.0, 1.0, 0.5)))
+    np.testing.assert_allclose(reply.path.poses[0, :2], [0.2, 0.1], atol=1e-9)
+    np.testing.assert_allclose(reply.path.poses[-1], [3.0, 1.0, 0.5], atol=1e-9)
+    assert (reply.path.stamp_ns, reply.path.frame, reply.goal_distance) == (7, "map", 0.0)
+
+
+def test_failures_have_names() -> None:
+    context = started()
+
+    def ask(goal: SE2) -> str:
+        with pytest.raises(AmblerError) as caught:
+            context.handlers[COMPUTE_PATH.name](PlanRequest(goal))
+        return caught.value.code
+
+    assert ask(SE2()) == NoValidPathError.code
+    context.callbacks[MAP.name](grid(0, wall=50))
+    assert ask(SE2()) == TransformError.code
+    locate(context, SE2(0.2, 0.1, 0.0))
+    assert ask(SE2(3.0, 1.0)) == NoValidPathError.code
+    assert ask(SE2(99.0, 1.0)) == GoalOutsideMapError.code
+
+
+def test_the_costmap_follows_the_map_at_most_twice_a_second() -> None:
+    context = started()
+    for k in range(10):
+        context.now_ns = k * 100_000_000
+        context.callbacks[MAP.name](grid(context.now_ns, wall=20 + k))
+        due = [call for delay, call in context.delayed if k == 5 and delay == pytest.approx(0.4)]
+        for call in due:
+            call()
+    stamps = [m.stamp_ns for m in context.published]
+    assert stamps == [0, 500_000_000]
+    assert context.published[0].data[10, 20] == 254
+    assert context.published[1].data[10, 25] == 254
+    assert context.published[1].data[10, 20] == int(252 * np.exp(-3.0 * (0.25 - 0.22)))
+    assert len(context.delayed) == 2
+    context.handlers[CLEAR_GLOBAL_COSTMAP.name](Nothing())
+    assert context.published[-1].stamp_ns == 900_000_000
