@@ -321,3 +321,12 @@ def test_it_can_be_cancelled_in_every_state_and_begun_again(state: ExploreState)
     play.mission.begin(ExploreGoal(), play.now_ns)
     play.surveyor.frontiers = [frontier(12, 10, 2.0)]
     assert play.drive().map_from_goal.x == 12.0
+
+
+def test_time_in_which_a_person_drives_is_no_lack_of_progress() -> None:
+    play = Play(frontier(12, 10, 2.0), progress_timeout=10.0)
+    play.drive()
+    play.now_ns += 60 * S
+    play.mission.resume(play.now_ns)
+    assert play.step() == []
+    assert play.mission.state is ExploreState.DRIVING

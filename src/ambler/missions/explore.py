@@ -175,6 +175,12 @@ class ExploreMission:
             return []
         return self._end(ExploreState.CANCELLED, "CANCELLED", "cancelled on request")
 
+    def resume(self, now_ns: int) -> None:
+        """Go on after somebody else drove the robot: progress counts from now."""
+        if self.is_active:
+            self._best_distance = math.inf
+            self._progress_ns = now_ns
+
     def drive_ended(self, drive: int, code: str, text: str) -> None:
         """Take the end of a drive; ends of earlier drives are ignored. An update should follow."""
         if drive == self._drive and self.is_active:

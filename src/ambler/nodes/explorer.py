@@ -88,6 +88,7 @@ class ExplorerNode(Node):
         """When a person's own goal is over, go on with the drive that it displaced."""
         if self._is_yielding and message.code == CLICKED_GOAL_OVER:
             self._is_yielding = False
+            self._mission.resume(self.ctx.now_ns)
             if self._mission.is_active and self._drive is not None:
                 self._carry_out([self._drive])
 
