@@ -1,0 +1,186 @@
+"""Kernel of the planar extended Kalman filter: one prediction and one correction (Joseph form) per call.
+
+State (x, y, yaw, vx, vy, wz, gyro bias): pose in the odometry frame, velocity in the base frame. Constant velocity between steps,
+driven by white acceleration noise, or by measured accelerations.
+"""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+SIZE = 7
+TWIST = 0
+YAW_RATE = 1
+POSE = 2
+
+
+@jit
+def predict(x, p, dt, density, acceleration, work):
+    """Carry `x` float64 (7,) and `p` (7, 7) over `dt` seconds in place.
+
+    `density` float64 (7,): noise power of each state (variance per second). `acceleration` float64 (2,): m/s² along the axes of the
+    base. `work` (7, 7) is scratch.
+    """
+    c, s = math.cos(x[2]), math.sin(x[2])
+    vx, vy = x[3], x[4]
+    half = 0.5 * x[5] * dt
+    ch, sh = math.cos(x[2] + half), math.sin(x[2] + half)
+    # d(state) / d(state): only the rows of x, y, yaw differ from the identity.
+    f02, f03, f04 = (-sh * vx - ch * vy) * dt, ch * dt, -sh * dt
+    f12, f13, f14 = (ch * vx - sh * vy) * dt, sh * dt, ch * dt
+    f05, f15 = 0.5 * dt * f02, 0.5 * dt * f12
+    ax = acceleration[0] + x[5] * vy * (1.0 if acceleration[0] != 0.0 or acceleration[1] != 0.0 else 0.0)
+    ay = acceleration[1] - x[5] * vx * (1.0 if acceleration[0] != 0.0 or acceleration[1] != 0.0 else 0.0)
+    x[0] += (ch * vx - sh * vy) * dt + 0.5 * (c * ax - s * ay) * dt * dt
+    x[1] += (sh * vx + ch * vy) * dt + 0.5 * (s * ax + c * ay) * dt * dt
+    x[2] += x[5] * dt
+    x[3] += ax * dt
+    x[4] += ay * dt
+    for j in range(7):
+        work[0, j] = p[0, j] + f02 * p[2, j] + f03 * p[3, j] + f04 * p[4, j] + f05 * p[5, j]
+        work[1, j] = p[1, j] + f12 * p[2, j] + f13 * p[3, j] + f14 * p[4, j] + f15 * p[5, j]
+        work[2, j] = p[2, j] + dt * p[5, j]
+        for i in range(3, 7):
+            work[i, j] = p[i, j]
+    for i in range(7):
+        p[i, 0] = work[i, 0] + f02 * work[i, 2] + f03 * work[i, 3] + f04 * work[i, 4] + f05 * work[i, 5]
+        p[i, 1] = work[i, 1] + f12 * work[i, 2] + f13 * work[i, 3] + f14 * work[i, 4] + f15 * work[i, 5]
+        p[i, 2] = work[i, 2] + dt * work[i, 5]
+        for j in range(3, 7):
+            p[i, j] = work[i, j]
+    # White noise on the velocities reaches the pose within the same step.
+    for a in range(3):
+        b = a + 3
+        q = density[b]
+        p[b, b] += q * dt
+        if a == 2:
+            p[2, 5] += 0.5 * q * dt * dt
+            p[5, 2] += 0.5 * q * dt * dt
+            p[2, 2] += q * dt * dt * dt / 3.0
+        else:
+            ux, uy = (ch, sh) if a == 0 else (-sh, ch)
+            p[0, b] += 0.5 * q * dt * dt * ux
+            p[b, 0] += 0.5 * q * dt * dt * ux
+            p[1, b] += 0.5 * q * dt * dt * uy
+            p[b, 1] += 0.5 * q * dt * dt * uy
+            cube = q * dt * dt * dt / 3.0
+            p[0, 0] += cube * ux * ux
+            p[0, 1] += cube * ux * uy
+            p[1, 0] += cube * ux * uy
+            p[1, 1] += cube * uy * uy
+        p[a, a] += density[a] * dt
+    p[6, 6] += density[6] * dt
+
+
+@jit
+def _invert(a, size, inverse):
+    """Invert a symmetric positive definite matrix of `size` 1 or 3; False when it is not definite."""
+    if size == 1:
+        if a[0, 0] <= 0.0:
+            return False
+        inverse[0, 0] = 1.0 / a[0, 0]
+        return True
+    c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
+    c01 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
+    c02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
+    det = a[0, 0] * c00 + a[0, 1] * c01 + a[0, 2] * c02
+    if a[0, 0] <= 0.0 or det <= 0.0:
+        return False
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = c00 / det, c01 / det, c02 / det
+    inverse[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) / det
+    inverse[1, 2] = (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) / det
+    inverse[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) / det
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+    return True
+
+
+@jit
+def correct(x, p, kind, z, r, gate, work):
+    """Correct by one measurement in place and return its squared Mahalanobis distance; beyond `gate` nothing is changed (-1: bad S).
+
+    `kind` TWIST: z = (vx, vy, wz); YAW_RATE: z[0] = wz + bias; POSE: z = (x, y, yaw). `r` float64 (3, 3) its covariance
+    (YAW_RATE: r[0, 0]). `work` float64 (4, 7, 7) is scratch.
+    """
+    size = 1 if kind == YAW_RATE else 3
+    first = 0 if kind == POSE else 3
+    ph, gain, keep = work[0], work[1], work[2]
+    s, inverse = work[3, :3, :3], work[3, 3:6, 3:6]
+    nu0 = nu1 = nu2 = 0.0
+    for i in range(7):
+        if kind == YAW_RATE:
+            ph[i, 0] = p[i, 5] + p[i, 6]
+        else:
+            for a in range(3):
+                ph[i, a] = p[i, first + a]
+    if kind == YAW_RATE:
+        s[0, 0] = ph[5, 0] + ph[6, 0] + r[0, 0]
+        nu0 = z[0] - x[5] - x[6]
+    else:
+        for a in range(3):
+            for b in range(3):
+                s[a, b] = ph[first + a, b] + r[a, b]
+        nu0, nu1, nu2 = z[0] - x[first], z[1] - x[first + 1], z[2] - x[first + 2]
+        if kind == POSE:
+            nu2 = math.atan2(math.sin(nu2), math.cos(nu2))
+    if not _invert(s, size, inverse):
+        return -1.0
+    distance = inverse[0, 0] * nu0 * nu0
+    if size == 3:
+        distance += inverse[1, 1] * nu1 * nu1 + inverse[2, 2] * nu2 * nu2
+        distance += 2.0 * (inverse[0, 1] * nu0 * nu1 + inverse[0, 2] * nu0 * nu2 + inverse[1, 2] * nu1 * nu2)
+    if distance > gate:
+        return distance
+    for i in range(7):
+        for a in range(size):
+            total = 0.0
+            for b in range(size):
+                total += ph[i, b] * inverse[b, a]
+            gain[i, a] = total
+        x[i] += gain[i, 0] * nu0
+        if size == 3:
+            x[i] += gain[i, 1] * nu1 + gain[i, 2] * nu2
+    # Joseph form: (I - K H) P (I - K H)^T + K R K^T. `ph` becomes the left product.
+    for i in range(7):
+        for j in range(7):
+            keep[i, j] = 1.0 if i == j else 0.0
+        if kind == YAW_RATE:
+            keep[i, 5] -= gain[i, 0]
+            keep[i, 6] -= gain[i, 0]
+        else:
+            for a in range(3):
+                keep[i, first + a] -= gain[i, a]
+    for i in range(7):
+        for j in range(7):
+            total = 0.0
+            for k in range(7):
+                total += keep[i, k] * p[k, j]
+            ph[i, j] = total
+    for i in range(7):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(7):
+                total += ph[i, k] * keep[j, k]
+            for a in range(size):
+                for b in range(size):
+                    total += gain[i, a] * r[a, b] * gain[j, b]
+            p[i, j] = total
+            p[j, i] = total
+    return distance
+
+
+@jit
+def step(x, p, dt, density, acceleration, kind, z, r, gate, work):
+    """Predict over `dt` and correct; see `predict` and `correct`."""
+    if dt > 0.0:
+        predict(x, p, dt, density, acceleration, work[0])
+    return correct(x, p, kind, z, r, gate, work)
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module with its real types."""
+    x, p, work = np.zeros(7), np.eye(7), np.zeros((4, 7, 7))
+    step(x, p, 0.01, np.ones(7), np.zeros(2), 0, np.zeros(3), np.eye(3), 9.0, work)
+    predict(x, p, 0.01, np.ones(7), np.zeros(2), work[0])
+    correct(x, p, 0, np.zeros(3), np.eye(3), 9.0, work)

@@ -1,0 +1,229 @@
+"""Kernels that turn an occupancy grid into surface elements: the faces of occupied cells that can be seen from free space.
+
+A face lies where the occupancy, interpolated between the centres of the free and the occupied cell, crosses 50. Each face is
+smoothed to a surface element by a local line fit over faces that look the same way, so that walls at any angle become straight
+and the two sides of a thin wall stay apart. Facings: 0 +x, 1 -x, 2 +y, 3 -y (the side on which the free space lies).
+"""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+DX = np.array([1, -1, 0, 0])
+DY = np.array([0, 0, 1, -1])
+
+
+@jit
+def count_faces(cells, threshold):
+    """Return how many faces separate an occupied cell (>= threshold) of `cells` int8 (H, W) from a free one (known, below)."""
+    height, width = cells.shape
+    count = 0
+    for iy in range(height):
+        for ix in range(width):
+            if cells[iy, ix] >= threshold:
+                for f in range(4):
+                    jy, jx = iy + DY[f], ix + DX[f]
+                    if 0 <= jy < height and 0 <= jx < width and 0 <= cells[jy, jx] < threshold:
+                        count += 1
+    return count
+
+
+@jit
+def extract_faces(cells, threshold, frame, positions, facings, owners):
+    """Write every face: `positions` float64 (N, 2) in metres, `facings` int8 (N,), `owners` int32 (4, H, W): face of a cell or -1.
+
+    `frame` float64 (3,): resolution and outer corner of cell [0, 0].
+    """
+    height, width = cells.shape
+    owners[:, :, :] = -1
+    n = 0
+    for iy in range(height):
+        for ix in range(width):
+            if cells[iy, ix] < threshold:
+                continue
+            for f in range(4):
+                jy, jx = iy + DY[f], ix + DX[f]
+                if not (0 <= jy < height and 0 <= jx < width and 0 <= cells[jy, jx] < threshold):
+                    continue
+                occupied, free = float(cells[iy, ix]), float(cells[jy, jx])
+                reach = (occupied - 50.0) / (occupied - free)
+                reach = min(1.0, max(0.0, reach))
+                positions[n, 0] = frame[1] + frame[0] * (ix + 0.5 + reach * DX[f])
+                positions[n, 1] = frame[2] + frame[0] * (iy + 0.5 + reach * DY[f])
+                facings[n] = f
+                owners[f, iy, ix] = n
+                n += 1
+
+
+@jit
+def _fit_line(i, cell_x, cell_y, positions, owners, frame, radius, line):
+    """Fit a line to the faces around face i that look along the current normal line[2:4]; returns the number of faces used."""
+    height, width = owners.shape[1], owners.shape[2]
+    res = frame[0]
+    sigma2 = 2.0 * (0.5 * radius * res) ** 2
+    nx, ny = line[2], line[3]
+    sw = sx = sy = sxx = sxy = syy = 0.0
+    used = 0
+    for f in range(4):
+        if DX[f] * nx + DY[f] * ny < 0.35:
+            continue
+        for jy in range(max(0, cell_y - radius), min(height, cell_y + radius + 1)):
+            for jx in range(max(0, cell_x - radius), min(width, cell_x + radius + 1)):
+                j = owners[f, jy, jx]
+                if j < 0:
+                    continue
+                ex, ey = positions[j, 0] - line[0], positions[j, 1] - line[1]
+                if abs(ex * nx + ey * ny) > 1.05 * res:
+                    continue
+                dx, dy = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1]
+                w = math.exp(-(dx * dx + dy * dy) / sigma2)
+                sw += w
+                sx += w * dx
+                sy += w * dy
+                sxx += w * dx * dx
+                sxy += w * dx * dy
+                syy += w * dy * dy
+                used += 1
+    if used < 3:
+        return used
+    mx, my = sx / sw, sy / sw
+    a, b, d = sxx / sw - mx * mx, sxy / sw - mx * my, syy / sw - my * my
+    angle = 0.5 * math.atan2(2.0 * b, a - d)
+    tx, ty = -math.sin(angle), math.cos(angle)
+    if tx * nx + ty * ny < 0.0:
+        tx, ty = -tx, -ty
+    line[0] = positions[i, 0] + mx
+    line[1] = positions[i, 1] + my
+    line[2], line[3] = tx, ty
+    return used
+
+
+@jit
+def _mean_normal(cell_x, cell_y, owners, f, line):
+    """Point the line's normal along the mean of the facings within 3 cells that do not look away from facing f."""
+    nx = ny = 0.0
+    for g in range(4):
+        if DX[f] * DX[g] + DY[f] * DY[g] < 0:
+            continue
+        for jy in range(max(0, cell_y - 3), min(owners.shape[1], cell_y + 4)):
+            for jx in range(max(0, cell_x - 3), min(owners.shape[2], cell_x + 4)):
+                if owners[g, jy, jx] >= 0:
+                    nx += DX[g]
+                    ny += DY[g]
+    norm = math.sqrt(nx * nx + ny * ny)
+    line[2], line[3] = nx / norm, ny / norm
+
+
+@jit
+def smooth_faces(positions, facings, owners, frame, radius, surfaces):
+    """Write `surfaces` float64 (N, 4): point (x, y) and unit normal towards free space of every face, from fits over +-radius cells."""
+    height, width = owners.shape[1], owners.shape[2]
+    line = np.empty(4)
+    for iy in range(height):
+        for ix in range(width):
+            for f in range(4):
+                i = owners[f, iy, ix]
+                if i < 0:
+                    continue
+                line[0], line[1] = positions[i, 0], positions[i, 1]
+                line[2], line[3] = float(DX[f]), float(DY[f])
+                used = 0
+                for attempt in range(2):
+                    if attempt == 1:
+                        _mean_normal(ix, iy, owners, f, line)
+                    for _ in range(4):
+                        used = _fit_line(i, ix, iy, positions, owners, frame, radius, line)
+                        if used < 3:
+                            break
+                    if used >= 3:
+                        break
+                if used < 3:
+                    line[0], line[1] = positions[i, 0], positions[i, 1]
+                    line[2], line[3] = float(DX[f]), float(DY[f])
+                e = (positions[i, 0] - line[0]) * line[2] + (positions[i, 1] - line[1]) * line[3]
+                surfaces[i, 0] = positions[i, 0] - e * line[2]
+                surfaces[i, 1] = positions[i, 1] - e * line[3]
+                surfaces[i, 2], surfaces[i, 3] = line[2], line[3]
+
+
+@jit
+def _offer(nearest, surfaces, x, y, iy, ix, jy, jx, best):
+    """Take the neighbour's surface for cell (iy, ix) if it is nearer than `best`; returns the new best squared distance."""
+    k = nearest[jy, jx]
+    if k < 0:
+        return best
+    dx, dy = surfaces[k, 0] - x, surfaces[k, 1] - y
+    d = dx * dx + dy * dy
+    if d < best:
+        nearest[iy, ix] = k
+        return d
+    return best
+
+
+@jit
+def _squared(nearest, surfaces, x, y, iy, ix):
+    k = nearest[iy, ix]
+    if k < 0:
+        return math.inf
+    return (surfaces[k, 0] - x) ** 2 + (surfaces[k, 1] - y) ** 2
+
+
+@jit
+def spread_nearest(owners, surfaces, frame, nearest):
+    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing's `owners`, by two sweeps (8SSED)."""
+    height, width = owners.shape
+    nearest[:, :] = owners
+    for sweep in range(2):
+        for a in range(height):
+            iy = a if sweep == 0 else height - 1 - a
+            jy = iy - 1 if sweep == 0 else iy + 1
+            y = frame[2] + (iy + 0.5) * frame[0]
+            has_row = 0 <= jy < height
+            for ix in range(width):
+                x = frame[1] + (ix + 0.5) * frame[0]
+                best = _squared(nearest, surfaces, x, y, iy, ix)
+                if ix > 0:
+                    best = _offer(nearest, surfaces, x, y, iy, ix, iy, ix - 1, best)
+                if has_row:
+                    best = _offer(nearest, surfaces, x, y, iy, ix, jy, ix, best)
+                    if ix > 0:
+                        best = _offer(nearest, surfaces, x, y, iy, ix, jy, ix - 1, best)
+                    if ix + 1 < width:
+                        best = _offer(nearest, surfaces, x, y, iy, ix, jy, ix + 1, best)
+            for b in range(width - 1):
+                ix = width - 2 - b
+                x = frame[1] + (ix + 0.5) * frame[0]
+                best = _squared(nearest, surfaces, x, y, iy, ix)
+                _offer(nearest, surfaces, x, y, iy, ix, iy, ix + 1, best)
+
+
+@jit
+def distance_field(nearest, surfaces, frame, limit, distance):
+    """Write `distance` float32 (H, W): metres from each cell's centre to the nearest surface of any facing, at most `limit`."""
+    facings, height, width = nearest.shape
+    for iy in range(height):
+        y = frame[2] + (iy + 0.5) * frame[0]
+        for ix in range(width):
+            x = frame[1] + (ix + 0.5) * frame[0]
+            best = limit * limit
+            for f in range(facings):
+                best = min(best, _squared(nearest[f], surfaces, x, y, iy, ix))
+            distance[iy, ix] = math.sqrt(best)
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module with its real types."""
+    cells = np.zeros((5, 5), np.int8)
+    cells[2, 1:4] = 100
+    frame = np.array([1.0, 0.0, 0.0])
+    n = count_faces(cells, 50)
+    positions, facings, owners = np.empty((n, 2)), np.empty(n, np.int8), np.empty((4, 5, 5), np.int32)
+    extract_faces(cells, 50, frame, positions, facings, owners)
+    surfaces = np.empty((n, 4))
+    smooth_faces(positions, facings, owners, frame, 4, surfaces)
+    nearest = np.empty((4, 5, 5), np.int32)
+    for f in range(4):
+        spread_nearest(owners[f], surfaces, frame, nearest[f])
+    distance_field(nearest, surfaces, frame, 1.0, np.empty((5, 5), np.float32))

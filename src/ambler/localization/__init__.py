@@ -1,0 +1,1 @@
+"""Where the robot is: EKF, particle filter, grid tracker, reflectors, relocalization, supervision."""

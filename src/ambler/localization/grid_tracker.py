@@ -1,0 +1,174 @@
+"""Tracks the pose by matching every scan to the map's surfaces and fusing the match with odometry (after neo_localization2).
+
+Unlike its model it matches against the near face of walls, so thin and filled walls give the same pose; several starts are
+tried only while the pose is uncertain; directions that the scan does not determine stay with odometry and their variance grows.
+The state is (x, y, yaw) and the depth of the real surfaces behind the mapped ones, which every scan of opposite walls refines.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.localization.errors import NoPoseError
+from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Mode, Observation
+from ambler.localization.matcher import MatcherConfig, MatchResult, ScanMatcher
+from ambler.localization.motion import OdometryNoise, predict, require_valid
+from ambler.localization.surface_map import SurfaceMap
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class GridTrackerConfig:
+    """`min_score`, `min_points`: below them the scan is not used; below `sure_score` more starts are tried, spread by at most
+    `lattice_most` (m). `gate`: largest surprise that is believed at once. `depth_sigma`: spread of the surface depth before anything was seen, in cells. `novelty_*`: way and turn after which the map's errors count as new."""
+
+    matcher: MatcherConfig = field(default_factory=MatcherConfig)
+    odometry: OdometryNoise = field(default_factory=OdometryNoise)
+    min_score: float = 0.3
+    min_points: int = 20
+    gate: float = 12.0
+    sure_score: float = 0.5
+    lattice_most: float = 0.5
+    depth_sigma: float = 0.3
+    novelty_way: float = 0.7
+    novelty_turn: float = 0.5
+    novelty_least: float = 0.02
+
+
+class GridTracker:
+    """A `Localizer` by scan matching."""
+
+    def __init__(self, surface_map: SurfaceMap, config: GridTrackerConfig) -> None:
+        self.config = config
+        self._matcher = ScanMatcher(surface_map, config.matcher)
+        self._cell = surface_map.spec.resolution
+        self._covariance = np.zeros((4, 4))
+        self._depth = 0.0
+        self._odom_from_base = SE2()
+        self._novelty = 1.0
+        self._is_locked = False
+        self._estimate: Estimate | None = None
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The last estimate, or None before the first pose."""
+        return self._estimate
+
+    @property
+    def depth(self) -> tuple[float, float]:
+        """How far the real surfaces lie behind the mapped ones, and its standard deviation, metres."""
+        return self._depth, math.sqrt(self._covariance[3, 3])
+
+    def set_pose(
+        self, stamp_ns: int, odom_from_base: SE2, map_from_base: SE2, covariance: F64 = INITIAL_COVARIANCE
+    ) -> None:
+        """Start again from a pose; raises InvalidPoseError."""
+        require_valid(map_from_base, covariance)
+        if self._estimate is None:
+            self._covariance[3, 3] = (self.config.depth_sigma * self._cell) ** 2
+        depth_variance = self._covariance[3, 3]
+        self._covariance = np.zeros((4, 4))
+        self._covariance[:3, :3] = covariance
+        self._covariance[3, 3] = depth_variance
+        self._odom_from_base = odom_from_base
+        self._novelty = 1.0
+        self._is_locked = False
+        self._estimate = Estimate(stamp_ns, map_from_base, covariance.copy(), 0.0, Mode.ODOMETRY, 0.0, False)
+
+    def request_update(self) -> None:
+        """Nothing to do: every observation is used, also while the robot stands."""
+
+    def update(self, observation: Observation) -> Estimate:
+        """Predict by odometry, match, fuse."""
+        if self._estimate is None:
+            raise NoPoseError("give the grid tracker a pose first: set_pose, or a relocalization")
+        config = self.config
+        motion = self._odom_from_base.inverse() @ observation.odom_from_base
+        predicted = self._predict(self._estimate.map_from_base, motion)
+        self._odom_from_base = observation.odom_from_base
+        points = self._matcher.thin(observation.points_base)
+        result = None
+        if len(points) >= config.min_points:
+            result = self._match(points, predicted)
+        self._estimate = self._fuse(observation.stamp_ns, predicted, result)
+        return self._estimate
+
+    def _predict(self, pose: SE2, motion: SE2) -> SE2:
+        config = self.config
+        moved, covariance = predict(pose, self._covariance[:3, :3], motion, config.odometry)
+        turn = np.eye(3)
+        turn[0, 2], turn[1, 2] = pose.y - moved.y, moved.x - pose.x
+        self._covariance[:3, :3] = covariance
+        self._covariance[:3, 3] = turn @ self._covariance[:3, 3]
+        self._covariance[3, :3] = self._covariance[:3, 3]
+        way = math.hypot(motion.x, motion.y)
+        self._covariance[3, 3] += (5e-4) ** 2 * way
+        gained = config.novelty_least + way / config.novelty_way + abs(motion.yaw) / config.novelty_turn
+        self._novelty = min(1.0, self._novelty + gained)
+        return moved
+
+    def _match(self, points: F32, predicted: SE2) -> MatchResult:
+        """Match from the prediction; from a lattice of starts while the pose is new or when the single start fails."""
+        config = self.config
+        center = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
+        depth_variance = self._covariance[3, 3]
+        if self._is_locked:
+            result = self._matcher.match(points, center[None], depth_variance)
+            if result.score >= config.sure_score:
+                return result
+        return self._matcher.match(points, self._lattice(center), depth_variance)
+
+    def _lattice(self, center: F64) -> F64:
+        """Starts over the spread of the pose: along both axes of the ellipse 0 and +-1.2 sigma, yaw 0, +-1.2 and +-2.4 sigma."""
+        values, vectors = np.linalg.eigh(self._covariance[:2, :2])
+        steps = 1.2 * np.minimum(np.sqrt(np.maximum(values, 0.0)), self.config.lattice_most)
+        turn = 1.2 * min(math.sqrt(self._covariance[2, 2]), 0.3)
+        starts = []
+        for a, b, c in itertools.product((0, -1, 1), (0, -1, 1), (0, -1, 1, -2, 2)):
+            offset = a * steps[0] * vectors[:, 0] + b * steps[1] * vectors[:, 1]
+            starts.append(center + np.array([offset[0], offset[1], c * turn, 0.0]))
+        return np.array(starts)
+
+    def _fuse(self, stamp_ns: int, predicted: SE2, result: MatchResult | None) -> Estimate:
+        config = self.config
+        if result is None or result.score < config.min_score or result.determined == 0:
+            score = 0.0 if result is None else result.score
+            return self._carried(stamp_ns, predicted, score, 0.0)
+        prior = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
+        innovation = result.state - prior
+        innovation[2] = wrap_angle(innovation[2])
+        information = result.information()
+        # Kalman update in information form; S^-1 = (P + Lambda^+)^-1 = Lambda (I + P Lambda)^-1 also for singular Lambda.
+        gain = np.linalg.inv(np.eye(4) + self._covariance @ information)
+        surprise = float(innovation @ information @ gain @ innovation) / result.determined
+        if surprise > config.gate:
+            self._covariance[:3, :3] *= 1.5
+            self._is_locked = False
+            return self._carried(stamp_ns, predicted, result.score, surprise)
+        covariance = gain @ self._covariance
+        self._covariance = 0.5 * (covariance + covariance.T)
+        state = prior + self._covariance @ information @ innovation
+        self._depth = float(state[3])
+        # The depth is never surer than the map's own errors on a handful of walls allow.
+        self._covariance[3, 3] = max(self._covariance[3, 3], result.map_noise / 6.0)
+        self._matcher.learn(self._novelty)
+        self._novelty = config.novelty_least
+        self._is_locked = True
+        pose = SE2(float(state[0]), float(state[1]), wrap_angle(float(state[2])))
+        mode = Mode(result.determined)
+        # Averaging over scans does not average the map's errors away: what the filter took out of them is added again.
+        kept = np.eye(4) - self._covariance @ information
+        published = (self._covariance + kept @ result.map_covariance() @ kept.T)[:3, :3]
+        return Estimate(stamp_ns, pose, published, result.score, mode, surprise, True)
+
+    def _carried(self, stamp_ns: int, predicted: SE2, score: float, surprise: float) -> Estimate:
+        covariance = self._covariance[:3, :3].copy()
+        return Estimate(stamp_ns, predicted, covariance, score, Mode.ODOMETRY, surprise, False)

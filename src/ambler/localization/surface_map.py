@@ -1,0 +1,62 @@
+"""A known map, prepared for localization: surfaces seen from free space, and for each cell the nearest of them per facing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.kernels import surfaces as kernel
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceMap:
+    """`cells` int8 [iy, ix] occupancy; `surfaces` float64 (N, 4): points in the map frame and unit normals towards free space;
+    `nearest` int32 (4, H, W): index of the nearest surface per facing (+x, -x, +y, -y) or -1; `distance` float32 (H, W), metres."""
+
+    spec: GridSpec
+    cells: NDArray[np.int8]
+    frame: F64
+    surfaces: F64
+    nearest: NDArray[np.int32]
+    distance: F32
+
+    @classmethod
+    def from_occupancy(
+        cls, cells: NDArray[np.int8], spec: GridSpec, *, occupied_from: int = 50, fit_radius: float = 0.2
+    ) -> SurfaceMap:
+        """Prepare a map. Cells >= `occupied_from` are occupied, lower ones free, -1 unknown; walls are fitted over +-`fit_radius` m.
+
+        Raises BadInputError when the map has no surface that free space can see.
+        """
+        cells = np.array(cells, np.int8, order="C")
+        if cells.shape != spec.shape:
+            raise BadInputError(f"the map has {cells.shape} cells, its description says {spec.shape}")
+        frame = np.array([spec.resolution, spec.origin_x, spec.origin_y])
+        count = kernel.count_faces(cells, occupied_from)
+        if count == 0:
+            raise BadInputError("the map has no wall beside free space, nothing to localize against")
+        positions, facings = np.empty((count, 2)), np.empty(count, np.int8)
+        owners = np.empty((4, *spec.shape), np.int32)
+        kernel.extract_faces(cells, occupied_from, frame, positions, facings, owners)
+        surfaces = np.empty((count, 4))
+        radius = max(2, round(fit_radius / spec.resolution))
+        kernel.smooth_faces(positions, facings, owners, frame, radius, surfaces)
+        nearest = np.empty((4, *spec.shape), np.int32)
+        for f in range(4):
+            kernel.spread_nearest(owners[f], surfaces, frame, nearest[f])
+        distance = np.empty(spec.shape, np.float32)
+        kernel.distance_field(nearest, surfaces, frame, 2.0, distance)
+        return cls(spec, cells, frame, surfaces, nearest, distance)
+
+    def is_free(self, pose: SE2) -> bool:
+        """Tell whether a pose lies on a known free cell."""
+        iy, ix = self.spec.cell_of(pose.x, pose.y)
+        return self.spec.contains_cell(iy, ix) and 0 <= int(self.cells[iy, ix]) < 50
