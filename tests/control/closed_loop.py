@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -133,7 +134,7 @@ def drive(
 def line(*points: tuple[float, float], yaw: float | None = None) -> F64:
     """A path along straight lines, at 5 cm, its poses looking along it and the last one at `yaw`."""
     parts = []
-    for (x0, y0), (x1, y1) in zip(points[:-1], points[1:], strict=True):
+    for (x0, y0), (x1, y1) in itertools.pairwise(points):
         count = max(2, round(math.hypot(x1 - x0, y1 - y0) / 0.05) + 1)
         heading = math.atan2(y1 - y0, x1 - x0)
         parts.append(

@@ -87,6 +87,9 @@ def speeds_are_limited_on_the_same_arc(m: ModuleType) -> None:
         assert abs(w.wz) <= LIMITS.wz_max + 1e-12
         limit = LIMITS.vx_max if v.vx > 0 else -LIMITS.vx_min
         ratio = min(1.0, limit / abs(v.vx), *([0.4 / abs(v.vy)] if v.vy else []), *([1.5 / abs(v.wz)] if v.wz else []))
+        speed = math.hypot(v.vx, v.vy)
+        ratio = min(ratio, max(limit, 0.4) / speed)
+        assert math.hypot(w.vx, w.vy) <= max(limit, 0.4) + 1e-12
         assert np.allclose([w.vx, w.vy, w.wz], [v.vx * ratio, v.vy * ratio, v.wz * ratio])
 
 

@@ -19,9 +19,11 @@ class RolloutConfig:
     window             metres of path that are scored ahead of the robot
     arrive_radius      the goal counts as reached here; within `pass_radius` also when it lies beside or behind
     arrive_yaw         final heading error that is good enough to stop turning
+    escape_speed, escape_length   how the robot draws back to where it can turn, m/s and m
     speed_min          slowest motion worth commanding, m/s; `turn_min` rad/s
     brake_share        share of the deceleration limits used on purpose
     near               clearance below which a trajectory is charged
+    near_speed, speed_per_clearance   a trajectory may go this fast at no clearance, and faster per metre of it
     weight_*           cost per metre off the path (less while it is blocked), per metre not gained, per radian off the path's heading, per metre of missing
                        clearance, per radian/s of change in yaw rate, per m/s sideways
     """
@@ -42,12 +44,16 @@ class RolloutConfig:
     arrive_yaw: float = 0.02
     speed_min: float = 0.06
     turn_min: float = 0.15
+    escape_speed: float = 0.15
+    escape_length: float = 0.6
     brake_share: float = 0.6
     near: float = 0.25
+    near_speed: float = 0.3
+    speed_per_clearance: float = 3.5
     weight_path: float = 2.0
     weight_path_blocked: float = 0.2
     weight_progress: float = 1.0
-    weight_heading: float = 0.15
-    weight_clearance: float = 0.6
+    weight_heading: float = 0.3
+    weight_clearance: float = 1.5
     weight_turn_change: float = 0.04
     weight_sideways: float = 0.3

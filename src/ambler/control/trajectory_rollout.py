@@ -46,6 +46,7 @@ class TrajectoryRollout:
         self._turn_target: str = ""
         self._turn_sign = 0.0
         self._has_arrived = False
+        self._is_escaping = False
         self.trajectory = np.zeros((0, 3))
         """Where the last command leads, float64 (N, 3) of (x, y, yaw) in the odom frame, for people to look at."""
 
@@ -58,12 +59,13 @@ class TrajectoryRollout:
         """Forget the path and everything remembered about it."""
         self._tracker = PathTracker()
         self._has_arrived = False
+        self._is_escaping = False
         self._turn_target, self._turn_sign = "", 0.0
 
     def set_path(self, path_odom: F64) -> None:
         """Take a new path float64 (N, 3). A path to the same goal keeps what has been reached. Raises InvalidPathError."""
         if not self._tracker.set_path(path_odom):
-            self._has_arrived = False
+            self._has_arrived = self._is_escaping = False
             self._turn_target, self._turn_sign = "", 0.0
 
     def compute_command(
@@ -78,21 +80,33 @@ class TrajectoryRollout:
         left = self._tracker.locate(start)
         self.trajectory = np.array([odom_from_base.as_array()])
         if self._arrives(start, left):
-            return self._turn_to(start, velocity, self._tracker.goal.yaw, "goal", self._config.arrive_yaw)
+            turn = self._turn_to(start, velocity, self._tracker.goal.yaw, "goal", self._config.arrive_yaw)
+            if turn is None:
+                raise NoValidControlError("there is no room to turn to the goal's heading")
+            return turn
+        return self._follow(start, velocity, left)
+
+    def _follow(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity:
         error = self._heading_error(start, left)
         is_turning = self._turn_target == "path"
         if abs(error) > (self._config.turn_end if is_turning else self._config.turn_start):
-            try:
-                return self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
-            except NoValidControlError:
-                pass  # it cannot turn here: an arc may still lead out
-        self._turn_target = ""
-        command = self._best_command(start, velocity, left)
-        if command is not None:
-            return command
+            turn = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
+            if turn is not None:
+                return turn
+        else:
+            self._turn_target, self._is_escaping = "", False
+        if not self._is_escaping:
+            command = self._best_command(start, velocity, left)
+            if command is not None:
+                self._turn_target = ""
+                return command
         if abs(error) > self._config.turn_end:
-            return self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
-        raise NoValidControlError("every motion along the path collides")
+            command = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
+            command = command or self._draw_back(start, error)
+            if command is not None:
+                return command
+        self._is_escaping = False
+        raise NoValidControlError("every motion along the path collides, and there is no room to turn")
 
     def _arrives(self, start: SE2, left: float) -> bool:
         goal = start.inverse() @ self._tracker.goal
@@ -110,7 +124,10 @@ class TrajectoryRollout:
             return 0.0
         return wrap_angle(math.atan2(y - start.y, x - start.x) - start.yaw)
 
-    def _turn_to(self, start: SE2, velocity: BodyVelocity, yaw: float, target: str, tolerance: float) -> BodyVelocity:
+    def _turn_to(
+        self, start: SE2, velocity: BodyVelocity, yaw: float, target: str, tolerance: float
+    ) -> BodyVelocity | None:
+        """Turn in place, the shorter way if it is free; None if the robot cannot."""
         error = wrap_angle(yaw - start.yaw)
         if target == "goal" and abs(error) <= tolerance:
             self._turn_target = ""
@@ -122,6 +139,7 @@ class TrajectoryRollout:
         for turn in turns:
             if abs(self._window.free_turn(start, turn)) >= abs(turn) - 1e-9:
                 self._turn_target, self._turn_sign = target, math.copysign(1.0, turn)
+                self._is_escaping = False
                 if math.hypot(velocity.vx, velocity.vy) > 2.0 * self._config.speed_min:
                     return BodyVelocity()
                 limit = approach_limit(
@@ -129,7 +147,27 @@ class TrajectoryRollout:
                 )
                 rate = min(self._limits.wz_max, max(self._config.turn_min, limit))
                 return BodyVelocity(0.0, 0.0, math.copysign(rate, turn))
-        raise NoValidControlError("the robot cannot turn here without touching something")
+        return None
+
+    def _draw_back(self, start: SE2, error: float) -> BodyVelocity | None:
+        """Move straight back, or sideways, to the nearest place from which the robot can turn by `error`; None if there is none."""
+        directions = [(-1.0, 0.0)] if self._limits.vx_min < 0.0 else []
+        if self._robot.drive is DriveKind.OMNI and self._limits.vy_max > 0.0:
+            directions += [(0.0, 1.0), (0.0, -1.0)]
+        best, command = self._config.escape_length + 1e-9, None
+        for ux, uy in directions:
+            heading = start.yaw + math.atan2(uy, ux)
+            free = self._window.free_slide(start, heading, self._config.escape_length)
+            for away in np.arange(0.05, free + 1e-9, 0.05):
+                if away >= best:
+                    break
+                place = start @ SE2(ux * float(away), uy * float(away))
+                if abs(self._window.free_turn(place, error)) >= abs(error) - 1e-9:
+                    best = float(away)
+                    speed = min(self._config.escape_speed, -self._limits.vx_min if ux < 0.0 else self._limits.vy_max)
+                    command = BodyVelocity(ux * speed, uy * speed, 0.0)
+        self._is_escaping = command is not None
+        return command
 
     def _best_command(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity | None:
         path = self._tracker.ahead(self._config.window).copy()
@@ -161,15 +199,16 @@ class TrajectoryRollout:
         weight_path = c.weight_path_blocked if self._is_blocked(path) else c.weight_path
         before = (end_s - here[1]) + min(1.0, weight_path) * here[0]
         after = (end_s - out[:, 5]) + min(1.0, weight_path) * out[:, 4]
-        is_worth = (out[:, 0] > 0.0) & (after < before - min(GAIN_MIN, 0.25 * before))
+        speed = np.hypot(samples[:, 0], samples[:, 1])
+        is_slow_enough = speed <= c.near_speed + c.speed_per_clearance * np.maximum(0.0, out[:, 6])
+        is_worth = (out[:, 0] > 0.0) & is_slow_enough & (after < before - min(GAIN_MIN, 0.25 * before))
         if not is_worth.any():
             return None
-        heading = np.abs((out[:, 3] - out[:, 7] + np.pi) % (2.0 * np.pi) - np.pi)
         missing = np.maximum(0.0, c.near - out[:, 6])
         cost = (
             c.weight_progress * (end_s - out[:, 5])
             + weight_path * out[:, 4]
-            + c.weight_heading * heading
+            + c.weight_heading * out[:, 7]
             + c.weight_clearance * missing
             + c.weight_turn_change * np.abs(samples[:, 2] - velocity.wz)
             + c.weight_sideways * np.abs(samples[:, 1])
@@ -211,4 +250,5 @@ class TrajectoryRollout:
             side = np.concatenate((-half_side[::-1], [0.0], half_side))
             turn = np.concatenate((turn[: len(half) : 2], [0.0], turn[len(half) + 2 :: 2]))
         grid = np.stack(np.meshgrid(forward, side, turn, indexing="ij"), axis=-1).reshape(-1, 3)
-        return np.ascontiguousarray(grid[np.hypot(grid[:, 0], grid[:, 1]) >= min(c.speed_min, top)])
+        speed = np.hypot(grid[:, 0], grid[:, 1])
+        return np.ascontiguousarray(grid[(speed >= min(c.speed_min, top)) & (speed <= top + 1e-9)])

@@ -134,7 +134,7 @@ def roll_out(  # type: ignore[no-untyped-def]
     Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
     step_length, radius): a trajectory ends after the horizon or when it has covered the stop distance. A footprint pose may
     never cover more lethal cells than the one before, so a robot that already touches something may only leave it.
-    `out` (N, 8): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance, path heading there.
+    `out` (N, 8): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance, mean heading error.
     """
     horizon, stop_distance, step_length, radius = plan[0], plan[1], plan[2], plan[3]
     place = np.empty(3)
@@ -149,7 +149,7 @@ def roll_out(  # type: ignore[no-untyped-def]
         count = min(80, max(8, int(math.ceil(fast * horizon / step_length))))
         dt = horizon / count
         inside, travelled, least = inside_at_start, 0.0, 1e3
-        path_sum, marks = 0.0, 0
+        path_sum, heading_sum, marks = 0.0, 0.0, 0
         stride = max(1, count // 4)
         is_free = 1.0
         for k in range(count):
@@ -184,13 +184,14 @@ def roll_out(  # type: ignore[no-untyped-def]
             if is_last or k % stride == stride - 1:
                 locate_on_path(x, y, path, steps, label, resolution, place)
                 path_sum += place[0]
+                heading_sum += abs((yaw - place[2] + math.pi) % (2.0 * math.pi) - math.pi)
                 marks += 1
             if is_last:
                 break
         out[i, 0] = is_free
         out[i, 1], out[i, 2], out[i, 3] = x, y, yaw
         out[i, 4] = path_sum / max(marks, 1)
-        out[i, 5], out[i, 6], out[i, 7] = place[1], least, place[2]
+        out[i, 5], out[i, 6], out[i, 7] = place[1], least, heading_sum / max(marks, 1)
 
 
 @jit

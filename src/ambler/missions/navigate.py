@@ -8,8 +8,9 @@ comes after the state has moved on is ignored.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ParamSpec, Protocol
 
 import numpy as np
@@ -67,11 +68,13 @@ class Driver(Protocol):
 @dataclass(frozen=True, slots=True)
 class NavigationConfig:
     """`keep_path` metres before the goal a path that is still free is kept; `plan_patience` replans in a row may fail while a
-    path is followed; after `wait_patience` ticks without pose or input the robot is lost."""
+    path is followed; after `wait_patience` ticks without pose or input the robot is lost. A substitute of an unreachable goal
+    counts as reached within `loose_tolerance` metres, at any heading."""
 
     keep_path: float = 4.0
     plan_patience: int = 3
     wait_patience: int = 8
+    loose_tolerance: float = 0.35
     recoveries: tuple[RecoveryStep, ...] = DEFAULT_SEQUENCE
 
 
@@ -86,9 +89,11 @@ class Navigation:
         self._cancel_motion: Cancel | None = None
         self._epoch = 0
         self._is_replanning = False
+        self._is_loose = False
         self._failed_plans = 0
         self._waits = 0
         self._path: Path | None = None
+        self._arrived_at: Path | None = None
         self.state = NavigationState.PLANNING
         self.detail = ""
         self.goal_distance = 0.0
@@ -130,7 +135,10 @@ class Navigation:
 
     def _on_plan(self, reply: PlanReply | Exception) -> None:
         if isinstance(reply, PlanReply):
-            self._follow(reply)
+            if self._is_no_nearer(reply):
+                self._succeed(f"as near as possible: {reply.goal_distance:.2f} m from the goal")
+            else:
+                self._follow(reply)
             return
         code, text = _named(reply)
         if code in MISSING:
@@ -155,7 +163,8 @@ class Navigation:
     def _keeps_path(self) -> bool:
         """Near the goal a path that is still free is better than a new one that differs a little."""
         costs = self._driver.costmap()
-        if self._path is None or costs is None or self.distance_remaining > self._config.keep_path:
+        is_substitute = self.goal_distance > self._goal.xy_tolerance
+        if self._path is None or costs is None or is_substitute or self.distance_remaining > self._config.keep_path:
             return False
         return is_path_free(self._path, costs, self.distance_remaining)
 
@@ -170,8 +179,16 @@ class Navigation:
         self._take(reply)
         self._enter(NavigationState.FOLLOWING, "driving")
         self._driver.replace_path(reply.path)
+        self._is_loose = reply.goal_distance > self._goal.xy_tolerance
+        goal = self._loose_goal() if self._is_loose else self._goal
         done = self._guarded(self._on_followed)
-        self._cancel_motion = self._driver.follow(reply.path, self._goal, done, self._on_left)
+        self._cancel_motion = self._driver.follow(reply.path, goal, done, self._on_left)
+
+    def _loose_goal(self) -> NavigateGoal:
+        """The end of a path to a substitute: it often lies at the edge of what is free, and its heading means nothing."""
+        return replace(
+            self._goal, xy_tolerance=max(self._goal.xy_tolerance, self._config.loose_tolerance), yaw_tolerance=math.pi
+        )
 
     def _on_left(self, distance: float) -> None:
         if self.state is NavigationState.FOLLOWING:
@@ -181,9 +198,11 @@ class Navigation:
 
     def _on_followed(self, code: str, text: str) -> None:
         self._cancel_motion = None
-        if code == "SUCCEEDED":
-            self._enter(NavigationState.SUCCEEDED, "the goal is reached")
-            self._driver.finish("SUCCEEDED", "")
+        if code == "SUCCEEDED" and self._is_loose:
+            self._arrived_at = self._path  # seen from here, the wanted goal may have become reachable
+            self._plan()
+        elif code == "SUCCEEDED":
+            self._succeed("the goal is reached")
         elif code in MISSING:
             self._wait(text)
         else:
@@ -220,6 +239,16 @@ class Navigation:
             self._wait(why)
         else:
             self._recover_or_fail(code, f"{text}; {outcome}: {why}")
+
+    def _is_no_nearer(self, reply: PlanReply) -> bool:
+        if self._arrived_at is None or reply.goal_distance <= self._goal.xy_tolerance:
+            return False
+        gap = reply.path.poses[-1, :2] - self._arrived_at.poses[-1, :2]
+        return math.hypot(gap[0], gap[1]) <= self._config.loose_tolerance
+
+    def _succeed(self, text: str) -> None:
+        self._enter(NavigationState.SUCCEEDED, text)
+        self._driver.finish("SUCCEEDED", text)
 
     def _fail(self, code: str, text: str) -> None:
         self._enter(NavigationState.FAILED, text)

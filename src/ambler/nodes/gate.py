@@ -43,8 +43,8 @@ STATUS_PERIOD_NS = 1_000_000_000
 class GateNode(Node):
     """Feeds the gate with every scanner of the robot and with odometry, and sends what it lets pass.
 
-    `z_band` is the height above the floor in which points of a cloud are obstacles; the default reaches from 0.15 m to the
-    robot's height.
+    `z_band` is the height above the floor in which points of a cloud are obstacles. The default reaches from 0.15 m to above the
+    robot and its scanners, because a wall close by is hit only by beams that are still high.
     """
 
     name = "gate"
@@ -62,7 +62,8 @@ class GateNode(Node):
         kinds = {m.kind for m in robot.sensors}
         self._scanners = tuple(topic for kind, topic in (("scan", SCAN), ("cloud", CLOUD)) if kind in kinds)
         self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners)  # type: ignore[assignment, misc]
-        self._z_band = z_band if z_band is not None else (0.15, robot.body_height)
+        tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
+        self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0
         self._poses = TransformTree(history=2.0)
         self._twist = np.zeros(3)

@@ -23,6 +23,13 @@ F64 = NDArray[np.float64]
 LEAD_MAX = 0.3  # seconds by which an odometry pose is carried forward at most
 
 
+def default_planar(robot: RobotModel) -> PlanarConfig:
+    """Return a height band from above the floor to above the robot and its scanners: a wall close by is hit only by beams that
+    are still high, so a band that ends below the scanner would lose it."""
+    top = max([robot.body_height, *(m.base_from_sensor.translation[2] for m in robot.sensors)])
+    return PlanarConfig(height_max=top + 0.1, range_max=10.0)
+
+
 class LocalView:
     """Joins scans, odometry and transforms; keeps the local costmap up to date."""
 
@@ -31,7 +38,7 @@ class LocalView:
         self.uses_cloud = any(m.kind == "cloud" for m in robot.sensors)
         self.costmap = costmap
         self.stamp_ns: int | None = None
-        self._planar = planar if planar is not None else PlanarConfig(range_max=10.0 if self.uses_cloud else 20.0)
+        self._planar = planar if planar is not None else default_planar(robot)
         self._poses = TransformTree(history=2.0)
         self._odometry: Odometry | None = None
         self._odom_from_map: SE2 | None = None

@@ -28,13 +28,14 @@ def scaled(velocity: BodyVelocity, scale: float) -> BodyVelocity:
 def limit_speed(velocity: BodyVelocity, limits: VelocityLimits) -> BodyVelocity:
     """Scale a velocity down until every axis is within its limit, so that the robot stays on the same arc.
 
-    An axis that the base does not have (limit zero) is left out.
+    An axis that the base does not have (limit zero) is left out. Together vx and vy stay below the larger of their limits.
     """
     vx_limit = limits.vx_max if velocity.vx > 0.0 else -limits.vx_min
     axes = ((velocity.vx, vx_limit), (velocity.vy, limits.vy_max), (velocity.wz, limits.wz_max))
-    scale = min([1.0, *(limit / abs(value) for value, limit in axes if abs(value) > limit > 0.0)])
-    vx, vy, wz = (value * scale if limit > 0.0 else 0.0 for value, limit in axes)
-    return BodyVelocity(vx, vy, wz)
+    vx, vy, wz = (value if limit > 0.0 else 0.0 for value, limit in axes)
+    planar = (math.hypot(vx, vy), max(vx_limit, limits.vy_max))
+    scale = min([1.0, *(limit / abs(value) for value, limit in (*axes, planar) if abs(value) > limit > 0.0)])
+    return BodyVelocity(vx * scale, vy * scale, wz * scale)
 
 
 def approach(value: float, target: float, acceleration: float, braking: float, dt: float) -> float:

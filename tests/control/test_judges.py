@@ -1,0 +1,138 @@
+"""Goal checker, progress checker, path tracker, and the two recovery motions."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.control.checkers import GoalChecker, ProgressChecker
+from ambler.control.path_tracker import PathTracker
+from ambler.control.recovery_motion import (
+    BackUp,
+    CollisionAheadError,
+    RecoveryMotion,
+    RecoveryTimeoutError,
+    TurnInPlace,
+)
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import RobotModel, VelocityLimits
+from ambler.core.se2 import SE2
+from tests.control.closed_loop import DIFF, SPOT, World, line, step_velocity
+
+STILL = BodyVelocity()
+
+
+def test_a_goal_needs_position_heading_and_rest() -> None:
+    goal = SE2(1.0, 0.0, 0.5)
+    assert GoalChecker(0.15, 0.2).update(SE2(1.1, 0.1, 0.6), goal, STILL, 0.0)
+    assert not GoalChecker(0.15, 0.2).update(SE2(1.1, 0.12, 0.5), goal, STILL, 0.0)
+    assert not GoalChecker(0.15, 0.2).update(SE2(1.0, 0.0, 0.71), goal, STILL, 0.0)
+    assert not GoalChecker(0.15, 0.2).update(goal, goal, BodyVelocity(0.2), 0.0)
+    assert not GoalChecker(0.15, 0.2).update(goal, goal, BodyVelocity(0.0, 0.0, 0.2), 0.0)
+    assert GoalChecker(0.15, 0.2).update(SE2(1.0, 0.0, 0.5 - 2 * math.pi), goal, STILL, 0.0)
+
+
+def test_a_reached_position_is_kept_while_turning() -> None:
+    goal, checker = SE2(1.0, 0.0, 0.0), GoalChecker(0.15, 0.2)
+    assert not checker.update(SE2(0.9, 0.0, 2.0), goal, STILL, 0.1)
+    assert checker.is_position_reached
+    assert checker.update(SE2(0.8, 0.0, 0.1), goal, STILL, 0.2)
+    assert not checker.update(SE2(0.6, 0.0, 0.1), goal, STILL, 0.4)
+    assert not checker.is_position_reached
+
+
+def test_a_path_through_its_own_goal_is_driven_to_its_end() -> None:
+    assert not GoalChecker(0.15, 0.2).update(SE2(), SE2(), STILL, 3.0)
+
+
+def test_progress() -> None:
+    checker = ProgressChecker(radius=0.5, angle=0.5, patience=10.0)
+    second = 1_000_000_000
+    assert checker.update(0, SE2())
+    assert checker.update(10 * second, SE2(0.49, 0.0, 0.0))
+    assert not checker.update(10 * second + 1, SE2(0.49, 0.0, 0.0))
+    assert checker.update(11 * second, SE2(0.51, 0.0, 0.0))
+    assert checker.update(20 * second, SE2(0.6, 0.0, 0.4))
+    assert checker.update(22 * second - 1, SE2(0.6, 0.0, 0.51)), "turning is progress too"
+    assert not checker.update(33 * second, SE2(0.6, 0.0, 0.6))
+
+
+def test_the_tracker_does_not_jump_to_another_leg() -> None:
+    tracker = PathTracker()
+    loop = line((0, 0), (3, 0), (3, 0.4), (0, 0.4))
+    assert not tracker.set_path(loop)
+    tracker.locate(SE2(0.0, 0.1, 0.0))
+    for x in np.linspace(0.0, 2.9, 30):
+        left = tracker.locate(SE2(float(x), 0.21, 0.0))
+        assert math.isclose(left, 6.4 - x, abs_tol=0.06)
+    assert tracker.set_path(loop)
+    assert math.isclose(tracker.locate(SE2(2.9, 0.21, 0.0)), 3.5, abs_tol=0.06)
+    assert tracker.ahead(2.0)[-1, 2] < 4.0, "what lies ahead ends where the path turns back"
+    assert not tracker.set_path(line((0, 0), (0, 2)))
+
+
+def test_a_path_of_one_pose_or_of_repeated_poses_is_fine() -> None:
+    tracker = PathTracker()
+    tracker.set_path(np.array([[1.0, 2.0, 0.7]]))
+    assert tracker.locate(SE2()) == 0.0
+    assert tracker.goal == SE2(1.0, 2.0, 0.7)
+    tracker.set_path(np.array([[0.0, 0.0, 0.0]] * 3 + [[0.0, 1.0, 0.0]] * 2))
+    assert math.isclose(tracker.length, 1.0)
+    assert np.allclose(tracker.points[:, 3], math.pi / 2)
+
+
+def run_motion(motion: RecoveryMotion, robot: RobotModel, world: World, seconds: float = 30.0) -> list[SE2]:
+    pose, v, poses = SE2(), STILL, []
+    for tick in range(round(seconds / 0.05)):
+        costs, spec = world.window(pose.x, pose.y, 5.0)
+        command = motion.compute_command(tick * 50_000_000, costs, spec, pose)
+        if command is None:
+            return poses
+        for _ in range(5):
+            v = step_velocity(v, command, robot.limits, 0.01)
+            pose = pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * 0.01)
+        poses.append(pose)
+        assert not world.touches(robot, pose)
+    raise AssertionError("the motion did not end")
+
+
+@pytest.mark.parametrize("amount", [math.pi / 2, -math.pi / 2, 2 * math.pi])
+def test_turning_in_place(amount: float) -> None:
+    poses = run_motion(TurnInPlace(SPOT, amount, 0.02), SPOT, World())
+    turned = np.unwrap([p.yaw for p in poses])
+    assert math.isclose(turned[-1], amount, abs_tol=0.1)
+    assert max(math.hypot(p.x, p.y) for p in poses) < 1e-6
+
+
+def test_turning_takes_the_side_with_more_room() -> None:
+    corner = World().block(0.45, 0.3, 0.9, 0.6)  # in the way of the front left corner
+    poses = run_motion(TurnInPlace(SPOT, 1.0, 0.02), SPOT, corner)
+    assert poses[-1].yaw < -0.9
+
+
+def test_turning_is_refused_between_walls() -> None:
+    aisle = World().block(-3, 0.35, 3, 0.6).block(-3, -0.6, 3, -0.35)
+    with pytest.raises(CollisionAheadError):
+        run_motion(TurnInPlace(SPOT, 1.5, 0.02), SPOT, aisle)
+
+
+@pytest.mark.parametrize(("wall", "expected"), [(3.0, 0.3), (0.45, 0.16)])
+def test_backing_up_takes_what_is_free(wall: float, expected: float) -> None:
+    poses = run_motion(BackUp(DIFF, 0.3, 0.02), DIFF, World().block(-wall - 0.2, -1.0, -wall, 1.0))
+    assert math.isclose(-poses[-1].x, expected, abs_tol=0.06)
+
+
+def test_backing_up_is_refused_without_room_or_reverse() -> None:
+    with pytest.raises(CollisionAheadError):
+        run_motion(BackUp(DIFF, 0.3, 0.02), DIFF, World().block(-0.5, -1.0, -0.3, 1.0))
+    forward_only = RobotModel("f", DIFF.drive, DIFF.footprint, VelocityLimits(0.8, 0.0, 0.0, 1.5))
+    with pytest.raises(CollisionAheadError):
+        run_motion(BackUp(forward_only, 0.3, 0.02), forward_only, World())
+
+
+@pytest.mark.parametrize("motion", [TurnInPlace(DIFF, 1.0, 0.02), BackUp(DIFF, 0.3, 0.02)])
+def test_a_motion_that_does_not_move_times_out(motion: RecoveryMotion) -> None:
+    costs, spec = World().window(0.0, 0.0, 5.0)
+    assert motion.compute_command(0, costs, spec, SE2()) is not None
+    with pytest.raises(RecoveryTimeoutError):
+        motion.compute_command(60_000_000_000, costs, spec, SE2())
