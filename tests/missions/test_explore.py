@@ -157,7 +157,7 @@ def test_a_goal_that_moved_with_the_map_is_sent_again() -> None:
     play.surveyor.frontiers = [frontier(5.2, 5.4, 5.0)]
     second = play.drive()
     assert second.map_from_goal.y == pytest.approx(5.4)
-    play.mission.drive_ended(first.drive, "PREEMPTED", "")
+    assert not play.mission.drive_ended(first.drive, "PREEMPTED", "")
     assert play.step() == []
     assert play.mission.state is ExploreState.DRIVING
 

@@ -181,10 +181,12 @@ class ExploreMission:
             self._best_distance = math.inf
             self._progress_ns = now_ns
 
-    def drive_ended(self, drive: int, code: str, text: str) -> None:
-        """Take the end of a drive; ends of earlier drives are ignored. An update should follow."""
-        if drive == self._drive and self.is_active:
+    def drive_ended(self, drive: int, code: str, text: str) -> bool:
+        """Take the end of a drive; returns whether it is news, so that an update should follow. Earlier drives are not."""
+        is_news = drive == self._drive and self.is_active
+        if is_news:
             self._drive_code, self._drive_text = code, text
+        return is_news
 
     def update(self, view: ExploreView | None, now_ns: int) -> list[Command]:
         """Look at the map and decide; `view` is None while map, costmap or pose are missing."""

@@ -170,8 +170,8 @@ class ExplorerNode(Node):
                 self._is_yielding = True
                 self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
                 return
-            self._mission.drive_ended(drive, outcome.code, outcome.text)
-            self._update()
+            if self._mission.drive_ended(drive, outcome.code, outcome.text):
+                self._update()
 
         return report
 
