@@ -210,14 +210,16 @@ def test_frontiers_become_markers_with_their_reason():
     cells = np.array([[1.0, 2.0], [1.05, 2.0]], np.float32)
     target = m.Frontier(cells, (1.0, 2.0), (0.9, 2.0, 0.0), 3.25, m.FrontierState.TARGET)
     lost = m.Frontier(cells, (4.0, 5.0), None, math.inf, m.FrontierState.UNREACHABLE, "no path")
-    message = m.Frontiers(5, "map", (target, lost))
+    dust = m.Frontier(cells[:1], (1.0, 2.0), None, math.inf, m.FrontierState.TOO_SMALL, "dust")
+    message = m.Frontiers(5, "map", (target, lost, dust))
     record = STORE.deserialize_cdr(encode(message), ros_type_of(m.Frontiers))
     kinds = [(k.ns, k.id, k.action) for k in record.markers]
-    assert kinds == [("", 0, 3), ("cells", 0, 0), ("goal", 0, 0), ("reason", 0, 0), ("cells", 1, 0), ("reason", 1, 0)]
+    cells_of_states = [("cells", 1, 0), ("cells", 2, 0), ("cells", 3, 0)]
+    assert kinds == [("", 0, 3), *cells_of_states, ("goal", 0, 0), ("reason", 0, 0), ("reason", 1, 0)]
     assert [(p.x, p.y) for p in record.markers[1].points] == [(float(x), float(y)) for x, y in cells]
-    assert record.markers[3].text == "target, 3.2 m"
-    assert record.markers[5].text == "unreachable, no path"
-    assert record.markers[5].color.r > record.markers[1].color.r
+    assert record.markers[5].text == "target, 3.2 m"
+    assert record.markers[6].text == "unreachable, no path"
+    assert record.markers[2].color.r > record.markers[1].color.r
     assert set(ros_markers._COLORS) == set(m.FrontierState)
     with pytest.raises(BadInputError, match="cannot be read back"):
         decode(m.Frontiers, encode(message))

@@ -24,11 +24,19 @@ F64 = NDArray[np.float64]
 _SIX_FLOATS = struct.Struct("<6f")
 
 
+_ARRAYS: dict[type, tuple[str, ...]] = {}
+
+
 def _freeze(message: Any) -> None:
-    for f in fields(message):
-        value = getattr(message, f.name)
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
+    """Make the arrays of a message read-only; which fields hold arrays is found once per class."""
+    kind = type(message)
+    names = _ARRAYS.get(kind)
+    if names is None:
+        names = _ARRAYS[kind] = tuple(
+            f.name for f in fields(message) if isinstance(getattr(message, f.name), np.ndarray)
+        )
+    for name in names:
+        getattr(message, name).flags.writeable = False
 
 
 class Message:

@@ -67,12 +67,19 @@ class _Shape:
 
 
 def _shapes(message: m.Frontiers) -> Iterator[_Shape]:
-    """Yield the markers; the first one deletes those of the map before."""
+    """Yield the markers: the first deletes those of the map before; then all cells of one state in one marker; then the goal and
+    the reason of each frontier that is more than dust."""
     yield _Shape("", 0, _POINTS, m.FrontierState.OPEN, action=_DELETE_ALL)
+    for state in m.FrontierState:
+        cells = [f.cells for f in message.frontiers if f.state == state]
+        if cells:
+            flat = np.concatenate(cells)
+            points = np.zeros((len(flat), 3))
+            points[:, :2] = flat
+            yield _Shape("cells", int(state), _POINTS, state, scale=(_CELL_SIZE, _CELL_SIZE, 0.0), points=points)
     for index, frontier in enumerate(message.frontiers):
-        points = np.zeros((len(frontier.cells), 3))
-        points[:, :2] = frontier.cells
-        yield _Shape("cells", index, _POINTS, frontier.state, scale=(_CELL_SIZE, _CELL_SIZE, 0.0), points=points)
+        if frontier.state == m.FrontierState.TOO_SMALL:
+            continue
         if frontier.goal is not None:
             pose = SE3.from_se2(SE2(*frontier.goal))
             yield _Shape("goal", index, _ARROW, frontier.state, pose=pose, scale=(0.4, 0.08, 0.08))

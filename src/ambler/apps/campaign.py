@@ -1,0 +1,77 @@
+"""Many demonstrations: each in a process of its own, their JSON results collected and summarized."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import statistics
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+WORST = {"coverage_ratio": min, "nne_cells": max, "nne_reverse_cells": max, "ssim": min, "ate_rms_m": max}
+MEDIANS = (*WORST, "path_length_m", "sim_seconds", "real_time_factor", "peak_memory_mb")
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Every combination of these is one run."""
+
+    worlds: tuple[str, ...]
+    robots: tuple[str, ...]
+    strategies: tuple[str, ...]
+    seeds: tuple[int, ...]
+
+    def runs(self) -> list[tuple[str, str, str, int]]:
+        """Return (world, robot, strategy, seed) of every run."""
+        return list(itertools.product(self.worlds, self.robots, self.strategies, self.seeds))
+
+
+def run_campaign(campaign: Campaign, out: Path, processes: int) -> list[dict[str, Any]]:
+    """Run everything and return one result per run, in order; a run that died has `ended` = crashed."""
+    out.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(processes) as pool:
+        return list(pool.map(lambda job: _run_one(job, out), campaign.runs()))
+
+
+def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return flat fields `<world>.<robot>.<strategy>.<what>` with medians, worst values and counts."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for result in results:
+        groups.setdefault(f"{result['world']}.{result['robot']}.{result['strategy']}", []).append(result)
+    fields: dict[str, Any] = {}
+    for name, members in groups.items():
+        fields[f"{name}.runs"] = len(members)
+        fields[f"{name}.finished"] = sum(m.get("ended") == "finished" for m in members)
+        fields[f"{name}.collisions"] = sum(m.get("collisions") or 0 for m in members)
+        for what in MEDIANS:
+            values = [m[what] for m in members if m.get(what) is not None]
+            if values:
+                fields[f"{name}.{what}_median"] = statistics.median(values)
+            if values and what in WORST:
+                fields[f"{name}.{what}_worst"] = WORST[what](values)
+    return fields
+
+
+def _run_one(job: tuple[str, str, str, int], out: Path) -> dict[str, Any]:
+    world, robot, strategy, seed = job
+    label = f"{Path(world).stem}-{robot}-{strategy}-{seed}"
+    result_file = out / f"{label}.json"
+    result_file.unlink(missing_ok=True)
+    command = [
+        *(sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view"),
+        *("--world", world, "--robot", robot, "--strategy", strategy, "--seed", str(seed)),
+        *("--out", str(out), "--json", str(result_file)),
+    ]
+    with (out / f"{label}.log").open("w") as log:
+        subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False)
+    if not result_file.exists():
+        result = {"world": Path(world).stem, "robot": robot, "ended": "crashed", "seed": seed}
+    else:
+        result = json.loads(result_file.read_text())
+    print(f"{label}: {result['ended']}, {result.get('collisions')} collisions", flush=True)
+    return {**result, "strategy": strategy}

@@ -1,0 +1,145 @@
+"""A whole exploration: it ends with proof, twice the same bits, replays, runs live, and stops when a part of it fails."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.apps.demo import Demo, DemoOptions
+from ambler.apps.demo_report import judge, write_demo_report
+from ambler.apps.replay import replay_run
+from ambler.apps.run_folder import RunFolder
+from ambler.core.errors import BadInputError
+from ambler.evaluation.exploration_run import read_exploration
+from ambler.evaluation.recording_compare import compare_recordings
+from ambler.kernels.warmup import compiled_signatures
+from tests.scenarios.conftest import explore
+
+
+def test_it_ends_with_proof_at_home_and_maps_the_room(lab_run: Demo) -> None:
+    assert lab_run.ended == "finished"
+    assert lab_run.outcome is not None
+    assert lab_run.outcome.result is not None
+    assert lab_run.outcome.result.is_home
+    assert all(f.reason for f in lab_run.outcome.result.remaining), "every frontier that is left has its reason"
+    fields = judge(lab_run).fields
+    assert fields["collisions"] == 0
+    assert fields["coverage_ratio"] >= 0.99
+    assert fields["ate_rms_m"] <= 0.05
+    assert fields["nne_cells"] <= 0.8
+    assert fields["nne_reverse_cells"] <= 0.8
+    assert fields["ssim"] >= 0.9
+
+
+def test_the_report_is_one_page_with_its_pictures(lab_run: Demo) -> None:
+    page = write_demo_report(lab_run, judge(lab_run)).read_text()
+    assert page.count("data:image/png;base64,") >= 4
+    assert "frontier" in page
+    assert "<script" not in page
+
+
+def test_a_second_run_with_the_same_seed_is_bit_equal(lab_run: Demo, tmp_path: Path) -> None:
+    again = explore(tmp_path / "again", DemoOptions(world="lab_empty", port=None))
+    comparison = compare_recordings(lab_run.folder.recording, again.folder.recording)
+    assert comparison.is_equal, str(comparison)
+    assert comparison.equal_count > 5000
+    for name in ("map.pgm", "map.yaml"):
+        assert (lab_run.folder.root / name).read_bytes() == (again.folder.root / name).read_bytes()
+
+
+def test_another_seed_gives_another_run(lab_run: Demo, tmp_path: Path) -> None:
+    other = explore(tmp_path / "other", DemoOptions(world="lab_empty", port=None, seed=1, time_limit=3.0))
+    comparison = compare_recordings(lab_run.folder.recording, other.folder.recording, ["/scan"])
+    assert not comparison.is_equal
+
+
+def test_the_recording_replays_to_the_same_bits(lab_run: Demo, tmp_path: Path) -> None:
+    comparison = replay_run(lab_run.folder.root, tmp_path)
+    assert comparison.is_equal, str(comparison)
+    names = {t.topic for t in comparison.topics}
+    assert {"/map", "/cmd_vel", "/frontiers", "/plan", "/slam_pose", "/gate_status"} <= names
+    assert (tmp_path / "map.pgm").read_bytes() == (lab_run.folder.root / "map.pgm").read_bytes()
+
+
+def test_a_changed_parameter_is_found_by_the_replay(lab_run: Demo, tmp_path: Path) -> None:
+    for name in ("recording", "config.yaml"):
+        (tmp_path / name).symlink_to(lab_run.folder.root / name)
+    text = lab_run.folder.config.read_text()
+    (tmp_path / "config.yaml").unlink()
+    (tmp_path / "config.yaml").write_text(
+        text.replace("stop_scale: 0.1", "stop_scale: 0.11").replace("margin: 0.03", "margin: 0.06")
+    )
+    comparison = replay_run(tmp_path, tmp_path / "replay")
+    assert comparison.first_difference is not None
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"has no config\.yaml"):
+        replay_run(tmp_path)
+
+
+def test_no_kernel_is_compiled_while_the_robot_moves(lab_run: Demo, tmp_path: Path) -> None:
+    before = compiled_signatures()
+    explore(tmp_path / "run", DemoOptions(world="lab_obstacle", robot="diff", port=None, time_limit=8.0))
+    assert compiled_signatures() == before
+    assert sum(before.values()) > 20
+
+
+def test_the_same_scenario_passes_in_the_live_executor(tmp_path: Path) -> None:
+    live = explore(tmp_path / "live", DemoOptions(world="lab_empty", port=None, is_realtime=True, time_limit=240.0))
+    assert live.ended == "finished"
+    fields = judge(live).fields
+    assert fields["collisions"] == 0
+    assert fields["coverage_ratio"] >= 0.98
+    assert fields["ate_rms_m"] <= 0.05
+    assert fields["real_time_factor"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("victim", ["slam2d", "controller", "explorer"])
+def test_a_node_that_fails_stops_the_robot(victim: str, tmp_path: Path) -> None:
+    demo = Demo(DemoOptions(world="lab_empty", port=None, time_limit=60.0), RunFolder(tmp_path / victim))
+    node = demo.executor.stack.node(victim)
+
+    def fail() -> None:
+        raise RuntimeError("injected")
+
+    demo.executor.contexts[demo.executor.stack.nodes.index(node)].after(6.0, fail)
+    try:
+        demo.run()
+    finally:
+        demo.close()
+    assert demo.ended == "node_failed"
+    record = read_exploration(demo.folder.recording)
+    before = record.speeds[record.true_stamps_ns < 6_000_000_000]
+    last = record.speeds[record.true_stamps_ns > record.true_stamps_ns[-1] - 100_000_000]
+    assert before.max() > 0.2, "it was driving"
+    assert last.max() < 0.02, "it came to rest within the second that the run lasts after a failure"
+    assert record.true_stamps_ns[-1] < 7_200_000_000
+    assert "NODE_FAILED" in demo.folder.log.read_text()
+
+
+@pytest.mark.parametrize("factor", [0.05, 0.15])
+def test_late_outputs_do_not_make_it_collide(factor: float, tmp_path: Path) -> None:
+    demo = Demo(DemoOptions(world="lab_empty", port=None, time_limit=200.0), RunFolder(tmp_path / "late"))
+    for context in demo.executor.contexts:
+        if context.node.name in ("slam2d", "controller", "planner", "navigator"):
+            context.latency_ns += round(factor * 1e9)
+    try:
+        demo.run()
+    finally:
+        demo.close()
+    fields = judge(demo).fields
+    assert demo.ended == "finished"
+    assert fields["collisions"] == 0
+    assert fields["coverage_ratio"] >= 0.98
+
+
+def test_truth_is_never_an_input(lab_run: Demo) -> None:
+    for node in lab_run.executor.stack.nodes:
+        assert not any(t.is_truth for t in (*node.inputs, *node.optional_inputs)), node.name
+
+
+def test_coverage_grows_to_the_end(lab_run: Demo) -> None:
+    coverage = read_exploration(lab_run.folder.recording).coverage
+    assert coverage[-1, 1] > 0.98
+    assert np.all(np.diff(coverage[:, 0]) > 0)
