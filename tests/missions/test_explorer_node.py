@@ -1,0 +1,156 @@
+"""The explorer on the bus, in lockstep, with a node that plays SLAM, costmap and navigator in an ideal world."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import Frontiers, FrontierState, Status, Transforms, TransformStamped
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.exploration.grid_world import GridWorld
+from ambler.exploration.strategies import strategy_named
+from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+from ambler.missions.explore import ExploreConfig
+from ambler.nodes.explorer import ExplorerNode
+from ambler.planning.distance import distance_field
+from ambler.runtime.lockstep import LockstepExecutor
+from ambler.runtime.node import GoalHandle, GoalTicket, Node, TaskOutcome
+from ambler.runtime.stack import Stack
+from ambler.runtime.tasks import (
+    CLEAR_GLOBAL_COSTMAP,
+    EXPLORE,
+    NAVIGATE,
+    RECOVER,
+    ExploreFeedback,
+    ExploreGoal,
+    ExploreResult,
+    NavigateResult,
+    Nothing,
+)
+from ambler.runtime.topics import FRONTIERS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS
+
+
+def two_rooms() -> GridWorld:
+    grid = np.full((60, 110), 100, np.int8)
+    grid[5:55, 5:50] = 0
+    grid[5:55, 53:105] = 0
+    grid[25:35, 50:53] = 0
+    spec = GridSpec(0.1, 110, 60, 0.0, 0.0)
+    return GridWorld(spec, grid, SE2(1.05, 1.05), distance_field, sensor_range=3.5, rays=360)
+
+
+class IdealRobot(Node):
+    """Publishes the map, costs and pose of a grid world twice a second, and drives in it at 0.8 m/s."""
+
+    name = "ideal_robot"
+    outputs = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
+    serves = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
+
+    def __init__(self, world: GridWorld) -> None:
+        self.world = world
+        self.handle: GoalHandle[Any, Any, Any] | None = None
+        self.goals: list[SE2] = []
+        self.cleared = 0
+
+    def start(self) -> None:
+        self.ctx.serve_task(NAVIGATE, self._on_goal, self._on_cancel)
+        self.ctx.serve_task(RECOVER, lambda handle: handle.succeed(Nothing()), lambda handle: handle.cancelled())
+        self.ctx.serve(CLEAR_GLOBAL_COSTMAP, self._clear)
+        self.ctx.timer(0.5, self._tick)
+
+    def _clear(self, request: Nothing) -> Nothing:
+        self.cleared += 1
+        return request
+
+    def _on_goal(self, handle: GoalHandle[Any, Any, Any]) -> None:
+        self.handle = handle
+        self.goals.append(handle.goal.map_from_goal)
+
+    def _on_cancel(self, handle: GoalHandle[Any, Any, Any]) -> None:
+        handle.cancelled()
+        self.handle = None if handle is self.handle else self.handle
+
+    def _tick(self) -> None:
+        now_ns, handle = self.ctx.now_ns, self.handle
+        if handle is not None and handle.is_active:
+            has_arrived = self.world.drive(handle.goal.map_from_goal, 0.4)
+            if has_arrived is None:
+                handle.fail("NO_VALID_PATH", "no path")
+            elif has_arrived:
+                handle.succeed(NavigateResult(self.world.pose, 0.0, 0))
+        self.ctx.publish(MAP, self.world.map(now_ns))
+        self.ctx.publish(GLOBAL_COSTMAP, self.world.costs(now_ns))
+        pose = TransformStamped(now_ns, "map", "base", SE3.from_se2(self.world.pose))
+        self.ctx.publish(TRANSFORMS, Transforms(now_ns, (pose,)))
+
+
+class Client(Node):
+    """Asks for an exploration at the start, cancels it at a given time, and keeps what it hears."""
+
+    name = "client"
+    inputs = (FRONTIERS, STATUS)
+    calls = (EXPLORE,)
+
+    def __init__(self, cancel_after: float | None = None) -> None:
+        self.cancel_after = cancel_after
+        self.outcome: TaskOutcome[ExploreResult] | None = None
+        self.frontiers: list[Frontiers] = []
+        self.status: list[Status] = []
+        self.feedback: list[ExploreFeedback] = []
+
+    def start(self) -> None:
+        self.ctx.subscribe(FRONTIERS, self.frontiers.append)
+        self.ctx.subscribe(STATUS, self.status.append)
+        self.ctx.after(0.1, self._begin)
+
+    def _begin(self) -> None:
+        self.ticket: GoalTicket = self.ctx.send_goal(EXPLORE, ExploreGoal(), self._done, self.feedback.append)
+        if self.cancel_after is not None:
+            self.ctx.after(self.cancel_after, self.ticket.cancel)
+
+    def _done(self, outcome: TaskOutcome[ExploreResult]) -> None:
+        self.outcome = outcome
+
+
+def run(seconds: float, cancel_after: float | None = None) -> tuple[IdealRobot, Client]:
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    explorer = ExplorerNode(ExploreConfig(), survey, strategy_named("tour", distance_field))
+    robot, client = IdealRobot(two_rooms()), Client(cancel_after)
+    executor = LockstepExecutor(Stack([robot, explorer, client]))
+    try:
+        executor.run(seconds)
+    finally:
+        executor.close()
+    return robot, client
+
+
+def test_it_explores_two_rooms_over_the_bus_and_comes_home() -> None:
+    robot, client = run(120.0)
+    assert client.outcome is not None
+    assert client.outcome.is_success
+    assert client.outcome.result is not None
+    assert client.outcome.result.is_home
+    assert robot.world.coverage() > 0.99
+    assert robot.world.pose.distance_to(SE2(1.05, 1.05)) < 0.2
+    assert robot.cleared >= 1
+    states = [s.code for s in client.status if s.node == "explorer"]
+    assert states[0] == "STARTING"
+    assert states[-2:] == ["LOOKING", "FINISHED"]
+    assert "RETURNING" in states
+    assert json.loads(client.status[-1].fields_json)["frontiers_open"] == 0
+    targets = [sum(f.state is FrontierState.TARGET for f in m.frontiers) for m in client.frontiers]
+    assert max(targets) == 1
+    areas = [f.known_area for f in client.feedback]
+    assert areas == sorted(areas)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 4.0])
+def test_a_cancelled_exploration_stops_the_robot(seconds: float) -> None:
+    robot, client = run(12.0, cancel_after=seconds)
+    assert client.outcome is not None
+    assert client.outcome.code == "CANCELLED"
+    assert robot.handle is None
+    assert client.status[-1].code == "CANCELLED"
