@@ -1,0 +1,378 @@
+"""The navigator's state machine against a scripted driver: every way a drive can end, and cancelling in every state."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ambler.core.errors import (
+    AmblerError,
+    GoalOutsideMapError,
+    NoValidPathError,
+    StartOccupiedError,
+    StartOutsideMapError,
+    TransformError,
+)
+from ambler.core.grid import GridSpec
+from ambler.core.messages import CostGrid, Path
+from ambler.core.se2 import SE2
+from ambler.missions.navigate import Navigation, NavigationConfig, NavigationState, is_path_free
+from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
+from ambler.runtime.tasks import NavigateGoal, PlanReply
+
+GOAL = NavigateGoal(SE2(5.0, 0.0, 0.0))
+SPEC = GridSpec(0.1, 100, 100, -5.0, -5.0)
+
+
+def path_to(x: float) -> Path:
+    xs = np.linspace(0.0, x, max(2, round(abs(x) / 0.1)))
+    return Path(0, "map", np.stack((xs, np.zeros_like(xs), np.zeros_like(xs)), axis=1))
+
+
+def plan_to(x: float, goal_distance: float = 0.0) -> PlanReply:
+    return PlanReply(path_to(x), x, goal_distance)
+
+
+class Script:
+    """A driver that remembers what was asked and answers when the test says so. `moving` is the motion under way."""
+
+    def __init__(self) -> None:
+        self.plans: list[Callable[[PlanReply | Exception], None]] = []
+        self.follows: list[tuple[NavigateGoal, Callable[[str, str], None], Callable[[float], None]]] = []
+        self.recoveries: list[tuple[RecoveryStep, Callable[[str, str], None]]] = []
+        self.clears: list[Callable[[], None]] = []
+        self.paths: list[Path] = []
+        self.moving: str | None = None
+        self.ends: list[tuple[str, str]] = []
+        self.grid: CostGrid | None = None
+        self.states: list[str] = []
+
+    def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
+        assert map_from_goal == GOAL.map_from_goal
+        self.plans.append(done)
+
+    def follow(
+        self, path: Path, goal: NavigateGoal, done: Callable[[str, str], None], left: Callable[[float], None]
+    ) -> Callable[[], None]:
+        self.moving = "follow"
+        self.follows.append((goal, self._ending(done), left))
+        return self._stop
+
+    def replace_path(self, path: Path) -> None:
+        self.paths.append(path)
+
+    def recover(self, step: RecoveryStep, done: Callable[[str, str], None]) -> Callable[[], None]:
+        self.moving = "recover"
+        self.recoveries.append((step, self._ending(done)))
+        return self._stop
+
+    def clear_costmaps(self, done: Callable[[], None]) -> None:
+        self.clears.append(done)
+
+    def costmap(self) -> CostGrid | None:
+        return self.grid
+
+    def report(self, state: str, text: str) -> None:
+        assert text
+        self.states.append(state)
+
+    def finish(self, code: str, text: str) -> None:
+        self.ends.append((code, text))
+
+    def _stop(self) -> None:
+        self.moving = None
+
+    def _ending(self, done: Callable[[str, str], None]) -> Callable[[str, str], None]:
+        def end(code: str, text: str) -> None:
+            self.moving = None
+            done(code, text)
+
+        return end
+
+
+@pytest.fixture
+def script() -> Script:
+    return Script()
+
+
+@pytest.fixture
+def drive(script: Script) -> Navigation:
+    navigation = Navigation(NavigationConfig(), script, GOAL)
+    navigation.start()
+    return navigation
+
+
+def fail_follow(script: Script, code: str = "NO_VALID_CONTROL") -> None:
+    script.follows[-1][1](code, "blocked")
+
+
+def test_plan_follow_succeed(script: Script, drive: Navigation) -> None:
+    assert drive.state is NavigationState.PLANNING
+    script.plans[-1](plan_to(5.0))
+    assert drive.state is NavigationState.FOLLOWING
+    assert script.follows[-1][0] == GOAL
+    assert len(script.paths) == 1
+    script.follows[-1][2](3.2)
+    assert drive.distance_remaining == 3.2
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert drive.state is NavigationState.SUCCEEDED
+    assert drive.is_over
+    assert script.ends[0][0] == "SUCCEEDED"
+    assert script.moving is None
+    drive.tick()
+    drive.cancel()
+    assert len(script.ends) == 1
+    assert drive.state is NavigationState.SUCCEEDED
+
+
+@pytest.mark.parametrize("error", [GoalOutsideMapError("far"), StartOutsideMapError("lost")])
+def test_hopeless_plans_fail_at_once(script: Script, drive: Navigation, error: AmblerError) -> None:
+    script.plans[-1](error)
+    assert script.ends == [(error.code, str(error))]
+    assert not script.clears
+
+
+def test_no_path_clears_once_then_fails_with_its_name(script: Script, drive: Navigation) -> None:
+    script.plans[-1](NoValidPathError("walled in"))
+    assert drive.state is NavigationState.RECOVERING
+    script.clears[-1]()
+    assert drive.state is NavigationState.PLANNING
+    script.plans[-1](NoValidPathError("still walled in"))
+    assert script.ends == [("NO_VALID_PATH", "still walled in")]
+    assert drive.recoveries == 1
+    assert not script.recoveries
+
+
+def test_recoveries_escalate_and_run_out(script: Script, drive: Navigation) -> None:
+    for step in DEFAULT_SEQUENCE:
+        script.plans[-1](plan_to(5.0))
+        fail_follow(script)
+        assert drive.state is NavigationState.RECOVERING
+        if step.action is RecoveryAction.CLEAR:
+            script.clears.pop()()
+        else:
+            assert script.recoveries[-1][0] == step
+            script.recoveries[-1][1]("SUCCEEDED", "")
+    assert drive.recoveries == len(DEFAULT_SEQUENCE) == 6
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script, "FAILED_TO_MAKE_PROGRESS")
+    assert script.ends[0][0] == "RECOVERIES_EXHAUSTED"
+    assert "FAILED_TO_MAKE_PROGRESS" in script.ends[0][1]
+    assert script.moving is None
+
+
+def test_a_recovery_that_fails_leads_to_the_next_at_once(script: Script, drive: Navigation) -> None:
+    script.plans[-1](StartOccupiedError("inside a wall"))
+    script.clears[-1]()
+    script.plans[-1](StartOccupiedError("inside a wall"))
+    for code in ("COLLISION_AHEAD", "TIMEOUT"):
+        assert drive.state is NavigationState.RECOVERING
+        script.recoveries[-1][1](code, "no room")
+    assert len(script.recoveries) == 2
+    script.clears[-1]()
+    script.plans[-1](StartOccupiedError("inside a wall"))
+    script.recoveries[-1][1]("COLLISION_AHEAD", "no room")
+    script.recoveries[-1][1]("COLLISION_AHEAD", "no room")
+    assert script.ends[0][0] == "START_OCCUPIED"
+
+
+def test_progress_starts_the_sequence_anew(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](5.0)
+    fail_follow(script)
+    script.clears[-1]()
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](4.0)
+    fail_follow(script)
+    assert len(script.clears) == 2, "half a metre of progress begins with clearing again"
+    assert drive.recoveries == 2
+
+
+def test_no_progress_does_not(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](5.0)
+    fail_follow(script)
+    script.clears[-1]()
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](4.6)
+    script.follows[-1][2](6.0)
+    fail_follow(script)
+    assert script.recoveries[-1][0].action is RecoveryAction.ROTATE
+
+
+@pytest.mark.parametrize("code", ["STALE_INPUT", "TRANSFORM_MISSING"])
+def test_missing_input_waits_then_is_lost(script: Script, drive: Navigation, code: str) -> None:
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script, code)
+    for _ in range(NavigationConfig().wait_patience):
+        assert drive.state is NavigationState.WAITING
+        drive.tick()
+        script.plans[-1](TransformError("map_from_base is missing"))
+    assert script.ends == [("LOST", "map_from_base is missing")]
+
+
+def test_input_that_comes_back_goes_on(script: Script, drive: Navigation) -> None:
+    script.plans[-1](TransformError("map_from_odom is missing"))
+    assert drive.state is NavigationState.WAITING
+    drive.tick()
+    script.plans[-1](plan_to(5.0))
+    assert drive.state is NavigationState.FOLLOWING
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert script.ends[0][0] == "SUCCEEDED"
+
+
+def test_replanning_replaces_the_path_and_bears_two_failures(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    drive.tick()
+    assert len(script.plans) == 2
+    drive.tick()
+    assert len(script.plans) == 2, "one question at a time"
+    script.plans[-1](plan_to(4.9))
+    assert len(script.paths) == 2
+    assert script.moving == "follow"
+    for _ in range(2):
+        drive.tick()
+        script.plans[-1](NoValidPathError("closed"))
+        assert drive.state is NavigationState.FOLLOWING
+    drive.tick()
+    script.plans[-1](NoValidPathError("closed"))
+    assert drive.state is NavigationState.RECOVERING
+    assert script.moving is None
+    assert script.follows[-1][1] is not None
+
+
+def test_a_free_path_near_the_goal_is_kept(script: Script, drive: Navigation) -> None:
+    costs = np.zeros(SPEC.shape, np.uint8)
+    script.grid = CostGrid(0, "map", SPEC, costs)
+    script.plans[-1](plan_to(4.5))
+    script.follows[-1][2](4.5)
+    drive.tick()
+    assert len(script.plans) == 2
+    script.plans[-1](plan_to(4.5))
+    script.follows[-1][2](3.0)
+    drive.tick()
+    assert len(script.plans) == 2
+    blocked = costs.copy()
+    blocked[50, 80] = 254
+    script.grid = CostGrid(0, "map", SPEC, blocked)
+    drive.tick()
+    assert len(script.plans) == 3
+
+
+def test_what_lies_behind_does_not_block_a_path() -> None:
+    costs = np.zeros(SPEC.shape, np.uint8)
+    costs[50, 60] = 253
+    grid = CostGrid(0, "map", SPEC, costs)
+    assert is_path_free(path_to(4.5), grid, 3.0)
+    assert not is_path_free(path_to(4.5), grid, 4.0)
+    assert not is_path_free(path_to(6.0), grid, 1.5), "outside of the map"
+
+
+def test_a_substitute_counts_when_nothing_nearer_is_left(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(3.0, goal_distance=2.0))
+    goal = script.follows[-1][0]
+    assert goal.yaw_tolerance == math.pi
+    assert goal.xy_tolerance == NavigationConfig().loose_tolerance
+    script.follows[-1][2](1.0)
+    drive.tick()
+    assert len(script.plans) == 2, "while the goal is out of reach a path is never kept"
+    script.plans[-1](plan_to(4.0, goal_distance=1.0))
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert drive.state is NavigationState.PLANNING
+    script.plans[-1](plan_to(4.1, goal_distance=0.9))
+    assert drive.state is NavigationState.SUCCEEDED
+    assert drive.goal_distance == 1.0
+    assert "0.90 m" in script.ends[0][1]
+
+
+def test_a_goal_that_becomes_reachable_is_driven_to_exactly(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(3.0, goal_distance=2.0))
+    script.follows[-1][1]("SUCCEEDED", "")
+    script.plans[-1](plan_to(5.0))
+    assert script.follows[-1][0] == GOAL
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert script.ends[0][0] == "SUCCEEDED"
+    assert drive.goal_distance == 0.0
+
+
+def cancelled_in_planning(script: Script, drive: Navigation) -> None:
+    drive.cancel()
+    script.plans[-1](plan_to(5.0))
+
+
+def cancelled_in_following(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    drive.tick()
+    drive.cancel()
+    script.plans[-1](plan_to(4.0))
+
+
+def cancelled_in_clearing(script: Script, drive: Navigation) -> None:
+    script.plans[-1](NoValidPathError("closed"))
+    drive.cancel()
+    script.clears[-1]()
+
+
+def cancelled_in_recovering(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script)
+    script.clears[-1]()
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script)
+    assert script.moving == "recover"
+    drive.cancel()
+    script.recoveries[-1][1]("CANCELLED", "")
+
+
+def cancelled_in_waiting(script: Script, drive: Navigation) -> None:
+    script.plans[-1](TransformError("nothing yet"))
+    drive.cancel()
+    drive.tick()
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        cancelled_in_planning,
+        cancelled_in_following,
+        cancelled_in_clearing,
+        cancelled_in_recovering,
+        cancelled_in_waiting,
+    ],
+)
+def test_cancel_ends_every_state_without_motion(
+    script: Script, drive: Navigation, scene: Callable[[Script, Navigation], None]
+) -> None:
+    scene(script, drive)
+    asked = len(script.plans), len(script.follows), len(script.recoveries), len(script.clears)
+    assert drive.state is NavigationState.CANCELLED
+    assert script.moving is None
+    assert not script.ends, "the outcome of a cancelled goal is not the navigator's to tell"
+    drive.tick()
+    assert asked == (len(script.plans), len(script.follows), len(script.recoveries), len(script.clears))
+
+
+def test_late_answers_are_ignored(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    drive.tick()
+    late = script.plans[-1]
+    fail_follow(script)
+    late(plan_to(4.0))
+    assert drive.state is NavigationState.RECOVERING
+    assert len(script.paths) == 1
+
+
+def test_the_sequence_gives_each_step_once() -> None:
+    sequence = RecoverySequence((RecoveryStep(RecoveryAction.CLEAR), RecoveryStep(RecoveryAction.ROTATE, 1.0)))
+    for _ in range(2):
+        assert sequence.peek() is not None
+        sequence.take()
+    assert sequence.peek() is None
+    sequence.update(4.0)
+    assert sequence.peek() is None
+    sequence.update(3.6)
+    assert sequence.peek() is None
+    sequence.update(3.4)
+    assert sequence.peek() == RecoveryStep(RecoveryAction.CLEAR)
+    assert sequence.count == 2
