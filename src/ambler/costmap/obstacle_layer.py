@@ -54,16 +54,16 @@ class ObstacleLayer:
         place = (spec.origin_x, spec.origin_y, spec.resolution)
         for r in rays:
             for ends, is_free in ((r.hits, False), (r.free_ends, True)):
-                points = np.ascontiguousarray(ends, np.float64)
+                points = _writeable(ends)
                 kernels.clear_rays(self.cells, *place, *r.origin, points, config.raytrace_range, is_free)
         for r in rays:
-            points = np.ascontiguousarray(r.hits, np.float64)
+            points = _writeable(r.hits)
             kernels.mark_points(self.cells, *place, *r.origin, points, config.obstacle_range)
 
     def clear_polygon(self, polygon: F64) -> None:
         """Free the cells inside a convex, counter-clockwise polygon (N, 2): where the robot stands, nothing else does."""
         spec = self.spec
-        points = np.ascontiguousarray(polygon, np.float64)
+        points = _writeable(polygon)
         kernels.fill_convex(self.cells, spec.origin_x, spec.origin_y, spec.resolution, points, COST_FREE)
 
     def move_to(self, spec: GridSpec) -> None:
@@ -81,3 +81,8 @@ class ObstacleLayer:
     def reset(self) -> None:
         """Forget everything."""
         self.cells[:] = COST_UNKNOWN
+
+
+def _writeable(points: F64) -> F64:
+    """Return the points as the kernels were compiled for: a read-only array is another type to the compiler."""
+    return np.require(points, np.float64, ["C", "W"])

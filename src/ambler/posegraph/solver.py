@@ -184,11 +184,11 @@ def _checked(graph: PoseGraph, fixed: int) -> PoseGraph:
     for name in ("poses", "measurements", "information"):
         if not np.isfinite(getattr(graph, name)).all():
             raise BadInputError(f"pose graph: {name} are not finite")
-    return PoseGraph(
-        np.ascontiguousarray(graph.poses, np.float64).copy(),
-        np.ascontiguousarray(graph.edge_from, np.int64),
-        np.ascontiguousarray(graph.edge_to, np.int64),
-        np.ascontiguousarray(graph.measurements, np.float64),
-        np.ascontiguousarray(graph.information, np.float64),
-        np.ascontiguousarray(graph.is_robust, np.bool_),
+    return PoseGraph(  # with writeable arrays: read-only ones are another type to the compiler
+        np.array(graph.poses, np.float64, order="C"),
+        np.require(graph.edge_from, np.int64, ["C", "W"]),
+        np.require(graph.edge_to, np.int64, ["C", "W"]),
+        np.require(graph.measurements, np.float64, ["C", "W"]),
+        np.require(graph.information, np.float64, ["C", "W"]),
+        np.require(graph.is_robust, np.bool_, ["C", "W"]),
     )
