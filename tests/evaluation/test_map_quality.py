@@ -18,6 +18,7 @@ from ambler.evaluation.map_quality import (
     compare_maps,
     nearest_neighbour_error,
     points_of,
+    reachable_coverage,
     structural_similarity,
 )
 from tests.evaluation.plans import moved, office
@@ -133,3 +134,21 @@ def test_an_empty_map_is_refused() -> None:
     spec, grid = office()
     with pytest.raises(BadInputError, match="three points"):
         compare_maps((spec, np.zeros_like(grid)), (spec, grid))
+
+
+def test_reachable_coverage_ignores_thick_walls_and_rooms_without_a_door() -> None:
+    spec, grid = office()
+    closed = grid.copy()
+    middle = round(5.0 / 0.05)
+    closed[middle, round(11.0 / 0.05) : round(12.0 / 0.05)] = 100
+    built = closed.copy()
+    built[: middle - 1, round(9.1 / 0.05) : round(12.9 / 0.05)] = -1
+    near_walls = np.argwhere(closed == 100) + 1
+    built[near_walls[:, 0], near_walls[:, 1]] = 100
+    start = SE2(0.0, 4.0)
+    assert compare_maps((spec, built), (spec, closed), truth_from_built=SE2()).coverage_ratio < 0.9
+    assert reachable_coverage((spec, built), (spec, closed), SE2(), start, 0.25) == 1.0
+    built[140:150, 100:110] = -1
+    assert reachable_coverage((spec, built), (spec, closed), SE2(), start, 0.25) < 1.0
+    with pytest.raises(BadInputError, match="start"):
+        reachable_coverage((spec, built), (spec, closed), SE2(), SE2(-2.0, 4.0), 0.25)

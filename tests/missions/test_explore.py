@@ -138,6 +138,7 @@ def test_it_turns_to_the_next_as_soon_as_the_target_is_gone() -> None:
     play.surveyor.frontiers = [frontier(5, 5, 7.0)]
     assert play.drive().map_from_goal.x == 5.0
     assert play.mission.state is ExploreState.DRIVING
+    assert play.mission.feedback.goals_reached == 1
 
 
 def test_hysteresis_keeps_the_target_unless_another_is_clearly_better() -> None:

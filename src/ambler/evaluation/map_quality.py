@@ -84,6 +84,28 @@ def compare_maps(
     )
 
 
+def reachable_coverage(
+    built: tuple[GridSpec, Occupancy],
+    truth: tuple[GridSpec, Occupancy],
+    truth_from_built: SE2,
+    truth_from_start: SE2,
+    robot_radius: float,
+) -> float:
+    """Return the share of the cells that the robot's centre can reach in truth that are free in the built map.
+
+    Reachable are true free cells at least `robot_radius` (m) from everything else and 8-connected to the start. Unlike
+    `coverage_ratio` this does not depend on which cells a wall's surface falls into. Raises BadInputError when the start is not free.
+    """
+    spec, occupancy = truth
+    clearance = cv2.distanceTransform(is_free(occupancy).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    _, labels = cv2.connectedComponents((clearance * spec.resolution > robot_radius).astype(np.uint8), connectivity=8)
+    iy, ix = spec.cell_of(truth_from_start.x, truth_from_start.y)
+    if not spec.contains_cell(iy, ix) or labels[iy, ix] == 0:
+        raise BadInputError("the start is not free in the true map")
+    reachable = points_of(spec, labels == labels[iy, ix])
+    return float(sample(built[0], is_free(built[1]), truth_from_built.inverse().transform(reachable)).mean())
+
+
 def is_free(occupancy: Occupancy) -> Mask:
     """Return which cells count as free."""
     return (occupancy >= 0) & (occupancy <= FREE_UP_TO)

@@ -246,6 +246,7 @@ class ExploreMission:
             self._arrived = True
             return self._wait(view, self.config.look_time, "arrived, waiting for the map")
         if again is None:
+            self._goals_reached += 1
             self._failures = 0
             return self._choosing_or_stop(view)
         self._track(again, view)
