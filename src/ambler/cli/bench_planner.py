@@ -31,7 +31,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--runs", type=int, default=15)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--oracle-up-to", type=int, default=1000, help="largest size whose costs SciPy checks (4000: 12 GB)"
+        "--oracle-up-to",
+        type=int,
+        default=1000,
+        help="largest size whose costs SciPy checks (beyond 1000: much memory)",
     )
     parser.add_argument("--json", type=Path)
     parser.set_defaults(run=run)

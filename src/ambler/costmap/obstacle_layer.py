@@ -20,13 +20,11 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ObstacleConfig:
-    """Returns mark up to `obstacle_range` and rays clear up to `raytrace_range`, metres from the sensor. Height limits of marking
-    (m above the ground) are for whoever turns a cloud into `SensorRays`."""
+    """Returns mark up to `obstacle_range` and rays clear up to `raytrace_range`, metres from the sensor. Limits of height are for
+    whoever turns a cloud into `SensorRays`: a return too high or too low becomes a free end."""
 
     obstacle_range: float = 2.5
     raytrace_range: float = 3.0
-    min_height: float = 0.05
-    max_height: float = 2.0
     clears_footprint: bool = True
 
 
