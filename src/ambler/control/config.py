@@ -22,7 +22,7 @@ class RolloutConfig:
     escape_speed, escape_length   how the robot draws back to where it can turn, m/s and m
     speed_min          slowest motion worth commanding, m/s; `turn_min` rad/s
     brake_share        share of the deceleration limits used on purpose
-    near               clearance below which a trajectory is charged
+    near               clearance below which a trajectory is charged (the kernel measures no more than 0.25 m)
     near_speed, speed_per_clearance   a trajectory may go this fast at no clearance, and faster per metre of it
     weight_*           cost per metre off the path (less while it is blocked), per metre not gained, per radian off the path's heading, per metre of missing
                        clearance, per radian/s of change in yaw rate, per m/s sideways

@@ -47,6 +47,7 @@ class TrajectoryRollout:
         self._turn_sign = 0.0
         self._has_arrived = False
         self._is_escaping = False
+        self._top, self._grid = 0.0, np.zeros((0, 3))
         self.trajectory = np.zeros((0, 3))
         """Where the last command leads, float64 (N, 3) of (x, y, yaw) in the odom frame, for people to look at."""
 
@@ -178,7 +179,7 @@ class TrajectoryRollout:
         at = self._window.placed(start)
         resolution = self._window.spec.resolution
         locate_on_path(at[0], at[1], path, steps, label, resolution, here)
-        samples = self._samples(velocity, left)
+        samples = self._samples(left)
         out = np.empty((len(samples), 8))
         lim = self._limits
         rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
@@ -236,19 +237,29 @@ class TrajectoryRollout:
         spread_path(cells, self._window.distance, self._window.inscribed_radius, steps, label, queue)
         return steps, label
 
-    def _samples(self, velocity: BodyVelocity, left: float) -> F64:
+    def _samples(self, left: float) -> F64:
+        """Wanted velocities (N, 3), the faster the farther the goal; those of the last call again while its top speed holds."""
         c, lim = self._config, self._limits
         top = approach_limit(left, lim.ax_brake * c.brake_share, c.reaction_time + 0.05)
         top = min(lim.vx_max, max(c.speed_min, top))
-        forward = np.linspace(min(c.speed_min, top), top, c.vx_samples)
-        half = np.linspace(0.0, 1.0, c.wz_samples // 2 + 1)[1:] ** 1.7 * lim.wz_max
-        turn = np.concatenate((-half[::-1], [0.0], half))
-        side = np.zeros(1)
-        if self._robot.drive is DriveKind.OMNI and lim.vy_max > 0.0:
-            forward = np.concatenate(([0.0], forward[1::2]))
-            half_side = np.linspace(0.0, 1.0, c.vy_samples // 2 + 1)[1:] * min(lim.vy_max, top)
-            side = np.concatenate((-half_side[::-1], [0.0], half_side))
-            turn = np.concatenate((turn[: len(half) : 2], [0.0], turn[len(half) + 2 :: 2]))
-        grid = np.stack(np.meshgrid(forward, side, turn, indexing="ij"), axis=-1).reshape(-1, 3)
-        speed = np.hypot(grid[:, 0], grid[:, 1])
-        return np.ascontiguousarray(grid[(speed >= min(c.speed_min, top)) & (speed <= top + 1e-9)])
+        if top != self._top:
+            self._top, self._grid = top, velocity_samples(c, self._robot, top)
+        return self._grid
+
+
+def velocity_samples(config: RolloutConfig, robot: RobotModel, top: float) -> F64:
+    """Return the grid of wanted velocities (N, 3) up to the speed `top`; yaw rates lie denser around straight ahead."""
+    lim = robot.limits
+    slowest = min(config.speed_min, top)
+    forward = np.linspace(slowest, top, config.vx_samples)
+    half = np.linspace(0.0, 1.0, config.wz_samples // 2 + 1)[1:] ** 1.7 * lim.wz_max
+    turn = np.concatenate((-half[::-1], [0.0], half))
+    side = np.zeros(1)
+    if robot.drive is DriveKind.OMNI and lim.vy_max > 0.0:
+        forward = np.concatenate(([0.0], forward[1::2]))
+        half_side = np.linspace(0.0, 1.0, config.vy_samples // 2 + 1)[1:] * min(lim.vy_max, top)
+        side = np.concatenate((-half_side[::-1], [0.0], half_side))
+        turn = np.concatenate((turn[: len(half) : 2], [0.0], turn[len(half) + 2 :: 2]))
+    grid = np.stack(np.meshgrid(forward, side, turn, indexing="ij"), axis=-1).reshape(-1, 3)
+    speed = np.hypot(grid[:, 0], grid[:, 1])
+    return np.ascontiguousarray(grid[(speed >= slowest) & (speed <= top + 1e-9)])

@@ -7,6 +7,8 @@ import numpy as np
 from ambler.kernels.footprint import lethal_cells_inside, lethal_distance, lethal_row_sums
 from ambler.kernels.jit import jit
 
+FAR = 0.25  # metres of clearance beyond which nobody asks how much it is exactly
+
 
 @jit
 def spread_path(path_cells, distance, blocked_radius, steps, label, queue):  # type: ignore[no-untyped-def]
@@ -134,7 +136,8 @@ def roll_out(  # type: ignore[no-untyped-def]
     Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
     step_length, radius): a trajectory ends after the horizon or when it has covered the stop distance. A footprint pose may
     never cover more lethal cells than the one before, so a robot that already touches something may only leave it.
-    `out` (N, 8): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance, mean heading error.
+    `out` (N, 8): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance (at most 0.25), mean heading
+    error.
     """
     horizon, stop_distance, step_length, radius = plan[0], plan[1], plan[2], plan[3]
     place = np.empty(3)
@@ -148,7 +151,7 @@ def roll_out(  # type: ignore[no-untyped-def]
         fast += max(abs(samples[i, 2]), abs(wz)) * radius
         count = min(80, max(8, int(math.ceil(fast * horizon / step_length))))
         dt = horizon / count
-        inside, travelled, least = inside_at_start, 0.0, 1e3
+        inside, travelled, least, room = inside_at_start, 0.0, FAR, 0.0
         path_sum, heading_sum, marks = 0.0, 0.0, 0
         stride = max(1, count // 4)
         is_free = 1.0
@@ -164,23 +167,26 @@ def roll_out(  # type: ignore[no-untyped-def]
             if travelled + way >= stop_distance:
                 part = (stop_distance - travelled) / way if way > 0.0 else 1.0
                 is_last = True
-            middle = yaw + 0.5 * mw * dt * part
+            turn = mw * dt * part
+            middle = yaw + 0.5 * turn
             c, s = math.cos(middle), math.sin(middle)
             x += (c * mx - s * my) * dt * part
             y += (s * mx + c * my) * dt * part
-            yaw += mw * dt * part
+            yaw += turn
             travelled += way * part
-            c, s = math.cos(yaw), math.sin(yaw)
-            gap = clearance_at(x, y, c, s, circles, distance, resolution)
-            least = min(least, gap)
-            if gap <= 0.0:
-                now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
-                if now > inside:
-                    is_free = 0.0
-                    break
-                inside = now
-            else:
-                inside = 0
+            room -= way * part + abs(turn) * radius
+            if room <= FAR:
+                c, s = math.cos(yaw), math.sin(yaw)
+                room = clearance_at(x, y, c, s, circles, distance, resolution)
+                least = min(least, room)
+                if room <= 0.0:
+                    now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
+                    if now > inside:
+                        is_free = 0.0
+                        break
+                    inside = now
+                else:
+                    inside = 0
             if is_last or k % stride == stride - 1:
                 locate_on_path(x, y, path, steps, label, resolution, place)
                 path_sum += place[0]
