@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.se2 import SE2
 from ambler.localization.errors import NoPoseError
 from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Mode, Observation
-from ambler.localization.matcher import MatcherConfig, MatchResult, ScanMatcher
+from ambler.localization.matcher import MatcherConfig, MatchResult, ScanMatcher, fuse
 from ambler.localization.motion import OdometryNoise, predict, require_valid
 from ambler.localization.surface_map import SurfaceMap
 
@@ -40,7 +40,6 @@ class GridTrackerConfig:
     depth_sigma: float = 0.3
     novelty_way: float = 0.7
     novelty_turn: float = 0.5
-    novelty_least: float = 0.02
 
 
 class GridTracker:
@@ -111,7 +110,7 @@ class GridTracker:
         self._covariance[3, :3] = self._covariance[:3, 3]
         way = math.hypot(motion.x, motion.y)
         self._covariance[3, 3] += (5e-4) ** 2 * way
-        gained = config.novelty_least + way / config.novelty_way + abs(motion.yaw) / config.novelty_turn
+        gained = way / config.novelty_way + abs(motion.yaw) / config.novelty_turn
         self._novelty = min(1.0, self._novelty + gained)
         return moved
 
@@ -143,31 +142,18 @@ class GridTracker:
             score = 0.0 if result is None else result.score
             return self._carried(stamp_ns, predicted, score, 0.0)
         prior = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
-        innovation = result.state - prior
-        innovation[2] = wrap_angle(innovation[2])
-        information = result.information()
-        # Kalman update in information form; S^-1 = (P + Lambda^+)^-1 = Lambda (I + P Lambda)^-1 also for singular Lambda.
-        gain = np.linalg.inv(np.eye(4) + self._covariance @ information)
-        surprise = float(innovation @ information @ gain @ innovation) / result.determined
-        if surprise > config.gate:
+        fusion = fuse(prior, self._covariance, result)
+        if fusion.surprise > config.gate:
             self._covariance[:3, :3] *= 1.5
             self._is_locked = False
-            return self._carried(stamp_ns, predicted, result.score, surprise)
-        covariance = gain @ self._covariance
-        self._covariance = 0.5 * (covariance + covariance.T)
-        state = prior + self._covariance @ information @ innovation
-        self._depth = float(state[3])
-        # The depth is never surer than the map's own errors on a handful of walls allow.
-        self._covariance[3, 3] = max(self._covariance[3, 3], result.map_noise / 6.0)
+            return self._carried(stamp_ns, predicted, result.score, fusion.surprise)
+        self._covariance = fusion.covariance
+        self._depth = float(fusion.state[3])
         self._matcher.learn(self._novelty)
-        self._novelty = config.novelty_least
+        self._novelty = 0.0
         self._is_locked = True
-        pose = SE2(float(state[0]), float(state[1]), wrap_angle(float(state[2])))
         mode = Mode(result.determined)
-        # Averaging over scans does not average the map's errors away: what the filter took out of them is added again.
-        kept = np.eye(4) - self._covariance @ information
-        published = (self._covariance + kept @ result.map_covariance() @ kept.T)[:3, :3]
-        return Estimate(stamp_ns, pose, published, result.score, mode, surprise, True)
+        return Estimate(stamp_ns, fusion.map_from_base, fusion.published, result.score, mode, fusion.surprise, True)
 
     def _carried(self, stamp_ns: int, predicted: SE2, score: float, surprise: float) -> Estimate:
         covariance = self._covariance[:3, :3].copy()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.se2 import SE2
+from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels import grid_tracker as kernel
 from ambler.localization.surface_map import SurfaceMap
 
@@ -75,6 +75,41 @@ class MatchResult:
             scale, scale
         )
         return np.asarray(self.map_noise * inverse @ self.shared @ inverse)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fusion:
+    """A match fused with a prediction: `state` float64 (4,), its filter `covariance` (4, 4); `published` covariance (3, 3) of the pose,
+    in which averaging over scans does not lessen the map's errors; `surprise` squared Mahalanobis distance per direction."""
+
+    state: F64
+    covariance: F64
+    published: F64
+    surprise: float
+
+    @property
+    def map_from_base(self) -> SE2:
+        return SE2(float(self.state[0]), float(self.state[1]), wrap_angle(float(self.state[2])))
+
+
+def fuse(predicted: F64, covariance: F64, match: MatchResult) -> Fusion:
+    """Fuse a predicted state float64 (4,) and its `covariance` (4, 4) with a match; undetermined directions stay predicted.
+
+    Kalman update in information form: S^-1 = (P + Lambda^-1)^-1 = Lambda (I + P Lambda)^-1 also for singular Lambda.
+    """
+    innovation = match.state - predicted
+    innovation[2] = wrap_angle(float(innovation[2]))
+    information = match.information()
+    shrink = np.linalg.inv(np.eye(4) + covariance @ information)
+    surprise = float(innovation @ information @ shrink @ innovation) / max(match.determined, 1)
+    posterior = shrink @ covariance
+    posterior = 0.5 * (posterior + posterior.T)
+    gain = posterior @ information
+    # The depth is never surer than the map's own errors on a handful of walls allow.
+    posterior[3, 3] = max(posterior[3, 3], match.map_noise / 6.0)
+    kept = np.eye(4) - gain
+    published = (posterior + kept @ match.map_covariance() @ kept.T)[:3, :3]
+    return Fusion(predicted + gain @ innovation, posterior, published, surprise)
 
 
 class ScanMatcher:

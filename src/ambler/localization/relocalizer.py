@@ -1,0 +1,233 @@
+"""Global relocalization: where in the whole map is the robot? Branch and bound finds every pose that explains the scan, a second
+viewpoint must confirm one of them before it is believed, and when several places look alike that is said.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.kernels import branch_bound
+from ambler.kernels import likelihood_field as field_kernel
+from ambler.kernels import relocalization as kernel
+from ambler.localization.localizer import Observation
+from ambler.localization.matcher import MatcherConfig, ScanMatcher
+from ambler.localization.surface_map import SurfaceMap
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RelocalizerConfig:
+    """`cell`, `sigma`, `depth`: grid, smoothing (m) and levels of the search; `search_points` at most `range_most` metres away.
+    `keep_ratio`: poses scoring less than this share of the best are not pursued. A pose is plausible with `accept` quality, and unique
+    when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad."""
+
+    cell: float = 0.1
+    sigma: float = 0.12
+    depth: int = 5
+    search_points: int = 120
+    range_most: float = 15.0
+    keep_ratio: float = 0.85
+    min_score: float = 0.45
+    candidates: int = 16
+    accept: float = 0.75
+    margin: float = 0.08
+    viewpoint_way: float = 0.4
+    viewpoint_turn: float = 0.6
+    slack: float = 0.12
+    matcher: MatcherConfig = field(default_factory=MatcherConfig)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A place where the robot could be: refined pose, covariance float64 (3, 3) in map axes, and quality: share of explained returns
+    minus twice the share that went through walls."""
+
+    map_from_base: SE2
+    covariance: F64
+    quality: float
+
+
+class RelocalizationState(enum.Enum):
+    """How far the search has come."""
+
+    NOT_FOUND = "no place of the map explains the scan"
+    VERIFYING = "one place explains the scan; a second viewpoint must confirm it"
+    AMBIGUOUS = "several places look alike; another viewpoint is needed"
+    FOUND = "one place explains the scans from two viewpoints"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relocalization:
+    """State of the search and all places that are still possible, the best first. Only FOUND may be believed; with VERIFYING and
+    AMBIGUOUS the robot must be moved, which needs permission."""
+
+    stamp_ns: int
+    state: RelocalizationState
+    hypotheses: tuple[Hypothesis, ...]
+    viewpoints: int
+
+    @property
+    def needs_movement(self) -> bool:
+        return self.state in (RelocalizationState.VERIFYING, RelocalizationState.AMBIGUOUS)
+
+
+class Relocalizer:
+    """Searches one map. `update` takes observations until it answers FOUND; `reset` starts over."""
+
+    def __init__(self, surface_map: SurfaceMap, config: RelocalizerConfig) -> None:
+        self.map = surface_map
+        self.config = config
+        self._matcher = ScanMatcher(surface_map, config.matcher)
+        spec = surface_map.spec
+        factor = max(1, round(config.cell / spec.resolution))
+        self._cell = factor * spec.resolution
+        shape = (math.ceil(spec.height / factor), math.ceil(spec.width / factor))
+        cells, self._free = np.empty(shape, np.uint16), np.empty(shape, np.bool_)
+        kernel.score_cells(surface_map.distance, config.sigma, factor, cells)
+        kernel.free_cells(surface_map.cells, factor, self._free)
+        pad = (1 << (config.depth - 1)) - 1
+        self._stack = np.empty((config.depth, shape[0] + pad, shape[1] + pad), np.uint8)
+        branch_bound.build_stack(cells, self._stack)
+        self._hypotheses: tuple[Hypothesis, ...] = ()
+        self._viewpoints = 0
+        self._odom_of_viewpoint = SE2()
+
+    def reset(self) -> None:
+        """Forget all hypotheses."""
+        self._hypotheses = ()
+        self._viewpoints = 0
+
+    def update(self, observation: Observation) -> Relocalization:
+        """Search at the first viewpoint; at each new one search again and keep the places that explain all scans."""
+        config = self.config
+        if self._viewpoints == 0:
+            self._hypotheses = self.search(observation.points_base)
+            if self._hypotheses:
+                self._viewpoints = 1
+                self._odom_of_viewpoint = observation.odom_from_base
+            return self._answer(observation.stamp_ns)
+        motion = self._odom_of_viewpoint.inverse() @ observation.odom_from_base
+        if math.hypot(motion.x, motion.y) < config.viewpoint_way and abs(motion.yaw) < config.viewpoint_turn:
+            return self._answer(observation.stamp_ns)
+        carried = self._carry(observation.points_base, motion)
+        fresh = self.search(observation.points_base)
+        self._hypotheses = self._combine(carried, fresh)
+        self._viewpoints = self._viewpoints + 1 if self._hypotheses else 0
+        self._odom_of_viewpoint = observation.odom_from_base
+        return self._answer(observation.stamp_ns)
+
+    def search(self, points_base: F32) -> tuple[Hypothesis, ...]:
+        """Return every plausible place for one scan, the best first; a pure function of points float32 (N, 2) in the base frame."""
+        config = self.config
+        points = self._matcher.thin(points_base)
+        ranges = np.hypot(points[:, 0], points[:, 1])
+        near = points[(ranges < config.range_most) & (ranges > 0.3)]
+        if len(near) < 20:
+            return ()
+        chosen = np.ascontiguousarray(_spread_evenly(near, config.search_points))
+        reach = float(np.percentile(np.hypot(chosen[:, 0], chosen[:, 1]), 90))
+        turns = math.ceil(2.0 * math.pi * max(reach, 2.0) / self._cell)
+        angles = np.arange(turns) * (2.0 * math.pi / turns) - math.pi
+        stride = 1 << (config.depth - 1)
+        blocks = math.ceil(self._free.shape[0] / stride) * math.ceil(self._free.shape[1] / stride)
+        best = np.empty((blocks * 8, 4), np.int64)
+        min_sum = int(config.min_score * 255 * len(chosen))
+        kernel.search(self._stack, self._free, self._cell, chosen, angles, 8, config.keep_ratio, min_sum, best)
+        best = best[best[:, 0] >= 0]
+        best = best[np.argsort(-best[:, 0], kind="stable")]
+        best = best[best[:, 0] >= config.keep_ratio * best[0, 0]] if len(best) else best
+        found: list[Hypothesis] = []
+        for _, iy, ix, a in best[: 6 * config.candidates].tolist():
+            spec = self.map.spec
+            pose = SE2(spec.origin_x + (ix + 0.5) * self._cell, spec.origin_y + (iy + 0.5) * self._cell, angles[a])
+            if any(_is_same(pose, other.map_from_base, 0.3, 0.2) for other in found):
+                continue
+            hypothesis = self._judge(points, pose)
+            if hypothesis is not None and hypothesis.quality > 0.5 * config.accept:
+                found = [h for h in found if not _is_same(h.map_from_base, hypothesis.map_from_base, 0.3, 0.2)]
+                found.append(hypothesis)
+            if len(found) >= config.candidates:
+                break
+        found.sort(key=lambda h: -h.quality)
+        return tuple(h for h in found if found[0].quality - h.quality < 0.3)
+
+    def quality_at(self, points_base: F32, pose: SE2) -> float:
+        """Return the quality of a pose for one scan: share explained minus twice the share that went through walls."""
+        counts = np.empty(3, np.int64)
+        points = self._matcher.thin(points_base)
+        field_kernel.contradictions(self.map.cells, self.map.frame, points, pose.as_array(), self.config.slack, counts)
+        return float(counts[0] - 2.0 * counts[1]) / max(int(counts.sum()), 1)
+
+    def _judge(self, points: F32, start: SE2, first_scale: float | None = None) -> Hypothesis | None:
+        """Refine a pose by the scan and judge it; None when it leaves the start or the free space."""
+        state = np.append(start.as_array(), 0.0)
+        match = self._matcher.match(points, state[None], (0.3 * self.map.spec.resolution) ** 2, first_scale)
+        pose = match.map_from_base
+        if pose.distance_to(start) > 0.5 or not self.map.is_free(pose):
+            return None
+        covariance = np.linalg.inv(match.information()[:3, :3] + np.diag([100.0, 100.0, 100.0]))
+        return Hypothesis(pose, covariance + match.map_covariance()[:3, :3], self.quality_at(points, pose))
+
+    def _carry(self, points_base: F32, motion: SE2) -> tuple[Hypothesis, ...]:
+        """Move every hypothesis to the new viewpoint and judge it there; its quality is the mean of both views."""
+        carried = []
+        points = self._matcher.thin(points_base)
+        for hypothesis in self._hypotheses:
+            there = hypothesis.map_from_base @ motion
+            judged = self._judge(points, there)
+            allowed = 0.1 + 0.15 * math.hypot(motion.x, motion.y) + 0.2 * abs(motion.yaw)
+            if judged is None or not _is_same(there, judged.map_from_base, allowed, 0.1 + 0.15 * abs(motion.yaw)):
+                continue
+            mean = (hypothesis.quality * self._viewpoints + judged.quality) / (self._viewpoints + 1)
+            if judged.quality >= self.config.accept - 0.1:
+                carried.append(replace(judged, quality=mean))
+        carried.sort(key=lambda h: -h.quality)
+        return tuple(carried)
+
+    def _combine(self, carried: tuple[Hypothesis, ...], fresh: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+        """Keep what was carried, unless the fresh search finds a clearly better place that nobody thought of before."""
+        if not carried or not fresh:
+            return carried if carried else fresh
+        best = fresh[0]
+        known = any(_is_same(best.map_from_base, h.map_from_base, 0.3, 0.2) for h in carried)
+        if not known and best.quality > carried[0].quality - self.config.margin:
+            return tuple(sorted((*carried, best), key=lambda h: -h.quality))
+        return carried
+
+    def _answer(self, stamp_ns: int) -> Relocalization:
+        config = self.config
+        plausible = [h for h in self._hypotheses if h.quality >= config.accept]
+        if not plausible:
+            state = RelocalizationState.NOT_FOUND
+            self.reset()
+        elif len([h for h in self._hypotheses if h.quality > plausible[0].quality - config.margin]) > 1:
+            state = RelocalizationState.AMBIGUOUS
+        elif self._viewpoints < 2:
+            state = RelocalizationState.VERIFYING
+        else:
+            state = RelocalizationState.FOUND
+        return Relocalization(stamp_ns, state, self._hypotheses, self._viewpoints)
+
+
+def _is_same(a: SE2, b: SE2, way: float, turn: float) -> bool:
+    return a.distance_to(b) < way and abs(wrap_angle(a.yaw - b.yaw)) < turn
+
+
+def _spread_evenly(points: F32, count: int) -> F32:
+    """Choose about `count` points so that near walls, which many beams hit, do not outweigh far ones: one per cell of a coarse grid."""
+    size = 0.1
+    chosen = points
+    while len(chosen) > count and size < 2.0:
+        keys = np.floor(points / size).astype(np.int64)
+        _, first = np.unique(keys[:, 0] * 100003 + keys[:, 1], return_index=True)
+        chosen = points[np.sort(first)]
+        size *= 1.2
+    return chosen
