@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ambler.cli.bench_worlds import WORLDS, inflated, make_world
+from ambler.cli.planner_worlds import WORLDS, inflated, make_world
 from ambler.kernels import graph_search as kernels
 from ambler.planning.grid_planner import INT32_LIMIT, PlannerConfig, weight_table
 from ambler.planning.oracle import scipy_costs
@@ -70,7 +70,7 @@ def path_cost(weights: np.ndarray, state: np.ndarray, goal: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_bench_worlds_at_small_size(name: str) -> None:
+def test_planner_worlds_at_small_size(name: str) -> None:
     costs = inflated(make_world(name, 300, np.random.default_rng(2)))
     start, goal = np.array([30, 30]), np.array([269, 269])
     expected = scipy_costs(TABLE[costs], (30, 30))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ambler.cli.bench_worlds import inflated
+from ambler.cli.planner_worlds import inflated
 from ambler.core.errors import (
     BadInputError,
     GoalOutsideMapError,

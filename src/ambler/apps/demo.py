@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -64,7 +64,7 @@ class Demo:
         self.log = RunLog(folder.log, run=folder.root.name)
         self.executor = self._make_executor()
         self.recorder = Recorder(folder.recording)
-        self._remove_recorder = self._tap(self.recorder.on_message)
+        self._remove_recorder = self.executor.tap(self.recorder.on_message)
         self.view: FoxgloveBridge | None = None
 
     def run(self) -> None:
@@ -72,7 +72,7 @@ class Demo:
         options = self.options
         if options.port is not None:
             self.view = FoxgloveBridge(options.port, options.host, options.token, self.executor.inject)
-            self._tap(self.view.on_message)
+            self.executor.tap(self.view.on_message)
         started = time.perf_counter()
         try:
             self.executor.run(options.time_limit)
@@ -127,6 +127,3 @@ class Demo:
         assert isinstance(gate, GateNode)
         index = self.executor.stack.nodes.index(gate)
         self.executor.post(self.executor.contexts[index], 0, lambda: gate.stop_now(reason))
-
-    def _tap(self, on_message: Callable[[Topic[Any], Message, int], None]) -> Callable[[], None]:
-        return self.executor.tap(lambda topic, message, now_ns, writer: on_message(topic, message, now_ns))

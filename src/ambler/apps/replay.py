@@ -10,9 +10,10 @@ from ambler.apps.config import ExplorerConfig
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.stacks import explorer_nodes
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Message, Transforms
+from ambler.core.messages import Message
 from ambler.evaluation.recording_compare import RecordingComparison, ReplayComparison
 from ambler.nodes.operator import OperatorNode
+from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime.clock import ReplayClock
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
@@ -34,6 +35,7 @@ from ambler.sim.robots import robot_named
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
+BASE = SimulatorNode.name
 INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
 
 
@@ -59,7 +61,7 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     stack = Stack([*explorer_nodes(robot, config), operator], external=INPUTS)
     executor = LockstepExecutor(stack, ReplayClock(rate=rate), RunLog())
     with executor:
-        executor.tap(lambda topic, message, now_ns, writer: comparison.on_message(topic, message, now_ns))
+        executor.tap(comparison.on_message)
         executor.run(feed=_feed(folder.recording))
     return comparison.result()
 
@@ -70,10 +72,8 @@ def _outputs() -> list[str]:
 
 
 def _feed(recording: Path) -> Iterator[tuple[Topic[Any], Message, int]]:
-    """The messages that the nodes do not make themselves; of the transforms those of the base."""
+    """The messages that the nodes do not make themselves; of the transforms those that the base wrote."""
     for recorded in read_recording(recording, [t.ros_name for t in INPUTS]):
         topic = topic_named(recorded.topic)
-        message = decode(topic.type, recorded.data)
-        if isinstance(message, Transforms) and topic is TRANSFORMS and message.transforms[0].child != "base":
-            continue
-        yield topic, message, recorded.log_time_ns
+        if not topic.has_many_writers or recorded.writer == BASE:
+            yield topic, decode(topic.type, recorded.data), recorded.log_time_ns

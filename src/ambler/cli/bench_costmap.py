@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure; exit 1 when the inflation of a 60 x 60 window takes more than 0.3 ms or differs from SciPy's distances."""
     import numpy as np
 
-    from ambler.cli.bench_worlds import make_world
+    from ambler.cli.planner_worlds import make_world
     from ambler.evaluation.results import write_results
 
     begin = time.perf_counter()
@@ -57,7 +57,7 @@ def _inflation(cells: NDArray[np.uint8], n: int, runs: int) -> dict[str, Any]:
     import numpy as np
     from scipy.ndimage import distance_transform_edt
 
-    from ambler.cli.bench_worlds import inflated
+    from ambler.cli.planner_worlds import inflated
     from ambler.costmap.inflation import cost_table
     from ambler.kernels.distance_transform import inflate
 

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     """Plan on every grid; exit 1 when a cost differs from the oracle's or a median exceeds navfn's."""
     import numpy as np
 
-    from ambler.cli.bench_worlds import WORLDS, inflated, make_world
+    from ambler.cli.planner_worlds import WORLDS, inflated, make_world
     from ambler.evaluation.results import write_results
 
     begin = time.perf_counter()
@@ -77,7 +77,7 @@ def _measure(costs: NDArray[np.uint8], n: int, runs: int) -> tuple[float, PlanRe
     """Return the median CPU time of whole plans (weights, search, path, shortcuts; one thread) in ms, and the last result."""
     import statistics
 
-    from ambler.cli.bench_worlds import MARGIN
+    from ambler.cli.planner_worlds import MARGIN
     from ambler.core.grid import GridSpec
     from ambler.core.se2 import SE2
     from ambler.planning.grid_planner import GridPlanner
@@ -99,7 +99,7 @@ def _compare(costs: NDArray[np.uint8], n: int, result: PlanResult) -> tuple[floa
     SciPy reaches a full sweep of ours does not."""
     import numpy as np
 
-    from ambler.cli.bench_worlds import MARGIN
+    from ambler.cli.planner_worlds import MARGIN
     from ambler.kernels import graph_search as kernels
     from ambler.planning.grid_planner import INT32_LIMIT, PlannerConfig, weight_table
     from ambler.planning.oracle import grid_graph, sweep
