@@ -13,7 +13,7 @@ from ambler.core.se3 import SE3
 from ambler.exploration.grid_world import GridWorld
 from ambler.exploration.strategies import strategy_named
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
-from ambler.missions.explore import ExploreConfig
+from ambler.missions.explore_commands import ExploreConfig
 from ambler.nodes.explorer import ExplorerNode
 from ambler.planning.distance import distance_field
 from ambler.runtime.lockstep import LockstepExecutor

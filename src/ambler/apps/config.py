@@ -9,7 +9,7 @@ from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.local_costmap import LocalCostmapConfig
 from ambler.exploration.survey import SurveyConfig
-from ambler.missions.explore import ExploreConfig
+from ambler.missions.explore_commands import ExploreConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.planning.grid_planner import PlannerConfig

@@ -126,11 +126,11 @@ class Exploration:
 def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_updates: int = 5000) -> Exploration:
     """Run the exploration mission in a grid world, one update per simulated second."""
     from ambler.exploration.survey import FrontierSurvey, SurveyConfig
-    from ambler.missions.explore import (
+    from ambler.missions.explore import ExploreMission
+    from ambler.missions.explore_commands import (
         DriveTo,
         Ended,
         ExploreConfig,
-        ExploreMission,
         ExploreState,
         ExploreView,
         StopDriving,

@@ -7,103 +7,27 @@ the whole map searched afresh, and, once, every refused frontier given one more 
 
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
-from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
+from ambler.core.messages import Frontier, FrontierState
 from ambler.core.se2 import SE2
-from ambler.exploration.choice import ChoiceConfig, choose, find_again
+from ambler.exploration.choice import choose, find_again
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey, Survey
+from ambler.missions.explore_commands import (
+    ClearCosts,
+    Command,
+    DriveTo,
+    Ended,
+    ExploreConfig,
+    ExploreState,
+    ExploreView,
+    StopDriving,
+    TurnAround,
+)
 from ambler.runtime.tasks import ExploreFeedback, ExploreGoal, ExploreResult
 
-
-class ExploreState(enum.Enum):
-    """What the mission is doing."""
-
-    IDLE = "idle"
-    STARTING = "starting"
-    CHOOSING = "choosing"
-    DRIVING = "driving"
-    LOOKING = "looking"
-    RETURNING = "returning"
-    FINISHED = "finished"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
-
-
-@dataclass(frozen=True, slots=True)
-class ExploreConfig:
-    """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again."""
-
-    start_timeout: float = 60.0
-    look_time: float = 1.5
-    sweep_time: float = 2.5
-    near: float = 1.0
-    progress_timeout: float = 30.0
-    progress_distance: float = 0.3
-    goal_shift: float = 0.4
-    stuck_failures: int = 8
-    stuck_distance: float = 0.5
-    min_reachable_area: float = 0.5
-    return_attempts: int = 3
-    max_resumes: int = 5
-    xy_tolerance: float = 0.3
-    yaw_tolerance: float = 0.6
-    home_xy_tolerance: float = 0.15
-    home_yaw_tolerance: float = 0.2
-    choice: ChoiceConfig = field(default_factory=ChoiceConfig)
-
-
-@dataclass(frozen=True, slots=True)
-class ExploreView:
-    """What the mission sees at one instant; both grids and the pose are in the map frame."""
-
-    now_ns: int
-    map: OccupancyGrid
-    costs: CostGrid
-    map_from_base: SE2
-
-
-@dataclass(frozen=True, slots=True)
-class DriveTo:
-    """Drive to a pose; the end must be reported with the same `drive`. Replaces a running drive."""
-
-    drive: int
-    map_from_goal: SE2
-    xy_tolerance: float
-    yaw_tolerance: float
-
-
-@dataclass(frozen=True, slots=True)
-class TurnAround:
-    """Turn in place by `angle` radians; the end must be reported with the same `drive`."""
-
-    drive: int
-    angle: float
-
-
-@dataclass(frozen=True, slots=True)
-class StopDriving:
-    """Cancel the running drive; its end need not be reported."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClearCosts:
-    """Clear the global costmap of what only its obstacle layer believes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """The mission is over: SUCCEEDED, CANCELLED or a failure of the EXPLORE task, with one sentence and the proof."""
-
-    code: str
-    text: str
-    result: ExploreResult
-
-
-Command = DriveTo | TurnAround | StopDriving | ClearCosts | Ended
 _OVER = (ExploreState.IDLE, ExploreState.FINISHED, ExploreState.FAILED, ExploreState.CANCELLED)
 
 

@@ -11,13 +11,13 @@ from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey
-from ambler.missions.explore import (
+from ambler.missions.explore import ExploreMission
+from ambler.missions.explore_commands import (
     ClearCosts,
     Command,
     DriveTo,
     Ended,
     ExploreConfig,
-    ExploreMission,
     ExploreView,
     StopDriving,
     TurnAround,
