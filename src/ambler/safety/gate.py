@@ -155,7 +155,7 @@ class VelocityGate:
             return self._finish(STILL, GateState.PROTECTIVE_STOP, text, source)
         if selected is None:
             return self._finish(scaled(velocity, scale), GateState.ARMED, "IDLE: no source asks")
-        reason = "" if scale >= 1.0 else "SLOWED: an obstacle is near"
+        reason = "" if min(scale, clear_scale) >= 1.0 else "SLOWED: an obstacle is near"
         return self._finish(scaled(velocity, scale), GateState.ARMED, reason, source)
 
     def _advance_clock(self, now_ns: int) -> float:
