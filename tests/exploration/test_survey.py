@@ -19,7 +19,7 @@ from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig, choose, find_again
 from ambler.exploration.strategies import GreedyStrategy, NearestStrategy, TourConfig, TourStrategy
 from ambler.exploration.survey import FrontierSurvey, Survey, SurveyConfig, is_inside
-from ambler.kernels.frontier import shrink_costs, tour_costs, visible_unknown
+from ambler.kernels.frontier_value import shrink_costs, tour_costs, visible_unknown
 
 R = 0.1
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.exploration.survey import DistanceField, Survey
-from ambler.kernels.frontier import shrink_costs, tour_costs
+from ambler.kernels.frontier_value import shrink_costs, tour_costs
 
 F64 = NDArray[np.float64]
 

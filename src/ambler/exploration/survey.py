@@ -16,7 +16,8 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
-from ambler.kernels.frontier import frontier_goals, visible_unknown
+from ambler.kernels.frontier import frontier_goals
+from ambler.kernels.frontier_value import visible_unknown
 
 Boundary = tuple[tuple[float, float], ...]
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]

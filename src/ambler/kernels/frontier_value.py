@@ -1,0 +1,123 @@
+"""What a frontier is worth, on plain arrays: the unknown area visible from its goal, and exact tours over several frontiers."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.kernels.jit import jit
+
+I64 = NDArray[np.int64]
+
+
+@jit
+def _is_thick_unknown(occupancy: NDArray[np.int8], iy: int, ix: int) -> bool:
+    """Tell whether a cell and its 4-neighbours are unknown: slivers one or two cells thick are not."""
+    return bool(
+        occupancy[iy, ix] < 0
+        and (iy == 0 or occupancy[iy - 1, ix] < 0)
+        and (ix == 0 or occupancy[iy, ix - 1] < 0)
+        and (iy == occupancy.shape[0] - 1 or occupancy[iy + 1, ix] < 0)
+        and (ix == occupancy.shape[1] - 1 or occupancy[iy, ix + 1] < 0)
+    )
+
+
+@jit
+def visible_unknown(
+    occupancy: NDArray[np.int8],
+    free_below: int,
+    resolution: float,
+    max_range: float,
+    rays: int,
+    cells: I64,
+    area: NDArray[np.float64],
+    heading: NDArray[np.float64],
+) -> None:
+    """Integrate the unknown area (square metres) that is visible from each cell, and the heading of its centre of mass.
+
+    Slivers one or two cells thick, as noise leaves them along walls, do not count. Rays end at cells that are known and not free; unknown cells are transparent. Each step of one cell along a ray
+    stands for an area of r * dr * dtheta, so no cell needs to be marked. Cells of -1 give 0.
+    """
+    height, width = occupancy.shape
+    steps = int(max_range / resolution)
+    dtheta = 2.0 * math.pi / rays
+    for k in range(len(cells)):
+        area[k] = 0.0
+        heading[k] = 0.0
+        if cells[k] < 0:
+            continue
+        y0 = cells[k] // width + 0.5
+        x0 = cells[k] % width + 0.5
+        mx, my, total = 0.0, 0.0, 0.0
+        for i in range(rays):
+            c, s = math.cos(i * dtheta), math.sin(i * dtheta)
+            along = 0.0
+            for r in range(1, steps + 1):
+                iy = int(math.floor(y0 + r * s))
+                ix = int(math.floor(x0 + r * c))
+                if iy < 0 or ix < 0 or iy >= height or ix >= width:
+                    break
+                if _is_thick_unknown(occupancy, iy, ix):
+                    along += r
+                elif occupancy[iy, ix] >= free_below:
+                    break
+            total += along
+            mx += along * c
+            my += along * s
+        area[k] = total * dtheta * resolution * resolution
+        heading[k] = math.atan2(my, mx)
+
+
+@jit
+def shrink_costs(costs: NDArray[np.uint8], factor: int, out: NDArray[np.uint8]) -> None:
+    """Shrink a cost grid: each coarse cell takes the least cost of its `factor` x `factor` cells."""
+    height, width = costs.shape
+    for iy in range(out.shape[0]):
+        for ix in range(out.shape[1]):
+            least = 255
+            for y in range(iy * factor, min((iy + 1) * factor, height)):
+                for x in range(ix * factor, min((ix + 1) * factor, width)):
+                    least = min(least, costs[y, x])
+            out[iy, ix] = least
+
+
+@jit
+def tour_costs(
+    from_robot: NDArray[np.float64],
+    between: NDArray[np.float64],
+    table: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write for each place the length of the shortest open tour over all places that begins there (Held and Karp 1962).
+
+    `from_robot` (N,), `between` (N, N), `table` scratch (2**N, N): table[S, j] is the shortest way that starts at j and
+    visits the set S, which contains j.
+    """
+    n = len(from_robot)
+    for subset in range(1, 1 << n):
+        for j in range(n):
+            if not (subset >> j) & 1:
+                continue
+            rest = subset ^ (1 << j)
+            if rest == 0:
+                table[subset, j] = 0.0
+                continue
+            best = np.inf
+            for k in range(n):
+                if (rest >> k) & 1:
+                    d = between[j, k] + table[rest, k]
+                    best = min(best, d)
+            table[subset, j] = best
+    for j in range(n):
+        out[j] = from_robot[j] + table[(1 << n) - 1, j]
+
+
+def warm_up() -> None:
+    """Compile every kernel with its real dtypes; grids that come from messages are read-only."""
+    occupancy = np.full((4, 4), -1, np.int8)
+    occupancy.flags.writeable = False
+    costs = np.zeros((4, 4), np.uint8)
+    costs.flags.writeable = False
+    visible_unknown(occupancy, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
+    shrink_costs(costs, 2, np.empty((2, 2), np.uint8))
+    tour_costs(np.ones(2), np.ones((2, 2)), np.empty((4, 2)), np.empty(2))
