@@ -40,7 +40,7 @@ class RolloutConfig:
     turn_end: float = 0.15
     window: float = 2.0
     arrive_radius: float = 0.03
-    pass_radius: float = 0.1
+    pass_radius: float = 0.12
     arrive_yaw: float = 0.02
     speed_min: float = 0.06
     turn_min: float = 0.15

@@ -115,7 +115,8 @@ class TrajectoryRollout:
         if self._has_arrived:
             self._has_arrived = away < 2.0 * self._config.pass_radius
         elif left < 2.0 * self._config.pass_radius:
-            is_passed = away < self._config.pass_radius and min(left, goal.x) < self._config.arrive_radius
+            is_aside = abs(math.atan2(goal.y, goal.x)) > self._config.turn_start
+            is_passed = away < self._config.pass_radius and (is_aside or left < self._config.arrive_radius)
             self._has_arrived = away < self._config.arrive_radius or is_passed
         return self._has_arrived
 

@@ -240,9 +240,11 @@ class ControllerNode(Node):
             self._send(command)
 
     def _wait_in_trouble(self, error: AmblerError) -> None:
-        """Stand still; end the motion when the trouble lasts, or at once when waiting cannot help."""
+        """Stand still; end the motion when the trouble lasts, or at once when waiting cannot help. While the gate holds the
+        robot, only missing input counts as trouble."""
         self._send(BodyVelocity())
-        if self._trouble_since_ns is None or self._is_held:
+        is_excused = self._is_held and isinstance(error, ControlError)
+        if self._trouble_since_ns is None or is_excused:
             self._trouble_since_ns = self.ctx.now_ns
         is_hopeless = isinstance(error, InvalidPathError)
         if is_hopeless or self.ctx.now_ns - self._trouble_since_ns > PATIENCE_NS:
