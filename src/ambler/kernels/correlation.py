@@ -158,11 +158,20 @@ def _solve3(h, g, damping, out):
 
 
 @jit
-def refine(cells, frame, points, pose, prior, weights, max_iterations, h, info):
-    """Move `pose` float64 (3,) in place to the minimum of w_o^2/N sum (1 - P)^2 + w_t^2 |t - t_prior|^2 + w_r^2 (yaw - yaw_prior)^2.
+def _prior_cost(prior_information, pose, prior):
+    cost = 0.0
+    for k in range(3):
+        for j in range(3):
+            cost += (pose[k] - prior[k]) * prior_information[k, j] * (pose[j] - prior[j])
+    return cost
 
-    Levenberg-Marquardt. `weights` float64 (3,) (w_o, w_t, w_r); `h` float64 (3, 3) gets sum J^T J of the points alone;
-    `info` float64 (4,) gets mean probability, inlier ratio (P > 0.5), mean squared residual, iterations.
+
+@jit
+def refine(cells, frame, points, pose, prior, weight, prior_information, max_iterations, h, info):
+    """Move `pose` float64 (3,) in place to the minimum of weight^2 / N sum (1 - P)^2 + d^T W d, d = pose - prior, W = `prior_information`.
+
+    Levenberg-Marquardt. `h` float64 (3, 3) gets sum J^T J of the points alone; `info` float64 (4,) gets mean probability,
+    inlier ratio (P > 0.5), mean squared residual, iterations.
     """
     n = points.shape[0]
     scratch = np.empty(11)
@@ -171,10 +180,9 @@ def refine(cells, frame, points, pose, prior, weights, max_iterations, h, info):
     gw = np.empty(3)
     step = np.empty(3)
     trial = np.empty(3)
-    scale = weights[0] * weights[0] / n
-    wt, wr = weights[1] * weights[1], weights[2] * weights[2]
+    scale = weight * weight / n
     total, inliers = normal_equations(cells, frame, points, pose, h, g, scratch)
-    cost = scale * total + wt * ((pose[0] - prior[0]) ** 2 + (pose[1] - prior[1]) ** 2) + wr * (pose[2] - prior[2]) ** 2
+    cost = scale * total + _prior_cost(prior_information, pose, prior)
     damping = 1e-4
     ht = np.empty((3, 3))
     gt = np.empty(3)
@@ -182,22 +190,17 @@ def refine(cells, frame, points, pose, prior, weights, max_iterations, h, info):
     for _ in range(max_iterations):
         iterations += 1
         for k in range(3):
+            gw[k] = scale * g[k]
             for j in range(3):
-                hw[k, j] = scale * h[k, j]
-            w = wt if k < 2 else wr
-            hw[k, k] += w
-            gw[k] = scale * g[k] + w * (pose[k] - prior[k])
+                hw[k, j] = scale * h[k, j] + prior_information[k, j]
+                gw[k] += prior_information[k, j] * (pose[j] - prior[j])
         if not _solve3(hw, gw, damping, step):
             damping = max(damping, 1e-6) * 10.0
             continue
         for k in range(3):
             trial[k] = pose[k] + step[k]
         total_t, inliers_t = normal_equations(cells, frame, points, trial, ht, gt, scratch)
-        cost_t = (
-            scale * total_t
-            + wt * ((trial[0] - prior[0]) ** 2 + (trial[1] - prior[1]) ** 2)
-            + wr * (trial[2] - prior[2]) ** 2
-        )
+        cost_t = scale * total_t + _prior_cost(prior_information, trial, prior)
         moved = abs(step[0]) + abs(step[1]) + 5.0 * abs(step[2])
         if cost_t < cost:
             gain = cost - cost_t
@@ -241,4 +244,4 @@ def warm_up() -> None:
     surface(cells, 2.0, 2.0, np.zeros(4), np.zeros(4), np.zeros(3))
     h = np.zeros((3, 3))
     normal_equations(cells, frame, points, pose, h, np.zeros(3), np.zeros(11))
-    refine(cells, frame, points, pose, pose.copy(), np.ones(3), 2, h, np.zeros(4))
+    refine(cells, frame, points, pose, pose.copy(), 1.0, np.eye(3), 2, h, np.zeros(4))

@@ -16,11 +16,17 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class RefineConfig:
-    """Weights of the points, of the prior's translation (1/m) and of its rotation (1/rad)."""
+    """Weights of the points, of the prior's translation (1/m) and of its rotation (1/rad).
+
+    Where the scan says little about a direction (information per point below `weak_information`, 1/m^2: along a corridor) the prior's
+    translation weight rises there up to `weak_translation_weight`.
+    """
 
     occupied_weight: float = 1.0
     translation_weight: float = 1.0
     rotation_weight: float = 4.0
+    weak_translation_weight: float = 10.0
+    weak_information: float = 15.0
     max_iterations: int = 20
 
 
@@ -39,11 +45,7 @@ class MatchResult:
     @property
     def degeneracy(self) -> float:
         """Smallest over largest eigenvalue of the translational information with the yaw marginalized: 0 in a corridor, 1 isotropic."""
-        h = self.information
-        if h[2, 2] <= 0.0:
-            return 0.0
-        schur = h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2]
-        low, high = np.linalg.eigvalsh(schur)
+        low, high = np.linalg.eigvalsh(_translational(self.information))
         return float(max(0.0, low) / high) if high > 0.0 else 0.0
 
     def covariance(self, sigma: float, floor: tuple[float, float]) -> NDArray[np.float64]:
@@ -54,6 +56,24 @@ class MatchResult:
         return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
 
 
+def _translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the translational information (2, 2) with the yaw marginalized."""
+    if h[2, 2] <= 0.0:
+        return h[:2, :2]
+    return np.asarray(h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2])
+
+
+def _prior_information(h: NDArray[np.float64], n: int, config: RefineConfig) -> NDArray[np.float64]:
+    """Return the prior's information (3, 3): stronger along directions in which the points say little."""
+    values, vectors = np.linalg.eigh(_translational(h) / n)
+    weakness = np.clip(1.0 - values / config.weak_information, 0.0, 1.0)
+    low, high = config.translation_weight**2, config.weak_translation_weight**2
+    out = np.zeros((3, 3))
+    out[:2, :2] = (vectors * (low + (high - low) * weakness)) @ vectors.T
+    out[2, 2] = config.rotation_weight**2
+    return out
+
+
 def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineConfig) -> MatchResult:
     """Move `start` (grid_from_base) to the best fit of the points (N, 2) near `prior`."""
     pose = start.as_array()
@@ -61,6 +81,10 @@ def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineCo
     centre[2] = pose[2] + (centre[2] - pose[2] + np.pi) % (2 * np.pi) - np.pi
     h = np.empty((3, 3))
     info = np.empty(4)
-    weights = np.array([config.occupied_weight, config.translation_weight, config.rotation_weight])
-    correlation.refine(grid.cells, grid.frame, points, pose, centre, weights, config.max_iterations, h, info)
+    correlation.normal_equations(grid.cells, grid.frame, points, pose, h, np.empty(3), np.empty(11))
+    weights = _prior_information(h, len(points), config)
+    correlation.refine(
+        *(grid.cells, grid.frame, points, pose, centre, config.occupied_weight, weights),
+        *(config.max_iterations, h, info),
+    )
     return MatchResult(SE2.from_array(pose), h, float(info[0]), float(info[1]), float(info[2]), int(info[3]))

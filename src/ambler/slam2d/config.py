@@ -24,7 +24,11 @@ class FrontEndConfig:
     blind_window_linear: float = 0.15
     blind_window_angular: float = math.radians(10.0)
     rescue_score_drop: float = 0.12
+    odometry_slack: float = 0.03
+    odometry_slack_gain: float = 0.4
+    rescue_margin: float = 0.05
     refine: RefineConfig = field(default_factory=RefineConfig)
+    blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0, 15.0))
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2
@@ -47,14 +51,14 @@ class LoopConfig:
     window_per_metre: float = 0.05
     window_max: float = 7.0
     angle_base: float = math.radians(4.0)
-    angle_per_metre: float = math.radians(0.4)
+    angle_per_metre: float = math.radians(0.25)
     angle_max: float = math.radians(30.0)
     node_stride: int = 5
     candidates_per_node: int = 2
     searches_per_job: int = 24
     edges_per_pair: int = 6
     cached_stacks: int = 24
-    refine: RefineConfig = field(default_factory=lambda: RefineConfig(20.0, 0.1, 0.1, 10))
+    refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, 1.0, 10))
 
 
 @dataclass(frozen=True, slots=True)

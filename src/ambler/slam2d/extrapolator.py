@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,17 @@ class _Track:
         return self.poses[k - 1].interpolate(self.poses[k], (stamp_ns - t0) / (t1 - t0))
 
 
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Where the next scan should be. `local_from_base` follows odometry when `is_measured`, else it equals `steady_pose`, which continues
+    the last matched velocity; `motion` is the motion since the last scan."""
+
+    local_from_base: SE2
+    steady_pose: SE2
+    motion: SE2
+    is_measured: bool
+
+
 class PoseExtrapolator:
     """Keeps recent odometry, gyroscope and matched poses."""
 
@@ -71,38 +83,42 @@ class PoseExtrapolator:
         """Return the odometry at an instant, or None without recent odometry."""
         return self._odometry.at(stamp_ns)
 
-    def predict(self, stamp_ns: int) -> tuple[SE2, bool]:
-        """Return the predicted local_from_base and whether odometry stands behind it."""
+    def predict(self, stamp_ns: int) -> Prediction:
+        """Predict the pose of a scan."""
         if not self._matched.stamps:
-            return SE2(), False
+            return Prediction(SE2(), SE2(), SE2(), is_measured=False)
         last_ns, last = self._matched.stamps[-1], self._matched.poses[-1]
-        motion, is_measured = self.motion(last_ns, stamp_ns)
-        return last @ motion, is_measured
+        motion = self.odometry_motion(last_ns, stamp_ns)
+        steady = self._steady_motion(last_ns, stamp_ns)
+        chosen = steady if motion is None else motion
+        return Prediction(last @ chosen, last @ steady, chosen, motion is not None)
 
-    def motion(self, from_ns: int, to_ns: int) -> tuple[SE2, bool]:
-        """Return base(from)_from_base(to), and whether odometry was used."""
+    def odometry_motion(self, from_ns: int, to_ns: int) -> SE2 | None:
+        """Return base(from)_from_base(to) by odometry, its rotation by the gyroscope if there is one; None without odometry."""
         start, end = self._odometry.at(from_ns), self._odometry.at(to_ns)
-        is_measured = start is not None and end is not None
-        if start is not None and end is not None:
-            motion = start.inverse() @ end
-        else:
-            motion = SE2.exp(self._velocity() * ((to_ns - from_ns) * 1e-9))
+        if start is None or end is None:
+            return None
+        return self._turned(start.inverse() @ end, from_ns, to_ns)
+
+    def _steady_motion(self, from_ns: int, to_ns: int) -> SE2:
+        """Continue the last matched motion; its duration counts at most twofold, because stamps of real devices jitter."""
+        stamps, poses = self._matched.stamps, self._matched.poses
+        motion = SE2()
+        if len(stamps) >= 2:
+            ratio = (to_ns - from_ns) / (stamps[-1] - stamps[-2])
+            if ratio < 10.0:
+                motion = SE2.exp((poses[-2].inverse() @ poses[-1]).log() * min(ratio, 2.0))
+        return self._turned(motion, from_ns, to_ns)
+
+    def _turned(self, motion: SE2, from_ns: int, to_ns: int) -> SE2:
         yaw0, yaw1 = self._gyro.at(from_ns), self._gyro.at(to_ns)
-        if yaw0 is not None and yaw1 is not None and len(self._gyro.stamps) > 2:
-            motion = SE2(motion.x, motion.y, wrap_angle(yaw1.yaw - yaw0.yaw))
-        return motion, is_measured
+        if yaw0 is None or yaw1 is None or len(self._gyro.stamps) < 3:
+            return motion
+        return SE2(motion.x, motion.y, wrap_angle(yaw1.yaw - yaw0.yaw))
 
     def twist(self, stamp_ns: int, duration: float) -> NDArray[np.float64]:
         """Return the mean body twist (vx, vy, wz) from an instant on over `duration` seconds, for motion compensation."""
         span = max(duration, 0.02)
-        motion, _ = self.motion(stamp_ns, stamp_ns + int(span * 1e9))
-        return motion.log() / span
-
-    def _velocity(self) -> NDArray[np.float64]:
-        stamps, poses = self._matched.stamps, self._matched.poses
-        if len(stamps) < 2:
-            return np.zeros(3)
-        dt = (stamps[-1] - stamps[-2]) * 1e-9
-        if not 1e-4 < dt < 1.0:
-            return np.zeros(3)
-        return (poses[-2].inverse() @ poses[-1]).log() / dt
+        end_ns = stamp_ns + int(span * 1e9)
+        motion = self.odometry_motion(stamp_ns, end_ns)
+        return (self._steady_motion(stamp_ns, end_ns) if motion is None else motion).log() / span

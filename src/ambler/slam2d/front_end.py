@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.correlative import Window, correlate
-from ambler.registration.gauss_newton import MatchResult, refine
+from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine
 from ambler.registration.planar_scan import PlanarScan, filter_voxels, filter_voxels_adaptively
 from ambler.slam2d.config import FrontEndConfig
+from ambler.slam2d.extrapolator import Prediction
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
 
 F32 = NDArray[np.float32]
@@ -37,17 +38,19 @@ class FrontEnd:
         self.active = ActiveSubmaps(config.insertion, config.scans_per_submap)
         self._inserted: tuple[int, SE2] | None = None
         self._usual_score = 0.0
+        self.odometry_error = 0.0
 
-    def update(self, scan: PlanarScan, prediction: SE2, motion: SE2, is_measured: bool) -> LocalResult:
-        """Match one scan near the predicted local_from_base; `motion` is the predicted motion since the last scan."""
+    def update(self, scan: PlanarScan, prediction: Prediction) -> LocalResult:
+        """Match one scan near its prediction and insert it when the robot has moved."""
         config = self._config
         scan = replace(scan, points=filter_voxels(scan.points, config.voxel_size))
         points = filter_voxels_adaptively(scan.points, config.match_max_voxel, config.match_min_points)
-        pose, match = prediction, None
+        pose, match = prediction.local_from_base, None
         target = self.active.target
         if target is not None and len(points) >= 10:
-            match = self._match(target, points, prediction, self._window(motion, is_measured))
+            match = self._match(target, points, prediction)
             pose = target.local_from_submap @ match.grid_from_base
+            self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None
         if len(scan.points) >= 10 and self._has_moved(scan.stamp_ns, pose):
@@ -55,29 +58,50 @@ class FrontEnd:
             self._inserted = (scan.stamp_ns, pose)
         return LocalResult(pose, match, scan, points, submaps, finished)
 
-    def _window(self, motion: SE2, is_measured: bool) -> Window:
+    def _match(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult:
         config = self._config
-        gain = config.window_gain if is_measured else 1.0
-        linear = config.window_linear if is_measured else config.blind_window_linear
-        angular = config.window_angular if is_measured else config.blind_window_angular
-        return Window(
-            min(linear + gain * SE2().distance_to(motion), max(linear, config.window_linear_max)),
-            min(angular + gain * abs(motion.yaw), config.window_angular_max),
-        )
-
-    def _match(self, target: Submap, points: F32, prediction: SE2, window: Window) -> MatchResult:
-        config = self._config
-        prior = target.to_submap(prediction)
-        start = correlate(target.grid, points, prior, window).grid_from_base
-        match = refine(target.grid, points, start, prior, config.refine)
+        is_trusted = prediction.is_measured and self.odometry_error < 1.0
+        window = self._window(prediction.motion, is_trusted)
+        prior = target.to_submap(prediction.local_from_base)
+        weights = config.refine if is_trusted else config.blind_refine
+        match = self._match_near(target, points, prior, window, weights)
+        steady = target.to_submap(prediction.steady_pose)
+        if prediction.is_measured and not is_trusted:
+            other = self._match_near(target, points, steady, window, weights)
+            if other.score > match.score + config.rescue_margin:
+                match = other
         if match.score < self._usual_score - config.rescue_score_drop:
             wide = Window(config.window_linear_max, config.window_angular_max)
-            start = correlate(target.grid, points, prior, wide).grid_from_base
-            rescued = refine(target.grid, points, start, prior, config.refine)
-            if rescued.score > match.score:
-                match = rescued
+            for centre in (prior, steady):
+                start = correlate(target.grid, points, centre, wide).grid_from_base
+                rescued = refine(target.grid, points, start, start, config.blind_refine)
+                if rescued.score > match.score + config.rescue_margin:
+                    match = rescued
         self._usual_score += 0.05 * (match.score - self._usual_score)
         return match
+
+    @staticmethod
+    def _match_near(target: Submap, points: F32, prior: SE2, window: Window, weights: RefineConfig) -> MatchResult:
+        start = correlate(target.grid, points, prior, window).grid_from_base
+        return refine(target.grid, points, start, prior, weights)
+
+    def _window(self, motion: SE2, is_trusted: bool) -> Window:
+        config = self._config
+        linear = config.window_linear if is_trusted else config.blind_window_linear
+        angular = config.window_angular if is_trusted else config.blind_window_angular
+        return Window(
+            min(linear + config.window_gain * SE2().distance_to(motion), max(linear, config.window_linear_max)),
+            min(angular + config.window_gain * abs(motion.yaw), config.window_angular_max),
+        )
+
+    def _judge_odometry(self, prediction: Prediction, pose: SE2) -> None:
+        """Average how far odometry misses the match, in units of what it is allowed to miss; above 1 it is not trusted."""
+        if not prediction.is_measured:
+            return
+        config, motion = self._config, prediction.motion
+        allowed = config.odometry_slack + config.odometry_slack_gain * SE2().distance_to(motion)
+        error = min(prediction.local_from_base.distance_to(pose) / allowed, 4.0)
+        self.odometry_error += 0.3 * (error - self.odometry_error)
 
     def _has_moved(self, stamp_ns: int, pose: SE2) -> bool:
         config = self._config

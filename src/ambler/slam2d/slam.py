@@ -82,11 +82,7 @@ class Slam2d:
 
     def update(self, scan: PlanarScan) -> Slam2dResult:
         """Match, insert and add one scan to the graph. Stamps must increase."""
-        prediction, is_measured = self._extrapolator.predict(scan.stamp_ns)
-        motion = SE2()
-        if self._last_ns is not None:
-            motion, _ = self._extrapolator.motion(self._last_ns, scan.stamp_ns)
-        local = self._front_end.update(scan, prediction, motion, is_measured)
+        local = self._front_end.update(scan, self._extrapolator.predict(scan.stamp_ns))
         self._extrapolator.add_matched(scan.stamp_ns, local.local_from_base)
         node = None
         if local.submaps:
@@ -144,8 +140,7 @@ class Slam2d:
     def _odometry_since_node(self, stamp_ns: int) -> SE2 | None:
         if self._node_ns is None:
             return None
-        motion, is_measured = self._extrapolator.motion(self._node_ns, stamp_ns)
-        return motion if is_measured else None
+        return self._extrapolator.odometry_motion(self._node_ns, stamp_ns)
 
     def _smoothed(self, stamp_ns: int) -> SE2:
         """Let the published map_from_local follow the optimized one with a time constant."""
