@@ -97,7 +97,7 @@ def test_edges_refuse_what_is_no_convex_polygon() -> None:
 def test_circles_cover_the_footprint(name: str, padding: float, seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.8, 0.8, (400, 2))
     points = points[inside(points, SHAPES[name], padding)]
-    circles = covering_circles(SHAPES[name], padding)
+    circles = covering_circles(*footprint.footprint_edges(SHAPES[name], padding))
     away = np.hypot(points[:, None, 0] - circles[None, :, 0], points[:, None, 1] - circles[None, :, 1])
     assert (away <= circles[None, :, 2] + 1e-9).any(axis=1).all()
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel, VelocityLimits
-from ambler.kernels.footprint import contact_times, footprint_edges
+from ambler.kernels.footprint import contact_time, footprint_edges
 
 F64 = NDArray[np.float64]
 
@@ -67,16 +67,19 @@ class ProtectiveField:
         fastest = math.hypot(velocity.vx, velocity.vy) + abs(velocity.wz) * self._radius
         if fastest <= 0.0:
             return math.inf
-        near = self._points_within(points_base, self._radius + fastest * horizon + self._margin)
-        if len(near) < self._min_points:
-            return math.inf
         steps = max(1, math.ceil(fastest * horizon / SWEEP_STEP))
-        times = np.empty(len(near))
-        twist = np.array([velocity.vx, velocity.vy, velocity.wz])
-        contact_times(near, self._normals, self._offsets, twist, self._margin, NEARER, horizon / steps, steps, times)
-        return float(np.partition(times, self._min_points - 1)[self._min_points - 1])
-
-    def _points_within(self, points: F64, reach: float) -> F64:
-        points = points[np.hypot(points[:, 0], points[:, 1]) <= reach]
-        clearance = np.max(points @ self._normals.T - self._offsets, axis=1)
-        return np.ascontiguousarray(points[clearance > -self._self_depth])
+        return float(
+            contact_time(
+                points_base,
+                self._normals,
+                self._offsets,
+                self._radius,
+                np.array([velocity.vx, velocity.vy, velocity.wz]),
+                self._margin,
+                NEARER,
+                self._self_depth,
+                horizon / steps,
+                steps,
+                self._min_points,
+            )
+        )
