@@ -47,6 +47,12 @@ class DemoOptions:
     profile: Mapping[str, Any] = field(default_factory=dict)
 
 
+def explorer_config(options: DemoOptions) -> ExplorerConfig:
+    """Return the robot's configuration with the options' profile laid over it; raises BadInputError for anything wrong."""
+    load_world(options.world)
+    return build(ExplorerConfig, merge(as_values(for_robot(robot_named(options.robot).model)), options.profile))
+
+
 class Demo:
     """One demonstration in one folder. `run` explores; `serve` then keeps the robot alive for viewers."""
 
@@ -59,7 +65,7 @@ class Demo:
         self.progress = ProgressLine()
         self._robot = robot_named(options.robot)
         self.world = load_world(options.world)
-        self.config = build(ExplorerConfig, merge(as_values(for_robot(self._robot.model)), options.profile))
+        self.config = explorer_config(options)
         save_resolved(folder.config, {"demo": as_values(options), "explorer": as_values(self.config)})
         self.log = RunLog(folder.log, run=folder.root.name)
         self.executor = self._make_executor()

@@ -35,13 +35,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explore, judge, report; then keep the view open on a terminal. 0: ended with proof and without a collision."""
-    from ambler.apps.demo import Demo
+    from ambler.apps.demo import Demo, explorer_config
     from ambler.apps.demo_report import judge, print_result, write_demo_report
     from ambler.apps.run_folder import RunFolder
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
     options = _options(args)
+    explorer_config(options)
     warm_up(imported_kernel_modules())
     folder = RunFolder.new(args.out, f"{Path(args.world).stem}-{args.robot}-{args.seed}")
     demo = Demo(options, folder)
