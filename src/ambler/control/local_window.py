@@ -16,9 +16,13 @@ from ambler.kernels.rollout import free_slide, free_turn
 F64 = NDArray[np.float64]
 
 
-def covering_circles(polygon: F64, padding: float) -> F64:
-    """Return circles (M, 3) of (x, y, r) that together cover a polygon (N, 2) grown by `padding`: a row along its length."""
-    low, high = polygon.min(axis=0) - padding, polygon.max(axis=0) + padding
+def covering_circles(normals: F64, offsets: F64) -> F64:
+    """Return circles (M, 3) of (x, y, r) that together cover a convex polygon given by its edges: a row along its length."""
+    following, reach = np.roll(normals, -1, axis=0), np.roll(offsets, -1)
+    corners = np.linalg.solve(np.stack((normals, following), axis=1), np.stack((offsets, reach), axis=1)[..., None])[
+        ..., 0
+    ]
+    low, high = corners.min(axis=0), corners.max(axis=0)
     length, width = float(high[0] - low[0]), float(high[1] - low[1])
     count = max(1, math.ceil(length / width))
     radius = math.hypot(length / count / 2.0, width / 2.0)
@@ -32,7 +36,7 @@ class LocalWindow:
 
     def __init__(self, robot: RobotModel, padding: float) -> None:
         self.normals, self.offsets = footprint_edges(robot.footprint, padding)
-        self.circles = covering_circles(robot.footprint, padding)
+        self.circles = covering_circles(self.normals, self.offsets)
         self.inscribed_radius = robot.inscribed_radius
         self.radius = robot.circumscribed_radius + padding
         self.spec = GridSpec(0.05, 0, 0, 0.0, 0.0)
