@@ -16,6 +16,7 @@ from ambler.localization.reflectors import (
     DetectorConfig,
     Recognition,
     ReflectorMap,
+    Sighting,
     associate,
     detect_reflectors,
     recognize,
@@ -26,14 +27,11 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ReflectorConfig:
-    """`sigma_range`, `sigma_side`: errors of a found reflector along and across the ray (m; across grows with `angle_step`, rad).
-    `gate`: sigma of the association; `reach_most` metres at most."""
+    """`sigma`: error of a found reflector (m), besides what the sampling of its strip leaves open. `gate`: sigma of the association; `reach_most` metres at most."""
 
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
-    sigma_range: float = 0.008
-    sigma_side: float = 0.01
-    angle_step: float = 0.0065
+    sigma: float = 0.005
     gate: float = 4.0
     reach_least: float = 0.06
     reach_most: float = 0.8
@@ -68,7 +66,7 @@ class ReflectorLocalizer:
 
     def recognize(self, observation: Observation) -> Recognition:
         """Find the pose without a prior; nothing is changed."""
-        return recognize(self._detect(observation), self.map)
+        return recognize(self._detect(observation).centers, self.map)
 
     def update(self, observation: Observation) -> Estimate:
         """Predict by odometry, pair reflectors, triangulate."""
@@ -80,21 +78,23 @@ class ReflectorLocalizer:
         seen = self._detect(observation)
         stamp = observation.stamp_ns
         self._estimate = Estimate(stamp, pose, covariance.copy(), 0.0, Mode.ODOMETRY, 0.0, False)
-        if len(seen) and len(self.map.positions):
+        if len(seen.centers) and len(self.map.positions):
             self._triangulate(stamp, pose, covariance, seen)
         return self._estimate
 
-    def _detect(self, observation: Observation) -> F64:
+    def _detect(self, observation: Observation) -> Sighting:
         if observation.intensities is None:
-            return np.empty((0, 2))
+            return Sighting(np.empty((0, 2)), np.empty(0))
         return detect_reflectors(observation.points_base, observation.intensities, self.config.detector)
 
-    def _triangulate(self, stamp_ns: int, predicted: SE2, prior: F64, seen: F64) -> None:
+    def _triangulate(self, stamp_ns: int, predicted: SE2, prior: F64, sighting: Sighting) -> None:
         """Iterate association and a Kalman update in information form until the pose rests."""
         config = self.config
+        seen = sighting.centers
         information = np.linalg.inv(prior)
-        pose, state = predicted, predicted.as_array()
-        posterior, surprise, index = prior, 0.0, np.full(len(seen), -1)
+        pose, surprise, index = predicted, 0.0, np.full(len(seen), -1)
+        state: F64 = predicted.as_array()
+        posterior: F64 = prior
         far = float(np.hypot(seen[:, 0], seen[:, 1]).max())
         for k in range(6):
             spread = math.sqrt(float(np.trace(posterior[:2, :2])) + far * far * float(posterior[2, 2]))
@@ -103,10 +103,10 @@ class ReflectorLocalizer:
             used = np.flatnonzero(index >= 0)
             if len(used) == 0:
                 return
-            h, g, surprise = self._normal_equations(pose, seen[used], index[used])
+            h, g, surprise = self._normal_equations(pose, seen[used], index[used], sighting.sigmas[used])
             pull = predicted.as_array() - state
             pull[2] = wrap_angle(float(pull[2]))
-            posterior = np.linalg.inv(information + h)
+            posterior = np.asarray(np.linalg.inv(information + h), np.float64)
             step = posterior @ (information @ pull + g)
             state = state + step
             pose = SE2(float(state[0]), float(state[1]), wrap_angle(float(state[2])))
@@ -118,23 +118,16 @@ class ReflectorLocalizer:
         score = count / len(seen)
         self._estimate = Estimate(stamp_ns, pose, self._covariance.copy(), score, mode, surprise / (2 * count), True)
 
-    def _normal_equations(self, pose: SE2, seen: F64, index: NDArray[np.int64]) -> tuple[F64, F64, float]:
+    def _normal_equations(self, pose: SE2, seen: F64, index: NDArray[np.int64], sigmas: F64) -> tuple[F64, F64, float]:
         """Return H (3, 3), -gradient (3,) and the squared Mahalanobis sum of map position minus seen position."""
-        config = self.config
         h, g, total = np.zeros((3, 3)), np.zeros(3), 0.0
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        turn = np.array([[c, -s], [s, c]])
-        for point, k in zip(seen, index, strict=True):
-            far = float(np.hypot(*point))
-            ray = point / max(far, 1e-6)
-            side = np.array([-ray[1], ray[0]])
-            across = config.sigma_side**2 + (0.5 * config.angle_step * far) ** 2 / 3.0
-            r = turn @ (config.sigma_range**2 * np.outer(ray, ray) + across * np.outer(side, side)) @ turn.T
-            weight = np.linalg.inv(r + self.map.sigmas[k] ** 2 * np.eye(2))
-            rx, ry = turn @ point
+        for (px, py), k, sigma in zip(seen.tolist(), index.tolist(), sigmas.tolist(), strict=True):
+            weight = 1.0 / (self.config.sigma**2 + sigma**2 + float(self.map.sigmas[k]) ** 2)
+            rx, ry = c * px - s * py, s * px + c * py
             jacobian = np.array([[1.0, 0.0, -ry], [0.0, 1.0, rx]])
             residual = self.map.positions[k] - np.array([pose.x + rx, pose.y + ry])
-            h += jacobian.T @ weight @ jacobian
-            g += jacobian.T @ weight @ residual
-            total += float(residual @ weight @ residual)
+            h += weight * jacobian.T @ jacobian
+            g += weight * jacobian.T @ residual
+            total += weight * float(residual @ residual)
         return h, g, total

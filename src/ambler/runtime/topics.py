@@ -62,6 +62,9 @@ MAP = _topic("map", m.OccupancyGrid, "/map", "latched", 1)
 MATCHED_SCAN = _topic("matched_scan", m.PointCloud, "/matched_scan", depth=2)
 SLAM_POSE = _topic("slam_pose", m.PoseStamped, "/slam_pose", depth=50)
 SLAM_HEALTH = _topic("slam_health", m.SlamHealth, "/slam_health")
+# Localization in a known map
+LOCALIZED_POSE = _topic("localized_pose", m.Odometry, "/localized_pose", depth=50)
+SET_POSE = _topic("set_pose", m.PoseStamped, "/set_pose", depth=2)
 # Navigation
 GOAL = _topic("goal", m.PoseStamped, "/goal_pose", depth=2)
 GLOBAL_COSTMAP = _topic("global_costmap", m.CostGrid, "/global_costmap/costmap", "latched", 1)
