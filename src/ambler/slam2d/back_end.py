@@ -184,7 +184,8 @@ class BackEnd:
         waiting = len(self.nodes) - self._optimized_nodes
         is_due = self.loop_closures > 0 and waiting >= self._config.nodes_between
         is_full = len(self._queue) >= self._loop.searches_per_job
-        if self._is_busy or not self.nodes or not (is_due or is_full or is_final):
+        is_last = is_final and (len(self._queue) > 0 or waiting > 0)
+        if self._is_busy or not self.nodes or not (is_due or is_full or is_last):
             return None
         self._is_busy = True
         batch, self._queue = (
@@ -195,7 +196,7 @@ class BackEnd:
         snapshot = self.graph.snapshot()
         newest = len(self.nodes) - 1
         searcher, config = self._searcher, self._config
-        must_solve = is_due or is_final
+        must_solve = is_due or is_last
 
         def run() -> JobResult:
             edges = [e for c in candidates if (e := searcher.search(c)) is not None]

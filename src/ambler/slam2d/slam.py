@@ -124,6 +124,11 @@ class Slam2d:
         self._back_end.commit(result)
         self.map_version += 1
 
+    def finish(self) -> None:
+        """Search what still waits and optimize until nothing new is found; for the end of a recording."""
+        for work in iter(lambda: self._back_end.take_work(is_final=True), None):
+            self.commit(work())
+
     def render_map(self) -> tuple[GridSpec, NDArray[np.int8]]:
         """Return the map's geometry and occupancy int8 [iy, ix] (-1 unknown, 0 free, 100 occupied)."""
         back_end = self._back_end

@@ -1,0 +1,150 @@
+"""`ambler slam2d LOG --out DIR`: a recorded laser log becomes a map, a trajectory and a picture."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ambler.slam2d.offline import OfflineResult
+    from ambler.wire.carmen import CarmenLog
+
+FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the verb."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "slam2d", help="turn a recorded CARMEN laser log (plain, .gz, .bz2) into a map and a trajectory"
+    )
+    parser.add_argument("log", type=Path, metavar="LOG", help="CARMEN log with FLASER, RLASER or ROBOTLASER1 lines")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
+    parser.add_argument("--relations", type=Path, metavar="FILE", help="SLAM-benchmark relations to compare with")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="recorded in the result; the method draws no random numbers"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, map, write, compare."""
+    import time
+
+    from ambler.core.errors import BadInputError
+    from ambler.evaluation.relations import load_relations, relation_errors
+    from ambler.evaluation.results import write_results
+    from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.wire.carmen import load_carmen
+
+    if args.out.exists() and not args.out.is_dir():
+        raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
+    begin = time.perf_counter()
+    import ambler.slam2d.offline  # noqa: F401  (names the kernels to warm up)
+
+    warm_up(imported_kernel_modules())
+    cpu = time.process_time()
+    relations = load_relations(args.relations) if args.relations else None
+    log = load_carmen(args.log)
+    stamps = [line.stamp for line in log.lasers]
+    result = _map(log)
+    errors = relation_errors(relations, stamps, result.poses) if relations else None
+    _write(args.out, stamps, result)
+    cpu_seconds = time.process_time() - cpu
+    data_seconds = max(stamps) - min(stamps)
+    fields: dict[str, Any] = {
+        "scans": len(stamps),
+        "data_seconds": data_seconds,
+        "cpu_seconds": cpu_seconds,
+        "real_time_factor": data_seconds / cpu_seconds,
+        "loop_closures": result.loop_closures,
+        "nodes": result.nodes,
+        "submaps": result.submaps,
+    }
+    if errors is not None:
+        fields |= errors.fields()
+    _report(args.out, fields)
+    if args.json:
+        write_results(args.json, f"ambler slam2d {args.log}", args.seed, time.perf_counter() - begin, fields)
+    return 0
+
+
+def _map(log: CarmenLog) -> OfflineResult:
+    """Run with a progress bar and the time that is left."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    from ambler.slam2d.log_scans import scans_of
+    from ambler.slam2d.offline import run_offline
+
+    columns = (
+        TextColumn("mapping"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("scans, elapsed"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    done = 0
+    with Progress(*columns, console=Console(stderr=True), refresh_per_second=2) as progress:
+        task = progress.add_task("", total=len(log.lasers))
+
+        def on_scan() -> None:
+            nonlocal done
+            done += 1
+            if done % 50 == 0 or done == len(log.lasers):
+                progress.update(task, completed=done)
+
+        return run_offline(scans_of(log), on_scan=on_scan)
+
+
+def _write(out: Path, stamps: list[float], result: OfflineResult) -> None:
+    """Write everything into a folder beside the target, then move it there, so that no partial output is ever seen."""
+    import numpy as np
+
+    from ambler.core.errors import BadInputError
+    from ambler.evaluation.pictures import draw_map_with_trajectory
+    from ambler.wire.map_files import save_map
+    from ambler.wire.tum import write_tum
+
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+    except OSError as error:
+        raise BadInputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    try:
+        write_tum(partial / "trajectory.tum", np.array(stamps), result.poses)
+        save_map(partial / "map", result.spec, result.occupancy)
+        draw_map_with_trajectory(partial / "map.png", result.spec, result.occupancy, {"trajectory": result.poses})
+        out.mkdir(exist_ok=True)
+        for name in FILES:
+            os.replace(partial / name, out / name)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _report(out: Path, fields: dict[str, Any]) -> None:
+    print(
+        f"{fields['scans']} scans, {fields['data_seconds']:.0f} s of data in {fields['cpu_seconds']:.1f} s CPU"
+        f" ({fields['real_time_factor']:.0f} x real time), {fields['submaps']} submaps,"
+        f" {fields['loop_closures']} loop closures"
+    )
+    if "relations_used" in fields:
+        print(
+            f"relations: {fields['relations_used']} used, translation {fields['translation_mean_m']:.4f} ±"
+            f" {fields['translation_std_m']:.4f} m, rotation {fields['rotation_mean_deg']:.3f} ±"
+            f" {fields['rotation_std_deg']:.3f} deg"
+        )
+    print(f"written: {', '.join(str(out / name) for name in FILES)}")

@@ -1,0 +1,68 @@
+"""Runs 2-D SLAM over a whole log: the background work inline, a final optimization, and a pose for every scan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.slam2d.config import Slam2dConfig
+from ambler.slam2d.log_scans import LogScan
+from ambler.slam2d.slam import Slam2d
+
+_METRES_PER_RADIAN = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OfflineResult:
+    """`poses` float64 (N, 3): map_from_base of every scan; `occupancy` int8 [iy, ix] on `spec`."""
+
+    poses: NDArray[np.float64]
+    spec: GridSpec
+    occupancy: NDArray[np.int8]
+    loop_closures: int
+    nodes: int
+    submaps: int
+
+
+def run_offline(
+    scans: Iterable[LogScan], config: Slam2dConfig | None = None, on_scan: Callable[[], None] | None = None
+) -> OfflineResult:
+    """Map all scans; `on_scan` is called after each."""
+    slam = Slam2d(config)
+    local: list[SE2] = []
+    newest_node: list[int] = []
+    for item in scans:
+        slam.add_odometry(item.scan.stamp_ns, item.odom_from_base)
+        local.append(slam.update(item.scan).local_from_base)
+        newest_node.append(slam.nodes - 1)
+        work = slam.take_background_work()
+        if work is not None:
+            slam.commit(work())
+        if on_scan is not None:
+            on_scan()
+    slam.finish()
+    poses = np.array([_global_pose(slam, pose, k).as_array() for pose, k in zip(local, newest_node, strict=True)])
+    spec, occupancy = slam.render_map()
+    return OfflineResult(poses.reshape(-1, 3), spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps)
+
+
+def _global_pose(slam: Slam2d, local_from_base: SE2, k: int) -> SE2:
+    """Carry a scan's local pose into the map by the nodes before and after it, weighted by their nearness."""
+    if k < 0:
+        return local_from_base
+    before = slam.map_from_node(k) @ (slam.local_from_node(k).inverse() @ local_from_base)
+    if k + 1 >= slam.nodes:
+        return before
+    after = slam.map_from_node(k + 1) @ (slam.local_from_node(k + 1).inverse() @ local_from_base)
+    to_before = _separation(slam.local_from_node(k), local_from_base)
+    to_after = _separation(slam.local_from_node(k + 1), local_from_base)
+    return before.interpolate(after, to_before / max(to_before + to_after, 1e-9))
+
+
+def _separation(a: SE2, b: SE2) -> float:
+    return a.distance_to(b) + _METRES_PER_RADIAN * abs(wrap_angle(a.yaw - b.yaw))
