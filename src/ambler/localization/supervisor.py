@@ -88,6 +88,10 @@ class Supervisor:
         self._enter(LocalizationState.TRACKING, "the pose was set by hand")
         self.relocalizer.reset()
 
+    def distrust(self, reason: str) -> None:
+        """Stop believing the pose and search the whole map."""
+        self._enter(LocalizationState.LOST, reason)
+
     def update(self, observation: Observation) -> Supervision:
         """Track and judge, or search; returns what to believe."""
         if self._state in (LocalizationState.TRACKING, LocalizationState.DEGRADED):

@@ -1,0 +1,271 @@
+"""Localization in a known map on the bus: map, scans, odometry and IMU in; map -> odom and the pose with its covariance out."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError, StaleInputError
+from ambler.core.messages import (
+    Imu,
+    LaserScan,
+    OccupancyGrid,
+    Odometry,
+    PointCloud,
+    PoseStamped,
+    Status,
+    Transforms,
+    TransformStamped,
+)
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.localization.localizer import Estimate, Localizer, Observation
+from ambler.localization.planar_ekf import EkfConfig, EkfEstimate, PlanarEkf
+from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
+from ambler.localization.supervisor import LocalizationState, Supervision, Supervisor, SupervisorConfig
+from ambler.localization.surface_map import SurfaceMap
+from ambler.perception.odometry_buffer import OdometryBuffer
+from ambler.perception.planar import PlanarConfig, scan_duration, scan_to_points
+from ambler.runtime.node import Node
+from ambler.runtime.tasks import RELOCALIZE, Nothing
+from ambler.runtime.topics import (
+    IMU,
+    LOCALIZED_POSE,
+    MAP,
+    MERGED_CLOUD,
+    ODOMETRY,
+    SCAN,
+    SET_POSE,
+    STATUS,
+    TRANSFORMS,
+)
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+_PLANE = [0, 1, 5]
+_MOST_WAITING = 20
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizationNodeConfig:
+    """`uses_scan`, `uses_cloud`: the merged scan, the merged cloud, or both (the cloud of the same instant joins the scan). `initial_pose`:
+    where the robot is switched on, None to search the whole map. `covariance` is that of poses set by people (x, y, yaw)."""
+
+    uses_scan: bool = True
+    uses_cloud: bool = False
+    initial_pose: SE2 | None = None
+    covariance: tuple[float, float, float] = (0.25, 0.25, 0.07)
+    gyro_variance: float = 1e-4
+    planar: PlanarConfig = field(default_factory=PlanarConfig)
+    ekf: EkfConfig = field(default_factory=EkfConfig)
+    relocalizer: RelocalizerConfig = field(default_factory=RelocalizerConfig)
+    supervisor: SupervisorConfig = field(default_factory=SupervisorConfig)
+
+
+class LocalizationNode(Node):
+    """Runs any `Localizer` under a `Supervisor`. `make_localizer` builds it for each new map; the planar EKF predicts between scans.
+
+    While the robot is lost nothing is published but `status`, so the last transform grows stale and the consumers stop.
+    """
+
+    name = "localization"
+    inputs = (MAP, ODOMETRY)
+    optional_inputs = (SCAN, MERGED_CLOUD, IMU, SET_POSE)
+    outputs = (TRANSFORMS, LOCALIZED_POSE, STATUS)
+    serves = (RELOCALIZE,)
+    latency = 0.005
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        make_localizer: Callable[[SurfaceMap], Localizer],
+        config: LocalizationNodeConfig | None = None,
+    ) -> None:
+        self._robot = robot
+        self._make_localizer = make_localizer
+        self._config = config or LocalizationNodeConfig()
+        if not (self._config.uses_scan or self._config.uses_cloud):
+            raise BadInputError("localization needs the scan, the cloud, or both")
+        self._wheels = OdometryBuffer()
+        self._ekf = PlanarEkf(self._config.ekf)
+        self._fused = OdometryBuffer()
+        self._waiting: deque[LaserScan | PointCloud] = deque()
+        self._cloud: PointCloud | None = None
+        self._newest_ns = -1
+        self._state: LocalizationState | None = None
+        self.supervisor: Supervisor | None = None
+
+    def start(self) -> None:
+        """Subscribe to the map, the sensors and poses set by people."""
+        self.ctx.subscribe(MAP, self._on_map)
+        self.ctx.subscribe(ODOMETRY, self._on_odometry)
+        if self._config.uses_scan:
+            self.ctx.subscribe(SCAN, self._wait)
+        if self._config.uses_cloud:
+            self.ctx.subscribe(MERGED_CLOUD, self._on_cloud)
+        self.ctx.subscribe(IMU, self._on_imu)
+        self.ctx.subscribe(SET_POSE, self._on_set_pose)
+        self.ctx.serve(RELOCALIZE, self._relocalize)
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        """Build localizer and relocalizer for a map; a later map keeps the pose."""
+        before = self.supervisor
+        surfaces = SurfaceMap.from_occupancy(message.data, message.spec)
+        localizer = self._make_localizer(surfaces)
+        initial = self._config.initial_pose
+        odom_from_base = self._newest_odometry()
+        if before is not None and before.localizer.estimate is not None:
+            known = before.localizer.estimate
+            localizer.set_pose(known.stamp_ns, odom_from_base, known.map_from_base, known.covariance)
+        elif initial is not None:
+            localizer.set_pose(message.stamp_ns, odom_from_base, initial, np.diag(self._config.covariance))
+        relocalizer = Relocalizer(surfaces, self._config.relocalizer)
+        self.supervisor = Supervisor(surfaces, localizer, relocalizer, self._config.supervisor)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._wheels.add(message)
+        twist = np.array([message.linear[0], message.linear[1], message.angular[2]])
+        self._ekf.add_twist(message.stamp_ns, twist, message.twist_covariance[np.ix_(_PLANE, _PLANE)])
+        fused = self._ekf.estimate()
+        if fused is not None:
+            self._fused.add_pose(fused.stamp_ns, fused.odom_from_base)
+        self._use_waiting()
+
+    def _on_imu(self, message: Imu) -> None:
+        turned = self._robot.sensor(message.frame).base_from_sensor.rotate(message.angular_velocity)
+        self._ekf.add_imu(message.stamp_ns, turned[2], self._config.gyro_variance)
+
+    def _on_cloud(self, message: PointCloud) -> None:
+        self._cloud = message
+        if not self._config.uses_scan:
+            self._wait(message)
+
+    def _on_set_pose(self, message: PoseStamped) -> None:
+        if self.supervisor is None:
+            self._tell("NO_MAP", "a pose was set before there is a map", {})
+            return
+        pose = message.pose.to_se2()
+        covariance = np.diag(self._config.covariance)
+        self.supervisor.localizer.set_pose(message.stamp_ns, self._newest_odometry(), pose, covariance)
+        self.supervisor.trust()
+
+    def _relocalize(self, _: Nothing) -> Nothing:
+        """Search the whole map, whatever is believed now."""
+        if self.supervisor is None:
+            raise BadInputError("there is no map to search")
+        self.supervisor.distrust("a search of the whole map was asked for")
+        return Nothing()
+
+    def _newest_odometry(self) -> SE2:
+        newest = self._fused.newest_ns
+        return SE2() if newest is None or not self._fused.covers(newest, newest) else self._fused.pose_at(newest)
+
+    def _wait(self, message: LaserScan | PointCloud) -> None:
+        """Keep a scan until odometry has reached its instant."""
+        self._waiting.append(message)
+        if len(self._waiting) > _MOST_WAITING:
+            self._waiting.popleft()
+            self.ctx.log("ODOMETRY_MISSING", "a scan is left out: odometry does not reach its instant")
+        self._use_waiting()
+
+    def _use_waiting(self) -> None:
+        newest = self._fused.newest_ns
+        while self._waiting and newest is not None and self._waiting[0].stamp_ns <= newest:
+            message = self._waiting.popleft()
+            if message.stamp_ns <= self._newest_ns:
+                self.ctx.log("SCAN_OUT_OF_ORDER", "a scan is older than the last one and is left out")
+                continue
+            self._newest_ns = message.stamp_ns
+            if self.supervisor is not None:
+                self._update(self.supervisor, message)
+
+    def _update(self, supervisor: Supervisor, message: LaserScan | PointCloud) -> None:
+        stamp = message.stamp_ns
+        try:
+            fused, wheels = self._fused.pose_at(stamp), self._wheels.pose_at(stamp)
+        except StaleInputError as error:
+            self.ctx.log("ODOMETRY_MISSING", str(error))
+            return
+        points, intensities = self._points_of(message)
+        result = supervisor.update(Observation(stamp, fused, points, intensities))
+        self._tell_state(result)
+        is_believed = result.state in (LocalizationState.TRACKING, LocalizationState.DEGRADED)
+        if is_believed and result.estimate is not None:
+            self._publish(result.estimate, wheels)
+
+    def _points_of(self, message: LaserScan | PointCloud) -> tuple[F32, F32 | None]:
+        """Points (N, 2) in the base frame and their intensities, of the scan, of the cloud, or of both."""
+        if isinstance(message, PointCloud):
+            return np.array(message.points[:, :2], np.float32), np.array(message.intensity, np.float32)
+        is_base = message.frame == "base"
+        mount = SE3() if is_base else self._robot.sensor(message.frame).base_from_sensor
+        scan = scan_to_points(message, mount, self._twist(message), self._config.planar)
+        cloud = self._cloud
+        if self._config.uses_cloud and cloud is not None and cloud.stamp_ns == message.stamp_ns:
+            return np.concatenate([scan.points, cloud.points[:, :2]]), None
+        bright = None
+        if len(message.intensities) == len(message.ranges):
+            limits = self._config.planar
+            near, far = max(limits.range_min, message.range_min), min(limits.range_max, message.range_max)
+            bright = message.intensities[(message.ranges >= near) & (message.ranges <= far)]
+        return scan.points, bright if bright is not None and len(bright) == len(scan.points) else None
+
+    def _twist(self, message: LaserScan) -> F64:
+        """Velocity (vx, vy, wz) of the base over a scan; still when odometry does not reach back."""
+        seconds = max(scan_duration(message), 0.02)
+        begin = message.stamp_ns - int(seconds * 1e9)
+        if not self._fused.covers(begin, message.stamp_ns):
+            return np.zeros(3)
+        motion = self._fused.pose_at(begin).inverse() @ self._fused.pose_at(message.stamp_ns)
+        return motion.log() / seconds
+
+    def _publish(self, estimate: Estimate, odom_from_base: SE2) -> None:
+        stamp = estimate.stamp_ns
+        map_from_odom = estimate.map_from_base @ odom_from_base.inverse()
+        edge = TransformStamped(stamp, "map", "odom", SE3.from_se2(map_from_odom))
+        self.ctx.publish(TRANSFORMS, Transforms(stamp, (edge,)))
+        pose_covariance, twist_covariance = np.diag([1e-6] * 6), np.diag([1e-6] * 6)
+        pose_covariance[np.ix_(_PLANE, _PLANE)] = estimate.covariance
+        motion = self._ekf.estimate()
+        linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        if motion is not None:
+            linear, angular = _velocity(motion)
+            twist_covariance[np.ix_(_PLANE, _PLANE)] = motion.covariance[3:6, 3:6]
+        self.ctx.publish(
+            LOCALIZED_POSE,
+            Odometry(
+                stamp,
+                "map",
+                "base",
+                SE3.from_se2(estimate.map_from_base),
+                linear,
+                angular,
+                pose_covariance,
+                twist_covariance,
+            ),
+        )
+
+    def _tell_state(self, result: Supervision) -> None:
+        if result.state is self._state:
+            return
+        self._state = result.state
+        fields = {"explained": round(result.explained, 3), "through": round(result.through, 3)}
+        if result.relocalization is not None:
+            fields["possible"] = len(result.relocalization.hypotheses)
+        self._tell(f"LOCALIZATION_{result.state.name}", f"{result.state.value}: {result.text}", fields)
+
+    def _tell(self, code: str, text: str, fields: dict[str, float]) -> None:
+        self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, text, json.dumps(fields)))
+
+
+def _velocity(motion: EkfEstimate) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    v = motion.velocity
+    is_finite = math.isfinite(v.vx + v.vy + v.wz)
+    return ((v.vx, v.vy, 0.0), (0.0, 0.0, v.wz)) if is_finite else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
