@@ -102,14 +102,19 @@ def approach_speed(value, target, acceleration, braking, dt):  # type: ignore[no
 def clearance_at(gx, gy, cos, sin, circles, distance, resolution):  # type: ignore[no-untyped-def]
     """Return a lower bound of the distance between the footprint, covered by circles (M, 3) of (x, y, r), and lethal cells."""
     height, width = distance.shape
+    per_metre = 1.0 / resolution
     best = 1e30
     for c in range(circles.shape[0]):
         x = gx + cos * circles[c, 0] - sin * circles[c, 1]
         y = gy + sin * circles[c, 0] + cos * circles[c, 1]
-        iy = min(max(int(math.floor(y / resolution)), 0), height - 1)
-        ix = min(max(int(math.floor(x / resolution)), 0), width - 1)
-        off = max(0.0, -x, x - width * resolution) + max(0.0, -y, y - height * resolution)
-        best = min(best, distance[iy, ix] - off - circles[c, 2])
+        iy, ix = int(math.floor(y * per_metre)), int(math.floor(x * per_metre))
+        gap = -circles[c, 2]
+        if 0 <= iy < height and 0 <= ix < width:
+            gap += distance[iy, ix]
+        else:
+            iy, ix = min(max(iy, 0), height - 1), min(max(ix, 0), width - 1)
+            gap += distance[iy, ix] - max(0.0, -x, x - width * resolution) - max(0.0, -y, y - height * resolution)
+        best = min(best, gap)
     return best - 0.7072 * resolution
 
 
@@ -155,6 +160,8 @@ def roll_out(  # type: ignore[no-untyped-def]
         path_sum, heading_sum, marks = 0.0, 0.0, 0
         stride = max(1, count // 4)
         is_free = 1.0
+        c, s = math.cos(yaw), math.sin(yaw)
+        half_c, half_s, last_turn = 1.0, 0.0, 0.0
         for k in range(count):
             nx = approach_speed(vx, samples[i, 0], rates[0], rates[3], dt)
             ny = approach_speed(vy, samples[i, 1], rates[1], rates[4], dt)
@@ -168,15 +175,16 @@ def roll_out(  # type: ignore[no-untyped-def]
                 part = (stop_distance - travelled) / way if way > 0.0 else 1.0
                 is_last = True
             turn = mw * dt * part
-            middle = yaw + 0.5 * turn
-            c, s = math.cos(middle), math.sin(middle)
+            if turn != last_turn:
+                half_c, half_s, last_turn = math.cos(0.5 * turn), math.sin(0.5 * turn), turn
+            c, s = c * half_c - s * half_s, s * half_c + c * half_s
             x += (c * mx - s * my) * dt * part
             y += (s * mx + c * my) * dt * part
+            c, s = c * half_c - s * half_s, s * half_c + c * half_s
             yaw += turn
             travelled += way * part
             room -= way * part + abs(turn) * radius
             if room <= FAR:
-                c, s = math.cos(yaw), math.sin(yaw)
                 room = clearance_at(x, y, c, s, circles, distance, resolution)
                 least = min(least, room)
                 if room <= 0.0:
