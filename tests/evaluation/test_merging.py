@@ -1,0 +1,42 @@
+"""The merger and the calibration on the simulator's own rays: the bars of the project, on one run each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.robot import DriveKind
+from ambler.core.se2 import SE2
+from ambler.evaluation.calibration import evaluate_drive, simulate_drive
+from ambler.evaluation.merging import Wheels, distances_to_walls, drive_and_merge
+from ambler.sim.solids import Shape, Solid, WorldSpec
+
+
+def test_merged_points_at_full_speed_lie_on_the_walls() -> None:
+    moving = drive_and_merge(3, Wheels.EXACT)
+    assert moving.cloud.max() < 1e-3
+    assert np.percentile(moving.bins, 99) < 0.01
+    assert moving.latency.max() <= moving.period
+    blind = drive_and_merge(3, Wheels.BLIND)
+    assert np.percentile(blind.cloud, 99) > 0.3
+
+
+def test_distances_to_walls_know_boxes_and_pillars() -> None:
+    box = Solid("box", Shape.BOX, SE2(1.0, 0.0, math.pi / 2), 2.0, 1.0, 0.0, 1.0)
+    pillar = Solid("pillar", Shape.CYLINDER, SE2(5.0, 0.0, 0.0), 1.0, 1.0, 0.0, 1.0)
+    world = WorldSpec("two", (box, pillar), SE2())
+    points = np.array([[0.5, 0.0], [0.2, 0.0], [1.0, 1.0], [5.0, 0.7], [5.0, 0.0], [-0.1, 1.8]])
+    expected = [0.0, 0.3, 0.0, 0.2, 0.5, 1.0]
+    np.testing.assert_allclose(distances_to_walls(world, points), expected, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", list(DriveKind))
+def test_calibration_with_full_sensor_noise(kind: DriveKind) -> None:
+    errors = evaluate_drive(simulate_drive(7, kind, seconds=45.0))
+    assert errors.position < 0.005
+    assert errors.yaw < math.radians(0.1)
+    assert errors.offset < 0.002
+    assert errors.nees < 4.0
