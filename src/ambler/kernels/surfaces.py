@@ -163,16 +163,19 @@ def _offer(nearest, surfaces, x, y, iy, ix, jy, jx, best):
 
 
 @jit
-def _squared(nearest, surfaces, x, y, iy, ix):
+def _squared(nearest, surfaces, x, y, iy, ix, limit):
     k = nearest[iy, ix]
     if k < 0:
-        return math.inf
+        return limit * limit
     return (surfaces[k, 0] - x) ** 2 + (surfaces[k, 1] - y) ** 2
 
 
 @jit
-def spread_nearest(owners, surfaces, frame, nearest):
-    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing's `owners`, by two sweeps (8SSED)."""
+def spread_nearest(owners, surfaces, frame, limit, nearest):
+    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing's `owners`, by two sweeps (8SSED).
+
+    Cells farther than `limit` metres from every surface get -1.
+    """
     height, width = owners.shape
     nearest[:, :] = owners
     for sweep in range(2):
@@ -183,7 +186,7 @@ def spread_nearest(owners, surfaces, frame, nearest):
             has_row = 0 <= jy < height
             for ix in range(width):
                 x = frame[1] + (ix + 0.5) * frame[0]
-                best = _squared(nearest, surfaces, x, y, iy, ix)
+                best = _squared(nearest, surfaces, x, y, iy, ix, limit)
                 if ix > 0:
                     best = _offer(nearest, surfaces, x, y, iy, ix, iy, ix - 1, best)
                 if has_row:
@@ -195,7 +198,7 @@ def spread_nearest(owners, surfaces, frame, nearest):
             for b in range(width - 1):
                 ix = width - 2 - b
                 x = frame[1] + (ix + 0.5) * frame[0]
-                best = _squared(nearest, surfaces, x, y, iy, ix)
+                best = _squared(nearest, surfaces, x, y, iy, ix, limit)
                 _offer(nearest, surfaces, x, y, iy, ix, iy, ix + 1, best)
 
 
@@ -209,7 +212,7 @@ def distance_field(nearest, surfaces, frame, limit, distance):
             x = frame[1] + (ix + 0.5) * frame[0]
             best = limit * limit
             for f in range(facings):
-                best = min(best, _squared(nearest[f], surfaces, x, y, iy, ix))
+                best = min(best, _squared(nearest[f], surfaces, x, y, iy, ix, limit))
             distance[iy, ix] = math.sqrt(best)
 
 
@@ -225,5 +228,5 @@ def warm_up() -> None:
     smooth_faces(positions, facings, owners, frame, 4, surfaces)
     nearest = np.empty((4, 5, 5), np.int32)
     for f in range(4):
-        spread_nearest(owners[f], surfaces, frame, nearest[f])
+        spread_nearest(owners[f], surfaces, frame, 1.0, nearest[f])
     distance_field(nearest, surfaces, frame, 1.0, np.empty((5, 5), np.float32))

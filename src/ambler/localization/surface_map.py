@@ -15,11 +15,13 @@ from ambler.kernels import surfaces as kernel
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+REACH = 2.0  # metres from a surface beyond which a point has none
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMap:
     """`cells` int8 [iy, ix] occupancy; `surfaces` float64 (N, 4): points in the map frame and unit normals towards free space;
-    `nearest` int32 (4, H, W): index of the nearest surface per facing (+x, -x, +y, -y) or -1; `distance` float32 (H, W), metres."""
+    `nearest` int32 (4, H, W): index of the nearest surface per facing (+x, -x, +y, -y) or -1; `distance` float32 (H, W), metres, at most `REACH`."""
 
     spec: GridSpec
     cells: NDArray[np.int8]
@@ -51,9 +53,9 @@ class SurfaceMap:
         kernel.smooth_faces(positions, facings, owners, frame, radius, surfaces)
         nearest = np.empty((4, *spec.shape), np.int32)
         for f in range(4):
-            kernel.spread_nearest(owners[f], surfaces, frame, nearest[f])
+            kernel.spread_nearest(owners[f], surfaces, frame, REACH, nearest[f])
         distance = np.empty(spec.shape, np.float32)
-        kernel.distance_field(nearest, surfaces, frame, 2.0, distance)
+        kernel.distance_field(nearest, surfaces, frame, REACH, distance)
         return cls(spec, cells, frame, surfaces, nearest, distance)
 
     def is_free(self, pose: SE2) -> bool:
