@@ -24,7 +24,7 @@ class RolloutConfig:
     brake_share        share of the deceleration limits used on purpose
     near               clearance below which a trajectory is charged (the kernel measures no more than 0.25 m)
     near_speed, speed_per_clearance   a trajectory may go this fast at no clearance, and faster per metre of it
-    weight_*           cost per metre off the path (less while it is blocked), per metre not gained, per radian off the path's heading, per metre of missing
+    weight_*           cost per metre off the path (less while it is blocked, as for the heading), per metre not gained, per radian off the path's heading, per metre of missing
                        clearance, per radian/s of change in yaw rate, per m/s sideways
     """
 
@@ -50,10 +50,11 @@ class RolloutConfig:
     near: float = 0.25
     near_speed: float = 0.3
     speed_per_clearance: float = 3.5
-    weight_path: float = 2.0
+    weight_path: float = 3.0
     weight_path_blocked: float = 0.2
     weight_progress: float = 1.0
-    weight_heading: float = 0.3
+    weight_heading: float = 0.6
+    weight_heading_blocked: float = 0.2
     weight_clearance: float = 1.5
     weight_turn_change: float = 0.04
     weight_sideways: float = 0.3

@@ -198,7 +198,9 @@ class TrajectoryRollout:
     def _choose(self, samples: F64, out: F64, here: F64, path: F64, velocity: BodyVelocity) -> BodyVelocity | None:
         c = self._config
         end_s = path[-1, 2]
-        weight_path = c.weight_path_blocked if self._is_blocked(path) else c.weight_path
+        weight_path, weight_heading = c.weight_path, c.weight_heading
+        if self._is_blocked(path):
+            weight_path, weight_heading = c.weight_path_blocked, c.weight_heading_blocked
         before = (end_s - here[1]) + min(1.0, weight_path) * here[0]
         after = (end_s - out[:, 5]) + min(1.0, weight_path) * out[:, 4]
         speed = np.hypot(samples[:, 0], samples[:, 1])
@@ -210,7 +212,7 @@ class TrajectoryRollout:
         cost = (
             c.weight_progress * (end_s - out[:, 5])
             + weight_path * out[:, 4]
-            + c.weight_heading * out[:, 7]
+            + weight_heading * out[:, 7]
             + c.weight_clearance * missing
             + c.weight_turn_change * np.abs(samples[:, 2] - velocity.wz)
             + c.weight_sideways * np.abs(samples[:, 1])
