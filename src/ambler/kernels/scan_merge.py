@@ -368,6 +368,14 @@ def _carry_points(x, y, times, twist):
 
 
 @jit_fused
+def _is_any_near(x, y, reach2):
+    near = 0
+    for i in range(x.shape[0]):
+        near += int(x[i] * x[i] + y[i] * y[i] <= reach2)
+    return near > 0
+
+
+@jit_fused
 def _sort_points(x, y, z, n, origin, band, limits, bins, values, cells, fates):
     """Write each point's bin, its fate (the index in the counts of `cloud_to_bins`), and its distance or how far it is free."""
     ox, oy, c, s, oz = origin[0], origin[1], origin[2], origin[3], origin[4]
@@ -409,7 +417,7 @@ def cloud_to_bins(
     for first in range(0, cloud.shape[0], BLOCK):
         last = min(first + BLOCK, cloud.shape[0])
         _place_points(cloud[first:last], base_from_sensor, x, y, z)
-        if mask_reach > 0.0:
+        if _is_any_near(x[: last - first], y, mask_reach * mask_reach):
             for i in range(last - first):
                 if x[i] * x[i] + y[i] * y[i] <= mask_reach * mask_reach and is_inside(x[i], y[i], vertices, starts):
                     counts[2] += 1
