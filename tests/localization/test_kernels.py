@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -286,3 +288,53 @@ def test_search_finds_the_best_of_all_poses() -> None:
             jy = np.floor((s * points[:, 0] + c * points[:, 1]) / 0.1 + 0.5).astype(int) + iy + 10
             twin = max(twin, int(level[jy, jx].sum()))
     assert best[:, 0].max() == twin
+
+
+def test_nothing_compiles_after_warm_up() -> None:
+    """A fresh process warms up, then localizes in every way; no kernel may get a new signature while the robot moves."""
+    script = """
+import importlib, numpy as np
+from ambler.kernels.warmup import compiled_signatures
+names = ["branch_bound", "grid_tracker", "likelihood_field", "particles", "planar_ekf", "relocalization", "surfaces"]
+for name in names:
+    importlib.import_module(f"ambler.kernels.{name}").warm_up()
+def counts():
+    found = {}
+    for name in names:
+        for key, value in vars(importlib.import_module(f"ambler.kernels.{name}")).items():
+            if hasattr(value, "signatures"):
+                found[f"{name}.{key}"] = len(value.signatures)
+    return found
+before = counts()
+from ambler.core.se2 import SE2
+from ambler.localization.localizer import Observation
+from ambler.localization.planar_ekf import EkfConfig, PlanarEkf
+from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
+from ambler.localization.supervisor import Supervisor, SupervisorConfig
+from tests.localization import rooms
+from tests.localization.test_localizers import MAKERS
+from ambler.localization.surface_map import SurfaceMap
+room = rooms.office()
+surfaces = SurfaceMap.from_occupancy(*room.occupancy())
+rng = np.random.default_rng(0)
+pose = SE2(7.0, 4.0, 0.3)
+points = room.scan(pose, rng, beams=240)
+points.flags.writeable = False
+for maker in MAKERS.values():
+    localizer = maker(surfaces, room)
+    localizer.set_pose(0, SE2(), SE2(7.1, 4.0, 0.3))
+    supervisor = Supervisor(surfaces, localizer, Relocalizer(surfaces, RelocalizerConfig()), SupervisorConfig())
+    for k in range(3):
+        supervisor.update(Observation(k, SE2(0.2 * k, 0, 0), points, room.intensities(pose, points)))
+    supervisor.distrust("test")
+    supervisor.update(Observation(9, SE2(), points))
+ekf = PlanarEkf(EkfConfig())
+ekf.add_twist(0, np.zeros(3), np.eye(3))
+ekf.add_imu(1, 0.0, 1e-4, np.zeros(2))
+ekf.add_pose(2, SE2(), np.eye(3))
+ekf.estimate(10_000)
+after = counts()
+assert after == before, {k: (before[k], after[k]) for k in before if before[k] != after[k]}
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-800:]

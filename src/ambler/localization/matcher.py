@@ -21,6 +21,7 @@ F64 = NDArray[np.float64]
 MAP_PRIOR = 3.0  # stretches of wall that the belief about the map's errors is worth before anything was seen
 MAP_MEMORY = 100.0  # stretches of wall that are remembered
 MAP_NOISE_LEAST = 0.0005  # metres
+MAP_DOUBT = 2.0  # walls of one map err together (all drawn too thick, say) by more than residuals can show
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,4 +204,4 @@ class ScanMatcher:
         freedom = trust * (max(walls - 4.0, 0.0) / max(walls, 1.0)) ** 2
         self._last_evidence = np.array([between - noise * inverse, freedom]) if freedom > 0.0 else np.zeros(2)
         squares, weights = self._map_evidence + self._last_evidence
-        return shared, float(noise), max(float(squares / weights), MAP_NOISE_LEAST**2)
+        return shared, float(noise), max(MAP_DOUBT * float(squares / weights), MAP_NOISE_LEAST**2)

@@ -27,6 +27,8 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
+SEED_SIGMA = (0.05, 0.03)  # metres, radians
+
 
 class SensorModel(enum.Enum):
     """How particles are weighed."""
@@ -39,7 +41,7 @@ class SensorModel(enum.Enum):
 class ParticleFilterConfig:
     """Names and meanings of AMCL. `update_way`, `update_turn`: motion between two weighings (m, rad); `alphas` variances per squared
     motion; `beam_trust`: share of a beam's log likelihood that counts, since neighbouring beams err together; `recovery_*`: rates of
-    the slow and fast means of the likelihood; `bin_size` of KLD sampling and clusters (m, rad)."""
+    the slow and fast means of the likelihood; `gate`: largest surprise of a refinement that is believed; `bin_size` of KLD sampling and clusters (m, rad)."""
 
     drive: DriveKind = DriveKind.DIFFERENTIAL
     sensor_model: SensorModel = SensorModel.LIKELIHOOD_FIELD
@@ -64,6 +66,7 @@ class ParticleFilterConfig:
     recovery_slow: float = 0.01
     recovery_fast: float = 0.2
     min_score: float = 0.3
+    gate: float = 25.0
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
     depth_sigma: float = 0.3
@@ -144,7 +147,7 @@ class ParticleFilter:
         if not is_due:
             mean, covariance = self._cluster()
             pose, covariance = predict(SE2.from_array(mean), covariance, motion, config.odometry)
-            return self._tell(observation.stamp_ns, pose.as_array(), covariance, points, 0.0)
+            return self._tell(observation.stamp_ns, pose.as_array(), covariance, points, 0.0, motion)
         self._move(motion)
         self._odom_of_particles = observation.odom_from_base
         self._is_requested = False
@@ -158,7 +161,7 @@ class ParticleFilter:
             if is_wide:
                 mean, covariance = weighed_mean, covariance + np.diag([0.01, 0.01, 0.003])
         novelty = min(1.0, way / 0.7 + turn / 0.5)
-        return self._tell(observation.stamp_ns, mean, covariance, points, novelty)
+        return self._tell(observation.stamp_ns, mean, covariance, points, novelty, SE2())
 
     def _start(self, stamp_ns: int, odom_from_base: SE2, poses: F64) -> None:
         self._particles = np.ascontiguousarray(poses)
@@ -268,8 +271,10 @@ class ParticleFilter:
         kernel.moments(self._particles, self._weights, bins, self._label, cluster, mean, covariance)
         return mean, covariance + np.diag([2.5e-5, 2.5e-5, 1e-5])
 
-    def _tell(self, stamp_ns: int, mean: F64, covariance: F64, points: F32, novelty: float) -> Estimate:
-        """Refine a predicted cluster by the scan and remember the estimate."""
+    def _tell(
+        self, stamp_ns: int, mean: F64, covariance: F64, points: F32, novelty: float, since_particles: SE2
+    ) -> Estimate:
+        """Refine a predicted cluster by the scan and remember the estimate; `since_particles`: motion since the particles moved."""
         config = self.config
         match = self._match(mean, covariance, points)
         if match is None or match.score < config.min_score or match.determined == 0:
@@ -282,6 +287,18 @@ class ParticleFilter:
         prior_covariance[:3, :3] = covariance
         prior_covariance[3, 3] = self._depth_variance
         fusion = fuse(prior, prior_covariance, match)
+        if fusion.surprise > config.gate:
+            if not self._explains_more(match.map_from_base, SE2.from_array(mean), points):
+                pose, surprise = SE2.from_array(mean), fusion.surprise
+                self._estimate = Estimate(
+                    stamp_ns, pose, covariance.copy(), match.score, Mode.ODOMETRY, surprise, False
+                )
+                return self._estimate
+            # Too few particles came near the true pose: seed some there, and give their spread to the prior.
+            self._seed(match.map_from_base @ since_particles.inverse())
+            prior_covariance[:3, :3] += np.diag([SEED_SIGMA[0] ** 2, SEED_SIGMA[0] ** 2, SEED_SIGMA[1] ** 2])
+            prior_covariance[:2, :2] += np.eye(2) * SE2.from_array(mean).distance_to(match.map_from_base) ** 2
+            fusion = fuse(prior, prior_covariance, match)
         if novelty > 0.0:
             self._depth, self._depth_variance = float(fusion.state[3]), float(fusion.covariance[3, 3])
             self._matcher.learn(novelty)
@@ -290,6 +307,21 @@ class ParticleFilter:
             stamp_ns, fusion.map_from_base, fusion.published, match.score, mode, fusion.surprise, True
         )
         return self._estimate
+
+    def _explains_more(self, pose: SE2, other: SE2, points: F32) -> bool:
+        """Tell whether a pose makes the points clearly more likely than another does."""
+        both = np.stack([pose.as_array(), other.as_array()])
+        logs, outside = np.empty(2), math.log(self.config.z_rand)
+        field_kernel.weigh_by_field(self._field, self.map.frame, both, points, outside, 1.0 / len(points), logs)
+        return bool(logs[0] > logs[1] + 0.05)
+
+    def _seed(self, pose: SE2) -> None:
+        """Put every fourth particle near a pose; all weigh the same until the next scan."""
+        count = len(self._particles)
+        chosen = np.arange(0, count, 4)
+        sigma = np.array([SEED_SIGMA[0], SEED_SIGMA[0], SEED_SIGMA[1]])
+        self._particles[chosen] = pose.as_array() + sigma * self._rng.standard_normal((len(chosen), 3))
+        self._weights = np.full(count, 1.0 / count)
 
     def _match(self, mean: F64, covariance: F64, points: F32) -> MatchResult | None:
         if len(points) < self.config.matcher.min_weight:
