@@ -16,7 +16,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.kernels import branch_bound, grid_tracker, likelihood_field, particles, relocalization
-from ambler.localization.surface_map import SurfaceMap
+from ambler.localization.surface_map import REACH, SurfaceMap
 from tests.localization import rooms
 
 
@@ -77,7 +77,7 @@ def test_nearest_surfaces_are_nearest(office_map: SurfaceMap) -> None:
     centers = spec.centers_of(cells)
     true = np.hypot(*(centers[:, None] - office_map.surfaces[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
     told = office_map.distance[cells[:, 0], cells[:, 1]]
-    np.testing.assert_allclose(told, np.minimum(true, 2.0), atol=0.01)
+    np.testing.assert_allclose(told, np.minimum(true, REACH), atol=1e-5)
 
 
 def test_beams_never_pair_with_the_far_side_of_a_wall(office_map: SurfaceMap) -> None:

@@ -149,71 +149,39 @@ def smooth_faces(positions, facings, owners, frame, radius, surfaces):
 
 
 @jit
-def _offer(nearest, surfaces, x, y, iy, ix, jy, jx, best):
-    """Take the neighbour's surface for cell (iy, ix) if it is nearer than `best`; returns the new best squared distance."""
-    k = nearest[jy, jx]
-    if k < 0:
-        return best
-    dx, dy = surfaces[k, 0] - x, surfaces[k, 1] - y
-    d = dx * dx + dy * dy
-    if d < best:
-        nearest[iy, ix] = k
-        return d
-    return best
+def spread_nearest(owners, surfaces, frame, limit, squared, nearest):
+    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing's `owners`; -1 beyond `limit` metres.
 
-
-@jit
-def _squared(nearest, surfaces, x, y, iy, ix, limit):
-    k = nearest[iy, ix]
-    if k < 0:
-        return limit * limit
-    return (surfaces[k, 0] - x) ** 2 + (surfaces[k, 1] - y) ** 2
-
-
-@jit
-def spread_nearest(owners, surfaces, frame, limit, nearest):
-    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing's `owners`, by two sweeps (8SSED).
-
-    Cells farther than `limit` metres from every surface get -1.
+    Every surface is stamped on the square around it. `squared` float32 (H, W) ends as the squared distance (limit² where none).
     """
     height, width = owners.shape
-    nearest[:, :] = owners
-    for sweep in range(2):
-        for a in range(height):
-            iy = a if sweep == 0 else height - 1 - a
-            jy = iy - 1 if sweep == 0 else iy + 1
-            y = frame[2] + (iy + 0.5) * frame[0]
-            has_row = 0 <= jy < height
-            for ix in range(width):
-                x = frame[1] + (ix + 0.5) * frame[0]
-                best = _squared(nearest, surfaces, x, y, iy, ix, limit)
-                if ix > 0:
-                    best = _offer(nearest, surfaces, x, y, iy, ix, iy, ix - 1, best)
-                if has_row:
-                    best = _offer(nearest, surfaces, x, y, iy, ix, jy, ix, best)
-                    if ix > 0:
-                        best = _offer(nearest, surfaces, x, y, iy, ix, jy, ix - 1, best)
-                    if ix + 1 < width:
-                        best = _offer(nearest, surfaces, x, y, iy, ix, jy, ix + 1, best)
-            for b in range(width - 1):
-                ix = width - 2 - b
-                x = frame[1] + (ix + 0.5) * frame[0]
-                best = _squared(nearest, surfaces, x, y, iy, ix, limit)
-                _offer(nearest, surfaces, x, y, iy, ix, iy, ix + 1, best)
+    nearest[:, :] = -1
+    squared[:, :] = limit * limit
+    radius = int(math.ceil(limit / frame[0])) + 1
+    for iy in range(height):
+        for ix in range(width):
+            k = owners[iy, ix]
+            if k < 0:
+                continue
+            sx = (surfaces[k, 0] - frame[1]) - 0.5 * frame[0]
+            sy = (surfaces[k, 1] - frame[2]) - 0.5 * frame[0]
+            for jy in range(max(0, iy - radius), min(height, iy + radius + 1)):
+                dy = jy * frame[0] - sy
+                for jx in range(max(0, ix - radius), min(width, ix + radius + 1)):
+                    dx = jx * frame[0] - sx
+                    d = dx * dx + dy * dy
+                    if d < squared[jy, jx]:
+                        squared[jy, jx] = d
+                        nearest[jy, jx] = k
 
 
 @jit
-def distance_field(nearest, surfaces, frame, limit, distance):
-    """Write `distance` float32 (H, W): metres from each cell's centre to the nearest surface of any facing, at most `limit`."""
-    facings, height, width = nearest.shape
-    for iy in range(height):
-        y = frame[2] + (iy + 0.5) * frame[0]
-        for ix in range(width):
-            x = frame[1] + (ix + 0.5) * frame[0]
-            best = limit * limit
-            for f in range(facings):
-                best = min(best, _squared(nearest[f], surfaces, x, y, iy, ix, limit))
-            distance[iy, ix] = math.sqrt(best)
+def lower_distance(squared, distance):
+    """Lower `distance` float32 (H, W) to the root of `squared` (H, W) where that is less."""
+    for iy in range(distance.shape[0]):
+        for ix in range(distance.shape[1]):
+            d = math.sqrt(squared[iy, ix])
+            distance[iy, ix] = min(distance[iy, ix], d)
 
 
 def warm_up() -> None:
@@ -227,6 +195,7 @@ def warm_up() -> None:
     surfaces = np.empty((n, 4))
     smooth_faces(positions, facings, owners, frame, 4, surfaces)
     nearest = np.empty((4, 5, 5), np.int32)
+    squared = np.empty((5, 5), np.float32)
     for f in range(4):
-        spread_nearest(owners[f], surfaces, frame, 1.0, nearest[f])
-    distance_field(nearest, surfaces, frame, 1.0, np.empty((5, 5), np.float32))
+        spread_nearest(owners[f], surfaces, frame, 1.0, squared, nearest[f])
+    lower_distance(squared, np.ones((5, 5), np.float32))

@@ -15,7 +15,7 @@ from ambler.kernels import surfaces as kernel
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-REACH = 2.0  # metres from a surface beyond which a point has none
+REACH = 1.2  # metres from a surface beyond which a point has none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,10 +52,10 @@ class SurfaceMap:
         radius = max(2, round(fit_radius / spec.resolution))
         kernel.smooth_faces(positions, facings, owners, frame, radius, surfaces)
         nearest = np.empty((4, *spec.shape), np.int32)
+        distance, squared = np.full(spec.shape, REACH, np.float32), np.empty(spec.shape, np.float32)
         for f in range(4):
-            kernel.spread_nearest(owners[f], surfaces, frame, REACH, nearest[f])
-        distance = np.empty(spec.shape, np.float32)
-        kernel.distance_field(nearest, surfaces, frame, REACH, distance)
+            kernel.spread_nearest(owners[f], surfaces, frame, REACH, squared, nearest[f])
+            kernel.lower_distance(squared, distance)
         return cls(spec, cells, frame, surfaces, nearest, distance)
 
     def is_free(self, pose: SE2) -> bool:
