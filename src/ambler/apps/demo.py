@@ -13,7 +13,6 @@ from ambler.apps.run_folder import RunFolder
 from ambler.apps.stacks import explorer_nodes
 from ambler.bridges.foxglove import FoxgloveBridge
 from ambler.bridges.recorder import Recorder
-from ambler.core.messages import Message
 from ambler.nodes.gate import GateNode
 from ambler.nodes.operator import OperatorNode, Outcome
 from ambler.nodes.simulator import SimulatorNode
@@ -23,7 +22,7 @@ from ambler.runtime.live import LiveExecutor
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.stack import Stack
-from ambler.runtime.topics import GOAL, TELEOP_REQUEST, Topic
+from ambler.runtime.topics import GOAL, TELEOP_REQUEST
 from ambler.settings.profiles import as_values, build, merge, save_resolved
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
