@@ -93,9 +93,7 @@ def draw_overlay(quality: MapQuality, path: Path) -> Path:
     return _save(figure, path)
 
 
-def draw_series(
-    path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Curve, Curve]]
-) -> Path:
+def draw_series(path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Curve, Curve]]) -> Path:
     """Draw named curves (x values, y values) into one plot; a single curve needs no legend."""
     from matplotlib.figure import Figure
 

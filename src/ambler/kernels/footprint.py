@@ -32,7 +32,7 @@ def footprint_edges(polygon: NDArray[np.float64], padding: float) -> tuple[NDArr
 
 
 @jit
-def edge_clearance(x, y, normals, offsets):  # type: ignore[no-untyped-def]
+def edge_clearance(x, y, normals, offsets):
     """Return the signed clearance of one point of the footprint's frame, metres."""
     best = -1e30
     for e in range(normals.shape[0]):
@@ -88,7 +88,7 @@ def contact_time(points, normals, offsets, radius, twist, margin, tolerance, sel
 
 
 @jit
-def lethal_row_sums(costs, lethal, out):  # type: ignore[no-untyped-def]
+def lethal_row_sums(costs, lethal, out):
     """Write int32 (H, W + 1): how many cells of a row left of column ix hold exactly the value `lethal`."""
     for iy in range(costs.shape[0]):
         total = 0
@@ -100,7 +100,7 @@ def lethal_row_sums(costs, lethal, out):  # type: ignore[no-untyped-def]
 
 
 @jit
-def lethal_distance(row_sums, resolution, out):  # type: ignore[no-untyped-def]
+def lethal_distance(row_sums, resolution, out):
     """Write float64 (H, W): the exact distance from each cell's centre to the nearest lethal cell's centre, metres.
 
     Column distances first, then the lower envelope of parabolas along each row (Felzenszwalb and Huttenlocher, 2012).
@@ -148,7 +148,7 @@ def lethal_distance(row_sums, resolution, out):  # type: ignore[no-untyped-def]
 
 
 @jit
-def lethal_cells_inside(row_sums, resolution, gx, gy, cos, sin, normals, offsets):  # type: ignore[no-untyped-def]
+def lethal_cells_inside(row_sums, resolution, gx, gy, cos, sin, normals, offsets):
     """Count the lethal cells whose centres lie inside the filled footprint at (gx, gy) metres from the grid's origin.
 
     Each grid row cuts the convex footprint in one interval; the row sums answer it in constant time. Cells outside the grid

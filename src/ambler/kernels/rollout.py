@@ -11,7 +11,7 @@ FAR = 0.25  # metres of clearance beyond which nobody asks how much it is exactl
 
 
 @jit
-def spread_path(path_cells, distance, blocked_radius, steps, label, queue):  # type: ignore[no-untyped-def]
+def spread_path(path_cells, distance, blocked_radius, steps, label, queue):
     """Breadth-first search from the cells of a path: how many 4-connected steps is each cell from it, and from which point.
 
     `path_cells` int32 (P, 2) of (iy, ix), in the order of the path; `steps` int32 (H, W) becomes -1 where the path cannot be
@@ -48,7 +48,7 @@ def spread_path(path_cells, distance, blocked_radius, steps, label, queue):  # t
 
 
 @jit
-def locate_on_path(gx, gy, path, steps, label, resolution, out):  # type: ignore[no-untyped-def]
+def locate_on_path(gx, gy, path, steps, label, resolution, out):
     """Write (distance to the path, arc length of the nearest point, its heading) for a place (gx, gy) from the grid's origin.
 
     `path` float64 (P, 4) of (x, y, arc length, heading), from the grid's origin too. The grid says which stretch of the path
@@ -89,7 +89,7 @@ def locate_on_path(gx, gy, path, steps, label, resolution, out):  # type: ignore
 
 
 @jit
-def approach_speed(value, target, acceleration, braking, dt):  # type: ignore[no-untyped-def]
+def approach_speed(value, target, acceleration, braking, dt):
     """Return a velocity after `dt` seconds on the way to `target`."""
     rate = braking if value * target < 0.0 or abs(target) < abs(value) else acceleration
     change = rate * dt
@@ -99,7 +99,7 @@ def approach_speed(value, target, acceleration, braking, dt):  # type: ignore[no
 
 
 @jit
-def clearance_at(gx, gy, cos, sin, circles, distance, resolution):  # type: ignore[no-untyped-def]
+def clearance_at(gx, gy, cos, sin, circles, distance, resolution):
     """Return a lower bound of the distance between the footprint, covered by circles (M, 3) of (x, y, r), and lethal cells."""
     height, width = distance.shape
     per_metre = 1.0 / resolution
@@ -119,7 +119,7 @@ def clearance_at(gx, gy, cos, sin, circles, distance, resolution):  # type: igno
 
 
 @jit
-def roll_out(  # type: ignore[no-untyped-def]
+def roll_out(
     samples,
     start,
     velocity,
@@ -209,7 +209,7 @@ def roll_out(  # type: ignore[no-untyped-def]
 
 
 @jit
-def free_turn(start, angle, row_sums, distance, resolution, normals, offsets, circles):  # type: ignore[no-untyped-def]
+def free_turn(start, angle, row_sums, distance, resolution, normals, offsets, circles):
     """Return how far (signed radians, at most `angle`) the footprint at `start` (x, y, yaw) can turn in place."""
     count = max(1, int(math.ceil(abs(angle) / 0.04)))
     inside = lethal_cells_inside(
@@ -229,7 +229,7 @@ def free_turn(start, angle, row_sums, distance, resolution, normals, offsets, ci
 
 
 @jit
-def free_slide(start, heading, length, row_sums, distance, resolution, normals, offsets, circles):  # type: ignore[no-untyped-def]
+def free_slide(start, heading, length, row_sums, distance, resolution, normals, offsets, circles):
     """Return how far (metres, at most `length`) the footprint at `start` can slide along the world direction `heading`."""
     count = max(1, int(math.ceil(length / 0.02)))
     c, s = math.cos(start[2]), math.sin(start[2])
