@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         if options.port is not None:
             print(f"live view: Foxglove on ws://{options.host}:{options.port}  (docs/live_view.md)", flush=True)
-        print(f"{args.robot} explores {demo.world.name}, seed {args.seed}; everything goes to {folder.root}", flush=True)
+        print(
+            f"{args.robot} explores {demo.world.name}, seed {args.seed}; everything goes to {folder.root}", flush=True
+        )
         demo.run()
         verdict = judge(demo)
         report = write_demo_report(demo, verdict)
