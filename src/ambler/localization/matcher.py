@@ -65,7 +65,7 @@ class MatchResult:
     def information(self) -> F64:
         """Return the information float64 (4, 4) of the solution, none in the undetermined directions."""
         spread = self.noise * self.full + self.map_noise * self.shared
-        spread += 1e-9 * np.trace(spread) * np.eye(4)
+        spread += (1e-9 * np.trace(spread) + 1e-15) * np.eye(4)
         information = self.normal @ np.linalg.solve(spread, self.normal)
         return np.asarray(0.5 * (information + information.T))
 

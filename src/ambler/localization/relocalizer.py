@@ -27,7 +27,9 @@ F64 = NDArray[np.float64]
 class RelocalizerConfig:
     """`cell`, `sigma`, `depth`: grid, smoothing (m) and levels of the search; `search_points` at most `range_most` metres away.
     `keep_ratio`: poses scoring less than this share of the best are not pursued. A pose is plausible with `accept` quality, and unique
-    when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad."""
+    when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad.
+    Two views suffice for a pose of `sure_quality` that leads by `sure_margin`, others need `viewpoints_most`. Nothing found: wait
+    `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -41,6 +43,10 @@ class RelocalizerConfig:
     margin: float = 0.08
     viewpoint_way: float = 0.4
     viewpoint_turn: float = 0.6
+    sure_quality: float = 0.88
+    sure_margin: float = 0.15
+    viewpoints_most: int = 4
+    retry_after: float = 0.5
     slack: float = 0.12
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
 
@@ -59,9 +65,9 @@ class RelocalizationState(enum.Enum):
     """How far the search has come."""
 
     NOT_FOUND = "no place of the map explains the scan"
-    VERIFYING = "one place explains the scan; a second viewpoint must confirm it"
+    VERIFYING = "one place explains the scan; another viewpoint must confirm it"
     AMBIGUOUS = "several places look alike; another viewpoint is needed"
-    FOUND = "one place explains the scans from two viewpoints"
+    FOUND = "one place explains the scans from several viewpoints"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,16 +105,21 @@ class Relocalizer:
         self._hypotheses: tuple[Hypothesis, ...] = ()
         self._viewpoints = 0
         self._odom_of_viewpoint = SE2()
+        self._next_search_ns: int | None = None
+        self._slack = max(config.slack, 1.5 * spec.resolution)
 
     def reset(self) -> None:
         """Forget all hypotheses."""
         self._hypotheses = ()
         self._viewpoints = 0
+        self._next_search_ns = None
 
     def update(self, observation: Observation) -> Relocalization:
         """Search at the first viewpoint; at each new one search again and keep the places that explain all scans."""
         config = self.config
         if self._viewpoints == 0:
+            if self._next_search_ns is not None and observation.stamp_ns < self._next_search_ns:
+                return Relocalization(observation.stamp_ns, RelocalizationState.NOT_FOUND, (), 0)
             self._hypotheses = self.search(observation.points_base)
             if self._hypotheses:
                 self._viewpoints = 1
@@ -163,7 +174,7 @@ class Relocalizer:
         """Return the quality of a pose for one scan: share explained minus twice the share that went through walls."""
         counts = np.empty(3, np.int64)
         points = self._matcher.thin(points_base)
-        field_kernel.contradictions(self.map.cells, self.map.frame, points, pose.as_array(), self.config.slack, counts)
+        field_kernel.contradictions(self.map.cells, self.map.frame, points, pose.as_array(), self._slack, counts)
         return float(counts[0] - 2.0 * counts[1]) / max(int(counts.sum()), 1)
 
     def _judge(self, points: F32, start: SE2, first_scale: float | None = None) -> Hypothesis | None:
@@ -171,7 +182,7 @@ class Relocalizer:
         state = np.append(start.as_array(), 0.0)
         match = self._matcher.match(points, state[None], (0.3 * self.map.spec.resolution) ** 2, first_scale)
         pose = match.map_from_base
-        if pose.distance_to(start) > 0.5 or not self.map.is_free(pose):
+        if match.determined == 0 or pose.distance_to(start) > 0.5 or not self.map.is_free(pose):
             return None
         covariance = np.linalg.inv(match.information()[:3, :3] + np.diag([100.0, 100.0, 100.0]))
         return Hypothesis(pose, covariance + match.map_covariance()[:3, :3], self.quality_at(points, pose))
@@ -204,17 +215,20 @@ class Relocalizer:
 
     def _answer(self, stamp_ns: int) -> Relocalization:
         config = self.config
-        plausible = [h for h in self._hypotheses if h.quality >= config.accept]
-        if not plausible:
-            state = RelocalizationState.NOT_FOUND
+        hypotheses, viewpoints = self._hypotheses, self._viewpoints
+        if not hypotheses or hypotheses[0].quality < config.accept:
             self.reset()
-        elif len([h for h in self._hypotheses if h.quality > plausible[0].quality - config.margin]) > 1:
+            self._next_search_ns = stamp_ns + int(config.retry_after * 1e9)
+            return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
+        lead = hypotheses[0].quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
+        is_sure = hypotheses[0].quality >= config.sure_quality and lead >= config.sure_margin
+        if lead < config.margin:
             state = RelocalizationState.AMBIGUOUS
-        elif self._viewpoints < 2:
+        elif viewpoints < (2 if is_sure else config.viewpoints_most):
             state = RelocalizationState.VERIFYING
         else:
             state = RelocalizationState.FOUND
-        return Relocalization(stamp_ns, state, self._hypotheses, self._viewpoints)
+        return Relocalization(stamp_ns, state, hypotheses, viewpoints)
 
 
 def _is_same(a: SE2, b: SE2, way: float, turn: float) -> bool:

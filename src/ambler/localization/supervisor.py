@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ambler.core.se2 import SE2
 from ambler.kernels import likelihood_field as field_kernel
 from ambler.localization.localizer import Estimate, Localizer, Observation
 from ambler.localization.relocalizer import Relocalization, RelocalizationState, Relocalizer
@@ -30,12 +31,13 @@ class LocalizationState(enum.Enum):
 @dataclass(frozen=True, slots=True)
 class SupervisorConfig:
     """Shares of the returns: below `explained_good` DEGRADED; below `explained_least` or above `through_most` (seen through walls) for
-    `lost_after` s LOST. While it is below the usual by `sudden_drop` a search runs every `search_every` s, then more seldom; a place
+    `lost_after` s LOST (where the map is old and more is usual, `through_rise` above the usual). While it is below the usual by `sudden_drop` a search runs every `search_every` s, then more seldom; a place
     better by `better_by` means LOST. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
 
     explained_good: float = 0.6
     explained_least: float = 0.35
     through_most: float = 0.2
+    through_rise: float = 0.15
     degraded_after: float = 0.3
     lost_after: float = 1.0
     sudden_drop: float = 0.12
@@ -77,7 +79,8 @@ class Supervisor:
         self._wrong_since_ns: int | None = None
         self._next_search_ns = 0
         self._search_pause = config.search_every
-        self._usual = 0.9
+        self._usual, self._usual_through = 0.9, 0.0
+        self._rival: SE2 | None = None
 
     @property
     def state(self) -> LocalizationState:
@@ -104,11 +107,14 @@ class Supervisor:
         config, now = self.config, observation.stamp_ns
         is_poor = explained < config.explained_good
         is_suspect = is_poor or explained < self._usual - config.sudden_drop
-        is_wrong = explained < config.explained_least or through > config.through_most
+        through_most = max(config.through_most, self._usual_through + config.through_rise)
+        is_wrong = explained < min(config.explained_least, 0.6 * self._usual) or through > through_most
         self._suspect_since_ns = _since(self._suspect_since_ns, is_suspect, now)
         self._wrong_since_ns = _since(self._wrong_since_ns, is_wrong, now)
         if not is_suspect:
             self._usual += config.usual_rate * (explained - self._usual)
+            self._usual_through += config.usual_rate * (through - self._usual_through)
+            self._rival = None
             self._search_pause = config.search_every
         if self._wrong_since_ns is not None and now - self._wrong_since_ns >= config.lost_after * 1e9:
             why = f"the map explains {explained:.0%} of the scan, {through:.0%} of it runs through walls"
@@ -127,11 +133,21 @@ class Supervisor:
         if now < self._next_search_ns:
             return
         self._next_search_ns = now + int(self._search_pause * 1e9)
-        self._search_pause = min(2.0 * self._search_pause, self.config.search_every_most)
+        self._search_pause = min(1.5 * self._search_pause, self.config.search_every_most)
         here = self.relocalizer.quality_at(observation.points_base, estimate.map_from_base)
         places = self.relocalizer.search(observation.points_base)
-        if places and places[0].quality > here + self.config.better_by:
-            away = places[0].map_from_base.distance_to(estimate.map_from_base)
+        best = places[0] if places else None
+        if best is None or best.quality < max(here + self.config.better_by, self.relocalizer.config.accept):
+            self._rival = None
+            return
+        # One scan may deceive in an old map: a place must be much better twice, or better beyond doubt.
+        is_clear = best.quality > here + 2.0 * self.config.better_by and best.quality > 0.9
+        is_again = (
+            self._rival is not None and (self._rival @ observation.odom_from_base).distance_to(best.map_from_base) < 0.5
+        )
+        self._rival = best.map_from_base @ observation.odom_from_base.inverse()
+        if is_clear or is_again:
+            away = best.map_from_base.distance_to(estimate.map_from_base)
             self._enter(LocalizationState.LOST, f"a place {away:.1f} m away explains the scan much better")
 
     def _judge(self, observation: Observation, estimate: Estimate) -> tuple[float, float]:
@@ -140,10 +156,10 @@ class Supervisor:
         points = points[np.isfinite(points).all(axis=1)]
         if len(points) > self.config.points:
             points = points[np.linspace(0, len(points) - 1, self.config.points).astype(np.int64)]
-        counts = np.zeros(3, np.int64)
+        counts, slack = np.zeros(3, np.int64), max(self.config.slack, 1.5 * self.map.spec.resolution)
         pose = estimate.map_from_base.as_array()
         field_kernel.contradictions(
-            self.map.cells, self.map.frame, np.array(points, np.float32, order="C"), pose, self.config.slack, counts
+            self.map.cells, self.map.frame, np.array(points, np.float32, order="C"), pose, slack, counts
         )
         total = max(int(counts.sum()), 1)
         return float(counts[0]) / total, float(counts[1]) / total
@@ -164,7 +180,7 @@ class Supervisor:
         return Supervision(observation.stamp_ns, self._state, self.localizer.estimate, found, 0.0, 0.0, text)
 
     def _enter(self, state: LocalizationState, text: str) -> None:
-        self._state, self._text = state, text
+        self._state, self._text, self._rival = state, text, None
         self._suspect_since_ns = self._wrong_since_ns = None
         self._search_pause, self._next_search_ns = self.config.search_every, 0
         if state is LocalizationState.LOST:
