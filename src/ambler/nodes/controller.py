@@ -56,6 +56,7 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
+RECOVERY_PADDING = 0.03  # not less than what the gate keeps: else it would hold the recovery until its time is over
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
 PROTECTIVE_PATIENCE_NS = 3_000_000_000
@@ -151,7 +152,7 @@ class ControllerNode(Node):
     def _on_recover(self, handle: RecoverHandle) -> None:
         self._end_follow("PREEMPTED", "a recovery begins")
         motion = TurnInPlace if handle.goal.kind is RecoveryKind.ROTATE else BackUp
-        self._recover, self._motion = handle, motion(self._robot, handle.goal.amount, 0.02)
+        self._recover, self._motion = handle, motion(self._robot, handle.goal.amount, RECOVERY_PADDING)
         self._trouble_since_ns = None
 
     def _on_recover_cancelled(self, handle: RecoverHandle) -> None:

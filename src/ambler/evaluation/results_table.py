@@ -1,0 +1,111 @@
+"""The table of results in the README, made from the files in docs/results: what, the bar, what was measured, by which command."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+BEGIN, END = "<!-- results -->", "<!-- /results -->"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line: `text` is a format string over the fields of `file`, whose dots are written as underscores."""
+
+    what: str
+    bar: str
+    file: str
+    text: str
+
+
+def _explored(world: str, robot: str) -> str:
+    p = f"{world}_{robot}_tour_"
+    return (
+        f"{{{p}finished}} of {{{p}runs}} with proof, {{{p}collisions}} collisions; coverage {{{p}coverage_ratio_median:.2%}} "
+        f"(worst {{{p}coverage_ratio_worst:.2%}}), NNE {{{p}nne_cells_median:.2f}} / {{{p}nne_reverse_cells_median:.2f}} cells, "
+        f"SSIM {{{p}ssim_median:.3f}}, trajectory error {{{p}ate_rms_m_median:.3f}} m (worst {{{p}ate_rms_m_worst:.3f}})"
+    )
+
+
+_LAB_BAR = "coverage ≥ 99 %, NNE ≤ 0.8, SSIM ≥ 0.9"
+_OFFICE_BAR = "≥ 98 %, 0 collisions, proof, ≤ 0.05 m"
+_LOG = (
+    "{translation_mean_m:.4f} ± {translation_std_m:.4f} m, {rotation_mean_deg:.3f} ± {rotation_std_deg:.3f}°, "
+    "{real_time_factor:.0f} × real time, {loop_closures} loop closures"
+)
+_PLANNER = (
+    "open {open_%d_ms:.1f}, clutter {clutter_%d_ms:.1f}, rooms {rooms_%d_ms:.1f}, serpentine {serpentine_%d_ms:.1f} ms"
+)
+ROWS: Sequence[Row] = (
+    Row(
+        "`./run.sh --exit`: office, `diff`, everything included",
+        "≥ 4 × real time, < 1 GB",
+        "run_office.json",
+        "{real_time_factor:.1f} × real time, {peak_memory_mb:.0f} MB, coverage {coverage_ratio:.2%}, {collisions} collisions",
+    ),
+    Row(
+        "`lab_empty`, `spot`, 5 seeds (source: 99.04 % / 0.81 / 0.89)",
+        _LAB_BAR,
+        "exploration_lab.json",
+        _explored("lab_empty", "spot"),
+    ),
+    Row(
+        "`lab_obstacle`, `spot`, 5 seeds (source: 89.04 % / 5.30 / 0.82)",
+        _LAB_BAR,
+        "exploration_lab.json",
+        _explored("lab_obstacle", "spot"),
+    ),
+    Row("`office`, `diff`, 3 seeds", _OFFICE_BAR, "exploration_office.json", _explored("office", "diff")),
+    Row("`office`, `spot`, 3 seeds", _OFFICE_BAR, "exploration_office.json", _explored("office", "spot")),
+    Row("Intel log, relations", "≤ 0.031 m / 0.6°, aim 0.0229 m / 0.453°, ≥ 40 ×", "slam2d_intel.json", _LOG),
+    Row("Freiburg 079 log, relations", "≤ 0.056 m, aim 0.0452 m / 0.538°, ≥ 40 ×", "slam2d_fr079.json", _LOG),
+    Row(
+        "pose graphs `intel`, `manhattan3500`",
+        "optimum to 0.1 %, no slower than gtsam",
+        "bench_posegraph.json",
+        "χ² {intel_chi2:.4f}, {manhattan3500_chi2:.4f}; {ratio_vs_gtsam_intel:.2f} and {ratio_vs_gtsam_manhattan3500:.2f} of gtsam's time",
+    ),
+    Row("planner 1000²", "32.6, 36.6, 42.6, 25.0 ms; oracle's cost", "bench_planner.json", _PLANNER % ((1000,) * 4)),
+    Row("planner 4000²", "818, 858, 898, 448 ms; oracle's cost", "bench_planner.json", _PLANNER % ((4000,) * 4)),
+    Row("local inflation 60²", "≤ 0.3 ms", "bench_costmap.json", "{inflation_60_ms:.3f} ms"),
+    Row(
+        "frontier search 1000²",
+        "≤ 16 ms",
+        "bench_frontier.json",
+        "{search_1000_ms:.2f} ms; 4000² after a change {incremental_4000_ms:.2f} ms",
+    ),
+    Row("scan match", "≤ 3 ms", "bench_slam2d.json", "{match_ms:.2f} ms"),
+)
+
+
+def results_table(folder: Path) -> str:
+    """Return the table in Markdown; a row whose file is absent says so instead of showing a number."""
+    lines = ["| what | bar | measured |", "|---|---|---|"]
+    sources = set()
+    for row in ROWS:
+        path = folder / row.file
+        if path.exists():
+            fields = {name.replace(".", "_"): value for name, value in json.loads(path.read_text()).items()}
+            sources.add(f"{fields['date']}, {fields['machine']}")
+            lines.append(f"| {row.what} | {row.bar} | {_fill(row.text, fields)} ([json](docs/results/{row.file})) |")
+        else:
+            lines.append(f"| {row.what} | {row.bar} | not measured yet |")
+    return "\n".join([*lines, "", f"Measured {'; '.join(sorted(sources)) or 'never'}."])
+
+
+def update_readme(readme: Path, folder: Path) -> None:
+    """Replace what stands between the two marks by the present table."""
+    text = readme.read_text(encoding="utf-8")
+    before, _, rest = text.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    readme.write_text(f"{before}{BEGIN}\n{results_table(folder)}\n{END}{after}", encoding="utf-8")
+
+
+def _fill(text: str, fields: dict[str, Any]) -> str:
+    try:
+        return text.format(**fields)
+    except (KeyError, TypeError, ValueError) as error:
+        return f"incomplete ({error})"
