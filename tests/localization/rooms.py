@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ class Room:
     size: tuple[float, float]
     solids: tuple[F64, ...]
 
+    @cached_property
     def segments(self) -> F64:
         """All surfaces, float64 (M, 4) of (x0, y0, x1, y1)."""
         w, h = self.size
@@ -43,7 +45,7 @@ class Room:
 
     def cast(self, pose: SE2, angles: F64) -> F64:
         """Distances along base-frame angles from a pose; inf where nothing is hit."""
-        seg = self.segments()
+        seg = self.segments
         a = angles + pose.yaw
         d = np.stack([np.cos(a), np.sin(a)], axis=1)
         e = seg[:, 2:] - seg[:, :2]
@@ -55,11 +57,11 @@ class Room:
         t = np.where((t > 1e-9) & (u >= 0) & (u <= 1) & (np.abs(cross) > 1e-12), t, np.inf)
         return np.asarray(t.min(axis=1))
 
-    @property
+    @cached_property
     def reflectors(self) -> ReflectorMap:
         """Strips of 10 cm on the walls, every few metres of surface, unevenly spaced; their surveyed map."""
         out = []
-        for k, (x0, y0, x1, y1) in enumerate(self.segments()):
+        for k, (x0, y0, x1, y1) in enumerate(self.segments):
             length = math.hypot(x1 - x0, y1 - y0)
             at = 0.6 + 0.13 * (k % 5)
             while at < length - 0.15:

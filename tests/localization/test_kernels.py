@@ -26,7 +26,7 @@ def office_map() -> SurfaceMap:
 
 
 def distances_to_segments(room: rooms.Room, points: np.ndarray) -> np.ndarray:
-    seg = room.segments()
+    seg = room.segments
     edge = seg[:, 2:] - seg[:, :2]
     u = ((points[:, None] - seg[None, :, :2]) * edge).sum(-1) / np.square(edge).sum(-1)
     near = seg[None, :, :2] + np.clip(u, 0, 1)[..., None] * edge

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -50,7 +51,7 @@ def steps_of(name: str, seed: int = 0) -> list[Step]:
     if (name, seed) not in _DRIVES:
         rng = np.random.default_rng(seed)
         all_steps = drive(ROOMS[name](), rooms.ROUTES[name], rng, beams=480, is_holonomic=seed % 2 == 1)
-        _DRIVES[name, seed] = list(all_steps)[:150]
+        _DRIVES[name, seed] = list(itertools.islice(all_steps, 110))
     return _DRIVES[name, seed]
 
 
