@@ -144,7 +144,7 @@ class GridTracker:
         prior = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
         fusion = fuse(prior, self._covariance, result)
         if fusion.surprise > config.gate:
-            self._covariance[:3, :3] *= 1.5
+            self._covariance[:3, :3] *= 3.0
             self._is_locked = False
             return self._carried(stamp_ns, predicted, result.score, fusion.surprise)
         self._covariance = fusion.covariance

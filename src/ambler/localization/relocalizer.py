@@ -28,8 +28,8 @@ class RelocalizerConfig:
     """`cell`, `sigma`, `depth`: grid, smoothing (m) and levels of the search; `search_points` at most `range_most` metres away.
     `keep_ratio`: poses scoring less than this share of the best are not pursued. A pose is plausible with `accept` quality, and unique
     when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad.
-    Two views suffice for a pose of `sure_quality` that leads by `sure_margin`, others need `viewpoints_most`. Nothing found: wait
-    `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
+    Two views suffice for a pose of `sure_quality` that leads by `sure_margin`; in an old or crowded map it must lead as much and new searches
+    of the whole map must come back to it `confirmations` times. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -39,13 +39,13 @@ class RelocalizerConfig:
     keep_ratio: float = 0.85
     min_score: float = 0.45
     candidates: int = 16
-    accept: float = 0.75
+    accept: float = 0.5
     margin: float = 0.08
     viewpoint_way: float = 0.4
     viewpoint_turn: float = 0.6
     sure_quality: float = 0.88
     sure_margin: float = 0.15
-    viewpoints_most: int = 4
+    confirmations: int = 3
     retry_after: float = 0.5
     slack: float = 0.12
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
@@ -103,7 +103,7 @@ class Relocalizer:
         self._stack = np.empty((config.depth, shape[0] + pad, shape[1] + pad), np.uint8)
         branch_bound.build_stack(cells, self._stack)
         self._hypotheses: tuple[Hypothesis, ...] = ()
-        self._viewpoints = 0
+        self._viewpoints = self._confirmations = 0
         self._odom_of_viewpoint = SE2()
         self._next_search_ns: int | None = None
         self._slack = max(config.slack, 1.5 * spec.resolution)
@@ -111,7 +111,7 @@ class Relocalizer:
     def reset(self) -> None:
         """Forget all hypotheses."""
         self._hypotheses = ()
-        self._viewpoints = 0
+        self._viewpoints = self._confirmations = 0
         self._next_search_ns = None
 
     def update(self, observation: Observation) -> Relocalization:
@@ -130,6 +130,8 @@ class Relocalizer:
             return self._answer(observation.stamp_ns)
         carried = self._carry(observation.points_base, motion)
         fresh = self.search(observation.points_base)
+        if carried and fresh and _is_same(carried[0].map_from_base, fresh[0].map_from_base, 0.3, 0.2):
+            self._confirmations += 1
         self._hypotheses = self._combine(carried, fresh)
         self._viewpoints = self._viewpoints + 1 if self._hypotheses else 0
         self._odom_of_viewpoint = observation.odom_from_base
@@ -221,13 +223,14 @@ class Relocalizer:
             self._next_search_ns = stamp_ns + int(config.retry_after * 1e9)
             return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
         lead = hypotheses[0].quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
-        is_sure = hypotheses[0].quality >= config.sure_quality and lead >= config.sure_margin
+        is_sure = hypotheses[0].quality >= config.sure_quality and viewpoints >= 2
+        is_confirmed = self._confirmations >= config.confirmations
         if lead < config.margin:
             state = RelocalizationState.AMBIGUOUS
-        elif viewpoints < (2 if is_sure else config.viewpoints_most):
-            state = RelocalizationState.VERIFYING
-        else:
+        elif lead >= config.sure_margin and (is_sure or is_confirmed):
             state = RelocalizationState.FOUND
+        else:
+            state = RelocalizationState.VERIFYING
         return Relocalization(stamp_ns, state, hypotheses, viewpoints)
 
 

@@ -32,7 +32,7 @@ class LocalizationState(enum.Enum):
 class SupervisorConfig:
     """Shares of the returns: below `explained_good` DEGRADED; below `explained_least` or above `through_most` (seen through walls) for
     `lost_after` s LOST (where the map is old and more is usual, `through_rise` above the usual). While it is below the usual by `sudden_drop` a search runs every `search_every` s, then more seldom; a place
-    better by `better_by` means LOST. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
+    better by `better_by`, and of `rival_quality`, means LOST. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
 
     explained_good: float = 0.6
     explained_least: float = 0.35
@@ -45,6 +45,7 @@ class SupervisorConfig:
     search_every: float = 1.0
     search_every_most: float = 16.0
     better_by: float = 0.25
+    rival_quality: float = 0.7
     slack: float = 0.15
     points: int = 240
 
@@ -137,7 +138,7 @@ class Supervisor:
         here = self.relocalizer.quality_at(observation.points_base, estimate.map_from_base)
         places = self.relocalizer.search(observation.points_base)
         best = places[0] if places else None
-        if best is None or best.quality < max(here + self.config.better_by, self.relocalizer.config.accept):
+        if best is None or best.quality < max(here + self.config.better_by, self.config.rival_quality):
             self._rival = None
             return
         # One scan may deceive in an old map: a place must be much better twice, or better beyond doubt.
@@ -176,6 +177,7 @@ class Supervisor:
             self._enter(LocalizationState.TRACKING, text)
             self.relocalizer.reset()
             explained, through = self._judge(observation, estimate)
+            self._usual, self._usual_through = explained, through
             return Supervision(observation.stamp_ns, self._state, estimate, found, explained, through, text)
         return Supervision(observation.stamp_ns, self._state, self.localizer.estimate, found, 0.0, 0.0, text)
 
