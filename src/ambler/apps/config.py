@@ -44,6 +44,9 @@ def for_robot(robot: RobotModel) -> ExplorerConfig:
     planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
     return ExplorerConfig(
         slam2d=Slam2dNodeConfig(uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP)),
+        # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
+        rollout=RolloutConfig(padding=0.05),
+        gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
         survey=SurveyConfig.from_robot(robot),
     )

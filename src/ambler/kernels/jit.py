@@ -23,6 +23,9 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 
 import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
 
+# Somebody may have imported Numba before the folder was named.
+numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]
+
 jit = numba.njit(cache=True, nogil=True)
 # Division by zero gives inf as in IEEE 754 instead of an exception, which lets LLVM vectorise loops that divide.
 jit_ieee = numba.njit(cache=True, nogil=True, error_model="numpy")
