@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
-from ambler.core.messages import Frontier
 from ambler.core.se2 import SE2
 
 
@@ -50,12 +49,4 @@ class LocalPlanner(Protocol):
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
     ) -> BodyVelocity:
         """Return the next command; raises NoValidControlError when every admissible motion collides."""
-        ...
-
-
-class ExplorationStrategy(Protocol):
-    """Chooses the next frontier."""
-
-    def choose(self, frontiers: tuple[Frontier, ...], map_from_base: SE2) -> int | None:
-        """Return the index of the frontier to visit next, or None when none can be visited."""
         ...

@@ -1,0 +1,42 @@
+"""Result files are flat and honest, and the README's table is made of nothing else."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.evaluation.results import write_results
+from ambler.evaluation.results_table import BEGIN, END, ROWS, results_table, update_readme
+
+
+def test_results_carry_their_origin_and_unknown_is_null(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "r.json"
+    write_results(path, "ambler x", 3, 1.5, {"a_m": np.float64(0.25), "b": float("nan"), "c": None, "d": np.int64(4)})
+    result = json.loads(path.read_text())
+    assert {"command", "version", "date", "machine", "seed", "wall_seconds"} <= result.keys()
+    assert (result["a_m"], result["b"], result["c"], result["d"], result["seed"]) == (0.25, None, None, 4, 3)
+
+
+def test_nested_results_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="'a' is not flat"):
+        write_results(tmp_path / "r.json", "ambler x", 0, 0.0, {"a": [1]})
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_table_says_what_was_not_measured(tmp_path: Path) -> None:
+    fields = {"inflation_60_ms": 0.0812}
+    write_results(tmp_path / "bench_costmap.json", "ambler bench costmap", 0, 1.0, fields)
+    table = results_table(tmp_path)
+    assert "| 0.081 ms (" in table
+    assert table.count("not measured yet") == len(ROWS) - 1
+
+
+def test_only_the_text_between_the_marks_is_replaced(tmp_path: Path) -> None:
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    update_readme(readme, tmp_path)
+    text = readme.read_text()
+    assert text.startswith(f"before\n{BEGIN}\n| what")
+    assert text.endswith(f"{END}\nafter\n")
+    assert "old" not in text
