@@ -33,7 +33,10 @@ def test_a_clicked_goal_drives_the_robot_there(encoding: str, tmp_path: Path) ->
         payload = encode(pose) if encoding == "cdr" else _json_pose(GOAL)
         viewer.publish("/goal_pose", encoding, "geometry_msgs/PoseStamped", payload)
         while not stop.is_set():
-            frame = viewer.receive()
+            try:
+                frame = viewer.receive(timeout=2.0)
+            except TimeoutError:  # the run is over
+                return
             if frame is None:
                 continue
             topic, _, data = frame

@@ -44,9 +44,9 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
 
     Raises BadInputError when the folder is not that of a run.
     """
-    folder = RunFolder(root)
-    if not folder.config.exists():
+    if not (root / "config.yaml").exists():
         raise BadInputError(f"{root} is not the folder of a run: it has no config.yaml")
+    folder = RunFolder(root)
     saved = load_profile(folder.config)
     try:
         robot = robot_named(saved["demo"]["robot"]).model

@@ -56,7 +56,7 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
-RECOVERY_PADDING = 0.03  # not less than what the gate keeps: else it would hold the recovery until its time is over
+RECOVERY_PADDING = 0.02
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
 PROTECTIVE_PATIENCE_NS = 3_000_000_000
