@@ -1,0 +1,81 @@
+"""Times the stages of 2-D SLAM on the scans of a simulated drive through the office."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2
+from ambler.perception.planar import PlanarConfig, scan_to_points
+from ambler.registration.correlative import Window, correlate
+from ambler.registration.gauss_newton import refine
+from ambler.registration.planar_scan import PlanarScan, filter_voxels, filter_voxels_adaptively
+from ambler.sim.robots import robot_named
+from ambler.sim.simulation import Simulation, SimulationConfig
+from ambler.sim.world import load_world
+from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
+from ambler.slam2d.slam import Slam2d
+from ambler.slam2d.submaps import ActiveSubmaps
+
+PERIOD_NS = 100_000_000
+
+
+def measure_stages(seed: int, scans: int) -> dict[str, float]:
+    """Return medians: `match_ms` is the whole match (filters, a window of 0.1 m and 20 degrees, refinement), `refine_ms` its last
+    part, `insert_ms` one scan into both active submaps, `update_ms` a whole update of `Slam2d`, `render_ms` the map."""
+    config = FrontEndConfig()
+    slam = Slam2d(Slam2dConfig())
+    active = ActiveSubmaps(config.insertion, config.scans_per_submap)
+    rng = np.random.default_rng(seed)
+    times: dict[str, list[float]] = {name: [] for name in ("match", "refine", "insert", "update")}
+    for scan, pose in drive(seed, scans):
+        target = active.target
+        if target is not None:
+            prior = target.to_submap(pose) @ SE2(*rng.normal(0.0, [0.03, 0.03, 0.02]))
+
+            def match(scan: PlanarScan = scan, target: Any = target, prior: SE2 = prior) -> None:
+                points = filter_voxels_adaptively(
+                    filter_voxels(scan.points, config.voxel_size), config.match_max_voxel, config.match_min_points
+                )
+                start = correlate(target.grid, points, prior, Window()).grid_from_base
+                begin = time.perf_counter()
+                refine(target.grid, points, start, prior, config.refine)
+                times["refine"].append(1e3 * (time.perf_counter() - begin))
+
+            _time(times["match"], match)
+        _time(times["insert"], lambda scan=scan, pose=pose: active.insert(scan, pose))  # type: ignore[misc]
+        _time(times["update"], lambda scan=scan: slam.update(scan))  # type: ignore[misc]
+    result = {f"{name}_ms": float(np.median(values)) for name, values in times.items()}
+    render: list[float] = []
+    for _ in range(9):
+        _time(render, slam.render_map)
+    return {**result, "render_ms": float(np.median(render)), "scans": float(scans)}
+
+
+def drive(seed: int, scans: int) -> list[tuple[PlanarScan, SE2]]:
+    """Drive `diff` back and forth along the office's corridor; returns planar scans with the true poses at their stamps."""
+    robot = robot_named("diff")
+    simulation = Simulation(load_world("office"), robot, SimulationConfig(seed))
+    mount = robot.model.sensor("laser").base_from_sensor
+    out: list[tuple[PlanarScan, SE2]] = []
+    now_ns, pose = 0, simulation.map_from_base.to_se2()
+    while len(out) < scans:
+        phase = (now_ns // 10_000_000_000) % 2
+        simulation.command(BodyVelocity(0.5 if phase == 0 else -0.25, 0.0, 0.15))
+        now_ns += PERIOD_NS
+        step = simulation.step(now_ns)
+        after = simulation.map_from_base.to_se2()
+        twist = (pose.inverse() @ after).log() / (PERIOD_NS * 1e-9)
+        out += [(scan_to_points(scan, mount, twist, PlanarConfig(range_max=20.0)), pose) for scan in step.scans]
+        pose = after
+    return out
+
+
+def _time(times: list[float], work: Callable[[], object]) -> None:
+    begin = time.perf_counter()
+    work()
+    times.append(1e3 * (time.perf_counter() - begin))
