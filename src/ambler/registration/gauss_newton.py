@@ -41,6 +41,8 @@ class MatchResult:
     inlier_ratio: float
     residual: float
     iterations: int
+    points: int
+    weak_information: float
 
     @property
     def degeneracy(self) -> float:
@@ -49,10 +51,17 @@ class MatchResult:
         return float(max(0.0, low) / high) if high > 0.0 else 0.0
 
     def covariance(self, sigma: float, floor: tuple[float, float]) -> NDArray[np.float64]:
-        """Return float64 (3, 3): sigma^2 (J^T J)^-1 plus a floor (metres, radians); `sigma` is the noise of one point's probability
-        with the correlation between neighbours taken into account."""
-        prior = np.diag([1.0, 1.0, 10.0])
-        cov = sigma**2 * np.linalg.inv(self.information + sigma**2 * prior)
+        """Return float64 (3, 3) of (x, y, yaw): sigma^2 over the discounted information, plus a floor (metres, radians).
+
+        `sigma` is the noise of one point's probability with the correlation between neighbours taken into account. Information that
+        is weak per point comes from clutter and the lattice rather than from walls, and is discounted (see `weak_information`).
+        """
+        h = self.information.copy()
+        schur = _translational(h)
+        values, vectors = np.linalg.eigh(schur)
+        share = np.clip(values / (self.points * self.weak_information), 0.05, 1.0)
+        h[:2, :2] += (vectors * (values * share**2)) @ vectors.T - schur
+        cov = sigma**2 * np.linalg.inv(h + sigma**2 * np.diag([1.0, 1.0, 10.0]))
         return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
 
 
@@ -87,4 +96,13 @@ def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineCo
         *(grid.cells, grid.frame, points, pose, centre, config.occupied_weight, weights),
         *(config.max_iterations, h, info),
     )
-    return MatchResult(SE2.from_array(pose), h, float(info[0]), float(info[1]), float(info[2]), int(info[3]))
+    return MatchResult(
+        SE2.from_array(pose),
+        h,
+        float(info[0]),
+        float(info[1]),
+        float(info[2]),
+        int(info[3]),
+        len(points),
+        config.weak_information,
+    )

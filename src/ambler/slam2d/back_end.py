@@ -18,11 +18,13 @@ from ambler.registration.correlative import Window
 from ambler.registration.planar_scan import filter_voxels_adaptively
 from ambler.slam2d.config import GraphConfig, LoopConfig
 from ambler.slam2d.front_end import LocalResult
-from ambler.slam2d.graph import Edge, EdgeKind, Graph, OptimizedGraph, diagonal_information, optimize
-from ambler.slam2d.loop_closure import Candidate, LoopSearcher, SubmapLinks
+from ambler.slam2d.graph import Edge, EdgeKind, Graph, OptimizedGraph, diagonal_information, information_of, optimize
+from ambler.slam2d.loop_closure import Candidate, Closure, LoopSearcher, SubmapLinks, confirmed
 from ambler.slam2d.submaps import Submap
 
 F32 = NDArray[np.float32]
+_MAX_PENDING = 40
+_FINAL_BATCH = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,9 +41,11 @@ class Node:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JobResult:
-    """What a background job found: new loop edges, new poses of all vertices that existed, and where they were counted."""
+    """What a background job found: new loop edges, closures that wait for confirmation, new poses of all vertices that existed, and
+    the newest node then."""
 
     edges: tuple[Edge, ...]
+    pending: tuple[Closure, ...]
     optimized: OptimizedGraph | None
     newest_node: int
 
@@ -57,12 +61,16 @@ class BackEnd:
         self.submaps: list[Submap] = []
         self.submap_vertices: list[int] = []
         self.loop_closures = 0
+        self._point_sigma = point_sigma
         self._searcher = LoopSearcher(loop, graph, point_sigma)
         self._links = SubmapLinks()
         self._queue: list[tuple[int, int]] = []
         self._pair_edges: dict[tuple[int, int], int] = {}
         self._pair_tries: dict[tuple[int, int], int] = {}
         self._path_length = 0.0
+        self._pending: tuple[Closure, ...] = ()
+        self._usual_score = 0.0
+        self._usual_inliers = 0.0
         self._optimized_nodes = 0
         self._is_busy = False
 
@@ -88,16 +96,23 @@ class BackEnd:
         vertex = self.graph.add_vertex(map_from_local @ pose)
         loop_points = filter_voxels_adaptively(result.scan.points, self._loop.max_voxel, self._loop.min_points)
         node = Node(vertex, result.scan.stamp_ns, pose, loop_points, result.match_points, result.submaps[0].index)
-        intra = diagonal_information(self._config.intra_sigma)
+        if result.match is not None:
+            self._usual_score += 0.02 * (result.match.score - self._usual_score)
+            self._usual_inliers += 0.02 * (result.match.inlier_ratio - self._usual_inliers)
+        covariance = (
+            np.zeros((3, 3)) if result.match is None else result.match.covariance(self._point_sigma, (0.0, 0.0))
+        )
+        intra = information_of(covariance, pose.yaw, self._config.intra_sigma)
         for submap in result.submaps:
             submap.nodes.append(len(self.nodes))
             source = self.submap_vertices[submap.index]
             self.graph.add_edge(Edge(source, vertex, submap.to_submap(pose), intra, EdgeKind.INTRA))
         if previous is not None:
-            self._add_chain(previous, node, odom_motion)
+            local = information_of(covariance, pose.yaw, self._config.local_sigma)
+            self._add_chain(previous, node, local, odom_motion)
         self.nodes.append(node)
         if len(self.nodes) % self._loop.node_stride == 0:
-            self._queue_candidates(len(self.nodes) - 1)
+            self._queue_candidates(len(self.nodes) - 1, self._loop.candidates_per_node)
         return node
 
     def _add_submap(self, submap: Submap, map_from_local: SE2) -> None:
@@ -107,11 +122,10 @@ class BackEnd:
         self.submap_vertices.append(self.graph.add_vertex(map_from_local @ submap.local_from_submap))
         self._links.add_submap(self._path_length - before)
 
-    def _add_chain(self, previous: Node, node: Node, odom_motion: SE2 | None) -> None:
+    def _add_chain(self, previous: Node, node: Node, local: NDArray[np.float64], odom_motion: SE2 | None) -> None:
         config = self._config
         motion = previous.local_from_base.inverse() @ node.local_from_base
         self._path_length += math.hypot(motion.x, motion.y) + 0.5 * abs(motion.yaw)
-        local = diagonal_information(config.local_sigma)
         self.graph.add_edge(Edge(previous.vertex, node.vertex, motion, local, EdgeKind.LOCAL))
         if odom_motion is not None:
             sigma = (
@@ -121,30 +135,35 @@ class BackEnd:
             information = diagonal_information(sigma)
             self.graph.add_edge(Edge(previous.vertex, node.vertex, odom_motion, information, EdgeKind.ODOMETRY))
 
-    def _queue_candidates(self, index: int) -> None:
-        """Choose the finished submaps that the newest node shall be searched in: near, and rarely compared so far."""
+    def _queue_candidates(self, index: int, wanted: int) -> None:
+        """Choose the finished submaps that a node shall be searched in: seen from nearby in a like direction, and rarely compared so far."""
         loop, node = self._loop, self.nodes[index]
         pose = self.graph.pose(node.vertex)
         distances = self._links.distances_from(node.submap)
         found: list[tuple[float, int]] = []
         for submap in self.submaps:
             k = submap.index
-            if not submap.is_finished or k >= node.submap - 1:
-                continue
             pair = (node.submap, k)
-            if self._pair_edges.get(pair, 0) >= loop.edges_per_pair or self._pair_tries.get(pair, 0) >= 30:
+            if not submap.is_finished or k >= node.submap - 1 or self._pair_edges.get(pair, 0) >= loop.edges_per_pair:
                 continue
-            window = self._window(distances[k])
-            away = self._distance_to(submap, pose)
-            if away > window.linear or away > loop.max_distance:
+            reach = self._window(distances[k]).linear
+            if self._distance_to(submap, pose) > min(reach, loop.max_distance):
                 continue
-            center = self.submap_pose(submap).transform(self._center(submap)[None])[0]
-            near = math.hypot(center[0] - pose.x, center[1] - pose.y)
-            found.append((near + 3.0 * self._pair_edges.get(pair, 0) + self._pair_tries.get(pair, 0), k))
-        for _, k in sorted(found)[: loop.candidates_per_node]:
+            view = self._view_distance(submap, pose)
+            if view < loop.max_view_distance + reach:
+                tries = self._pair_tries.get(pair, 0) - 2 * self._pair_edges.get(pair, 0)
+                found.append((view + 0.3 * max(0, tries), k))
+        for _, k in sorted(found)[:wanted]:
             self._queue.append((index, k))
             pair = (node.submap, k)
             self._pair_tries[pair] = self._pair_tries.get(pair, 0) + 1
+
+    def _view_distance(self, submap: Submap, pose: SE2) -> float:
+        """Return how far a pose is from the nearest one that filled a submap; half a turn counts like some metres."""
+        vertices = [self.nodes[n].vertex for n in submap.nodes[::4]]
+        seen = self.graph.poses[vertices]
+        away = np.hypot(seen[:, 0] - pose.x, seen[:, 1] - pose.y)
+        return float(np.min(away + self._loop.turn_price * 0.5 * (1.0 - np.cos(seen[:, 2] - pose.yaw))))
 
     def _window(self, path: float) -> Window:
         loop = self._loop
@@ -177,37 +196,46 @@ class BackEnd:
             self._window(distances[k]),
             node.loop_points,
             node.match_points,
+            self.submap_pose(submap),
+            min(self._loop.min_score, self._loop.min_score_ratio * self._usual_score),
+            self._loop.min_inlier_ratio_of_usual * self._usual_inliers,
         )
 
     def take_work(self, *, is_final: bool = False) -> Callable[[], JobResult] | None:
         """Return a job when there is enough to do and none is under way; the job must be run and its result committed."""
-        waiting = len(self.nodes) - self._optimized_nodes
-        is_due = self.loop_closures > 0 and waiting >= self._config.nodes_between
+        unsolved = len(self.nodes) - self._optimized_nodes
+        is_due = self.loop_closures > 0 and unsolved >= self._config.nodes_between
         is_full = len(self._queue) >= self._loop.searches_per_job
-        is_last = is_final and (len(self._queue) > 0 or waiting > 0)
+        is_last = is_final and (len(self._queue) > 0 or unsolved > 0)
         if self._is_busy or not self.nodes or not (is_due or is_full or is_last):
             return None
         self._is_busy = True
-        batch, self._queue = (
-            self._queue[: 2 * self._loop.searches_per_job],
-            self._queue[2 * self._loop.searches_per_job :],
-        )
+        size = self._loop.searches_per_job * (_FINAL_BATCH if is_final else 2)
+        batch, self._queue = self._queue[:size], self._queue[size:]
         candidates = [self._candidate(index, k) for index, k in batch]
         snapshot = self.graph.snapshot()
         newest = len(self.nodes) - 1
-        searcher, config = self._searcher, self._config
+        searcher, config, loop, pending = self._searcher, self._config, self._loop, list(self._pending)
         must_solve = is_due or is_last
 
         def run() -> JobResult:
-            edges = [e for c in candidates if (e := searcher.search(c)) is not None]
+            found = [closure for c in candidates if (closure := searcher.search(c)) is not None]
+            believed, waiting = confirmed(found, pending, loop)
+            edges = [c.edge for c in believed]
             optimized = optimize(snapshot, edges, config) if edges or must_solve else None
-            return JobResult(tuple(edges), optimized, newest)
+            return JobResult(tuple(edges), tuple(waiting), optimized, newest)
 
         return run
+
+    def queue_final(self) -> None:
+        """Queue many nodes once more, now that everything is known; for the end of a recording."""
+        for index in range(0, len(self.nodes), self._loop.final_stride):
+            self._queue_candidates(index, self._loop.candidates_per_node)
 
     def commit(self, result: JobResult) -> None:
         """Apply a job's result: new edges, new poses; younger vertices move along with the newest optimized node."""
         self._is_busy = False
+        self._pending = result.pending[-_MAX_PENDING:]
         vertex_to_node = {n.vertex: i for i, n in enumerate(self.nodes)} if result.edges else {}
         vertex_to_submap = {v: k for k, v in enumerate(self.submap_vertices)}
         for edge in result.edges:
@@ -230,17 +258,5 @@ class BackEnd:
         self._optimized_nodes = result.newest_node + 1
 
     def _reject(self, rejected: tuple[tuple[int, int], ...]) -> None:
-        if not rejected:
-            return
-        gone = set(rejected)
-        graph = self.graph.snapshot()
-        is_removed = np.array(
-            [
-                bool(r) and (a, b) in gone
-                for a, b, r in zip(
-                    graph.edge_from.tolist(), graph.edge_to.tolist(), graph.is_robust.tolist(), strict=True
-                )
-            ]
-        )
-        self.graph.remove_edges(is_removed)
-        self.loop_closures -= int(is_removed.sum())
+        if rejected:
+            self.loop_closures -= self.graph.remove_loops(rejected)

@@ -39,19 +39,28 @@ class FrontEndConfig:
 
 @dataclass(frozen=True, slots=True)
 class LoopConfig:
-    """Search for loop closures. A pair's window grows with the path length through the graph that separates them."""
+    """Search for loop closures. A pair's window grows with the path length through the graph that separates them.
+
+    A score counts relative to what local matches usually reach, but at most `min_score` is asked. A closure that moves its node by more
+    than `surprise` (m) must be confirmed by another one that moves its own in the same way.
+    """
 
     max_voxel: float = 0.9
     min_points: int = 100
     min_score: float = 0.55
-    min_refined_score: float = 0.55
-    min_inlier_ratio: float = 0.6
+    min_score_ratio: float = 0.78
+    min_inlier_ratio_of_usual: float = 0.75
+    surprise: float = 0.6
+    agreement: tuple[float, float] = (0.3, math.radians(3.0))
     max_distance: float = 15.0
+    max_view_distance: float = 6.0
+    turn_price: float = 4.0
+    final_stride: int = 3
     window_base: float = 0.4
-    window_per_metre: float = 0.05
+    window_per_metre: float = 0.1
     window_max: float = 7.0
     angle_base: float = math.radians(4.0)
-    angle_per_metre: float = math.radians(0.25)
+    angle_per_metre: float = math.radians(0.4)
     angle_max: float = math.radians(30.0)
     node_stride: int = 5
     candidates_per_node: int = 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,11 +68,6 @@ class Graph:
         """Global poses float64 (V, 3), a view."""
         return self._poses[: self.vertices]
 
-    @property
-    def kinds(self) -> NDArray[np.int64]:
-        """EdgeKind of every edge (E,), a view."""
-        return self._kind[: self.edges]
-
     def pose(self, vertex: int) -> SE2:
         """Return the global pose of a vertex."""
         return SE2.from_array(self._poses[vertex])
@@ -97,13 +93,17 @@ class Graph:
         self._kind[k] = edge.kind
         self.edges += 1
 
-    def remove_edges(self, is_removed: NDArray[np.bool_]) -> None:
-        """Drop the edges marked in bool (E,)."""
-        keep = np.flatnonzero(~is_removed)
+    def remove_loops(self, pairs: Collection[tuple[int, int]]) -> int:
+        """Drop the INTER edges between the given (from, to) vertices; returns how many there were."""
+        e = self.edges
+        codes = np.array([a * self.vertices + b for a, b in pairs])
+        is_gone = np.isin(self._from[:e] * self.vertices + self._to[:e], codes) & (self._kind[:e] == EdgeKind.INTER)
+        keep = np.flatnonzero(~is_gone)
         for name in ("_from", "_to", "_z", "_information", "_kind"):
             array = getattr(self, name)
-            array[: len(keep)] = array[: self.edges][keep]
+            array[: len(keep)] = array[keep]
         self.edges = len(keep)
+        return e - len(keep)
 
     def snapshot(self) -> PoseGraph:
         """Return a copy for the solver."""

@@ -126,8 +126,11 @@ class Slam2d:
 
     def finish(self) -> None:
         """Search what still waits and optimize until nothing new is found; for the end of a recording."""
-        for work in iter(lambda: self._back_end.take_work(is_final=True), None):
-            self.commit(work())
+        for is_again in (False, True):
+            if is_again:
+                self._back_end.queue_final()
+            for work in iter(lambda: self._back_end.take_work(is_final=True), None):
+                self.commit(work())
 
     def render_map(self) -> tuple[GridSpec, NDArray[np.int8]]:
         """Return the map's geometry and occupancy int8 [iy, ix] (-1 unknown, 0 free, 100 occupied)."""
