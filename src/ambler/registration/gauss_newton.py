@@ -18,15 +18,15 @@ F32 = NDArray[np.float32]
 class RefineConfig:
     """Weights of the points, of the prior's translation (1/m) and of its rotation (1/rad).
 
-    Where the scan says little about a direction (information per point below `weak_information`, 1/m^2: along a corridor) the prior's
-    translation weight rises there up to `weak_translation_weight`.
+    Where the scan says much less about one direction than about the other (information below `weak_ratio` of it: along a corridor)
+    the prior's translation weight rises there up to `weak_translation_weight`.
     """
 
     occupied_weight: float = 1.0
     translation_weight: float = 1.0
     rotation_weight: float = 4.0
     weak_translation_weight: float = 10.0
-    weak_information: float = 15.0
+    weak_ratio: float = 0.25
     max_iterations: int = 20
 
 
@@ -41,8 +41,7 @@ class MatchResult:
     inlier_ratio: float
     residual: float
     iterations: int
-    points: int
-    weak_information: float
+    weak_ratio: float
 
     @property
     def degeneracy(self) -> float:
@@ -53,13 +52,13 @@ class MatchResult:
     def covariance(self, sigma: float, floor: tuple[float, float]) -> NDArray[np.float64]:
         """Return float64 (3, 3) of (x, y, yaw): sigma^2 over the discounted information, plus a floor (metres, radians).
 
-        `sigma` is the noise of one point's probability with the correlation between neighbours taken into account. Information that
-        is weak per point comes from clutter and the lattice rather than from walls, and is discounted (see `weak_information`).
+        `sigma` is the noise of one point's probability with the correlation between neighbours taken into account. Information
+        that is weak in one direction comes from clutter and the lattice rather than from walls, and is discounted (see `weak_ratio`).
         """
         h = self.information.copy()
         schur = _translational(h)
         values, vectors = np.linalg.eigh(schur)
-        share = np.clip(values / (self.points * self.weak_information), 0.05, 1.0)
+        share = np.clip(values / max(self.weak_ratio * values[-1], 1e-9), 0.05, 1.0)
         h[:2, :2] += (vectors * (values * share**2)) @ vectors.T - schur
         cov = sigma**2 * np.linalg.inv(h + sigma**2 * np.diag([1.0, 1.0, 10.0]))
         return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
@@ -72,10 +71,10 @@ def _translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2])
 
 
-def _prior_information(h: NDArray[np.float64], n: int, config: RefineConfig) -> NDArray[np.float64]:
+def _prior_information(h: NDArray[np.float64], config: RefineConfig) -> NDArray[np.float64]:
     """Return the prior's information (3, 3): stronger along directions in which the points say little."""
-    values, vectors = np.linalg.eigh(_translational(h) / n)
-    weakness = np.clip(1.0 - values / config.weak_information, 0.0, 1.0)
+    values, vectors = np.linalg.eigh(_translational(h))
+    weakness = np.clip(1.0 - values / max(config.weak_ratio * values[-1], 1e-9), 0.0, 1.0)
     low, high = config.translation_weight**2, config.weak_translation_weight**2
     out = np.zeros((3, 3))
     out[:2, :2] = (vectors * (low + (high - low) * weakness)) @ vectors.T
@@ -91,7 +90,7 @@ def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineCo
     h = np.empty((3, 3))
     info = np.empty(4)
     correlation.normal_equations(grid.cells, grid.frame, points, pose, h, np.empty(3), np.empty(11))
-    weights = _prior_information(h, len(points), config)
+    weights = _prior_information(h, config)
     correlation.refine(
         *(grid.cells, grid.frame, points, pose, centre, config.occupied_weight, weights),
         *(config.max_iterations, h, info),
@@ -103,6 +102,5 @@ def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineCo
         float(info[1]),
         float(info[2]),
         int(info[3]),
-        len(points),
-        config.weak_information,
+        config.weak_ratio,
     )

@@ -28,7 +28,7 @@ class FrontEndConfig:
     odometry_slack_gain: float = 0.4
     rescue_margin: float = 0.05
     refine: RefineConfig = field(default_factory=RefineConfig)
-    blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0, 15.0))
+    blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2
@@ -67,7 +67,7 @@ class LoopConfig:
     searches_per_job: int = 24
     edges_per_pair: int = 6
     cached_stacks: int = 24
-    refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, 1.0, 10))
+    refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=10))
 
 
 @dataclass(frozen=True, slots=True)
