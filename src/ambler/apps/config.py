@@ -35,7 +35,9 @@ class ExplorerConfig:
 
 # A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood; passing rays count for more than Cartographer's
 # 0.49, so that walls stay one cell thick (docs/slam2d.md).
-SHARP = FrontEndConfig(scans_per_submap=150, insertion=InsertionConfig(p_miss=0.46))
+SHARP = FrontEndConfig(
+    match_max_voxel=0.3, match_min_points=350, scans_per_submap=150, insertion=InsertionConfig(p_miss=0.46)
+)
 
 
 def for_robot(robot: RobotModel) -> ExplorerConfig:
