@@ -155,7 +155,7 @@ def test_a_robot_that_stands_where_it_may_not_be_reaches_nothing() -> None:
 
 def test_sizes_come_from_the_robot() -> None:
     footprint = np.array([[0.4, 0.3], [-0.4, 0.3], [-0.4, -0.3], [0.4, -0.3]])
-    config = SurveyConfig.from_robot(RobotModel("r", DriveKind.DIFFERENTIAL, footprint, VelocityLimits()))
+    config = SurveyConfig.from_robot(RobotModel("r", DriveKind.DIFFERENTIAL, footprint, VelocityLimits()), 100)
     assert config.min_size == pytest.approx(0.6)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from ambler.control.config import RolloutConfig
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmapConfig
+from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
 from ambler.exploration.survey import SurveyConfig
 from ambler.grids.probability_grid import InsertionConfig
@@ -50,5 +51,5 @@ def for_robot(robot: RobotModel) -> ExplorerConfig:
         rollout=RolloutConfig(padding=0.05),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
-        survey=SurveyConfig.from_robot(robot),
+        survey=SurveyConfig.from_robot(robot, turning_cost(robot, InflationConfig())),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,11 +36,14 @@ class VelocityLimits:
 
 @dataclass(frozen=True, slots=True)
 class SensorMount:
-    """A sensor and its pose: `kind` is scan, cloud, imu or camera; `frame` names it in the transform tree."""
+    """A sensor and its pose: `kind` is scan, cloud, imu or camera; `frame` names it in the transform tree. A scanner measures
+    nothing nearer than `range_min` (m) and, of a cloud, nothing outside the `elevation` limits (rad)."""
 
     frame: str
     kind: str
     base_from_sensor: SE3
+    range_min: float = 0.0
+    elevation: tuple[float, float] = (-math.pi, math.pi)
 
 
 @dataclass(frozen=True)

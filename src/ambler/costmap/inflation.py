@@ -67,3 +67,10 @@ def cost_table(radius_cells: int, resolution: float, inscribed_radius: float, sc
     table[0] = COST_LETHAL
     table[-1] = 0
     return np.asarray(table, np.uint8)
+
+
+def turning_cost(robot: RobotModel, config: InflationConfig) -> int:
+    """Return the cost at the circumscribed radius: below it the robot can turn on the spot."""
+    inscribed = robot.inscribed_radius if config.inscribed_radius is None else config.inscribed_radius
+    beyond = max(0.0, robot.circumscribed_radius - inscribed)
+    return math.floor((COST_INSCRIBED - 1) * math.exp(-config.scaling * beyond))

@@ -28,7 +28,8 @@ A PlanningError says that no path can start there."""
 @dataclass(frozen=True, slots=True)
 class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
-    a goal lies at most `goal_reach` (m along free cells) away from its frontier."""
+    a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
+    is such a place: there the robot can turn."""
 
     min_size: float = 0.5
     min_gain: float = 0.15
@@ -36,13 +37,15 @@ class SurveyConfig:
     gain_rays: int = 180
     goal_reach: float = 1.0
     free_below: int = 50
+    roomy_cost: int = 252
     memory: MemoryConfig = field(default_factory=MemoryConfig)
 
     @classmethod
-    def from_robot(cls, robot: RobotModel) -> SurveyConfig:
-        """Take sizes from the robot: a gap that it does not fit through is no frontier, a goal is near enough to look."""
+    def from_robot(cls, robot: RobotModel, roomy_cost: int) -> SurveyConfig:
+        """Take sizes from the robot: a gap that it does not fit through is no frontier, a goal is near enough to look.
+        `roomy_cost` is the global costmap's at the circumscribed radius."""
         width = 2.0 * robot.inscribed_radius
-        return cls(min_size=width, goal_reach=max(1.0, 1.5 * robot.circumscribed_radius))
+        return cls(min_size=width, goal_reach=max(1.0, 1.5 * robot.circumscribed_radius), roomy_cost=roomy_cost)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +87,7 @@ class FrontierSurvey:
         """
         groups = self._search(occupancy)
         distance = self._distances(costs, map_from_base)
-        goals = self._goals(occupancy, groups, costs.spec, distance)
+        goals = self._goals(occupancy, groups, costs, distance)
         gains, headings = self._gains(occupancy, groups, goals)
         diy, dix = occupancy.spec.offset_in(costs.spec)
         points = groups.points()
@@ -125,34 +128,27 @@ class FrontierSurvey:
         return self._frontier_map.update(occupancy.spec, occupancy.data, changed)
 
     def _goals(
-        self, occupancy: OccupancyGrid, groups: FrontierGroups, cost_spec: GridSpec, distance: NDArray[np.float32]
+        self, occupancy: OccupancyGrid, groups: FrontierGroups, costs: CostGrid, distance: NDArray[np.float32]
+    ) -> NDArray[np.int64]:
+        """Return the goal of each group, a flat index or -1: where the robot can turn, or else anywhere that it can reach."""
+        shift = _cell_shift(occupancy.spec, costs.spec)
+        roomy = np.where(costs.data <= self.config.roomy_cost, distance, np.float32(np.inf))
+        goals = self._goals_within(occupancy, groups, shift, roomy)
+        if np.any(goals < 0):
+            goals = np.where(goals < 0, self._goals_within(occupancy, groups, shift, distance), goals)
+        return goals
+
+    def _goals_within(
+        self, occupancy: OccupancyGrid, groups: FrontierGroups, shift: tuple[int, int], distance: NDArray[np.float32]
     ) -> NDArray[np.int64]:
         spec = occupancy.spec
-        shift_x = (spec.origin_x - cost_spec.origin_x) / spec.resolution
-        shift_y = (spec.origin_y - cost_spec.origin_y) / spec.resolution
-        off_grid = max(abs(shift_x - round(shift_x)), abs(shift_y - round(shift_y)))
-        if not math.isclose(spec.resolution, cost_spec.resolution, rel_tol=1e-6) or off_grid > 1e-3:
-            raise BadInputError("the map and the global costmap are not aligned to whole cells of one size")
-        diy, dix = spec.offset_in(cost_spec)
         steps = round(self.config.goal_reach / spec.resolution)
         visited = np.zeros(spec.width * spec.height, np.int32)
         queue = np.empty(visited.size, np.int64)
         goals = np.empty(len(groups), np.int64)
         free_below = self.config.free_below
-        frontier_goals(
-            occupancy.data,
-            free_below,
-            distance,
-            diy,
-            dix,
-            groups.cells,
-            groups.starts,
-            steps,
-            visited,
-            1,
-            queue,
-            goals,
-        )
+        cells, starts = groups.cells, groups.starts
+        frontier_goals(occupancy.data, free_below, distance, *shift, cells, starts, steps, visited, 1, queue, goals)
         return goals
 
     def _gains(
@@ -186,6 +182,16 @@ class FrontierSurvey:
             )
         reason = self.memory.reason_against(frontier, occupancy.spec, occupancy.data)
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
+
+
+def _cell_shift(spec: GridSpec, cost_spec: GridSpec) -> tuple[int, int]:
+    """Return the rows and columns from the map to the cost grid; raises BadInputError if the two do not share one lattice."""
+    shift_x = (spec.origin_x - cost_spec.origin_x) / spec.resolution
+    shift_y = (spec.origin_y - cost_spec.origin_y) / spec.resolution
+    off_grid = max(abs(shift_x - round(shift_x)), abs(shift_y - round(shift_y)))
+    if not math.isclose(spec.resolution, cost_spec.resolution, rel_tol=1e-6) or off_grid > 1e-3:
+        raise BadInputError("the map and the global costmap are not aligned to whole cells of one size")
+    return spec.offset_in(cost_spec)
 
 
 def _refused(frontier: Frontier, state: FrontierState, reason: str) -> Frontier:

@@ -32,6 +32,7 @@ from ambler.runtime.topics import (
     VELOCITY_COMMAND,
     VELOCITY_REQUEST,
 )
+from ambler.safety.blind_memory import BlindMemory, FieldOfView
 from ambler.safety.config import GateConfig
 from ambler.safety.gate import GateStep, VelocityGate
 from ambler.safety.points import F64, points_of_cloud, points_of_scan
@@ -58,7 +59,10 @@ class GateNode(Node):
         self, robot: RobotModel, config: GateConfig | None = None, z_band: tuple[float, float] | None = None
     ) -> None:
         self.gate = VelocityGate(config if config is not None else GateConfig(), robot)
-        self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
+        self._mounts = {m.frame: m for m in robot.sensors}
+        self._memories: dict[str, BlindMemory] = {}
+        self._memory_travel = config.memory_travel if config is not None else GateConfig().memory_travel
+        self._radius = robot.circumscribed_radius
         kinds = {m.kind for m in robot.sensors}
         self._scanners = tuple(topic for kind, topic in (("scan", SCAN), ("cloud", CLOUD)) if kind in kinds)
         self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners)  # type: ignore[assignment, misc]
@@ -99,23 +103,30 @@ class GateNode(Node):
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
-        self._take_points(scan, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
+        field = FieldOfView(scan.range_min, (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment))
+        self._take_points(scan, field, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
 
     def _on_cloud(self, cloud: PointCloud) -> None:
-        reach, band = self._reach, self._z_band
+        reach, band, mount = self._reach, self._z_band, self._mounts[cloud.frame]
         self._take_points(
-            cloud, lambda level_from_sensor: points_of_cloud(cloud, level_from_sensor, self._twist, reach, band)
+            cloud,
+            FieldOfView(mount.range_min, elevation=mount.elevation),
+            lambda level_from_sensor: points_of_cloud(cloud, level_from_sensor, self._twist, reach, band),
         )
 
-    def _take_points(self, scan: LaserScan | PointCloud, points_of: Callable[[SE3], F64]) -> None:
+    def _take_points(self, scan: LaserScan | PointCloud, field: FieldOfView, points_of: Callable[[SE3], F64]) -> None:
         try:
             odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns)
         except TransformError:
             return  # without a pose of that moment the points say nothing; if that lasts, they are stale
         lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
         level_from_base = SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean
-        points = points_of(level_from_base @ self._mounts[scan.frame])
-        self.gate.update_points(scan.frame, scan.stamp_ns, points, odom_from_base.to_se2())
+        level_from_sensor = level_from_base @ self._mounts[scan.frame].base_from_sensor
+        memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._memory_travel))
+        points = points_of(level_from_sensor)
+        unseen = memory.update(points, odom_from_base.to_se2(), level_from_sensor, field)
+        together = np.concatenate((points, unseen))[:, :2]
+        self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
 
     def _step(self) -> None:
         now_ns = self.ctx.now_ns

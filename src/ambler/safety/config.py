@@ -28,6 +28,7 @@ class GateConfig:
     max_step_gap       a longer pause between two steps means that the gate was starved
     max_future         a stamp further ahead of the clock than this is refused
     self_depth         points deeper than this inside the footprint are the robot itself
+    memory_travel      metres of the outermost corner after which a point that no scanner can see any more is forgotten
     """
 
     sources: tuple[VelocitySource, ...] = (
@@ -46,3 +47,4 @@ class GateConfig:
     max_step_gap: float = 0.25
     max_future: float = 0.1
     self_depth: float = 0.05
+    memory_travel: float = 4.0

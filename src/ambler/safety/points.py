@@ -12,37 +12,37 @@ F64 = NDArray[np.float64]
 
 
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
-    """Return the returns of a planar scan in the base frame of its stamp, float64 (N, 2); `twist` (vx, vy, wz) of the base."""
+    """Return the returns of a planar scan in the base frame of its stamp, float64 (N, 3); `twist` (vx, vy, wz) of the base."""
     ranges = scan.ranges.astype(np.float64)
     beam = np.arange(len(ranges), dtype=np.float64)
     is_return = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
     ranges, beam = ranges[is_return], beam[is_return]
     angles = scan.angle_min + beam * scan.angle_increment
     points = np.stack((ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))), axis=1)
-    return carried_to_stamp(base_from_sensor.transform(points)[:, :2], scan.time_increment * beam, twist)
+    return carried_to_stamp(base_from_sensor.transform(points), scan.time_increment * beam, twist)
 
 
 def points_of_cloud(
     cloud: PointCloud, base_from_sensor: SE3, twist: F64, reach: float, z_band: tuple[float, float]
 ) -> F64:
     """Return the points of a 3-D scan within `reach` metres of the sensor and inside the height band above the floor, float64
-    (N, 2), in the base frame of the stamp. `base_from_sensor` is told level, free of the body's lean."""
+    (N, 3), in the base frame of the stamp. `base_from_sensor` is told level, free of the body's lean."""
     x, y = cloud.points[:, 0], cloud.points[:, 1]
     is_near = x * x + y * y <= np.float32(reach * reach)
     points = base_from_sensor.transform(cloud.points[is_near])
     is_in_band = (points[:, 2] >= z_band[0]) & (points[:, 2] <= z_band[1])
     times = cloud.time[is_near].astype(np.float64)
-    return carried_to_stamp(points[is_in_band, :2], times[is_in_band], twist)
+    return carried_to_stamp(points[is_in_band], times[is_in_band], twist)
 
 
 def carried_to_stamp(points: F64, times: F64, twist: F64) -> F64:
-    """Move points (N, 2), each seen from the base of its own time (N,) in seconds after the stamp, to the base of the stamp.
+    """Move points (N, 3), each seen from the base of its own time (N,) in seconds after the stamp, to the base of the stamp.
 
     To second order in the angle, which is small over one scan.
     """
     angle = twist[2] * times
     cos, sin = 1.0 - 0.5 * angle * angle, angle
-    out = np.empty((len(points), 2))
+    out = points.copy()
     out[:, 0] = cos * points[:, 0] - sin * points[:, 1] + (twist[0] - 0.5 * angle * twist[1]) * times
     out[:, 1] = sin * points[:, 0] + cos * points[:, 1] + (twist[1] + 0.5 * angle * twist[0]) * times
     return out

@@ -77,7 +77,7 @@ def _diff() -> SimRobot:
         footprint=np.array(footprint),
         limits=VelocityLimits(vx_max=0.8, vx_min=-0.3, wz_max=1.5, ax_max=1.0, az_max=2.5, ax_brake=1.5),
         sensors=(
-            SensorMount("laser", "scan", SE3((0.08, 0.0, 0.28))),
+            SensorMount("laser", "scan", SE3((0.08, 0.0, 0.28)), range_min=SCANNER_360.range_min),
             SensorMount("imu", "imu", SE3((-0.05, 0.0, 0.12))),
         ),
         body_height=0.25,
@@ -111,7 +111,13 @@ def _spot() -> SimRobot:
             ay_brake=1.5,
         ),
         sensors=(
-            SensorMount("velodyne", "cloud", SE3((-0.10, 0.0, 0.78))),
+            SensorMount(
+                "velodyne",
+                "cloud",
+                SE3((-0.10, 0.0, 0.78)),
+                range_min=VLP_16.range_min,
+                elevation=(VLP_16.elevations[0], VLP_16.elevations[-1]),
+            ),
             SensorMount("imu", "imu", SE3((0.0, 0.0, 0.50))),
         ),
         body_height=0.65,

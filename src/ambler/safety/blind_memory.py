@@ -1,0 +1,124 @@
+"""Points that a scanner saw and cannot see any more: too near for it, below or above its rays, beside its sector.
+
+A scanner says nothing about its blind zone, and nothing is not free. So the gate keeps what was last seen there, carried along by
+odometry, until the scanner can see the place again, looks through it, or odometry has drifted too far to tell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.se3 import SE3
+
+F64 = NDArray[np.float64]
+Rays = tuple[F64, F64, F64]
+"""Range (m), azimuth and elevation (rad) of points in a scanner's frame, each (N,)."""
+
+VOXEL = 0.03  # metres; one remembered point in each
+BIN = math.radians(2.0)  # of the image that tells where the scanner looks through
+THROUGH = 0.1  # metres that every return of a bin must lie behind a remembered point to prove it gone
+SLACK = (0.05, math.radians(1.0))  # metres and radians inside the limits where a scanner is not yet sure to see
+SOON = (
+    0.3,
+    math.radians(5.0),
+)  # metres and radians inside the limits from where a point may leave them before the next scan
+
+
+@dataclass(frozen=True, slots=True)
+class FieldOfView:
+    """What a scanner can measure in its own frame: ranges from `range_min` (m), azimuth and elevation limits (rad)."""
+
+    range_min: float = 0.0
+    azimuth: tuple[float, float] = (-math.pi, math.pi)
+    elevation: tuple[float, float] = (-math.pi, math.pi)
+
+    def shrunk(self, distance: float, angle: float) -> FieldOfView:
+        """Return the field without a rim of `distance` metres at its blind side and `angle` radians at its other sides."""
+        low, high = self.elevation
+        left, right = self.azimuth
+        if right - left < 2.0 * math.pi - 2.0 * BIN:
+            left, right = left + angle, right - angle
+        return replace(
+            self, range_min=self.range_min + distance, azimuth=(left, right), elevation=(low + angle, high - angle)
+        )
+
+    def contains(self, rays: Rays) -> NDArray[np.bool_]:
+        """Return bool (N,)."""
+        ranges, azimuth, elevation = rays
+        is_turned = (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[1])
+        is_level = (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
+        return np.asarray((ranges >= self.range_min) & is_turned & is_level)
+
+
+class BlindMemory:
+    """One scanner's memory. A point is forgotten after `max_travel` metres of the robot's outermost corner at `radius`."""
+
+    def __init__(self, radius: float, max_travel: float) -> None:
+        self._radius = radius
+        self._max_travel = max_travel
+        self._points_odom = np.empty((0, 3))
+        self._seen_at = np.empty(0)
+        self._travel = 0.0
+        self._odom_from_base: SE2 | None = None
+
+    def update(self, points_base: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView) -> F64:
+        """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: what the
+        scanner cannot see now and nothing has disproved."""
+        self._advance(odom_from_base)
+        sensor_from_base = base_from_sensor.inverse()
+        rays = _rays(sensor_from_base, points_base)
+        kept, seen_at = _moved(odom_from_base.inverse(), self._points_odom), self._seen_at
+        kept_rays = _rays(sensor_from_base, kept)
+        is_kept = ~field.shrunk(*SLACK).contains(kept_rays) & ~_looked_through(kept_rays, rays)
+        is_kept &= self._travel - seen_at < self._max_travel
+        kept, seen_at = kept[is_kept], seen_at[is_kept]
+        fading = points_base[~field.shrunk(*SOON).contains(rays)]
+        together = np.concatenate((fading, kept))
+        first = np.unique(_voxels(together), return_index=True)[1]
+        self._points_odom = _moved(odom_from_base, together[first])
+        self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
+        return kept
+
+    def _advance(self, odom_from_base: SE2) -> None:
+        last, self._odom_from_base = self._odom_from_base, odom_from_base
+        if last is not None:
+            turn = abs(wrap_angle(odom_from_base.yaw - last.yaw))
+            self._travel += last.distance_to(odom_from_base) + turn * self._radius
+
+
+def _moved(pose: SE2, points: F64) -> F64:
+    """Move points (N, 3) by a planar pose; z stays."""
+    return np.column_stack((pose.transform(points[:, :2]), points[:, 2]))
+
+
+def _rays(sensor_from_base: SE3, points_base: F64) -> Rays:
+    p = sensor_from_base.transform(points_base)
+    flat = np.hypot(p[:, 0], p[:, 1])
+    return np.hypot(flat, p[:, 2]), np.arctan2(p[:, 1], p[:, 0]), np.arctan2(p[:, 2], flat)
+
+
+def _looked_through(kept: Rays, seen: Rays) -> NDArray[np.bool_]:
+    """Return bool (N,): whether there are returns in the direction of a kept point, and all of them lie behind it."""
+    bins, index = np.unique(_bins(seen), return_inverse=True)
+    if len(bins) == 0:
+        return np.zeros(len(kept[0]), np.bool_)
+    nearest = np.full(len(bins), np.inf)
+    np.minimum.at(nearest, index, seen[0])
+    wanted = _bins(kept)
+    at = np.minimum(np.searchsorted(bins, wanted), len(bins) - 1)
+    return np.asarray((bins[at] == wanted) & (nearest[at] > kept[0] + THROUGH))
+
+
+def _bins(rays: Rays) -> NDArray[np.int64]:
+    azimuth, elevation = (np.floor(angles / BIN).astype(np.int64) for angles in rays[1:])
+    return np.asarray(azimuth * 1000 + elevation, np.int64)
+
+
+def _voxels(points: F64) -> NDArray[np.int64]:
+    cells = np.floor(points / VOXEL).astype(np.int64)
+    return np.asarray((cells[:, 0] * 100_003 + cells[:, 1]) * 1_009 + cells[:, 2], np.int64)
