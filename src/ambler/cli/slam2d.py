@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ambler.slam2d.offline import OfflineResult
-    from ambler.wire.carmen import CarmenLog
+    from ambler.slam2d.recordings import Choices, ScanRecording
 
 FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
 
@@ -19,9 +19,29 @@ FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
 def add_parser(subparsers: Any) -> None:
     """Add the verb."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "slam2d", help="turn a recorded CARMEN laser log (plain, .gz, .bz2) into a map and a trajectory"
+        "slam2d", help="turn recorded laser scans (CARMEN log, ROS 1 or ROS 2 bag) into a map and a trajectory"
     )
-    parser.add_argument("log", type=Path, metavar="LOG", help="CARMEN log with FLASER, RLASER or ROBOTLASER1 lines")
+    parser.add_argument(
+        "log",
+        type=Path,
+        metavar="LOG",
+        help="CARMEN log (plain, .gz, .bz2), Wean Hall log, ROS 1 bag, or ROS 2 bag (folder, .db3, .mcap)",
+    )
+    parser.add_argument("--scan-topic", metavar="NAME", help="bags: topic of the scans, where there are several")
+    parser.add_argument(
+        "--odom-topic", metavar="NAME", help="bags: topic of the odometry, where there are several; `none` maps without"
+    )
+    parser.add_argument(
+        "--mount",
+        metavar="X,Y,YAW",
+        help="bags: the scanner in the base frame, m and deg, where the transforms lack it",
+    )
+    parser.add_argument(
+        "--sweep",
+        choices=("auto", "forward", "backward", "none"),
+        default="auto",
+        help="bags: order of a scan's beams in time; auto asks the recording (default)",
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
     parser.add_argument("--relations", type=Path, metavar="FILE", help="SLAM-benchmark relations to compare with")
     parser.add_argument(
@@ -39,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.relations import load_relations, relation_errors
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.wire.carmen import load_carmen
+    from ambler.slam2d.recordings import open_recording
 
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
@@ -49,9 +69,11 @@ def run(args: argparse.Namespace) -> int:
     warm_up(imported_kernel_modules())
     cpu = time.process_time()
     relations = load_relations(args.relations) if args.relations else None
-    log = load_carmen(args.log)
-    stamps = [line.stamp for line in log.lasers]
-    result = _map(log)
+    recording = open_recording(args.log, _choices(args))
+    for note in recording.notes:
+        print(note)
+    stamps = list(recording.stamps)
+    result = _map(recording)
     errors = relation_errors(relations, stamps, result.poses) if relations else None
     _write(args.out, stamps, result)
     cpu_seconds = time.process_time() - cpu
@@ -64,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
         "loop_closures": result.loop_closures,
         "nodes": result.nodes,
         "submaps": result.submaps,
+        "points_on_walls_ratio": result.points_on_walls_ratio,
     }
     if errors is not None:
         fields |= errors.fields()
@@ -73,7 +96,27 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _map(log: CarmenLog) -> OfflineResult:
+def _choices(args: argparse.Namespace) -> Choices:
+    import math
+
+    from ambler.core.errors import BadInputError
+    from ambler.core.se2 import SE2
+    from ambler.slam2d.recordings import Choices
+    from ambler.slam2d.sweep import Sweep
+
+    mount = None
+    if args.mount is not None:
+        try:
+            x, y, yaw_deg = (float(part) for part in args.mount.split(","))
+        except ValueError:
+            raise BadInputError(f"--mount {args.mount}: is not X,Y,YAW (metres and degrees)") from None
+        if not math.isfinite(x + y + yaw_deg):
+            raise BadInputError(f"--mount {args.mount}: a value is not finite")
+        mount = SE2(x, y, math.radians(yaw_deg))
+    return Choices(args.scan_topic, args.odom_topic, mount, Sweep(args.sweep))
+
+
+def _map(recording: ScanRecording) -> OfflineResult:
     """Run with a progress bar and the time that is left."""
     from rich.console import Console
     from rich.progress import (
@@ -85,7 +128,6 @@ def _map(log: CarmenLog) -> OfflineResult:
         TimeRemainingColumn,
     )
 
-    from ambler.slam2d.log_scans import scans_of
     from ambler.slam2d.offline import run_offline
 
     columns = (
@@ -99,15 +141,15 @@ def _map(log: CarmenLog) -> OfflineResult:
     )
     done = 0
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=2) as progress:
-        task = progress.add_task("", total=len(log.lasers))
+        task = progress.add_task("", total=len(recording.stamps))
 
         def on_scan() -> None:
             nonlocal done
             done += 1
-            if done % 50 == 0 or done == len(log.lasers):
+            if done % 50 == 0 or done == len(recording.stamps):
                 progress.update(task, completed=done)
 
-        return run_offline(scans_of(log), on_scan=on_scan)
+        return run_offline(recording.scans, on_scan=on_scan)
 
 
 def _write(out: Path, stamps: list[float], result: OfflineResult) -> None:
@@ -139,7 +181,7 @@ def _report(out: Path, fields: dict[str, Any]) -> None:
     print(
         f"{fields['scans']} scans, {fields['data_seconds']:.0f} s of data in {fields['cpu_seconds']:.1f} s CPU"
         f" ({fields['real_time_factor']:.0f} x real time), {fields['submaps']} submaps,"
-        f" {fields['loop_closures']} loop closures"
+        f" {fields['loop_closures']} loop closures, {100 * fields['points_on_walls_ratio']:.1f} % of the returns on walls"
     )
     if "relations_used" in fields:
         print(

@@ -1,4 +1,4 @@
-"""Planar scans from the laser lines of a CARMEN log."""
+"""One scan of a recording, ready for 2-D SLAM, and the scans of a CARMEN log."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels import scan_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.wire.carmen import CarmenLog, LaserLine
+
+F64 = NDArray[np.float64]
 
 _NO_RETURN_RATIO = 0.98
 _STEP_NS = 1000
@@ -29,10 +32,35 @@ class LogScanConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogScan:
-    """One laser line as a planar scan whose stamps strictly increase, with the odometry that the line carries."""
+    """One scan of a recording and the odometry that is new since the scan before, up to this scan's last beam.
 
-    scan: PlanarScan
-    odom_from_base: SE2
+    `ranges` float32 (N,); `beam` float64 (3,) is (angle_min, angle_increment, time_increment); `limits` float64 (3,) is
+    (range_min, range_max, free_length); `base_from_laser` the upper (3, 4) of a homogeneous matrix; `odometry` holds
+    (stamp_ns, odom_from_base). The stamps of a recording's scans strictly increase.
+    """
+
+    stamp_ns: int
+    ranges: NDArray[np.float32]
+    beam: F64
+    limits: F64
+    base_from_laser: F64
+    odometry: tuple[tuple[int, SE2], ...]
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first beam to the last."""
+        return max(0.0, (len(self.ranges) - 1) * float(self.beam[2]))
+
+    def to_planar(self, twist: F64) -> PlanarScan:
+        """Return the points in the base frame of the stamp; `twist` (vx, vy, wz) is the base's velocity during the scan."""
+        n = len(self.ranges)
+        points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
+        counts = np.empty(2, np.int64)
+        scan_points.beams_to_points(
+            self.ranges, self.beam, self.limits, self.base_from_laser, twist, points, free_points, counts
+        )
+        origin = float(self.base_from_laser[0, 3]), float(self.base_from_laser[1, 3])
+        return PlanarScan(self.stamp_ns, points[: counts[0]].copy(), free_points[: counts[1]].copy(), origin)
 
 
 def mounting(lines: list[LaserLine], parameter: str | None) -> SE2:
@@ -64,27 +92,18 @@ def scans_of(log: CarmenLog, config: LogScanConfig | None = None) -> Iterator[Lo
     stamp_ns = -1
     for line in log.lasers:
         stamp_ns = max(round(line.stamp * 1e9), stamp_ns + _STEP_NS)
-        yield LogScan(_planar(line, stamp_ns, mounts[line.name], config), line.odom_from_base)
+        far = min(config.range_max, _NO_RETURN_RATIO * line.max_range)
+        yield LogScan(
+            stamp_ns,
+            line.ranges,
+            np.array([line.angle_min, line.angle_increment, 0.0]),
+            np.array([config.range_min, far, min(config.free_length, far)]),
+            planar_matrix(mounts[line.name]),
+            ((stamp_ns, line.odom_from_base),),
+        )
 
 
-def _planar(line: LaserLine, stamp_ns: int, base_from_laser: SE2, config: LogScanConfig) -> PlanarScan:
-    n = len(line.ranges)
-    points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
-    counts = np.empty(2, np.int64)
+def planar_matrix(base_from_laser: SE2) -> F64:
+    """Return the upper (3, 4) of the homogeneous matrix of a level mount at height 0."""
     c, s = math.cos(base_from_laser.yaw), math.sin(base_from_laser.yaw)
-    matrix = np.array(
-        [[c, -s, 0.0, base_from_laser.x], [s, c, 0.0, base_from_laser.y], [0.0, 0.0, 1.0, 0.0]], np.float64
-    )
-    far = min(config.range_max, _NO_RETURN_RATIO * line.max_range)
-    scan_points.beams_to_points(
-        line.ranges,
-        np.array([line.angle_min, line.angle_increment, 0.0]),
-        np.array([config.range_min, far, min(config.free_length, far)]),
-        matrix,
-        np.zeros(3),
-        points,
-        free_points,
-        counts,
-    )
-    origin = base_from_laser.x, base_from_laser.y
-    return PlanarScan(stamp_ns, points[: counts[0]].copy(), free_points[: counts[1]].copy(), origin)
+    return np.array([[c, -s, 0.0, base_from_laser.x], [s, c, 0.0, base_from_laser.y], [0.0, 0.0, 1.0, 0.0]])

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.registration.planar_scan import PlanarScan
 from ambler.slam2d.config import Slam2dConfig
 from ambler.slam2d.log_scans import LogScan
 from ambler.slam2d.slam import Slam2d
 
 _METRES_PER_RADIAN = 1.0
+_SAMPLE_STEP = 8
+OCCUPIED = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfflineResult:
-    """`poses` float64 (N, 3): map_from_base of every scan; `occupancy` int8 [iy, ix] on `spec`."""
+    """`poses` float64 (N, 3): map_from_base of every scan; `occupancy` int8 [iy, ix] on `spec`; `points_on_walls_ratio` is the share of
+    returns within one cell of an occupied cell."""
 
     poses: NDArray[np.float64]
     spec: GridSpec
@@ -27,6 +32,7 @@ class OfflineResult:
     loop_closures: int
     nodes: int
     submaps: int
+    points_on_walls_ratio: float
 
 
 def run_offline(
@@ -36,10 +42,14 @@ def run_offline(
     slam = Slam2d(config)
     local: list[SE2] = []
     newest_node: list[int] = []
+    samples: list[PlanarScan] = []
     for item in scans:
-        slam.add_odometry(item.scan.stamp_ns, item.odom_from_base)
-        local.append(slam.update(item.scan).local_from_base)
+        for stamp_ns, odom_from_base in item.odometry:
+            slam.add_odometry(stamp_ns, odom_from_base)
+        scan = item.to_planar(slam.twist(item.stamp_ns, item.duration) if item.duration > 0.0 else np.zeros(3))
+        local.append(slam.update(scan).local_from_base)
         newest_node.append(slam.nodes - 1)
+        samples.append(replace(scan, points=scan.points[::_SAMPLE_STEP].copy(), free_points=scan.free_points[:0]))
         work = slam.take_background_work()
         if work is not None:
             slam.commit(work())
@@ -48,7 +58,27 @@ def run_offline(
     slam.finish()
     poses = np.array([_global_pose(slam, pose, k).as_array() for pose, k in zip(local, newest_node, strict=True)])
     spec, occupancy = slam.render_map()
-    return OfflineResult(poses.reshape(-1, 3), spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps)
+    poses = poses.reshape(-1, 3)
+    agreement = points_on_walls(samples, poses, spec, occupancy)
+    return OfflineResult(poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement)
+
+
+def points_on_walls(
+    scans: list[PlanarScan], poses: NDArray[np.float64], spec: GridSpec, occupancy: NDArray[np.int8]
+) -> float:
+    """Return the share of returns, placed by the final poses (N, 3), that lie within one cell of an occupied cell.
+
+    What is missing to 1 are people, returns from glass and poses that do not fit the map.
+    """
+    near_wall = binary_dilation(occupancy == OCCUPIED, np.ones((3, 3), bool))
+    on_wall = total = 0
+    for scan, pose in zip(scans, poses, strict=True):
+        cells = spec.cells_of(SE2.from_array(pose).transform(scan.points))
+        inside = ((cells >= 0) & (cells < spec.shape)).all(axis=1)
+        iy, ix = cells[inside].T
+        on_wall += int(near_wall[iy, ix].sum())
+        total += len(cells)
+    return on_wall / total if total else 0.0
 
 
 def _global_pose(slam: Slam2d, local_from_base: SE2, k: int) -> SE2:
