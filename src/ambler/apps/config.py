@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from ambler.control.config import RolloutConfig
@@ -48,8 +49,10 @@ def for_robot(robot: RobotModel) -> ExplorerConfig:
     return ExplorerConfig(
         slam2d=Slam2dNodeConfig(uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP)),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
-        rollout=RolloutConfig(padding=0.05),
+        rollout=RolloutConfig(padding=0.08),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
+        # Every scanner here looks all around, so a frontier may be looked at with any heading.
+        explore=ExploreConfig(yaw_tolerance=math.pi),
         survey=SurveyConfig.from_robot(robot, turning_cost(robot, InflationConfig())),
     )

@@ -23,6 +23,8 @@ class GoalChecker:
         self._path_tolerance = path_tolerance
         self._rest_speed = rest_speed
         self.is_position_reached = False
+        self.may_stop = False
+        """Within both tolerances: only rest is missing."""
 
     def update(self, odom_from_base: SE2, odom_from_goal: SE2, velocity: BodyVelocity, path_left: float) -> bool:
         """Return whether the goal is reached."""
@@ -33,7 +35,8 @@ class GoalChecker:
             self.is_position_reached = False
         yaw_error = abs(wrap_angle(odom_from_goal.yaw - odom_from_base.yaw))
         is_at_rest = math.hypot(velocity.vx, velocity.vy) + abs(velocity.wz) <= self._rest_speed
-        return self.is_position_reached and yaw_error <= self._yaw_tolerance and is_at_rest
+        self.may_stop = self.is_position_reached and yaw_error <= self._yaw_tolerance
+        return self.may_stop and is_at_rest
 
 
 class ProgressChecker:

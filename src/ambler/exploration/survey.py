@@ -32,7 +32,7 @@ class SurveyConfig:
     is such a place: there the robot can turn."""
 
     min_size: float = 0.5
-    min_gain: float = 0.15
+    min_gain: float = 0.25
     gain_range: float = 4.0
     gain_rays: int = 180
     goal_reach: float = 1.0

@@ -172,6 +172,7 @@ class ExploreMission:
         if again is None:
             self._goals_reached += 1
             self._failures = 0
+            self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
             return self._choosing_or_stop(view)
         self._track(again, view)
         if code is not None:

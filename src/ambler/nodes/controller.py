@@ -215,6 +215,9 @@ class ControllerNode(Node):
         if self._goal_checker.update(odom_from_base, SE2.from_array(path_odom[-1]), velocity, left):
             self._end_follow("SUCCEEDED", "the end of the path is reached")
             return
+        if self._goal_checker.may_stop:
+            self._send(BodyVelocity())
+            return
         if self._is_held:
             self._progress = ProgressChecker()
         elif not self._progress.update(self.ctx.now_ns, odom_from_base):

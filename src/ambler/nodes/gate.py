@@ -58,10 +58,10 @@ class GateNode(Node):
     def __init__(
         self, robot: RobotModel, config: GateConfig | None = None, z_band: tuple[float, float] | None = None
     ) -> None:
-        self.gate = VelocityGate(config if config is not None else GateConfig(), robot)
+        self._config = config if config is not None else GateConfig()
+        self.gate = VelocityGate(self._config, robot)
         self._mounts = {m.frame: m for m in robot.sensors}
         self._memories: dict[str, BlindMemory] = {}
-        self._memory_travel = config.memory_travel if config is not None else GateConfig().memory_travel
         self._radius = robot.circumscribed_radius
         kinds = {m.kind for m in robot.sensors}
         self._scanners = tuple(topic for kind, topic in (("scan", SCAN), ("cloud", CLOUD)) if kind in kinds)
@@ -122,10 +122,10 @@ class GateNode(Node):
         lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
         level_from_base = SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean
         level_from_sensor = level_from_base @ self._mounts[scan.frame].base_from_sensor
-        memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._memory_travel))
+        memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
         points = points_of(level_from_sensor)
         unseen = memory.update(points, odom_from_base.to_se2(), level_from_sensor, field)
-        together = np.concatenate((points, unseen))[:, :2]
+        together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
 
     def _step(self) -> None:

@@ -1,7 +1,8 @@
 """Points that a scanner saw and cannot see any more: too near for it, below or above its rays, beside its sector.
 
 A scanner says nothing about its blind zone, and nothing is not free. So the gate keeps what was last seen there, carried along by
-odometry, until the scanner can see the place again, looks through it, or odometry has drifted too far to tell.
+odometry, until the scanner can see the place again, looks through it, or odometry has drifted too far to tell. Means of many
+points are kept, not the points: their extremes would pile up scan by scan and grow every wall by the noise.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ F64 = NDArray[np.float64]
 Rays = tuple[F64, F64, F64]
 """Range (m), azimuth and elevation (rad) of points in a scanner's frame, each (N,)."""
 
-VOXEL = 0.03  # metres; one remembered point in each
+COLUMN = 0.04  # metres; the side of a column of floor, of which one mean point is remembered
+MIN_POINTS = 3  # points of one scan that a column needs: fewer may be noise
 BIN = math.radians(2.0)  # of the image that tells where the scanner looks through
 THROUGH = 0.1  # metres that every return of a bin must lie behind a remembered point to prove it gone
-SLACK = (0.05, math.radians(1.0))  # metres and radians inside the limits where a scanner is not yet sure to see
+SLACK = (0.1, 0.0)  # metres and radians inside the limits where a scanner is not yet sure to see
+CUT = 0.04  # metres beyond the blind side within which noise decides what is measured
 SOON = (
     0.3,
     math.radians(5.0),
@@ -61,26 +64,29 @@ class BlindMemory:
     def __init__(self, radius: float, max_travel: float) -> None:
         self._radius = radius
         self._max_travel = max_travel
-        self._points_odom = np.empty((0, 3))
+        self._means_odom = np.empty((0, 3))
         self._seen_at = np.empty(0)
         self._travel = 0.0
         self._odom_from_base: SE2 | None = None
 
     def update(self, points_base: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView) -> F64:
-        """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: what the
-        scanner cannot see now and nothing has disproved."""
+        """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
+        columns that the scanner cannot see now and nothing has disproved."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
-        kept, seen_at = _moved(odom_from_base.inverse(), self._points_odom), self._seen_at
+        kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom), self._seen_at
         kept_rays = _rays(sensor_from_base, kept)
-        is_kept = ~field.shrunk(*SLACK).contains(kept_rays) & ~_looked_through(kept_rays, rays)
+        sure = field.shrunk(*SLACK)
+        is_kept = ~sure.contains(kept_rays) & ~_looked_through(kept_rays, rays)
+        is_kept &= ~np.isin(_columns(kept), _columns(points_base[sure.contains(rays)]))
         is_kept &= self._travel - seen_at < self._max_travel
         kept, seen_at = kept[is_kept], seen_at[is_kept]
-        fading = points_base[~field.shrunk(*SOON).contains(rays)]
-        together = np.concatenate((fading, kept))
-        first = np.unique(_voxels(together), return_index=True)[1]
-        self._points_odom = _moved(odom_from_base, together[first])
+        is_fading = ~field.shrunk(*SOON).contains(rays)
+        fading = _column_means(points_base[is_fading], rays[0][is_fading], field.range_min + CUT)
+        together = _moved(odom_from_base, np.concatenate((fading, kept)))
+        first = np.unique(_columns(together), return_index=True)[1]
+        self._means_odom = together[first]
         self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
         return kept
 
@@ -115,10 +121,22 @@ def _looked_through(kept: Rays, seen: Rays) -> NDArray[np.bool_]:
 
 
 def _bins(rays: Rays) -> NDArray[np.int64]:
-    azimuth, elevation = (np.floor(angles / BIN).astype(np.int64) for angles in rays[1:])
+    azimuth, elevation = (np.floor(angles / BIN + 0.5).astype(np.int64) for angles in rays[1:])
     return np.asarray(azimuth * 1000 + elevation, np.int64)
 
 
-def _voxels(points: F64) -> NDArray[np.int64]:
-    cells = np.floor(points / VOXEL).astype(np.int64)
-    return np.asarray((cells[:, 0] * 100_003 + cells[:, 1]) * 1_009 + cells[:, 2], np.int64)
+def _columns(points: F64) -> NDArray[np.int64]:
+    cells = np.floor(points[:, :2] / COLUMN).astype(np.int64)
+    return np.asarray(cells[:, 0] * 1_000_003 + cells[:, 1], np.int64)
+
+
+def _column_means(points: F64, ranges: F64, least: float) -> F64:
+    """Return the mean point of every column that holds enough points and none nearer to the scanner than `least`, float64 (M, 3):
+    where the blind zone cuts the noise off, a mean lies too far out."""
+    columns, index, counts = np.unique(_columns(points), return_inverse=True, return_counts=True)
+    nearest = np.full(len(columns), np.inf)
+    np.minimum.at(nearest, index, ranges)
+    sums = np.zeros((len(columns), 3))
+    np.add.at(sums, index, points)
+    is_sure = (counts >= MIN_POINTS) & (nearest >= least)
+    return np.asarray(sums[is_sure] / counts[is_sure, None])

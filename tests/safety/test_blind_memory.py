@@ -1,0 +1,112 @@
+"""What a scanner cannot see any more stays an obstacle: until it is seen again, looked through, or too far back to trust."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.safety.blind_memory import BlindMemory, FieldOfView
+
+MOUNT = SE3((0.0, 0.0, 0.8))
+PUCK = FieldOfView(0.4, elevation=(-math.radians(15), math.radians(15)))
+RING = np.radians(np.arange(-15, 16, 2))
+SIGMA = 0.012
+
+
+def spin(pose: SE2, wall_y: float, rng: np.random.Generator, box: tuple[float, float] | None = None) -> np.ndarray:
+    """Return the returns (N, 3), base frame, of a 16-ring scanner beside a wall along y = `wall_y` of the odom frame, and before
+    a low box (x, height) if given; all 0.15 to 0.9 m high."""
+    azimuth, elevation = np.meshgrid(np.radians(np.arange(-180, 180, 0.5)), RING, indexing="ij")
+    azimuth, elevation = azimuth.ravel(), elevation.ravel()
+    heading = azimuth + pose.yaw
+    with np.errstate(divide="ignore"):
+        flat = np.where(np.sin(heading) > 1e-3, (wall_y - pose.y) / np.sin(heading), np.inf)
+        if box is not None:
+            to_box = np.where(np.cos(heading) > 1e-3, (box[0] - pose.x) / np.cos(heading), np.inf)
+            height = 0.8 + to_box * np.tan(elevation)
+            hits_box = (to_box > 0) & (height < box[1]) & (np.abs(to_box * np.sin(heading)) < 0.4)
+            flat = np.where(hits_box, np.minimum(flat, to_box), flat)
+    ranges = flat / np.cos(elevation) + rng.normal(0.0, SIGMA, len(flat))
+    z = 0.8 + flat * np.tan(elevation)
+    is_return = np.isfinite(ranges) & (ranges > PUCK.range_min) & (ranges < 8.0) & (z > 0.15) & (z < 0.9)
+    r, a, e = ranges[is_return], azimuth[is_return], elevation[is_return]
+    return np.stack((r * np.cos(e) * np.cos(a), r * np.cos(e) * np.sin(a), 0.8 + r * np.sin(e)), axis=1)
+
+
+def test_a_wall_that_comes_too_near_stays_where_it_was() -> None:
+    memory, rng = BlindMemory(0.6, 4.0), np.random.default_rng(1)
+    for y in np.arange(0.0, 0.7001, 0.02):  # sideways towards the wall at y = 1
+        pose = SE2(0.0, float(y))
+        kept = memory.update(spin(pose, 1.0, rng), pose, MOUNT, PUCK)
+    beside = kept[np.abs(kept[:, 0]) < 0.2]
+    assert len(beside) >= 8, "the blind stretch of the wall is 0.4 m long at a distance of 0.3 m"
+    assert np.abs(beside[:, 1] - 0.3).max() < 0.03
+    assert abs(float(np.median(beside[:, 1])) - 0.3) < 0.008
+    for _ in range(50):  # standing still makes nothing thicker, and nothing is forgotten
+        kept = memory.update(spin(pose, 1.0, rng), pose, MOUNT, PUCK)
+    again = kept[np.abs(kept[:, 0]) < 0.2]
+    assert len(again) >= 8
+    assert np.abs(again[:, 1] - 0.3).max() < 0.03
+
+
+def test_what_is_seen_again_is_left_to_the_scan() -> None:
+    memory, rng = BlindMemory(0.6, 4.0), np.random.default_rng(2)
+    for y in [*np.arange(0.0, 0.7001, 0.02), *np.arange(0.7, -0.001, -0.02)]:
+        pose = SE2(0.0, float(y))
+        kept = memory.update(spin(pose, 1.0, rng), pose, MOUNT, PUCK)
+    near = kept[(np.abs(kept[:, 0]) < 0.5) & (np.abs(kept[:, 1] - 1.0) < 0.1)]
+    assert len(near) == 0
+
+
+def test_a_low_box_below_the_lowest_ring_is_not_forgotten() -> None:
+    memory, rng = BlindMemory(0.6, 4.0), np.random.default_rng(3)
+    for x in np.arange(0.0, 2.4001, 0.05):  # the box is 0.3 m high: unseen from nearer than 1.87 m
+        pose = SE2(float(x), 0.0)
+        points = spin(pose, 5.0, rng, box=(3.0, 0.3))
+        kept = memory.update(points, pose, MOUNT, PUCK)
+    assert not np.any((np.abs(points[:, 0] - 0.6) < 0.1) & (np.abs(points[:, 1]) < 0.3)), (
+        "the scan itself is blind there"
+    )
+    box = kept[(np.abs(kept[:, 0] - 0.6) < 0.08) & (np.abs(kept[:, 1]) < 0.35)]
+    assert len(box) >= 5
+
+
+def test_returns_behind_a_remembered_point_prove_it_gone() -> None:
+    memory = BlindMemory(0.3, 4.0)
+    field = FieldOfView(0.4)
+    angles = np.radians(np.arange(-20.0, 20.0, 0.25))
+    person = np.stack((0.5 * np.cos(angles), 0.5 * np.sin(angles), np.full(len(angles), 0.8)), axis=1)
+    assert len(memory.update(person, SE2(), MOUNT, field)) == 0
+    nothing = np.empty((0, 3))
+    near = SE2(0.2, 0.0)
+    assert len(memory.update(nothing, near, MOUNT, field)) > 0, "nothing seen proves nothing"
+    angles = np.radians(np.arange(-180.0, 180.0, 0.25))
+    room = np.stack((4.0 * np.cos(angles), 4.0 * np.sin(angles), np.full(len(angles), 0.8)), axis=1)
+    assert len(memory.update(room, near, MOUNT, field)) == 0
+
+
+def test_a_sector_scanner_is_blind_beside_its_sector() -> None:
+    memory = BlindMemory(0.3, 10.0)
+    field = FieldOfView(0.05, azimuth=(-math.radians(135), math.radians(135)))
+    pole = np.column_stack((np.full(20, 1.0), np.linspace(-0.02, 0.02, 20), np.full(20, 0.8)))
+    memory.update(pole, SE2(), MOUNT, field)
+    for yaw in np.radians(np.arange(0.0, 180.1, 4.0)):
+        pose = SE2(0.0, 0.0, float(yaw))
+        seen = np.column_stack((pose.inverse().transform(pole[:, :2]), pole[:, 2]))
+        in_sector = np.abs(np.arctan2(seen[:, 1], seen[:, 0])) < field.azimuth[1]
+        kept = memory.update(seen[in_sector], pose, MOUNT, field)
+    assert len(kept) >= 1
+    assert kept[0, :2] == pytest.approx((-1.0, 0.0), abs=0.05)
+
+
+def test_odometry_is_trusted_for_some_metres_only() -> None:
+    memory = BlindMemory(0.6, 4.0)
+    pole = np.array([[0.42, 0.3, 0.8]] * 4)
+    memory.update(pole, SE2(), MOUNT, PUCK)
+    nothing = np.empty((0, 3))
+    assert len(memory.update(nothing, SE2(0.3, 0.0), MOUNT, PUCK)) == 1
+    for yaw in np.arange(0.1, 2 * math.pi + 0.2, 0.1):
+        kept = memory.update(nothing, SE2(0.3, 0.0, float(yaw)), MOUNT, PUCK)
+    assert len(kept) == 0, "a full turn moves the outermost corner by 3.8 m"
