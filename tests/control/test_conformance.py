@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ambler.control.config import RolloutConfig
+from ambler.control.dynamic_window import DynamicWindow
 from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.protocols import BodyVelocity, LocalPlanner
@@ -16,7 +17,10 @@ from ambler.core.se2 import SE2, wrap_angle
 from tests.control.closed_loop import DIFF, ROBOTS, Drive, World, arc, drive, line
 
 Maker = Callable[[RobotModel], LocalPlanner]
-PLANNERS: dict[str, Maker] = {"rollout": lambda robot: TrajectoryRollout(RolloutConfig(), robot)}
+PLANNERS: dict[str, Maker] = {
+    "rollout": lambda robot: TrajectoryRollout(RolloutConfig(), robot),
+    "dwa": lambda robot: DynamicWindow(RolloutConfig(), robot),
+}
 
 DOOR = World().block(2.0, -8.0, 2.12, -0.45).block(2.0, 0.45, 2.12, 8.0)
 U_TURN = np.vstack(

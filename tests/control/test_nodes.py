@@ -164,7 +164,7 @@ def test_navigate_into_a_wall_gives_up_without_touching_it() -> None:
     wall = np.vstack((OPEN, [[1.0, -3.0, 1.0, 3.0]]))
     robot = Robot([(0.5, navigate(3.0))], wall).run(60.0)
     assert robot.codes == ["RECOVERIES_EXHAUSTED"]
-    assert robot.person.outcomes[0].result.recoveries == 6
+    assert robot.person.outcomes[0].result.recoveries == 7
     corners = robot.base.pose.transform(ROBOT.footprint)
     assert corners[:, 0].max() < 1.0
     assert robot.base.velocity == STILL

@@ -17,7 +17,7 @@ from ambler.core.errors import (
 from ambler.core.grid import GridSpec
 from ambler.core.messages import CostGrid, Path
 from ambler.core.se2 import SE2
-from ambler.missions.navigate import Navigation, NavigationConfig, NavigationState, is_path_free
+from ambler.missions.navigate import TICK_PERIOD, Navigation, NavigationConfig, NavigationState, is_path_free
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
 from ambler.runtime.tasks import NavigateGoal, PlanReply
 
@@ -47,6 +47,7 @@ class Script:
         self.ends: list[tuple[str, str]] = []
         self.grid: CostGrid | None = None
         self.states: list[str] = []
+        self.texts: list[str] = []
 
     def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
         assert map_from_goal == GOAL.map_from_goal
@@ -76,6 +77,7 @@ class Script:
     def report(self, state: str, text: str) -> None:
         assert text
         self.states.append(state)
+        self.texts.append(text)
 
     def finish(self, code: str, text: str) -> None:
         self.ends.append((code, text))
@@ -144,6 +146,33 @@ def test_no_path_clears_once_then_fails_with_its_name(script: Script, drive: Nav
     assert not script.recoveries
 
 
+def rest(drive: Navigation, seconds: float) -> None:
+    """Tick until just before the end of a wait, then once more."""
+    for _ in range(math.ceil(seconds / TICK_PERIOD)):
+        assert drive.state is NavigationState.RECOVERING
+        drive.tick()
+    assert drive.state is NavigationState.PLANNING
+
+
+def test_every_kind_of_recovery_is_tried_and_tells_its_reason(script: Script, drive: Navigation) -> None:
+    tried: list[RecoveryAction] = []
+    for step in DEFAULT_SEQUENCE:
+        script.plans[-1](plan_to(5.0))
+        script.follows[-1][1]("NO_VALID_CONTROL", f"a chair stands there ({len(tried)})")
+        assert (
+            script.texts[-1] == f"{step.action.value} because of NO_VALID_CONTROL: a chair stands there ({len(tried)})"
+        )
+        tried.append(step.action)
+        if step.action is RecoveryAction.CLEAR:
+            script.clears[-1]()
+        elif step.action is RecoveryAction.WAIT:
+            assert script.moving is None
+            rest(drive, step.amount)
+        else:
+            script.recoveries[-1][1]("SUCCEEDED", "")
+    assert set(tried) == set(RecoveryAction)
+
+
 def test_recoveries_escalate_and_run_out(script: Script, drive: Navigation) -> None:
     for step in DEFAULT_SEQUENCE:
         script.plans[-1](plan_to(5.0))
@@ -151,10 +180,12 @@ def test_recoveries_escalate_and_run_out(script: Script, drive: Navigation) -> N
         assert drive.state is NavigationState.RECOVERING
         if step.action is RecoveryAction.CLEAR:
             script.clears.pop()()
+        elif step.action is RecoveryAction.WAIT:
+            rest(drive, step.amount)
         else:
             assert script.recoveries[-1][0] == step
             script.recoveries[-1][1]("SUCCEEDED", "")
-    assert drive.recoveries == len(DEFAULT_SEQUENCE) == 6
+    assert drive.recoveries == len(DEFAULT_SEQUENCE) == 7
     script.plans[-1](plan_to(5.0))
     fail_follow(script, "FAILED_TO_MAKE_PROGRESS")
     assert script.ends[0][0] == "RECOVERIES_EXHAUSTED"
@@ -170,6 +201,8 @@ def test_a_recovery_that_fails_leads_to_the_next_at_once(script: Script, drive: 
         assert drive.state is NavigationState.RECOVERING
         script.recoveries[-1][1](code, "no room")
     assert len(script.recoveries) == 2
+    rest(drive, 3.0)
+    script.plans[-1](StartOccupiedError("inside a wall"))
     script.clears[-1]()
     script.plans[-1](StartOccupiedError("inside a wall"))
     script.recoveries[-1][1]("COLLISION_AHEAD", "no room")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 from ambler.control.config import RolloutConfig
 from ambler.core.robot import RobotModel
@@ -25,6 +26,7 @@ class ExplorerConfig:
     """Everything that the exploring robot can be told; the defaults come from `for_robot`."""
 
     strategy: str = "tour"
+    controller: Literal["rollout", "dwa"] = "rollout"
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)
@@ -41,18 +43,23 @@ SHARP = FrontEndConfig(
     match_max_voxel=0.3, match_min_points=350, scans_per_submap=150, insertion=InsertionConfig(p_miss=0.46)
 )
 
+PADDING = 0.05  # metres that controller and planner keep around the footprint
+
 
 def for_robot(robot: RobotModel) -> ExplorerConfig:
     """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts."""
     uses_cloud = any(mount.kind == "cloud" for mount in robot.sensors)
     planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    # The planner leaves out gaps that the controller, with its padding, would not enter.
+    inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + PADDING)
     return ExplorerConfig(
         slam2d=Slam2dNodeConfig(uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP)),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
-        rollout=RolloutConfig(padding=0.08),
+        global_costmap=GlobalCostmapConfig(inflation=inflation),
+        rollout=RolloutConfig(padding=PADDING),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
         # Every scanner here looks all around, so a frontier may be looked at with any heading.
         explore=ExploreConfig(yaw_tolerance=math.pi),
-        survey=SurveyConfig.from_robot(robot, turning_cost(robot, InflationConfig())),
+        survey=SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
     )

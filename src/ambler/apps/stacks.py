@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from ambler.apps.config import ExplorerConfig
-from ambler.control.trajectory_rollout import TrajectoryRollout
+from ambler.control.dynamic_window import local_planner
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.local_costmap import LocalCostmap
@@ -31,7 +31,7 @@ def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
         GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner)),
         ControllerNode(
             robot,
-            TrajectoryRollout(config.rollout, robot),
+            local_planner(config.controller, config.rollout, robot),
             LocalCostmap(config.local_costmap, robot),
             config.slam2d.planar,
         ),

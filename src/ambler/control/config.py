@@ -1,4 +1,4 @@
-"""Numbers of the local planner."""
+"""Numbers of the local planners."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RolloutConfig:
-    """Trajectory Rollout, SI.
+    """Trajectory Rollout and the Dynamic Window, SI.
 
     horizon            seconds that every trajectory is simulated
     vx_samples, vy_samples, wz_samples   wanted velocities per axis (vy only for an omnidirectional base)
+    control_period     seconds whose reachable velocities are the dynamic window
     step_length        metres that the fastest corner moves between two footprint checks
     padding            added to the footprint on all sides
     reaction_time      from a measurement to the base obeying the command computed from it
@@ -19,7 +20,7 @@ class RolloutConfig:
     window             metres of path that are scored ahead of the robot
     arrive_radius      the goal counts as reached here; within `pass_radius` also when it lies beside or behind
     arrive_yaw         final heading error that is good enough to stop turning
-    escape_speed, escape_length   how the robot draws back to where it can turn, m/s and m
+    escape_speed, escape_length   how the robot moves to where it can turn, m/s and m
     speed_min          slowest motion worth commanding, m/s; `turn_min` rad/s
     brake_share        share of the deceleration limits used on purpose
     near               clearance below which a trajectory is charged (the kernel measures no more than 0.25 m)
@@ -32,6 +33,7 @@ class RolloutConfig:
     vx_samples: int = 20
     vy_samples: int = 5
     wz_samples: int = 20
+    control_period: float = 0.05
     step_length: float = 0.05
     padding: float = 0.03
     reaction_time: float = 0.1
@@ -44,8 +46,8 @@ class RolloutConfig:
     arrive_yaw: float = 0.02
     speed_min: float = 0.06
     turn_min: float = 0.15
-    escape_speed: float = 0.15
-    escape_length: float = 0.6
+    escape_speed: float = 0.25
+    escape_length: float = 1.5
     brake_share: float = 0.6
     near: float = 0.25
     near_speed: float = 0.3

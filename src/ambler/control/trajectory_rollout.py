@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ambler.control.config import RolloutConfig
 from ambler.control.local_window import LocalWindow
 from ambler.control.path_tracker import PathTracker
+from ambler.control.velocity_samples import velocity_samples
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.grid import GridSpec
 from ambler.core.protocols import BodyVelocity
@@ -90,7 +91,7 @@ class TrajectoryRollout:
     def _follow(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity:
         error = self._heading_error(start, left)
         is_turning = self._turn_target == "path"
-        if abs(error) > (self._config.turn_end if is_turning else self._config.turn_start):
+        if abs(error) > (self._config.turn_end if is_turning else self._turn_start()):
             turn = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
             if turn is not None:
                 return turn
@@ -108,6 +109,10 @@ class TrajectoryRollout:
                 return command
         self._is_escaping = False
         raise NoValidControlError("every motion along the path collides, and there is no room to turn")
+
+    def _turn_start(self) -> float:
+        """Heading error at which the robot turns in place first, radians."""
+        return self._config.turn_start
 
     def _arrives(self, start: SE2, left: float) -> bool:
         goal = start.inverse() @ self._tracker.goal
@@ -152,8 +157,8 @@ class TrajectoryRollout:
         return None
 
     def _draw_back(self, start: SE2, error: float) -> BodyVelocity | None:
-        """Move straight back, or sideways, to the nearest place from which the robot can turn by `error`; None if there is none."""
-        directions = [(-1.0, 0.0)] if self._limits.vx_min < 0.0 else []
+        """Move straight on, back, or sideways, to the nearest place from which the robot can turn by `error`; None if there is none."""
+        directions = [(1.0, 0.0)] + ([(-1.0, 0.0)] if self._limits.vx_min < 0.0 else [])
         if self._robot.drive is DriveKind.OMNI and self._limits.vy_max > 0.0:
             directions += [(0.0, 1.0), (0.0, -1.0)]
         best, command = self._config.escape_length + 1e-9, None
@@ -166,36 +171,52 @@ class TrajectoryRollout:
                 place = start @ SE2(ux * float(away), uy * float(away))
                 if abs(self._window.free_turn(place, error)) >= abs(error) - 1e-9:
                     best = float(away)
-                    speed = min(self._config.escape_speed, -self._limits.vx_min if ux < 0.0 else self._limits.vy_max)
+                    limits = {(1.0, 0.0): self._limits.vx_max, (-1.0, 0.0): -self._limits.vx_min}
+                    speed = min(self._config.escape_speed, limits.get((ux, uy), self._limits.vy_max))
                     command = BodyVelocity(ux * speed, uy * speed, 0.0)
         self._is_escaping = command is not None
         return command
 
     def _best_command(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity | None:
-        path = self._tracker.ahead(self._config.window).copy()
-        path[:, 0] -= self._window.spec.origin_x
-        path[:, 1] -= self._window.spec.origin_y
+        path = self._path_ahead()
         steps, label = self._spread(path)
         here = np.empty(3)
         at = self._window.placed(start)
         resolution = self._window.spec.resolution
         locate_on_path(at[0], at[1], path, steps, label, resolution, here)
-        samples = self._samples(left)
+        samples = self._samples(velocity, left)
         out = np.empty((len(samples), 8))
         lim = self._limits
         rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
         is_end_near = left <= self._config.window
         stop = max(left, resolution) if is_end_near else 1e9
-        plan = np.array([self._config.horizon, stop, self._config.step_length, self._window.radius])
         w = self._window
         v0 = np.array([velocity.vx, velocity.vy, velocity.wz])
-        roll_out(
-            samples, at, v0, rates, plan, w.row_sums, w.distance, resolution, w.normals, w.offsets, w.circles,
-            path, steps, label, out,
-        )  # fmt: skip
-        return self._choose(samples, out, here, path, velocity)
+        for horizon in self._horizons(samples):
+            plan = np.array([horizon, stop, self._config.step_length, w.radius])
+            roll_out(
+                samples, at, v0, rates, plan, w.row_sums, w.distance, resolution, w.normals, w.offsets, w.circles,
+                path, steps, label, out,
+            )  # fmt: skip
+            command = self._choose(samples, out, here, path, velocity, horizon)
+            if command is not None:
+                return command
+        return None
 
-    def _choose(self, samples: F64, out: F64, here: F64, path: F64, velocity: BodyVelocity) -> BodyVelocity | None:
+    def _path_ahead(self) -> F64:
+        """Return the stretch of path that is scored, measured from the corner of the grid."""
+        path = self._tracker.ahead(self._config.window).copy()
+        path[:, 0] -= self._window.spec.origin_x
+        path[:, 1] -= self._window.spec.origin_y
+        return path
+
+    def _horizons(self, samples: F64) -> tuple[float, ...]:
+        """How many seconds the samples are simulated; each further entry is tried when nothing was admissible."""
+        return (self._config.horizon,)
+
+    def _choose(
+        self, samples: F64, out: F64, here: F64, path: F64, velocity: BodyVelocity, horizon: float
+    ) -> BodyVelocity | None:
         c = self._config
         end_s = path[-1, 2]
         weight_path, weight_heading = c.weight_path, c.weight_heading
@@ -204,8 +225,12 @@ class TrajectoryRollout:
         before = (end_s - here[1]) + min(1.0, weight_path) * here[0]
         after = (end_s - out[:, 5]) + min(1.0, weight_path) * out[:, 4]
         speed = np.hypot(samples[:, 0], samples[:, 1])
-        is_slow_enough = speed <= c.near_speed + c.speed_per_clearance * np.maximum(0.0, out[:, 6])
-        is_worth = (out[:, 0] > 0.0) & is_slow_enough & (after < before - min(GAIN_MIN, 0.25 * before))
+        allowed = c.near_speed + c.speed_per_clearance * np.maximum(0.0, out[:, 6])
+        is_slow_enough = speed <= np.maximum(
+            allowed, speed.min() + 1e-9
+        )  # slower than the slowest sample is not on offer
+        gain = min(GAIN_MIN, 0.25 * before, 0.5 * float(speed.max()) * horizon)
+        is_worth = (out[:, 0] > 0.0) & is_slow_enough & (after < before - gain)
         if not is_worth.any():
             return None
         missing = np.maximum(0.0, c.near - out[:, 6])
@@ -240,29 +265,15 @@ class TrajectoryRollout:
         spread_path(cells, self._window.distance, self._window.inscribed_radius, steps, label, queue)
         return steps, label
 
-    def _samples(self, left: float) -> F64:
+    def _samples(self, velocity: BodyVelocity, left: float) -> F64:
         """Wanted velocities (N, 3), the faster the farther the goal; those of the last call again while its top speed holds."""
-        c, lim = self._config, self._limits
-        top = approach_limit(left, lim.ax_brake * c.brake_share, c.reaction_time + 0.05)
-        top = min(lim.vx_max, max(c.speed_min, top))
+        top = self._top_speed(left)
         if top != self._top:
-            self._top, self._grid = top, velocity_samples(c, self._robot, top)
+            self._top, self._grid = top, velocity_samples(self._config, self._robot, top)
         return self._grid
 
-
-def velocity_samples(config: RolloutConfig, robot: RobotModel, top: float) -> F64:
-    """Return the grid of wanted velocities (N, 3) up to the speed `top`; yaw rates lie denser around straight ahead."""
-    lim = robot.limits
-    slowest = min(config.speed_min, top)
-    forward = np.linspace(slowest, top, config.vx_samples)
-    half = np.linspace(0.0, 1.0, config.wz_samples // 2 + 1)[1:] ** 1.7 * lim.wz_max
-    turn = np.concatenate((-half[::-1], [0.0], half))
-    side = np.zeros(1)
-    if robot.drive is DriveKind.OMNI and lim.vy_max > 0.0:
-        forward = np.concatenate(([0.0], forward[1::2]))
-        half_side = np.linspace(0.0, 1.0, config.vy_samples // 2 + 1)[1:] * min(lim.vy_max, top)
-        side = np.concatenate((-half_side[::-1], [0.0], half_side))
-        turn = np.concatenate((turn[: len(half) : 2], [0.0], turn[len(half) + 2 :: 2]))
-    grid = np.stack(np.meshgrid(forward, side, turn, indexing="ij"), axis=-1).reshape(-1, 3)
-    speed = np.hypot(grid[:, 0], grid[:, 1])
-    return np.ascontiguousarray(grid[(speed >= slowest) & (speed <= top + 1e-9)])
+    def _top_speed(self, left: float) -> float:
+        """Return how fast the robot may go with `left` metres of path before it."""
+        c, lim = self._config, self._limits
+        top = approach_limit(left, lim.ax_brake * c.brake_share, c.reaction_time + 0.05)
+        return min(lim.vx_max, max(c.speed_min, top))

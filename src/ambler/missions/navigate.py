@@ -40,6 +40,7 @@ class NavigationState(enum.Enum):
 
 ENDS = (NavigationState.SUCCEEDED, NavigationState.FAILED, NavigationState.CANCELLED)
 MISSING = (TransformError.code, StaleInputError.code)
+TICK_PERIOD = 1.0
 HOPELESS = ("GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP")
 
 
@@ -79,7 +80,7 @@ class NavigationConfig:
 
 
 class Navigation:
-    """One drive. Call `start` once and `tick` at 1 Hz; `cancel` at any time."""
+    """One drive. Call `start` once and `tick` every `TICK_PERIOD`; `cancel` at any time."""
 
     def __init__(self, config: NavigationConfig, driver: Driver, goal: NavigateGoal) -> None:
         self._config = config
@@ -92,6 +93,7 @@ class Navigation:
         self._is_loose = False
         self._failed_plans = 0
         self._waits = 0
+        self._rest = 0.0
         self._path: Path | None = None
         self._arrived_at: Path | None = None
         self.state = NavigationState.PLANNING
@@ -123,6 +125,10 @@ class Navigation:
         """Replan while driving; try again while waiting."""
         if self.state is NavigationState.WAITING:
             self._plan()
+        elif self.state is NavigationState.RECOVERING and self._rest > 0.0:
+            self._rest -= TICK_PERIOD
+            if self._rest <= 0.0:
+                self._plan()
         elif self.state is NavigationState.FOLLOWING and not self._is_replanning and not self._keeps_path():
             self._is_replanning = True
             self._driver.plan(self._goal.map_from_goal, self._guarded(self._on_replan))
@@ -227,6 +233,8 @@ class Navigation:
         self._enter(NavigationState.RECOVERING, f"{step.action.value} because of {text}")
         if step.action is RecoveryAction.CLEAR:
             self._driver.clear_costmaps(self._guarded(self._plan))
+        elif step.action is RecoveryAction.WAIT:
+            self._rest = step.amount
         else:
             done = self._guarded(lambda outcome, why: self._on_recovered(outcome, why, code, text))
             self._cancel_motion = self._driver.recover(step, done)
@@ -261,6 +269,7 @@ class Navigation:
 
     def _enter(self, state: NavigationState, detail: str) -> None:
         self._epoch += 1
+        self._rest = 0.0
         self._is_replanning = False
         self.state, self.detail = state, detail
         self._driver.report(state.value, detail)

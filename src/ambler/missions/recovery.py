@@ -13,11 +13,12 @@ class RecoveryAction(enum.Enum):
     CLEAR = "clear"
     ROTATE = "rotate"
     BACK_UP = "back_up"
+    WAIT = "wait"
 
 
 @dataclass(frozen=True, slots=True)
 class RecoveryStep:
-    """One recovery: radians for a rotation, metres for backing up, nothing for clearing the costmaps."""
+    """One recovery: radians for a rotation, metres for backing up, seconds for waiting, nothing for clearing the costmaps."""
 
     action: RecoveryAction
     amount: float = 0.0
@@ -27,6 +28,7 @@ DEFAULT_SEQUENCE = (
     RecoveryStep(RecoveryAction.CLEAR),
     RecoveryStep(RecoveryAction.ROTATE, math.pi / 2),
     RecoveryStep(RecoveryAction.BACK_UP, 0.3),
+    RecoveryStep(RecoveryAction.WAIT, 3.0),  # after the cures that cost no time: whoever stands there may leave
     RecoveryStep(RecoveryAction.CLEAR),
     RecoveryStep(RecoveryAction.BACK_UP, 0.6),
     RecoveryStep(RecoveryAction.ROTATE, 1.5 * math.pi),
