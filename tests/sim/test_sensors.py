@@ -12,7 +12,7 @@ from ambler.core.se3 import SE3
 from ambler.sim.imu import GRAVITY, ImuSensor
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
-from ambler.sim.robots import robot_named
+from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.scene import build_scene
 from ambler.sim.sensors import MEMS_IMU, SCANNER_360, VLP_16, LidarSpec, named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
@@ -163,7 +163,7 @@ def test_a_perfect_imu_integrates_to_the_true_motion() -> None:
     np.testing.assert_allclose(velocity, true_velocity, atol=0.03)
 
 
-@pytest.mark.parametrize("robot", ["diff", "spot"])
+@pytest.mark.parametrize("robot", robot_names())
 def test_perfect_odometry_repeats_the_motion(robot: str, open_floor: WorldSpec) -> None:
     simulation = Simulation(open_floor, robot_named(robot), SimulationConfig(0, True, "kinematic"))
     for k in range(500):

@@ -24,6 +24,7 @@ from ambler.runtime.topics import (
     IMU,
     ODOMETRY,
     SCAN,
+    SCANNERS,
     STATIC_TRANSFORMS,
     TRANSFORMS,
     Topic,
@@ -37,6 +38,7 @@ from ambler.wire.ros_messages import decode
 
 BASE = SimulatorNode.name
 INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
+MERGED_INPUTS = (SCANNERS, *INPUTS[1:])  # of a robot whose scan is merged
 
 
 def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -> RecordingComparison:
@@ -53,27 +55,28 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
         config = build(ExplorerConfig, saved["explorer"])
     except (KeyError, TypeError) as error:
         raise BadInputError(f"{folder.config} is not the configuration of a run: {error}") from error
-    outputs = _outputs()
+    inputs = INPUTS if len(robot.scanners) <= 1 else MERGED_INPUTS
+    outputs = _outputs(inputs)
     comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
     stem = (out if out is not None else folder.root / "replay") / "map"
     stem.parent.mkdir(parents=True, exist_ok=True)
     operator = OperatorNode(str(stem), lambda outcome: executor.stop())
-    stack = Stack([*explorer_nodes(robot, config), operator], external=INPUTS)
+    stack = Stack([*explorer_nodes(robot, config), operator], external=inputs)
     executor = LockstepExecutor(stack, ReplayClock(rate=rate), RunLog())
     with executor:
         executor.tap(comparison.on_message)
-        executor.run(feed=_feed(folder.recording))
+        executor.run(feed=_feed(folder.recording, inputs))
     return comparison.result()
 
 
-def _outputs() -> list[str]:
-    inputs = {t.ros_name for t in INPUTS}
-    return [t.ros_name for t in all_topics() if t.ros_name not in inputs and not t.is_truth]
+def _outputs(inputs: tuple[Topic[Any], ...]) -> list[str]:
+    names = {t.ros_name for t in inputs}
+    return [t.ros_name for t in all_topics() if t.ros_name not in names and not t.is_truth]
 
 
-def _feed(recording: Path) -> Iterator[tuple[Topic[Any], Message, int]]:
+def _feed(recording: Path, inputs: tuple[Topic[Any], ...]) -> Iterator[tuple[Topic[Any], Message, int]]:
     """The messages that the nodes do not make themselves; of the transforms those that the base wrote."""
-    for recorded in read_recording(recording, [t.ros_name for t in INPUTS]):
+    for recorded in read_recording(recording, [t.ros_name for t in inputs]):
         topic = topic_named(recorded.topic)
         if not topic.has_many_writers or recorded.writer == BASE:
             yield topic, decode(topic.type, recorded.data), recorded.log_time_ns

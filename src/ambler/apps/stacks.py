@@ -16,7 +16,9 @@ from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.navigator import NavigatorNode
 from ambler.nodes.planner import GlobalPlannerNode
+from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
+from ambler.perception.merger import MergerConfig
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner
 from ambler.runtime.node import Node
@@ -26,7 +28,9 @@ def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
     """Return everything between the sensors and the base: SLAM, planning, control, exploration, and the gate."""
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
     survey = FrontierSurvey(config.survey, distances)
+    merger = [ScanMergerNode(MergerConfig.from_robot(robot))] if len(robot.scanners) > 1 else []
     return [
+        *merger,
         Slam2dNode(robot, config.slam2d),
         GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner)),
         ControllerNode(

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from ambler.core.se3 import SE3
 
+MERGED_FRAME = "merged"
+"""The frame of the virtual scanner that several planar scanners are merged into."""
+
 
 class DriveKind(enum.Enum):
     """How a base moves."""
@@ -37,13 +40,15 @@ class VelocityLimits:
 @dataclass(frozen=True, slots=True)
 class SensorMount:
     """A sensor and its pose: `kind` is scan, cloud, imu or camera; `frame` names it in the transform tree. A scanner measures
-    nothing nearer than `range_min` (m) and, of a cloud, nothing outside the `elevation` limits (rad)."""
+    nothing nearer than `range_min` (m), of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
+    `elevation` limits (rad)."""
 
     frame: str
     kind: str
     base_from_sensor: SE3
     range_min: float = 0.0
     elevation: tuple[float, float] = (-math.pi, math.pi)
+    azimuth: tuple[float, float] = (-math.pi, math.pi)
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,11 @@ class RobotModel:
     def circumscribed_radius(self) -> float:
         """Smallest circle about the base origin that contains the footprint, metres."""
         return float(np.max(np.hypot(self.footprint[:, 0], self.footprint[:, 1])))
+
+    @property
+    def scanners(self) -> tuple[SensorMount, ...]:
+        """The planar scanners themselves, without the virtual one that several of them are merged into."""
+        return tuple(m for m in self.sensors if m.kind == "scan" and m.frame != MERGED_FRAME)
 
     def sensor(self, frame: str) -> SensorMount:
         """Return the sensor mounted as `frame`; raises KeyError with the known names."""

@@ -28,6 +28,7 @@ from ambler.runtime.topics import (
     GATE_STATUS,
     ODOMETRY,
     SCAN,
+    SCANNERS,
     TELEOP_REQUEST,
     VELOCITY_COMMAND,
     VELOCITY_REQUEST,
@@ -45,7 +46,8 @@ class GateNode(Node):
     """Feeds the gate with every scanner of the robot and with odometry, and sends what it lets pass.
 
     `z_band` is the height above the floor in which points of a cloud are obstacles. The default reaches from 0.15 m to above the
-    robot and its scanners, because a wall close by is hit only by beams that are still high.
+    robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
+    each one's own scans, not the merged one: when one falls silent, the robot stops.
     """
 
     name = "gate"
@@ -64,7 +66,9 @@ class GateNode(Node):
         self._memories: dict[str, BlindMemory] = {}
         self._radius = robot.circumscribed_radius
         kinds = {m.kind for m in robot.sensors}
-        self._scanners = tuple(topic for kind, topic in (("scan", SCAN), ("cloud", CLOUD)) if kind in kinds)
+        self._has_many = len(robot.scanners) > 1
+        scan = SCANNERS if self._has_many else SCAN
+        self._scanners = tuple(topic for kind, topic in (("scan", scan), ("cloud", CLOUD)) if kind in kinds)
         self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners)  # type: ignore[assignment, misc]
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
@@ -78,8 +82,9 @@ class GateNode(Node):
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
         self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        if SCAN in self._scanners:
-            self.ctx.subscribe(SCAN, self._on_scan)
+        for topic in (SCAN, SCANNERS):
+            if topic in self._scanners:
+                self.ctx.subscribe(topic, self._on_scan)
         if CLOUD in self._scanners:
             self.ctx.subscribe(CLOUD, self._on_cloud)
         self.ctx.serve(ARM, self._on_arm)
@@ -103,7 +108,9 @@ class GateNode(Node):
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
-        field = FieldOfView(scan.range_min, (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment))
+        arc = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
+        # Where one of several scanners does not look, another one does: only its blind zone asks for a memory.
+        field = FieldOfView(scan.range_min) if self._has_many else FieldOfView(scan.range_min, arc)
         self._take_points(scan, field, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
 
     def _on_cloud(self, cloud: PointCloud) -> None:

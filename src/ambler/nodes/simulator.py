@@ -16,7 +16,10 @@ MAP_RESOLUTION = 0.05
 
 
 class SimulatorNode(Node):
-    """Publishes sensors, odometry, transforms and ground truth of a `Simulation`; drives it with the velocity command."""
+    """Publishes sensors, odometry, transforms and ground truth of a `Simulation`; drives it with the velocity command.
+
+    The scans of one planar scanner go to `scan`, those of several to `scanners`, from where the merger takes them.
+    """
 
     name = "simulator"
     inputs = (topics.VELOCITY_COMMAND,)
@@ -36,6 +39,8 @@ class SimulatorNode(Node):
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._transport = max(spec.latency for spec in simulation.robot.lidars.values())
+        self._scan_topic = topics.SCAN if len(simulation.robot.model.scanners) <= 1 else topics.SCANNERS
+        self.outputs = tuple(self._scan_topic if t is topics.SCAN else t for t in type(self).outputs)  # type: ignore[assignment, misc]
 
     def start(self) -> None:
         self._simulation.start_at(self.ctx.now_ns)
@@ -60,7 +65,7 @@ class SimulatorNode(Node):
         for contact in out.contacts:
             self.ctx.publish(topics.CONTACT, contact)
         for scan in out.scans:
-            self.ctx.after(self._transport, self._later(topics.SCAN, scan))
+            self.ctx.after(self._transport, self._later(self._scan_topic, scan))
         for cloud in out.clouds:
             self.ctx.after(self._transport, self._later(topics.CLOUD, cloud))
 

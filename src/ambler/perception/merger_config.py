@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.core.robot import RobotModel, SensorMount
+from ambler.core.robot import MERGED_FRAME, RobotModel, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 
@@ -77,7 +77,7 @@ class MergerConfig:
     """
 
     scanners: tuple[ScannerConfig, ...]
-    frame: str = "merged"
+    frame: str = MERGED_FRAME
     base_frame: str = "base"
     base_from_origin: SE2 = field(default_factory=SE2)
     bins: int = 1440
@@ -106,9 +106,9 @@ class MergerConfig:
     @classmethod
     def from_robot(cls, robot: RobotModel, **changes: Any) -> MergerConfig:
         """Build from a robot's mounts of kind `scan`; the footprint is the self-mask. `changes` override fields."""
-        frame = changes.get("frame", "merged")
+        frame = changes.get("frame", MERGED_FRAME)
         mounts = [m for m in robot.sensors if m.kind == "scan" and m.frame != frame]
-        scanners = tuple(ScannerConfig(m.frame, m.base_from_sensor) for m in mounts)
+        scanners = tuple(ScannerConfig(m.frame, m.base_from_sensor, windows=(AngleWindow(*m.azimuth),)) for m in mounts)
         return cls(**{"scanners": scanners, "self_mask": (robot.footprint,), **changes})
 
     @property

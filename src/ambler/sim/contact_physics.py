@@ -1,7 +1,7 @@
-"""Contact physics with MuJoCo: hinge wheels and a caster for wheeled bases, spheres with a surface velocity for legged ones.
+"""Contact physics with MuJoCo: two hinge wheels and a caster, or four spheres with a surface velocity (mecanum wheels, legs).
 
-Slip, traction limits and pushing come out of the contact solver. A foot's surface velocity is -(v + w x r) of the wanted
-body velocity (simulation.md §1b).
+Slip, traction limits and pushing come out of the contact solver. A sphere's surface velocity is -(v + w x r) of the body
+velocity that the wheels or legs work for (simulation.md §1b).
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 
 from ambler.core.protocols import BodyVelocity
 from ambler.sim.base import Carriage, Touch
-from ambler.sim.robots import SimRobot
+from ambler.sim.drive import after_strafe_loss, drive_of
+from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 FOOT_RADIUS = 0.05
@@ -36,10 +37,11 @@ class ContactPhysics:
         self._step: Any = mujoco.mj_step
         self._dt = dt
         self._qpos, self._qvel, self._ctrl = self._data.qpos, self._data.qvel, self._data.ctrl
-        self._has_wheels = robot.wheel_radius > 0
+        self._has_wheels = robot.has_two_wheels
+        self._drive = drive_of(robot)
         self._feet = [] if self._has_wheels else self._find_feet()
         self._surface = self._model.geom_surfacevel
-        self._legs = [0.0, 0.0, 0.0]
+        self._turned = [0.0] * self._drive.parts
         self._geom_body = self._model.geom_bodyid.copy()
         self._floor = self._model.geom("floor").id
         self._hull_force = self._data.sensordata
@@ -50,9 +52,7 @@ class ContactPhysics:
     def step(self, target: BodyVelocity) -> None:
         """Advance by one physics step."""
         if self._has_wheels:
-            half = 0.5 * self._robot.track * target.wz
-            self._ctrl[0] = (target.vx - half) / self._robot.wheel_radius
-            self._ctrl[1] = (target.vx + half) / self._robot.wheel_radius
+            self._ctrl[0], self._ctrl[1] = self._drive.rates(target)
         else:
             self._set_surface(target)
         v = self._qvel
@@ -69,7 +69,7 @@ class ContactPhysics:
     def travel(self) -> tuple[float, ...]:
         if self._has_wheels:
             return (float(self._qpos[7]), float(self._qpos[8]))
-        return (self._legs[0], self._legs[1], self._legs[2])
+        return tuple(self._turned)
 
     def touches(self) -> tuple[Touch, ...]:
         """Contacts of the robot's own parts with solids, at the end of the last step."""
@@ -98,12 +98,12 @@ class ContactPhysics:
         return [(i, float(self._model.geom_pos[i, 0]), float(self._model.geom_pos[i, 1])) for i in ids]
 
     def _set_surface(self, target: BodyVelocity) -> None:
+        moved = after_strafe_loss(self._robot, target)
         for geom, x, y in self._feet:
-            self._surface[geom, 0] = -(target.vx - target.wz * y)
-            self._surface[geom, 1] = -(target.vy + target.wz * x)
-        self._legs[0] += target.vx * self._dt
-        self._legs[1] += target.vy * self._dt
-        self._legs[2] += target.wz * self._dt
+            self._surface[geom, 0] = -(moved.vx - moved.wz * y)
+            self._surface[geom, 1] = -(moved.vy + moved.wz * x)
+        for k, rate in enumerate(self._drive.rates(target)):
+            self._turned[k] += rate * self._dt
 
     def _settle(self) -> None:
         """Let the robot come to rest on the floor, then put it back to the origin."""
@@ -117,7 +117,7 @@ class ContactPhysics:
         self._qvel[:] = 0.0
         self._data.time = 0.0
         mujoco.mj_forward(self._model, self._data)
-        self._legs = [0.0, 0.0, 0.0]
+        self._turned = [0.0] * self._drive.parts
         q = self._qpos[:7].tolist()
         self._carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
 
@@ -125,10 +125,10 @@ class ContactPhysics:
 def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float) -> str:
     """Return the MuJoCo model of a world with one robot at the origin."""
     solids = "\n".join(_solid_xml(k, s) for k, s in enumerate(world.solids))
-    drive, actuators = _wheels_xml(robot) if robot.wheel_radius > 0 else (_feet_xml(robot), "")
+    drive, actuators = _wheels_xml(robot) if robot.has_two_wheels else (_feet_xml(robot), "")
     levels = (robot.body_bottom, robot.model.body_height)
     hull = " ".join(f"{x:.6f} {y:.6f} {z:.6f}" for z in levels for x, y in robot.model.footprint)
-    center_x = -0.05 if robot.wheel_radius > 0 else 0.0
+    center_x = -0.05 if robot.has_two_wheels else 0.0
     return f"""<mujoco model="{robot.model.name}">
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{dt!r}" integrator="Euler" cone="elliptic" impratio="10"/>
@@ -190,11 +190,15 @@ def _wheels_xml(robot: SimRobot) -> tuple[str, str]:
 
 
 def _feet_xml(robot: SimRobot) -> str:
-    """Four spheres at the corners whose surface moves; MuJoCo wants one non-zero surface velocity when it compiles."""
-    x, y = (robot.model.footprint.max(axis=0) - [0.15, 0.06]).tolist()
+    """Four spheres, wheels or feet near the corners, whose surface moves; MuJoCo wants one non-zero surface velocity when it
+    compiles."""
+    if robot.has_mecanum_wheels:
+        radius, x, y = robot.wheel_radius, 0.5 * robot.wheel_base, 0.5 * robot.track
+    else:
+        radius, (x, y) = FOOT_RADIUS, (robot.model.footprint.max(axis=0) - [0.15, 0.06]).tolist()
     places = [(x, y), (-x, y), (-x, -y), (x, -y)]
     return "\n".join(
-        f'<geom name="foot_{i}" type="sphere" size="{FOOT_RADIUS!r}" pos="{px!r} {py!r} {FOOT_RADIUS!r}" mass="0"'
+        f'<geom name="foot_{i}" type="sphere" size="{radius!r}" pos="{px!r} {py!r} {radius!r}" mass="0"'
         f' surfacevel="1 0 0 0 0 0"/>'
         for i, (px, py) in enumerate(places)
     )

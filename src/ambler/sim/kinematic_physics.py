@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.sim.base import Carriage, Touch
-from ambler.sim.robots import SimRobot
+from ambler.sim.drive import after_strafe_loss, drive_of
+from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 F64 = NDArray[np.float64]
@@ -80,7 +81,8 @@ class KinematicPhysics:
         self._collider = FootprintCollider(world, robot)
         self._dt = dt
         self._pose = SE2()
-        self._travel = [0.0, 0.0] if robot.wheel_radius > 0 else [0.0, 0.0, 0.0]
+        self._drive = drive_of(robot)
+        self._travel = [0.0] * self._drive.parts
         self._touches: tuple[Touch, ...] = ()
 
     def step(self, target: BodyVelocity) -> None:
@@ -90,7 +92,8 @@ class KinematicPhysics:
         self._touches = ()
         if target == BodyVelocity():
             return
-        new = self._pose @ SE2.exp(np.array([target.vx * dt, target.vy * dt, target.wz * dt]))
+        moved = after_strafe_loss(self._robot, target)
+        new = self._pose @ SE2.exp(np.array([moved.vx * dt, moved.vy * dt, moved.wz * dt]))
         hit = self._collider.overlapping(new)
         if not hit:
             self._pose = new
@@ -110,11 +113,6 @@ class KinematicPhysics:
     def touches(self) -> tuple[Touch, ...]:
         return self._touches
 
-    def _count(self, v: BodyVelocity) -> None:
-        if self._robot.wheel_radius > 0:
-            half = 0.5 * self._robot.track * v.wz
-            self._travel[0] += (v.vx - half) * self._dt / self._robot.wheel_radius
-            self._travel[1] += (v.vx + half) * self._dt / self._robot.wheel_radius
-        else:
-            for k, speed in enumerate((v.vx, v.vy, v.wz)):
-                self._travel[k] += speed * self._dt
+    def _count(self, velocity: BodyVelocity) -> None:
+        for k, rate in enumerate(self._drive.rates(velocity)):
+            self._travel[k] += rate * self._dt

@@ -52,7 +52,7 @@ class LidarSensor:
             self.frame,
             spec.azimuth_start,
             spec.azimuth_increment,
-            spec.period / spec.columns,
+            spec.time_increment,
             spec.period,
             spec.range_min,
             spec.range_max,

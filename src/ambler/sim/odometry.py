@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from ambler.core.messages import Odometry
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.sim.robots import SimRobot
+from ambler.sim.drive import drive_of
 from ambler.sim.sensors import OdometrySpec, named_generator
+from ambler.sim.sim_robot import SimRobot
 
 F64 = NDArray[np.float64]
 
@@ -20,9 +21,9 @@ class DeadReckoning:
     """Integrates encoder (or leg) travel into `odom_from_base`; errors as named in `OdometrySpec`."""
 
     def __init__(self, robot: SimRobot, spec: OdometrySpec, seed: int) -> None:
-        self._robot, self._spec = robot, spec
+        self._drive, self._spec = drive_of(robot), spec
         self._rng = named_generator(seed, "odometry")
-        parts = 2 if robot.wheel_radius > 0 else 3
+        parts = self._drive.parts
         self._scales = 1.0 + spec.radius_sigma * self._rng.standard_normal(parts)
         self._turn_scale = 1.0 + spec.track_sigma * float(self._rng.standard_normal())
         self._slip = spec.slip_sigma * self._rng.standard_normal(parts)
@@ -35,7 +36,7 @@ class DeadReckoning:
         """Take the travel counted so far; returns the odometry message of this instant."""
         period = 1.0 / self._spec.rate_hz
         steps = self._steps(np.array(travel), period)
-        motion = self._motion(steps)
+        motion = self._drive.motion(steps * self._scales, self._turn_scale)
         self._odom_from_base = self._odom_from_base @ SE2.exp(motion)
         self._path += math.hypot(motion[0], motion[1])
         self._turned += abs(motion[2])
@@ -67,16 +68,6 @@ class DeadReckoning:
             return self._counted
         tick = 2.0 * math.pi / self._spec.ticks
         return np.asarray(np.floor(self._counted / tick) * tick)
-
-    def _motion(self, steps: F64) -> F64:
-        """Turn counted steps into a planar twist (x, y, yaw)."""
-        if self._robot.wheel_radius > 0:
-            left, right = steps * self._scales * self._robot.wheel_radius
-            turn = (right - left) / (self._robot.track * self._turn_scale)
-            return np.array([0.5 * (left + right), 0.0, turn])
-        out = steps * self._scales
-        out[2] *= self._turn_scale
-        return np.asarray(out)
 
     def _sensed_lean(self, carriage_from_base: SE3) -> SE3:
         """The body's sway as its own kinematics and IMU report it."""

@@ -1,55 +1,34 @@
-"""The simulated robots: `diff`, a two-wheeled base with a 360° scanner, and `spot`, a walking base with a VLP-16."""
+"""The simulated robots: `diff`, a two-wheeled base with a 360° scanner, `spot`, a walking base with a VLP-16, and `amr_omni`, an
+industrial base on mecanum wheels with three safety scanners."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import replace
 
 import numpy as np
 
 from ambler.core.errors import BadInputError
-from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.sim.sensors import (
     LEG_ODOMETRY,
     MEMS_IMU,
+    MEMS_IMU_200,
+    SAFETY_270,
     SCANNER_360,
     VLP_16,
     WHEEL_ODOMETRY,
     GaitSpec,
-    ImuSpec,
-    LidarSpec,
-    OdometrySpec,
 )
+from ambler.sim.sim_robot import SimRobot
 
-
-@dataclass(frozen=True)
-class SimRobot:
-    """A robot with everything the simulator must know and its algorithms need not.
-
-    `lidars` maps sensor frames of the model to scanners; `wheel_radius`, `track` describe driven wheels (0: legs). Odometry
-    and command refer to the base frame, which stands on the floor below the body and leans with it.
-    """
-
-    model: RobotModel
-    lidars: dict[str, LidarSpec]
-    imu: ImuSpec
-    odometry: OdometrySpec
-    mass: float
-    body_bottom: float
-    wheel_radius: float = 0.0
-    track: float = 0.0
-    gait: GaitSpec | None = None
-    watchdog: float = 0.5
-
-    @property
-    def sensor_height(self) -> float:
-        """Height of the main scanner above the floor, metres: where the ground-truth map cuts the world."""
-        return self.model.sensor(next(iter(self.lidars))).base_from_sensor.translation[2]
+__all__ = ["SimRobot", "robot_named", "robot_names"]
 
 
 def robot_names() -> tuple[str, ...]:
     """Return the names of the simulated robots."""
-    return ("diff", "spot")
+    return ("diff", "spot", "amr_omni")
 
 
 def robot_named(name: str) -> SimRobot:
@@ -58,6 +37,8 @@ def robot_named(name: str) -> SimRobot:
         return _diff()
     if name == "spot":
         return _spot()
+    if name == "amr_omni":
+        return _amr_omni()
     raise BadInputError(f"no simulated robot {name!r}; there are {', '.join(robot_names())}")
 
 
@@ -130,4 +111,62 @@ def _spot() -> SimRobot:
         mass=35.0,
         body_bottom=0.08,
         gait=GaitSpec(),
+    )
+
+
+def _amr_omni() -> SimRobot:
+    """1.2 x 0.8 m. As in source 002, §4.2.1, scanners sit at the corners of the body; 264 of their 270 degrees are used, from 1 to
+    265 degrees after the first beam, which runs along the robot's side (mirrored on the front left)."""
+    first, last = math.radians(1.0 - 135.0), math.radians(265.0 - 135.0)
+    corners = {
+        "front_right": (0.6, -0.4, -45.0, (first, last)),
+        "front_left": (0.6, 0.4, 45.0, (-last, -first)),
+        "rear_left": (-0.6, 0.4, 135.0, (first, last)),
+    }
+    scanners = (
+        SensorMount(
+            frame,
+            "scan",
+            SE3.from_rpy((x, y, 0.18), 0.0, 0.0, math.radians(yaw)),
+            range_min=SAFETY_270.range_min,
+            azimuth=window,
+        )
+        for frame, (x, y, yaw, window) in corners.items()
+    )
+    model = RobotModel(
+        name="amr_omni",
+        drive=DriveKind.OMNI,
+        footprint=np.array([[0.6, -0.4], [0.6, 0.4], [-0.6, 0.4], [-0.6, -0.4]]),
+        limits=VelocityLimits(
+            vx_max=1.0,
+            vx_min=-0.4,
+            vy_max=0.5,
+            wz_max=1.0,
+            ax_max=0.8,
+            ay_max=0.8,
+            az_max=1.5,
+            ax_brake=1.2,
+            ay_brake=1.2,
+        ),
+        sensors=(
+            *scanners,
+            SensorMount(MERGED_FRAME, "scan", SE3((0.0, 0.0, 0.18))),
+            SensorMount("imu", "imu", SE3((0.0, 0.0, 0.15))),
+            SensorMount("camera", "camera", SE3.from_rpy((0.58, 0.0, 0.32), -0.5 * math.pi, 0.0, -0.5 * math.pi)),
+        ),
+        body_height=0.35,
+    )
+    # The scanners turn on their own: nobody starts them together.
+    phases = {"front_right": 0.0, "front_left": 0.025, "rear_left": 0.055}
+    return SimRobot(
+        model,
+        lidars={frame: replace(SAFETY_270, phase=phase) for frame, phase in phases.items()},
+        imu=MEMS_IMU_200,
+        odometry=WHEEL_ODOMETRY,
+        mass=150.0,
+        body_bottom=0.04,
+        wheel_radius=0.1,
+        track=0.6,
+        wheel_base=0.8,
+        strafe_loss=0.03,
     )

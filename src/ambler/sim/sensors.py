@@ -21,7 +21,10 @@ def named_generator(seed: int, name: str) -> np.random.Generator:
 
 @dataclass(frozen=True, slots=True)
 class LidarSpec:
-    """A spinning scanner: `columns` firings of all `elevations` (rad) per turn, counter-clockwise from `azimuth_start`.
+    """A spinning scanner: `columns` firings of all `elevations` (rad) over `span` (rad), counter-clockwise from `azimuth_start`.
+
+    It sends a scan every `period` seconds, `phase` seconds after the others, and needs `turn` seconds for a full turn (0: the
+    period). Of a full turn the last firing lies one step before the first; of a sector the last one lies on its limit.
 
     Noise: sigma_0 + sigma_1 * range; `dropout` loses any beam, `grazing_*` beams that meet a surface at a flat angle; `mixed`
     is the probability that a beam at an edge of `mixed_min`..`mixed_max` metres falls between the two surfaces.
@@ -42,15 +45,34 @@ class LidarSpec:
     mixed_min: float
     mixed_max: float
     latency: float
+    span: float = 2.0 * math.pi
+    turn: float = 0.0
+    phase: float = 0.0
+
+    @property
+    def is_full_turn(self) -> bool:
+        return self.span >= 2.0 * math.pi - 1e-9
+
+    @property
+    def azimuth_increment(self) -> float:
+        return 2.0 * math.pi / self.columns if self.is_full_turn else self.span / (self.columns - 1)
+
+    @property
+    def time_increment(self) -> float:
+        """Seconds from one column to the next."""
+        turn = self.turn if self.turn > 0 else self.period
+        return turn / self.columns if self.is_full_turn else turn * self.azimuth_increment / (2.0 * math.pi)
+
+    @property
+    def sweep_time(self) -> float:
+        """Seconds from the scan's stamp to its end."""
+        turn = self.turn if self.turn > 0 else self.period
+        return turn if self.is_full_turn else turn * self.span / (2.0 * math.pi)
 
     @property
     def column_times(self) -> NDArray[np.float64]:
         """Firing times of the columns after the scan's stamp, seconds."""
-        return np.arange(self.columns, dtype=np.float64) * (self.period / self.columns)
-
-    @property
-    def azimuth_increment(self) -> float:
-        return 2.0 * math.pi / self.columns
+        return np.arange(self.columns, dtype=np.float64) * self.time_increment
 
     def directions(self) -> NDArray[np.float64]:
         """Return unit vectors in the sensor frame, float64 (columns, rings, 3)."""
@@ -128,6 +150,27 @@ SCANNER_360 = LidarSpec(
     latency=0.005,
 )
 
+# A 270° safety scanner of the microScan3 class: it turns in 40 ms and sends every second turn; 0.375° steps, 40 m.
+SAFETY_270 = LidarSpec(
+    columns=721,
+    elevations=(0.0,),
+    azimuth_start=-0.75 * math.pi,
+    period=0.08,
+    range_min=0.05,
+    range_max=40.0,
+    sigma_0=0.008,
+    sigma_1=0.0005,
+    dropout=0.005,
+    grazing_cosine=0.08,
+    grazing_dropout=0.7,
+    mixed=0.15,
+    mixed_min=0.25,
+    mixed_max=3.0,
+    latency=0.005,
+    span=1.5 * math.pi,
+    turn=0.04,
+)
+
 # Velodyne VLP-16 at 10 Hz: 16 rings of 2°, 0.2° steps, 28 800 rays per turn, 100 m, blind below 0.4 m.
 VLP_16 = LidarSpec(
     columns=1800,
@@ -160,7 +203,10 @@ MEMS_IMU = ImuSpec(
     accel_limit=150.0,
 )
 
-# Two driven wheels with 2^12 ticks per turn.
+# The same unit at 200 Hz.
+MEMS_IMU_200 = replace(MEMS_IMU, rate_hz=200.0)
+
+# Driven wheels with 2^12 ticks per turn.
 WHEEL_ODOMETRY = OdometrySpec(
     rate_hz=50.0,
     radius_sigma=0.005,

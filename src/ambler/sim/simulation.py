@@ -7,7 +7,7 @@ Everything is told in the map frame, whose origin is the robot's start pose (`si
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -23,8 +23,8 @@ from ambler.sim.imu import ImuSensor
 from ambler.sim.kinematic_physics import KinematicPhysics
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
-from ambler.sim.robots import SimRobot
 from ambler.sim.scene import build_scene
+from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import WorldSpec
 
 TICK_NS = 5_000_000
@@ -59,9 +59,10 @@ class Simulation:
     """Owns the physics, the sensors and their chance. Two with the same arguments and commands give equal bits."""
 
     def __init__(self, world: WorldSpec, robot: SimRobot, config: SimulationConfig | None = None) -> None:
-        self.world, self.robot = world, robot
         self.config = config if config is not None else SimulationConfig()
         seed, is_perfect = self.config.seed, self.config.is_perfect
+        robot = replace(robot, strafe_loss=0.0) if is_perfect else robot
+        self.world, self.robot = world, robot
         self._physics = _make_physics(world, robot, self.config)
         self._controller = BaseController(robot.model.limits, robot.watchdog)
         self._gait = Gait(robot.gait, 0.7 * robot.model.body_height) if robot.gait is not None else None
@@ -139,18 +140,19 @@ class Simulation:
         if elapsed % TRUTH_PERIOD_NS == 0:
             out.true_poses.append(self._truth())
         for lidar in self._lidars:
-            period_ns = round(lidar.spec.period * 1e9)
-            if elapsed > 0 and elapsed % period_ns == 0:
-                lidar.sweep(*self._knots(lidar.frame, elapsed - period_ns))
-                if len(lidar.spec.elevations) == 1:
-                    out.scans.append(lidar.to_scan(now - period_ns))
+            spec = lidar.spec
+            sweep_ns = round(spec.sweep_time * 1e9)
+            if elapsed >= sweep_ns and (elapsed - round(spec.phase * 1e9)) % round(spec.period * 1e9) == 0:
+                lidar.sweep(*self._knots(lidar.frame, elapsed - sweep_ns))
+                if len(spec.elevations) == 1:
+                    out.scans.append(lidar.to_scan(now - sweep_ns))
                 else:
-                    out.clouds.append(lidar.to_cloud(now - period_ns))
+                    out.clouds.append(lidar.to_cloud(now - sweep_ns))
 
     def _knots(self, frame: str, since_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """The sensor's poses from an instant until now: seconds after it, positions, quaternions (wxyz)."""
         mount = self._mounts[frame]
-        knots = [(t, pose @ mount) for t, pose in self._history if t >= since_ns]
+        knots = [(t, pose @ mount) for t, pose in self._history if t > since_ns - TICK_NS]
         times = np.array([t - since_ns for t, _ in knots]) * 1e-9
         return times, np.array([p.translation for _, p in knots]), np.array([p.rotation for _, p in knots])
 

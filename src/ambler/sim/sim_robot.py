@@ -1,0 +1,44 @@
+"""A robot with everything that the simulator must know and its algorithms need not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ambler.core.robot import RobotModel
+from ambler.sim.sensors import GaitSpec, ImuSpec, LidarSpec, OdometrySpec
+
+
+@dataclass(frozen=True)
+class SimRobot:
+    """`lidars` maps sensor frames of the model to scanners.
+
+    `wheel_radius` (0: legs) and `track` describe driven wheels; with a `wheel_base` (distance of the axles) there are four
+    mecanum wheels, else two. `strafe_loss` is the share of a sideways motion that the rollers lose and the encoders count.
+    Odometry and command refer to the base frame, which stands on the floor below the body and leans with it.
+    """
+
+    model: RobotModel
+    lidars: dict[str, LidarSpec]
+    imu: ImuSpec
+    odometry: OdometrySpec
+    mass: float
+    body_bottom: float
+    wheel_radius: float = 0.0
+    track: float = 0.0
+    wheel_base: float = 0.0
+    strafe_loss: float = 0.0
+    gait: GaitSpec | None = None
+    watchdog: float = 0.5
+
+    @property
+    def sensor_height(self) -> float:
+        """Height of the main scanner above the floor, metres: where the ground-truth map cuts the world."""
+        return self.model.sensor(next(iter(self.lidars))).base_from_sensor.translation[2]
+
+    @property
+    def has_two_wheels(self) -> bool:
+        return self.wheel_radius > 0 and self.wheel_base == 0
+
+    @property
+    def has_mecanum_wheels(self) -> bool:
+        return self.wheel_radius > 0 and self.wheel_base > 0
