@@ -57,20 +57,28 @@ def beams_to_points(ranges, beam, limits, base_from_sensor, twist, points, free_
 
 
 @jit
-def cloud_to_points(cloud, times, base_from_sensor, twist, band, limits, nearest, reach, points, free_points, counts):
-    """Flatten a cloud: per azimuth bin the nearest return inside the height band, else how far the bin is seen to be free.
+def cloud_to_points(
+    cloud, times, base_from_sensor, twist, band, limits, inside, nearest, reach, points, free_points, counts
+):
+    """Flatten a cloud: per azimuth bin the nearest surface inside the height band, else how far the bin is seen to be free.
+
+    The nearest surface is the mean of the returns within `limits[3]` behind the nearest one: the nearest of several noisy returns by
+    itself would lie too near.
 
     `cloud` float32 (N, 3) in the sensor frame, `times` float32 (N,) s after the stamp, `base_from_sensor` float64 (3, 4),
-    `band` (z_min, z_max) above the base origin's ground, `limits` (range_min, range_max, free_length) of planar distance from
+    `band` (z_min, z_max) above the base origin's ground, `limits` (range_min, range_max, free_length, depth) of planar distance from
     the sensor. A return above or below the band proves its ray free while the ray is inside the band. `nearest` and `reach`
-    float64 (B, 3) are scratch: planar distance, x, y per bin. Outputs as in `beams_to_points`.
+    float64 (B, 4) and (B, 3) and `inside` float64 (N, 4) are scratch: planar distance, sums of x, y and their number;
+    distance, x, y; bin, distance, x, y of a return. Outputs as in `beams_to_points`.
     """
     bins = nearest.shape[0]
     m = base_from_sensor
     ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
     for b in range(bins):
         nearest[b, 0] = math.inf
+        nearest[b, 1], nearest[b, 2], nearest[b, 3] = 0.0, 0.0, 0.0
         reach[b, 0] = 0.0
+    n_inside = 0
     for i in range(cloud.shape[0]):
         px, py, pz = float(cloud[i, 0]), float(cloud[i, 1]), float(cloud[i, 2])
         bx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + ox
@@ -91,20 +99,27 @@ def cloud_to_points(cloud, times, base_from_sensor, twist, band, limits, nearest
         else:
             is_obstacle = d <= limits[1]
         if is_obstacle:
-            if d < nearest[b, 0]:
-                x, y = carry(bx, by, float(times[i]), twist)
-                nearest[b, 0], nearest[b, 1], nearest[b, 2] = d, x, y
+            x, y = carry(bx, by, float(times[i]), twist)
+            inside[n_inside, 0], inside[n_inside, 1], inside[n_inside, 2], inside[n_inside, 3] = b, d, x, y
+            n_inside += 1
+            nearest[b, 0] = min(nearest[b, 0], d)
         else:
             length = min(length, limits[2])
             if length > reach[b, 0]:
                 x, y = carry(ox + dx * length / d, oy + dy * length / d, float(times[i]), twist)
                 reach[b, 0], reach[b, 1], reach[b, 2] = length, x, y
+    for i in range(n_inside):
+        b = int(inside[i, 0])
+        if inside[i, 1] <= nearest[b, 0] + limits[3]:
+            nearest[b, 1] += inside[i, 2]
+            nearest[b, 2] += inside[i, 3]
+            nearest[b, 3] += 1.0
     n_hit = 0
     n_free = 0
     for b in range(bins):
-        if nearest[b, 0] < math.inf:
-            points[n_hit, 0] = nearest[b, 1]
-            points[n_hit, 1] = nearest[b, 2]
+        if nearest[b, 3] > 0.0:
+            points[n_hit, 0] = nearest[b, 1] / nearest[b, 3]
+            points[n_hit, 1] = nearest[b, 2] / nearest[b, 3]
             n_hit += 1
         elif reach[b, 0] > limits[0]:
             free_points[n_free, 0] = reach[b, 1]
@@ -181,16 +196,17 @@ def warm_up() -> None:
     eye = np.ascontiguousarray(np.eye(4)[:3])
     three = np.ones(3)
     beams_to_points(np.ones(4, np.float32), three, three, eye, three, points, out, counts)
-    scratch = np.zeros((8, 3))
+    scratch = np.zeros((8, 4))
     cloud_to_points(
         np.ones((4, 3), np.float32),
         np.zeros(4, np.float32),
         eye,
         three,
         np.zeros(2),
-        three,
-        scratch,
+        np.ones(4),
         scratch.copy(),
+        scratch,
+        np.zeros((8, 3)),
         np.zeros((8, 2), np.float32),
         np.zeros((8, 2), np.float32),
         counts,

@@ -56,7 +56,7 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
-RECOVERY_PADDING = 0.02
+RECOVERY_PADDING = 0.03
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
 PROTECTIVE_PATIENCE_NS = 3_000_000_000

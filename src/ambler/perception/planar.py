@@ -19,14 +19,16 @@ F64 = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class PlanarConfig:
     """Which measurements count. Ranges are planar distances from the sensor; a ray without return is free for `free_length` at most;
-    the height band (metres above the base's ground) and the azimuth bins concern clouds only."""
+    the height band (metres above the base's ground), the azimuth bins and the depth (m) of what counts as one surface in a bin concern
+    clouds only."""
 
     range_min: float = 0.1
     range_max: float = 30.0
     free_length: float = 5.0
     height_min: float = 0.1
     height_max: float = 0.6
-    azimuth_bins: int = 1440
+    azimuth_bins: int = 900
+    surface_depth: float = 0.06
 
 
 def _matrix(base_from_sensor: SE3) -> F64:
@@ -59,7 +61,7 @@ def scan_to_points(scan: LaserScan, base_from_sensor: SE3, twist: F64, config: P
 def cloud_to_points(
     cloud: PointCloud, base_from_sensor: SE3, twist: F64, config: PlanarConfig, height_offset: float = 0.0
 ) -> PlanarScan:
-    """Flatten a cloud: per azimuth bin the nearest return of the height band, else how far the bin is proved free.
+    """Flatten a cloud: per azimuth bin the nearest surface of the height band, else how far the bin is proved free.
 
     Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. `base_from_sensor`
     should be levelled when the body tilts; `height_offset` is the height of the base origin above the ground.
@@ -74,8 +76,9 @@ def cloud_to_points(
         _matrix(base_from_sensor),
         twist,
         band,
-        np.array([config.range_min, config.range_max, min(config.free_length, config.range_max)]),
-        np.empty((bins, 3)),
+        np.array([config.range_min, config.range_max, min(config.free_length, config.range_max), config.surface_depth]),
+        np.empty((len(cloud.points), 4)),
+        np.empty((bins, 4)),
         np.empty((bins, 3)),
         points,
         free_points,
