@@ -1,0 +1,1 @@
+"""Tests of the planar matchers; `room` is the world they look at."""
