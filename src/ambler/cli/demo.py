@@ -14,7 +14,7 @@ def add_parser(subparsers: Any) -> None:
         "demo", help="a simulated robot explores an unknown building, comes home and is judged"
     )
     parser.add_argument("--world", default="office", help="a built-in world, or a world or map YAML (default: office)")
-    parser.add_argument("--robot", default="diff", help="diff or spot (default: diff)")
+    parser.add_argument("--robot", default="diff", help="diff, spot, amr_omni or a URDF file (default: diff)")
     parser.add_argument("--seed", type=int, default=0, help="seed of every random number (default: 0)")
     parser.add_argument("--strategy", choices=("tour", "nearest", "greedy"), help="how the next frontier is chosen")
     parser.add_argument("--realtime", action="store_true", help="run in the live executor, in real time")
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     options = _options(args)
     explorer_config(options)
     warm_up(imported_kernel_modules())
-    folder = RunFolder.new(args.out, f"{Path(args.world).stem}-{args.robot}-{args.seed}")
+    folder = RunFolder.new(args.out, f"{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
     demo = Demo(options, folder)
     try:
         if options.port is not None:

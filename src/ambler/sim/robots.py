@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from ambler.sim.sensors import (
     GaitSpec,
 )
 from ambler.sim.sim_robot import SimRobot
+from ambler.sim.urdf import load_urdf
 
 __all__ = ["SimRobot", "robot_named", "robot_names"]
 
@@ -32,14 +34,16 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_named(name: str) -> SimRobot:
-    """Return a simulated robot; raises BadInputError with the known names."""
+    """Return a simulated robot by its name, or from a URDF file; raises BadInputError with the known names."""
+    if name.endswith((".urdf", ".xml")):
+        return load_urdf(Path(name))
     if name == "diff":
         return _diff()
     if name == "spot":
         return _spot()
     if name == "amr_omni":
         return _amr_omni()
-    raise BadInputError(f"no simulated robot {name!r}; there are {', '.join(robot_names())}")
+    raise BadInputError(f"no simulated robot {name!r}; there are {', '.join(robot_names())}, or give a .urdf file")
 
 
 def _diff() -> SimRobot:

@@ -73,7 +73,8 @@ class Simulation:
         ]
         self._mounts = {s.frame: s.base_from_sensor for s in robot.model.sensors}
         imu_spec = robot.imu.perfect() if is_perfect else robot.imu
-        self._imu, self._imu_period_ns = ImuSensor(imu_spec, "imu", seed), round(1e9 / robot.imu.rate_hz)
+        self._imu_frame = next(s.frame for s in robot.model.sensors if s.kind == "imu")
+        self._imu, self._imu_period_ns = ImuSensor(imu_spec, self._imu_frame, seed), round(1e9 / robot.imu.rate_hz)
         odometry = robot.odometry.perfect() if is_perfect else robot.odometry
         self._reckoning = DeadReckoning(robot, odometry, seed)
         self._odometry_period_ns = round(1e9 / odometry.rate_hz)
@@ -157,7 +158,7 @@ class Simulation:
         return times, np.array([p.translation for _, p in knots]), np.array([p.rotation for _, p in knots])
 
     def _sense_imu(self, out: SimulationOutput) -> None:
-        mount, (_, pose) = self._mounts["imu"], self._history[-1]
+        mount, (_, pose) = self._mounts[self._imu_frame], self._history[-1]
         map_from_imu = pose @ mount
         velocity: Vector3 = (0.0, 0.0, 0.0)
         if len(self._history) > 1:

@@ -1,0 +1,183 @@
+"""Robots as URDF: built-in ones survive the round trip, an integrator's file drives, and mistakes get one clear line."""
+
+import math
+import re
+import struct
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.cli.main import main
+from ambler.core.errors import BadInputError
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import MERGED_FRAME, DriveKind
+from ambler.sim.robots import robot_named, robot_names
+from ambler.sim.sensors import MEMS_IMU, SCANNER_360
+from ambler.sim.simulation import Simulation, SimulationConfig
+from ambler.sim.solids import WorldSpec
+from ambler.sim.urdf_writer import save_urdf
+
+# The base link sits at the wheels' axle; the laser stands turned on a mast, the body is a box and a cylinder.
+INTEGRATOR = """<?xml version="1.0"?>
+<robot name="cart">
+  <link name="base_link">
+    <inertial><mass value="20"/></inertial>
+    <collision><origin xyz="0 0 0.1"/><geometry><box size="0.6 0.4 0.2"/></geometry></collision>
+  </link>
+  <link name="nose">
+    <inertial><mass value="2"/></inertial>
+    <collision><geometry><cylinder radius="0.2" length="0.1"/></geometry></collision>
+  </link>
+  <joint name="nose_joint" type="fixed"><parent link="base_link"/><child link="nose"/><origin xyz="0.3 0 0.1"/></joint>
+  <link name="wheel_l"><visual><geometry><cylinder radius="0.1" length="0.04"/></geometry>
+    <origin rpy="1.5707963 0 0"/></visual></link>
+  <joint name="l" type="continuous"><parent link="base_link"/><child link="wheel_l"/><origin xyz="0 0.15 0"/></joint>
+  <link name="wheel_r"><visual><geometry><cylinder radius="0.1" length="0.04"/></geometry>
+    <origin rpy="1.5707963 0 0"/></visual></link>
+  <joint name="r" type="continuous"><parent link="base_link"/><child link="wheel_r"/><origin xyz="0 -0.15 0"/></joint>
+  <link name="mast"/>
+  <joint name="m" type="fixed"><parent link="base_link"/><child link="mast"/><origin xyz="0.1 0 0.2" rpy="0 0 1.5707963267948966"/></joint>
+  <link name="laser_link"/>
+  <joint name="s" type="fixed"><parent link="mast"/><child link="laser_link"/><origin xyz="0.05 0 0.1"/></joint>
+  <ambler>
+    <limits vx_max="0.6"/>
+    <lidar link="laser_link" columns="360" range_max="12"/>
+  </ambler>
+</robot>
+"""
+
+
+def write(folder: Path, text: str = INTEGRATOR) -> Path:
+    path = folder / "robot.urdf"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_built_in_robots_survive_the_round_trip(name: str, tmp_path: Path) -> None:
+    robot = robot_named(name)
+    save_urdf(robot, tmp_path / "robot.urdf")
+    again = robot_named(str(tmp_path / "robot.urdf"))
+    for f in fields(robot):
+        if f.name != "model":
+            assert getattr(again, f.name) == getattr(robot, f.name), f.name
+    assert again.model.limits == robot.model.limits
+    assert again.model.drive is robot.model.drive
+    assert again.model.body_height == robot.model.body_height
+    np.testing.assert_array_equal(again.model.footprint, robot.model.footprint)
+    assert [s.frame for s in again.model.sensors] == [s.frame for s in robot.model.sensors]
+    for a, b in zip(again.model.sensors, robot.model.sensors, strict=True):
+        assert (a.kind, a.range_min, a.azimuth, a.elevation) == (b.kind, b.range_min, b.azimuth, b.elevation)
+        np.testing.assert_allclose(a.base_from_sensor.matrix(), b.base_from_sensor.matrix(), atol=1e-12)
+
+
+def test_an_integrators_file_becomes_a_robot(tmp_path: Path) -> None:
+    robot = robot_named(str(write(tmp_path)))
+    model = robot.model
+    assert (model.name, model.drive, robot.mass) == ("cart", DriveKind.DIFFERENTIAL, 22.0)
+    assert (robot.wheel_radius, robot.track, robot.wheel_base) == pytest.approx((0.1, 0.3, 0.0))
+    # The base stands on the floor, one wheel radius under the base link; the body reaches from 0.1 to 0.3 m above it.
+    assert (robot.body_bottom, model.body_height) == pytest.approx((0.1, 0.3))
+    np.testing.assert_allclose(model.footprint.max(axis=0), (0.5, 0.2), atol=1e-9)
+    np.testing.assert_allclose(model.footprint.min(axis=0), (-0.3, -0.2), atol=1e-9)
+    laser = model.sensor("laser_link")
+    np.testing.assert_allclose(laser.base_from_sensor.translation, (0.1, 0.05, 0.4), atol=1e-9)
+    assert laser.base_from_sensor.to_se2().yaw == pytest.approx(math.pi / 2)
+    assert model.limits.vx_max == 0.6
+    assert robot.lidars["laser_link"].columns == 360
+    assert robot.lidars["laser_link"].sigma_0 == SCANNER_360.sigma_0
+    assert robot.imu == MEMS_IMU
+    twice = np.roll(model.footprint, -1, axis=0)
+    assert np.sum(model.footprint[:, 0] * twice[:, 1] - model.footprint[:, 1] * twice[:, 0]) > 0, "counter-clockwise"
+
+
+def test_it_drives_and_measures_a_wall(tmp_path: Path, wall_ahead: WorldSpec) -> None:
+    simulation = Simulation(wall_ahead, robot_named(str(write(tmp_path))), SimulationConfig(0, True))
+    for _ in range(20):
+        simulation.command(BodyVelocity(0.5, 0.0, 0.0))
+        out = simulation.step(simulation.now_ns + 50_000_000)
+    x = simulation.map_from_base.translation[0]
+    assert x == pytest.approx(0.5 - 0.5 * 0.5 / 2.0, abs=0.05)
+    scan = out.scans[-1] if out.scans else simulation.step(simulation.now_ns + 100_000_000).scans[-1]
+    ahead = round((-math.pi / 2 - scan.angle_min) / scan.angle_increment)
+    assert scan.ranges[ahead] == pytest.approx(3.0 - 0.1 - x, abs=0.06)
+
+
+@pytest.mark.parametrize("name", ["part.stl", "ascii.stl", "part.obj"])
+def test_meshes_count_by_their_hull(name: str, tmp_path: Path) -> None:
+    corners = [(0.4, 0.3, 0), (-0.4, 0.3, 0), (-0.4, -0.3, 0), (0.4, -0.3, 0.25)]
+    mesh = tmp_path / "cart" / "meshes" / name
+    mesh.parent.mkdir(parents=True)
+    if name == "part.stl":
+        faces = [(corners[0], corners[1], corners[2]), (corners[0], corners[2], corners[3])]
+        rows = b"".join(struct.pack("<12fH", 0, 0, 1, *(v for c in f for v in c), 0) for f in faces)
+        mesh.write_bytes(b"binary".ljust(80, b" ") + struct.pack("<I", 2) + rows)
+    elif name == "ascii.stl":
+        mesh.write_text("solid x\nfacet normal 0 0 1\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners))
+    else:
+        mesh.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\n")
+    geometry = f'<mesh filename="package://cart/meshes/{name}" scale="1 1 2"/>'
+    text = INTEGRATOR.replace('<box size="0.6 0.4 0.2"/>', geometry).replace(
+        'radius="0.2" length="0.1"', 'radius="0.05" length="0.1"'
+    )
+    (tmp_path / "cart" / "urdf").mkdir()
+    robot = robot_named(str(write(tmp_path / "cart" / "urdf", text)))
+    np.testing.assert_allclose(np.ptp(robot.model.footprint, axis=0), (0.8, 0.6), atol=1e-6)
+    assert robot.model.body_height == pytest.approx(0.1 + 0.1 + 0.5)
+
+
+def test_several_scanners_get_a_virtual_one(tmp_path: Path) -> None:
+    extra = '<lidar link="mast" model="safety_270" window_deg="-134 130"/>'
+    text = INTEGRATOR.replace(
+        "<limits", extra.replace("window_deg", "window").replace("-134 130", "-2.3 2.2") + "<limits"
+    )
+    model = robot_named(str(write(tmp_path, text))).model
+    assert [m.frame for m in model.scanners] == ["mast", "laser_link"]
+    assert model.sensor("mast").azimuth == (-2.3, 2.2)
+    assert model.sensor(MERGED_FRAME).base_from_sensor.translation[2] == pytest.approx(0.35)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ('<lidar link="laser_link"', '<lidar link="lazer"', "lazer"),
+        ('columns="360"', 'columns="many"', "columns"),
+        ('columns="360"', 'colums="360"', "colums"),
+        ('columns="360"', 'model="hal_9000"', "hal_9000"),
+        ("<limits", "<limit", "<limit>"),
+        ('<ambler>', '<ambler drive="wings">', "wings"),
+        ('<ambler>', '<ambler drive="omni">', "mecanum"),
+        ('<parent link="mast"/>', '<parent link="mist"/>', "mist"),
+        ('<parent link="mast"/>', '<parent link="laser_link"/>', "circle"),
+        ('<parent link="mast"/>', "", "parent"),
+        ('<link name="mast"/>', "<link/>", "has no name"),
+        ('<link name="mast"/>', '<link name="mast"/><link name="alone"/>', "alone"),
+        ('size="0.6 0.4 0.2"', 'size="0.6 0.4"', "size"),
+        ('size="0.6 0.4 0.2"', 'size="0.6 0.4 nan"', "size"),
+        ('<box size="0.6 0.4 0.2"/>', '<mesh filename="package://no/such.stl"/>', "such.stl"),
+        ('<box size="0.6 0.4 0.2"/>', "<capsule/>", "capsule"),
+        ('<mass value="20"/>', '<mass value="-20"/>', "negative"),
+        ("</robot>", "", "XML"),
+        ("<robot name", "<robots name", "XML"),
+        ('<robot name="cart">', '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]><robot name="cart">', "DOCTYPE"),
+        ("<ambler>", '<ambler><footprint points="0 0 1 0"/>', "footprint"),
+        ("<ambler>", '<ambler><footprint points="0 0 1 0 0.1 0.1 0 1"/>', "convex"),
+    ],
+)  # fmt: skip
+def test_mistakes_get_one_clear_line(old: str, new: str, place: str, tmp_path: Path) -> None:
+    assert old in INTEGRATOR
+    with pytest.raises(BadInputError, match=re.escape(place)) as caught:
+        robot_named(str(write(tmp_path, INTEGRATOR.replace(old, new))))
+    assert "\n" not in str(caught.value)
+    assert "robot.urdf" in str(caught.value)
+
+
+def test_the_command_exports_and_shows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "amr.urdf"
+    assert main(["robot", "export", "amr_omni", str(path)]) == 0
+    assert main(["robot", "show", str(path)]) == 0
+    assert "amr_omni: omni drive, 1.20 x 0.80 m, 150 kg" in capsys.readouterr().out
+    assert main(["robot", "show", str(tmp_path / "none.urdf")]) == 2
+    assert main(["robot", "export", "amr_omni", str(tmp_path / "no" / "folder.urdf")]) == 2
