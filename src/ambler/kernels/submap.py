@@ -40,7 +40,8 @@ def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
     for _ in range(abs(ex - ix) + abs(ey - iy)):
         if 0 <= ix < width and 0 <= iy < height:
             n = _update(cells, iy, ix, table, touched, n)
-        if next_x < next_y:
+        # Never past the end cell: on a border (x0 an integer, dx = 0) `next_x` is 0, and near an end both carry rounding.
+        if ix != ex and (iy == ey or next_x < next_y):
             next_x += delta_x
             ix += step_x
         else:

@@ -1,0 +1,1 @@
+"""Tests of the probability grids: their numbers, scan insertion, growth and composition."""

@@ -1,0 +1,188 @@
+"""Scan insertion: the kernel against its slow twin, growth, cropping, repetition."""
+
+import math
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from ambler.core.se2 import SE2
+from ambler.grids.probability import update_table
+from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
+from ambler.kernels import submap as kernels
+from tests.grids.slow_twin import Cell, cells_of_segment, clipped_length, in_cells, insert_slowly
+from tests.registration.room import random_pose, scan_at
+
+CONFIG = InsertionConfig()
+NONE = np.zeros((0, 2), np.float32)
+SEEDS = st.integers(0, 10**6)
+QUARTERS = st.integers(0, 48).map(lambda k: 0.25 * k)
+
+
+def random_scan(rng: np.random.Generator, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return origin, points and free points anywhere within `spread` metres."""
+    origin = rng.uniform(-0.5 * spread, 0.5 * spread, 2)
+    points = rng.uniform(-spread, spread, (int(rng.integers(0, 25)), 2)).astype(np.float32)
+    free_points = rng.uniform(-spread, spread, (int(rng.integers(0, 8)), 2)).astype(np.float32)
+    return origin, points, free_points
+
+
+def known_cells(grid: ProbabilityGrid) -> dict[Cell, int]:
+    """Return the known cells by their place on the lattice through the frame's origin."""
+    corner = np.rint(grid.frame[1:] / grid.frame[0]).astype(int)
+    assert np.abs(corner * grid.frame[0] - grid.frame[1:]).max() < 1e-9
+    rows, columns = np.nonzero(grid.cells)
+    return {
+        (int(iy + corner[1]), int(ix + corner[0])): int(grid.cells[iy, ix])
+        for iy, ix in zip(rows, columns, strict=True)
+    }
+
+
+def cleared_cells(start: tuple[float, float], end: tuple[float, float], size: int = 16) -> set[Cell]:
+    """Return the cells that a single ray without return changes, in a grid of 1 m cells whose corner is the origin."""
+    cells = np.zeros((size, size), np.uint16)
+    table = update_table(CONFIG.p_miss)
+    ends = np.array([end], np.float32)
+    frame = np.array([1.0, 0.0, 0.0])
+    kernels.insert_scan(cells, np.array(start), NONE, ends, frame, table, table, np.empty(size * size, np.int64))
+    return {(int(iy), int(ix)) for iy, ix in zip(*np.nonzero(cells), strict=True)}
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS)
+def test_insertion_equals_the_slow_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    inserter, grid, twin = Inserter(CONFIG), ProbabilityGrid(0.05, (0.0, 0.0), 5.0), ProbabilityGrid(0.05, (0, 0), 5.0)
+    for _ in range(3):
+        scan = random_scan(rng, 2.0)
+        changed = inserter.insert(grid, *scan)
+        assert grid.cells.shape == twin.cells.shape
+        assert changed == len(insert_slowly(twin, CONFIG, *scan))
+        assert np.array_equal(grid.cells, twin.cells)
+
+
+def test_insertion_in_the_room_equals_the_slow_twin() -> None:
+    rng = np.random.default_rng(0)
+    inserter, grid, twin = Inserter(CONFIG), ProbabilityGrid(0.05, (0, 0), 20.0), ProbabilityGrid(0.05, (0, 0), 20.0)
+    for _ in range(2):
+        pose = random_pose(rng)
+        points = pose.transform(scan_at(pose).points).astype(np.float32)
+        origin = np.array([pose.x, pose.y])
+        inserter.insert(grid, origin, points, NONE)
+        insert_slowly(twin, CONFIG, origin, points, NONE)
+    assert np.array_equal(grid.cells, twin.cells)
+    assert (grid.cells < 32768).all()
+
+
+@settings(max_examples=150, deadline=None)
+@given(QUARTERS, QUARTERS, QUARTERS, QUARTERS)
+@example(3.0, 2.5, 3.0, 9.5)  # along a border, up
+@example(3.0, 9.5, 3.0, 2.5)  # down
+@example(2.5, 4.0, 9.5, 4.0)
+@example(9.5, 4.0, 2.5, 4.0)
+@example(0.0, 0.0, 12.0, 12.0)  # through corners only
+def test_rays_on_borders_and_corners_clear_what_they_touch(x0: float, y0: float, x1: float, y1: float) -> None:
+    start, end = np.array([x0, y0]), np.array([x1, y1])
+    cells = cleared_cells((x0, y0), (x1, y1))
+    end_cell = (math.floor(y1), math.floor(x1))
+    begin = (math.floor(y0), math.floor(x0))
+    assert end_cell not in cells
+    assert len(cells) == abs(end_cell[0] - begin[0]) + abs(end_cell[1] - begin[1])
+    for iy in range(16):
+        for ix in range(16):
+            if (iy, ix) == end_cell:
+                continue
+            if clipped_length(start, end, (iy, ix), -1e-9) > 1e-9:  # through the inside
+                assert (iy, ix) in cells
+            if clipped_length(start, end, (iy, ix), 1e-9) < 0.0:  # not even its border
+                assert (iy, ix) not in cells
+
+
+@settings(max_examples=100, deadline=None)
+@given(SEEDS)
+def test_rays_nearly_along_the_lattice_clear_just_what_they_cross(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(20.0, 80.0, 2)
+    angle = rng.choice([0.0, 0.5, 1.0, 1.5]) * np.pi + rng.choice([0.0, 0.25]) * np.pi + rng.normal(0.0, 1e-3)
+    end = (start + 19.0 * np.array([np.cos(angle), np.sin(angle)])).astype(np.float32)
+    cells = cleared_cells((start[0], start[1]), (end[0], end[1]), 101)
+    assert cells == set(cells_of_segment(start, end.astype(np.float64)))
+
+
+def test_a_cell_hit_and_crossed_by_one_scan_counts_as_hit_once() -> None:
+    grid = ProbabilityGrid(0.05, (0.0, 0.0), 4.0)
+    points = np.array(
+        [[0.52, 0.02], [0.53, 0.03], [1.02, 0.02]], np.float32
+    )  # the third ray crosses the first one's cell
+    Inserter(CONFIG).insert(grid, np.array([0.02, 0.02]), points, NONE)
+    cells = known_cells(grid)
+    hit, miss = int(update_table(CONFIG.p_hit)[0]), int(update_table(CONFIG.p_miss)[0])
+    assert cells == {(0, k): miss for k in range(20)} | {(0, 10): hit, (0, 20): hit}
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS)
+@example(155)
+def test_growth_and_cropping_move_no_cell(seed: int) -> None:
+    """For points in general position: one within 1e-13 m of a border falls to either side, as the corner's rounding has it."""
+    rng = np.random.default_rng(seed)
+    center = rng.uniform(-3.0, 3.0, 2)
+    inserter = Inserter(CONFIG)
+    small, large = ProbabilityGrid(0.05, (center[0], center[1]), 0.5), ProbabilityGrid(0.05, (0.0, 0.0), 22.0)
+    shape = large.cells.shape
+    for _ in range(4):
+        scan = random_scan(rng, float(rng.uniform(0.2, 9.0)))
+        inserter.insert(small, *scan)
+        inserter.insert(large, *scan)
+        assert known_cells(small) == known_cells(large)
+        if rng.random() < 0.3:
+            small.crop(int(rng.integers(0, 4)))
+            assert known_cells(small) == known_cells(large)
+    assert large.cells.shape == shape
+
+
+def test_cropping_leaves_just_the_margin_and_empty_grids_alone() -> None:
+    grid = ProbabilityGrid(0.05, (0.0, 0.0), 4.0)
+    before = grid.cells.shape
+    grid.crop()
+    assert grid.cells.shape == before
+    Inserter(CONFIG).insert(grid, np.array([0.02, 0.02]), np.array([[0.52, 0.32]], np.float32), NONE)
+    grid.crop(3)
+    assert grid.cells.shape == (7 + 6, 11 + 6)
+    assert grid.spec.cell_of(0.02, 0.02) == (3, 3)
+    assert grid.spec.cell_of(0.52, 0.32) == (9, 13)
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS)
+def test_growth_contains_all_points_with_a_margin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    grid = ProbabilityGrid(0.05, (0.0, 0.0), 1.0)
+    points = rng.uniform(-20.0, 20.0, (3, 2))
+    grid.grow_to(points, NONE)
+    cells = in_cells(points, grid.frame)
+    assert cells.min() >= 4.0
+    assert (cells.max(axis=0) <= np.array(grid.cells.shape[::-1]) - 4).all()
+    frame, cells_before = grid.frame.copy(), grid.cells
+    grid.grow_to(points)
+    assert np.array_equal(grid.frame, frame)
+    assert grid.cells is cells_before
+
+
+def test_repetition_makes_cells_surer_up_to_the_clamps() -> None:
+    pose = SE2(0.3, -0.4, 0.2)
+    points, origin = pose.transform(scan_at(pose).points).astype(np.float32), np.array([0.3, -0.4])
+    inserter, grid = Inserter(CONFIG), ProbabilityGrid(0.05, (0.0, 0.0), 20.0)
+    inserter.insert(grid, origin, points, NONE)
+    first = grid.cells.astype(int)
+    before = first
+    is_hit, is_miss = first > 16384, (first > 0) & (first < 16384)
+    for _ in range(80):
+        inserter.insert(grid, origin, points, NONE)
+        now = grid.cells.astype(int)
+        assert (now[is_hit] >= before[is_hit]).all()
+        assert (now[is_miss] <= before[is_miss]).all()
+        assert (now[first == 0] == 0).all()
+        before = now
+    assert (before[is_hit] == 32767).all()
+    assert (before[is_miss] == 1).all()
