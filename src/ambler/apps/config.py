@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -16,6 +17,7 @@ from ambler.grids.probability_grid import InsertionConfig
 from ambler.missions.explore_commands import ExploreConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.planar import PlanarConfig
+from ambler.perception.scanner_profile import ScannerCalibration
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
 from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
@@ -35,6 +37,7 @@ class ExplorerConfig:
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)
+    scanners: Mapping[str, ScannerCalibration] = field(default_factory=dict)
 
 
 # A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood; passing rays count for more than Cartographer's

@@ -19,6 +19,7 @@ from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
 from ambler.perception.merger import MergerConfig
+from ambler.perception.scanner_profile import calibrated_robot, with_clock_offsets
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner
 from ambler.runtime.node import Node
@@ -26,9 +27,14 @@ from ambler.runtime.node import Node
 
 def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
     """Return everything between the sensors and the base: SLAM, planning, control, exploration, and the gate."""
+    robot = calibrated_robot(robot, config.scanners)
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
     survey = FrontierSurvey(config.survey, distances)
-    merger = [ScanMergerNode(MergerConfig.from_robot(robot))] if len(robot.scanners) > 1 else []
+    merger = (
+        [ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners))]
+        if len(robot.scanners) > 1
+        else []
+    )
     return [
         *merger,
         Slam2dNode(robot, config.slam2d),

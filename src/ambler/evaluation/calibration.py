@@ -64,8 +64,8 @@ class CalibrationErrors:
 def simulate_drive(seed: int, drive: DriveKind, seconds: float = 60.0, scanner_count: int = 3) -> CalibrationDrive:
     """Drive through a room with boxes, turning both ways; every sensor and the wheels have their full noise."""
     rng = named_generator(seed, "calibration drive")
-    times, velocities, track = _motion(rng, drive, seconds)
-    scene = build_scene(_room(rng))
+    times, velocities, track = calibration_motion(rng, drive, seconds)
+    scene = build_scene(calibration_room(rng))
     robot = _robot(drive)
     odometry = _odometry(robot, times, velocities, drive, seed)
     scans, scanners, mounts, offsets = {}, [], [], []
@@ -74,7 +74,9 @@ def simulate_drive(seed: int, drive: DriveKind, seconds: float = 60.0, scanner_c
         mount = SE2(rng.uniform(-0.6, 0.6), rng.uniform(-0.4, 0.4), rng.uniform(-math.pi, math.pi))
         offset = float(rng.uniform(-LARGEST_OFFSET, LARGEST_OFFSET))
         truth = ScannerConfig.planar(frame, mount, SCANNER_HEIGHT, upside_down=upside_down)
-        scans[frame] = _record(scene, truth, track, offset, float(rng.uniform(0.0, 0.04)), seconds, seed)
+        phase = float(rng.uniform(0.0, 0.04))
+        recorded = record_scanner(scene, truth, SAFETY_SCANNER, track, offset, phase, seconds, seed)
+        scans[frame] = [_cut(scan, SAFETY_SCANNER) for scan in recorded]
         scanners.append(ScannerConfig.planar(frame, SE2(), SCANNER_HEIGHT, upside_down=upside_down))
         mounts.append(mount)
         offsets.append(offset)
@@ -97,7 +99,7 @@ def evaluate_drive(drive: CalibrationDrive) -> CalibrationErrors:
     return CalibrationErrors(float(worst[0]), float(worst[1]), float(worst[2]), float(np.mean(nees)), result)
 
 
-def _motion(rng: np.random.Generator, drive: DriveKind, seconds: float) -> tuple[F64, F64, PlanarTrack]:
+def calibration_motion(rng: np.random.Generator, drive: DriveKind, seconds: float) -> tuple[F64, F64, PlanarTrack]:
     """Return times (N,), body velocities (N, 3) that hold until the next time, and the base's true path.
 
     Sines of random periods; drawn again until the path stays within 2.5 m of its start.
@@ -116,7 +118,7 @@ def _motion(rng: np.random.Generator, drive: DriveKind, seconds: float) -> tuple
             return times, velocities, PlanarTrack(times, path)
 
 
-def _room(rng: np.random.Generator) -> WorldSpec:
+def calibration_room(rng: np.random.Generator) -> WorldSpec:
     """A room of about 10 × 9 m about the start, with boxes and pillars along its walls."""
     solids = []
     for k, (x, y, length, turn) in enumerate(((5, 0, 9, 0.5), (-5, 0, 9, 0.5), (0, 4.5, 10, 0.0), (0, -4.5, 10, 0.0))):
@@ -150,11 +152,17 @@ def _odometry(robot: SimRobot, times: F64, velocities: F64, drive: DriveKind, se
     ]
 
 
-def _record(
-    scene: RayScene, truth: ScannerConfig, track: PlanarTrack, offset: float, phase: float, seconds: float, seed: int
+def record_scanner(
+    scene: RayScene,
+    truth: ScannerConfig,
+    spec: LidarSpec,
+    track: PlanarTrack,
+    offset: float,
+    phase: float,
+    seconds: float,
+    seed: int,
 ) -> list[LaserScan]:
     """Record one scanner from half a second on; its stamps are `offset` seconds ahead."""
-    spec = SAFETY_SCANNER
     sensor = LidarSensor(spec, truth.frame, scene, seed)
     mount = truth.base_from_sensor
     knots = np.linspace(0.0, spec.period, 9)
@@ -163,7 +171,7 @@ def _record(
         begin = 0.5 + phase + n * spec.period
         poses = [SE3.from_se2(SE2(*p)) @ mount for p in track.at(begin + knots).tolist()]
         sensor.sweep(knots, np.array([p.translation for p in poses]), np.array([p.rotation for p in poses]))
-        scans.append(_cut(sensor.to_scan(round((begin + offset) * 1e9)), spec))
+        scans.append(sensor.to_scan(round((begin + offset) * 1e9)))
     return scans
 
 

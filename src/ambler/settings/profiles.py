@@ -11,7 +11,7 @@ import enum
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
@@ -107,6 +107,18 @@ def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]
             raise BadInputError(f"configuration {where}{key}: no such name; there are {', '.join(sorted(fields))}")
         elif dataclasses.is_dataclass(hints[key]) and isinstance(value, Mapping):
             out[key] = _radians(hints[key], value, f"{where}{key}.")
+        elif isinstance(value, Mapping) and (member := _member_kind(hints[key])) is not None:
+            out[key] = {
+                name: _radians(member, inner, f"{where}{key}.{name}.") if isinstance(inner, Mapping) else inner
+                for name, inner in value.items()
+            }
         else:
             out[key] = value
     return out
+
+
+def _member_kind(hint: Any) -> Any:
+    """Return the dataclass that a mapping's values are, None for anything else."""
+    arguments = get_args(hint)
+    is_mapping = get_origin(hint) is Mapping and len(arguments) == 2
+    return arguments[1] if is_mapping and dataclasses.is_dataclass(arguments[1]) else None

@@ -1,0 +1,71 @@
+"""Calibrated scanners in a robot's profile: where each one sits, what its clock is ahead, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from ambler.core.errors import BadInputError
+from ambler.core.robot import RobotModel, SensorMount
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.perception.merger_config import MergerConfig
+from ambler.perception.scan_calibration import CalibrationResult, ScannerEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class ScannerCalibration:
+    """One scanner in the base frame: metres and radians, the clock's lead in seconds, and their standard deviations. Height, roll and
+    pitch stay those of the robot's model."""
+
+    x: float
+    y: float
+    yaw: float
+    clock_offset: float = 0.0
+    sigma_x: float = 0.0
+    sigma_y: float = 0.0
+    sigma_yaw: float = 0.0
+    sigma_clock_offset: float = 0.0
+
+    @classmethod
+    def from_estimate(cls, estimate: ScannerEstimate) -> ScannerCalibration:
+        """Take over an estimate."""
+        mount = estimate.base_from_scanner
+        return cls(mount.x, mount.y, mount.yaw, estimate.clock_offset, *(float(s) for s in estimate.sigma))
+
+    def applied_to(self, base_from_sensor: SE3) -> SE3:
+        """Return a mount with the calibrated x, y and yaw, and its own height, roll and pitch."""
+        z = base_from_sensor.translation[2]
+        tilt = SE3.from_se2(base_from_sensor.to_se2(), z).inverse() @ base_from_sensor
+        return SE3.from_se2(SE2(self.x, self.y, self.yaw), z) @ tilt
+
+
+ScannerCalibrations = Mapping[str, ScannerCalibration]
+
+
+def scanner_calibrations(result: CalibrationResult) -> dict[str, ScannerCalibration]:
+    """Return the section `scanners` of a profile."""
+    return {estimate.frame: ScannerCalibration.from_estimate(estimate) for estimate in result.scanners}
+
+
+def calibrated_robot(robot: RobotModel, calibrations: ScannerCalibrations) -> RobotModel:
+    """Return the robot with its scanners where they really sit; raises BadInputError for a scanner that it does not have."""
+    own = {mount.frame for mount in robot.scanners}
+    for frame in calibrations:
+        if frame not in own:
+            raise BadInputError(f"robot {robot.name} has no scanner {frame!r} to calibrate, only {sorted(own)}")
+    return replace(robot, sensors=tuple(_calibrated(mount, calibrations) for mount in robot.sensors))
+
+
+def with_clock_offsets(config: MergerConfig, calibrations: ScannerCalibrations) -> MergerConfig:
+    """Return the merger's configuration with the scanners' clock offsets."""
+    scanners = tuple(
+        replace(s, clock_offset=calibrations[s.frame].clock_offset) if s.frame in calibrations else s
+        for s in config.scanners
+    )
+    return replace(config, scanners=scanners)
+
+
+def _calibrated(mount: SensorMount, calibrations: ScannerCalibrations) -> SensorMount:
+    found = calibrations.get(mount.frame)
+    return mount if found is None else replace(mount, base_from_sensor=found.applied_to(mount.base_from_sensor))
