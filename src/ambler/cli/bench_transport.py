@@ -1,4 +1,4 @@
-"""`ambler bench transport`: encoding beside rosbags, recording beside the writer of the mcap package, the live view's toll."""
+"""`ambler bench transport`: encoding beside rosbags, what a recording costs, the live view's toll."""
 
 from __future__ import annotations
 
@@ -74,13 +74,11 @@ def _encode_with_rosbags(codec: Codec, message: Message) -> bytes:
 
 
 def _recording_fields(traffic: list[Delivered]) -> dict[str, float]:
-    """Processor time and bytes per second of traffic, encoding included; the peer writes the same bytes with `mcap`."""
+    """Processor time and bytes per second of traffic, encoding included."""
     import tempfile
 
-    from mcap.writer import Writer
-
     from ambler.bridges.recorder import Recorder
-    from ambler.wire.ros_messages import encode, message_definition, ros_type_of
+    from ambler.wire.ros_messages import message_definition, ros_type_of
 
     for topic, _, _ in traffic:
         message_definition(ros_type_of(topic.type))  # made once per process, so outside of the measurement
@@ -92,23 +90,9 @@ def _recording_fields(traffic: list[Delivered]) -> dict[str, float]:
         recorder.close()
         ours = time.process_time() - started
         size = sum(file.stat().st_size for file in recorder.folder.iterdir())
-        started = time.process_time()
-        with (Path(folder) / "peer.mcap").open("wb") as stream:
-            writer: Any = Writer(stream)
-            writer.start("ros2", "peer")
-            channels: dict[str, int] = {}
-            for topic, message, time_ns in traffic:
-                if topic.name not in channels:
-                    ros_type = ros_type_of(topic.type)
-                    schema = writer.register_schema(ros_type, "ros2msg", message_definition(ros_type).encode())
-                    channels[topic.name] = writer.register_channel(topic.ros_name, "cdr", schema)
-                writer.add_message(channels[topic.name], time_ns, encode(message), time_ns)
-            writer.finish()
-        peer = time.process_time() - started
     return {
         "messages_per_s": len(traffic) / SECONDS,
         "recording_cpu_ms_per_s": 1e3 * ours / SECONDS,
-        "recording_peer_mcap_cpu_ms_per_s": 1e3 * peer / SECONDS,
         "recording_kb_per_s": 1e-3 * size / SECONDS,
     }
 

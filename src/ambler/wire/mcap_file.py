@@ -1,9 +1,9 @@
 """Recordings: a rosbag2 folder of MCAP files (`recording_0.mcap`, ...) and `metadata.yaml`, playable by `ros2 bag play`.
 
-Each file has the profile `ros2`, schemas `ros2msg`, messages `cdr`, zstd chunks with CRC and indexes. A chunk is closed and
-handed to the operating system after every second of log time, so a crash costs at most that second. Nothing depends on the
-wall clock: the same messages give the same bytes. A topic with several writers (`/tf`) has one channel for each, with the
-writer's name in the channel's metadata.
+Each file has the profile `ros2`, schemas `ros2msg`, messages `cdr`, zstd chunks with CRC and indexes, written by the `mcap`
+package. What is written is handed to the operating system after every second of log time, so a crash costs at most that second and
+the chunk in progress. Nothing depends on the wall clock: the same messages give the same bytes. A topic with several writers
+(`/tf`) has one channel for each, with the writer's name in the channel's metadata.
 """
 
 from __future__ import annotations
@@ -11,13 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from mcap.writer import Writer
+
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
-from ambler.wire.mcap_writer import McapWriter
 from ambler.wire.ros_messages import encode, message_definition, ros_type_of
 from ambler.wire.rosbag_metadata import FileSummary, TopicSummary, qos_text, write_metadata
 
 _LIBRARY = "ambler"
+CHUNK_BYTES = 64 << 10
 
 
 @dataclass(slots=True)
@@ -39,16 +41,19 @@ class _File:
         self.bytes_written = 0
         self._flushed_ns = 0
         self._stream = path.open("xb")
-        self._writer = McapWriter(self._stream, "ros2", _LIBRARY)
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
+        self._writer.start("ros2", _LIBRARY)
         self._stream.flush()
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
+        self._sequences: dict[int, int] = {}
 
     def add(self, topic: _Topic, data: bytes, log_time_ns: int, publish_time_ns: int, writer: str) -> None:
         channel = self._channels.get((topic.name, writer))
         if channel is None:
             channel = self._register(topic, writer)
-        self._writer.add_message(channel, log_time_ns, data, publish_time_ns)
+        self._writer.add_message(channel, log_time_ns, data, publish_time_ns, self._sequences[channel])
+        self._sequences[channel] = (self._sequences[channel] + 1) & 0xFFFFFFFF
         if self.count == 0:
             self.start_ns = self.end_ns = self._flushed_ns = log_time_ns
         self.start_ns = min(self.start_ns, log_time_ns)
@@ -58,11 +63,11 @@ class _File:
 
     def flush_if_older(self, log_time_ns: int, period_ns: int) -> None:
         if log_time_ns - self._flushed_ns >= period_ns:
-            self._writer.close_chunk()
+            self._stream.flush()
             self._flushed_ns = log_time_ns
 
     def close(self) -> FileSummary:
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
         return FileSummary(self.name, self.start_ns, self.end_ns, self.count)
 
@@ -70,12 +75,13 @@ class _File:
         schema = self._schemas.get(topic.ros_type)
         if schema is None:
             text = message_definition(topic.ros_type).encode()
-            schema = self._schemas[topic.ros_type] = self._writer.add_schema(topic.ros_type, "ros2msg", text)
+            schema = self._schemas[topic.ros_type] = self._writer.register_schema(topic.ros_type, "ros2msg", text)
         metadata = {"offered_qos_profiles": qos_text(topic.is_latched)}
         if writer:
             metadata["writer"] = writer
-        channel = self._writer.add_channel(topic.name, "cdr", schema, metadata)
+        channel = self._writer.register_channel(topic.name, "cdr", schema, metadata)
         self._channels[topic.name, writer] = channel
+        self._sequences[channel] = 0
         return channel
 
 
