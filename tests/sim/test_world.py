@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -31,7 +32,83 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_the_worlds_of_the_issue_are_there() -> None:
-    assert {"lab_empty", "lab_obstacle", "office"} <= set(world_names())
+    wanted = {"lab_empty", "lab_obstacle", "office", "warehouse", "maze", "corridor", "building"}
+    assert wanted <= set(world_names())
+
+
+@pytest.mark.parametrize("name", ["warehouse", "maze", "corridor", "building"])
+def test_every_robot_can_get_around_and_turn_in_the_wide_worlds(name: str) -> None:
+    """A disc of 0.65 m, which passes openings of 1.5 m, comes near every place where `amr_omni` can stand at all."""
+    world = load_world(name)
+    spec, wide = reachable_cells(world, 0.65, 0.1, 0.25)
+    _, narrow = reachable_cells(world, 0.42, 0.1, 0.25)
+    near = ndimage.distance_transform_edt(~wide) * spec.resolution < 0.75
+    assert (narrow & near).sum() > 0.97 * narrow.sum()
+    assert ndimage.label(narrow)[1] == 1
+    size = {"warehouse": 250, "maze": 60, "corridor": 90, "building": 280}[name]
+    assert narrow.sum() * 0.01 > size
+
+
+def test_the_corridor_is_long_and_has_few_features() -> None:
+    x0, y0, x1, y1 = load_world("corridor").bounds()
+    assert x1 - x0 == pytest.approx(60.12)
+    assert y1 - y0 < 4.7
+    assert len(load_world("corridor").solids) == 14
+
+
+def test_racks_stand_on_posts_and_their_empty_bays_can_be_passed() -> None:
+    world = load_world("warehouse")
+    names = [s.name for s in world.solids]
+    assert names.count("rack_a_post") == 14
+    assert names.count("rack_a_pallet") == 5
+    spec, reached = reachable_cells(world, 0.5, 0.1, 0.25)
+    bay = world.world_from_start.inverse() @ SE2(6.0 + 3.5 * 2.7, 3.35, 0.0)
+    assert reached[spec.cell_of(bay.x, bay.y)]
+
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+
+
+@pytest.mark.parametrize("name", ["easy/img_1", "medium/img_10", "complex/img_100"])
+def test_pictures_of_the_exploration_benchmark_are_worlds(name: str) -> None:
+    path = DATA / "exploration" / f"{name}.png"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    world = load_world(path)
+    collider = FootprintCollider(world, robot_named("amr_omni"))
+    assert all(not collider.overlapping(SE2(0.0, 0.0, 0.1 * k)) for k in range(63))
+    _, reached = reachable_cells(world, 0.5, 0.1, 0.25)
+    assert reached.sum() * 0.01 > 200.0
+    # The block that marks the start is where the robot starts.
+    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[::-1]
+    start = world.world_from_start
+    assert abs(int(pixels[int(start.y / 0.1), int(start.x / 0.1)]) - 203) <= 2
+
+
+@pytest.mark.parametrize("name", ["depot", "ac109_3"])
+def test_public_maps_are_worlds(name: str) -> None:
+    path = DATA / "maps" / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    world = load_world(path)
+    collider = FootprintCollider(world, robot_named("diff"))
+    assert not collider.overlapping(SE2())
+    _, reached = reachable_cells(world, 0.3, 0.05, 0.25)
+    assert reached.sum() * 0.0025 > {"depot": 100.0, "ac109_3": 0.9}[name]
+
+
+def test_a_picture_without_a_start_begins_in_the_widest_place(tmp_path: Path) -> None:
+    pixels = np.full((60, 80), 127, np.uint8)
+    pixels[10:30, 10:30] = 194
+    pixels[20:24, 30:70] = 194
+    cv2.imwrite(str(tmp_path / "p.png"), pixels)
+    world = load_world(tmp_path / "p.png")
+    assert world.world_from_start.distance_to(SE2(2.0, 4.0, 0.0)) < 0.2
+    with pytest.raises(BadInputError, match="not on a free cell"):
+        load_world(tmp_path / "p.png", start=SE2(0.5, 0.5, 0.0))
+    (tmp_path / "broken.png").write_text("no picture")
+    with pytest.raises(BadInputError, match=r"broken\.png"):
+        load_world(tmp_path / "broken.png")
 
 
 @pytest.mark.parametrize("robot", robot_names())
@@ -97,6 +174,8 @@ def test_the_map_frame_begins_at_the_start_pose(tmp_path: Path) -> None:
         ("start: {x: 0, y: 0}\nboxes: [{center: [0, 0], size: [1, 0, 1]}]", "size"),
         ("start: {x: .nan, y: 0}", "start.x"),
         ("walls: []", "start"),
+        ('start: {x: 0, y: 0}\nracks: [{corner: [0, 0], bays: "1x"}]', "racks.0.bays"),
+        ("start: {x: 0, y: 0}\npeople: [{way: [[0, 0]]}]", "people.0.way"),
         ("extends: world_that_is_not\nstart: {x: 0, y: 0}", "world_that_is_not"),
         ("[1, 2]", "mapping"),
         ("start: {x: 0", "YAML"),

@@ -1,7 +1,8 @@
 """Rays against oriented boxes and cylinders in a bounding volume hierarchy, for the simulator's sensors only.
 
 A primitive is a row of `prims` float64 (P, 15): centre (3), half extents (3), rotation world_from_local row by row (9); a
-cylinder stands along its local z with radius half[0]. `kinds` uint8 (P,): 0 box, 1 cylinder. A node's `bounds` float64 (N, 6)
+cylinder stands along its local z with radius half[0]. `kinds` uint8 (P,): 0 box, 1 cylinder, 2 glass box, which a ray passes
+unless it meets it almost squarely. A node's `bounds` float64 (N, 6)
 are (lower, upper); `counts` > 0 marks a leaf with primitives `firsts ... firsts + counts - 1`, else its children are
 `firsts` and `firsts + 1`. Floor and ceiling are planes of their own.
 
@@ -22,6 +23,8 @@ PACKET = 16
 NOTHING = -1
 FLOOR = -2
 CEILING = -3
+GLASS = 2
+GLASS_COSINE = math.cos(math.radians(12.0))  # beyond this angle a pane sends the light elsewhere
 TINY = 1e-12
 # Rows of a packet float64 (11, PACKET): origin, direction, 1 / direction, nearest distance so far, cosine of incidence.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ, BEST, COSINE = range(11)
@@ -52,8 +55,8 @@ def _count_entering(bounds, node, packet):
 
 
 @jit_ieee
-def _hit_box(prims, k, packet, hit):
-    """Test all rays of the packet against a box; from inside, a ray hits where it leaves."""
+def _hit_box(prims, k, least_cosine, packet, hit):
+    """Test all rays of the packet against a box; from inside, a ray hits where it leaves. Flatter rays than `least_cosine` pass."""
     cx, cy, cz, hx, hy, hz = prims[k, 0], prims[k, 1], prims[k, 2], prims[k, 3], prims[k, 4], prims[k, 5]
     r00, r01, r02 = prims[k, 6], prims[k, 7], prims[k, 8]
     r10, r11, r12 = prims[k, 9], prims[k, 10], prims[k, 11]
@@ -72,8 +75,8 @@ def _hit_box(prims, k, packet, hit):
         t = near if near >= 0.0 else far
         on_x = (t == mx - kx) | (t == mx + kx)
         on_y = (t == my - ky) | (t == my + ky)
-        is_hit = (near <= far) & (t >= 0.0) & (t < packet[BEST, r])
         cosine = abs(dx) if on_x else (abs(dy) if on_y else abs(dz))
+        is_hit = (near <= far) & (t >= 0.0) & (t < packet[BEST, r]) & (cosine >= least_cosine)
         packet[BEST, r] = t if is_hit else packet[BEST, r]
         packet[COSINE, r] = cosine if is_hit else packet[COSINE, r]
         hit[r] = k if is_hit else hit[r]
@@ -144,10 +147,10 @@ def _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, h
         first = firsts[node]
         if counts[node] > 0:
             for k in range(first, first + counts[node]):
-                if kinds[k] == 0:
-                    _hit_box(prims, k, packet, hit)
-                else:
+                if kinds[k] == 1:
                     _hit_cylinder(prims, k, packet, hit)
+                else:
+                    _hit_box(prims, k, GLASS_COSINE if kinds[k] == GLASS else 0.0, packet, hit)
             continue
         along = 0.0
         for j in range(3):
@@ -209,17 +212,39 @@ def _pose_at(times, positions, quaternions, t, start, rotation, origin):
     return k
 
 
+@jit_ieee
+def _cast_movers(movers, mover_kinds, mover_rates, time, base, moved, packet, mover_hit, hit):
+    """Test the packet against primitives that move: where they are `time` seconds after the scan began. Mover d is surface
+    `base` + d."""
+    for d in range(movers.shape[0]):
+        for j in range(15):
+            moved[d, j] = movers[d, j]
+        moved[d, 0] += mover_rates[d, 0] * time
+        moved[d, 1] += mover_rates[d, 1] * time
+        for r in range(PACKET):
+            mover_hit[r] = NOTHING
+        if mover_kinds[d] == 1:
+            _hit_cylinder(moved, d, packet, mover_hit)
+        else:
+            _hit_box(moved, d, 0.0, packet, mover_hit)
+        for r in range(PACKET):
+            if mover_hit[r] != NOTHING:
+                hit[r] = base + d
+
+
 @jit
 def sweep(
-    bounds, firsts, counts, prims, kinds, albedos, floor, ceiling,
+    bounds, firsts, counts, prims, kinds, albedos, floor, ceiling, movers, mover_kinds, mover_rates,
     times, positions, quaternions, column_times, directions, reach, out_distance, out_cosine, out_intensity,
 ):  # fmt: skip
     """Cast the rays of a moving scanner: column c fires its R rays at `column_times[c]` from the sensor's pose at that time.
 
     `times` (K,), `positions` (K, 3), `quaternions` (K, 4, wxyz) are the sensor's poses in the world, K >= 2; `directions`
     float64 (C, R, 3) are unit vectors in the sensor frame. Writes float32 (C, R): exact distance (inf: nothing), cosine of
-    incidence, and intensity = albedo * cosine (floor and ceiling: the last two of `albedos`).
+    incidence, and intensity = albedo * cosine. `albedos` are those of the primitives, floor, ceiling, and movers: primitives
+    (D, 15) outside of the hierarchy, as they are when the scan begins, with velocities (D, 2).
     """
+    moved, mover_hit = np.empty((movers.shape[0], 15)), np.empty(PACKET, np.int64)
     packet, hit, stack = np.empty((11, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
     rotation, origin = np.empty((3, 3)), np.empty(3)
     rings, solids = directions.shape[1], prims.shape[0]
@@ -242,6 +267,8 @@ def sweep(
                 )
             packet[BEST, r] = reach if start + r < rays else -1.0
         _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack)
+        time = column_times[start // rings]
+        _cast_movers(movers, mover_kinds, mover_rates, time, solids + 2, moved, packet, mover_hit, hit)
         for r in range(min(PACKET, rays - start)):
             c = (start + r) // rings
             ring = start + r - c * rings
@@ -315,7 +342,8 @@ def warm_up() -> None:
     directions = rays.reshape(1, 1, 3)
     distance, cosine, intensity, out = (np.zeros((1, 1), np.float32) for _ in range(4))
     sweep(
-        *(*scene, np.ones(3), 0.0, 3.0, times, positions, quaternions, column_times, directions, 10.0),
+        *(*scene, np.ones(4), 0.0, 3.0, prims, np.zeros(1, np.uint8), np.zeros((1, 2))),
+        *(times, positions, quaternions, column_times, directions, 10.0),
         *(distance, cosine, intensity),
     )
     corrupt_ranges(distance, cosine, out, out, *([0.1] * 8), 0.0, 10.0, out)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import VelocityLimits
 from ambler.core.se2 import SE2
+from ambler.sim.solids import Solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +38,7 @@ class Carriage:
 
 
 class Physics(Protocol):
-    """Moves the base. `travel` is what its own encoders (or legs) have counted: (left, right) wheel angles in radians for
-    wheels, (forward, sideways, turn) in metres and radians for legs."""
+    """Moves the base. `travel` is what its own encoders (or legs) have counted, in the order of the robot's `sim.drive`."""
 
     def step(self, target: BodyVelocity) -> None:
         """Advance by one physics step with the wanted body velocity."""
@@ -48,6 +49,10 @@ class Physics(Protocol):
 
     @property
     def travel(self) -> tuple[float, ...]: ...
+
+    def move(self, movers: Sequence[Solid]) -> None:
+        """Put everything that moves by itself (people, doors) to where it is now, always in the same order."""
+        ...
 
     def touches(self) -> tuple[Touch, ...]:
         """Contacts during the last step, with anything but the ground."""

@@ -7,6 +7,7 @@ velocity that the wheels or legs work for (simulation.md §1b).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -30,9 +31,9 @@ WHEEL_GAIN = 10.0
 class ContactPhysics:
     """One robot in one world, in the map frame, starting at the origin."""
 
-    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float) -> None:
+    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> None:
         self._robot = robot
-        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robot, dt))
+        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robot, dt, movers))
         self._data: Any = mujoco.MjData(self._model)
         self._step: Any = mujoco.mj_step
         self._dt = dt
@@ -42,7 +43,8 @@ class ContactPhysics:
         self._feet = [] if self._has_wheels else self._find_feet()
         self._surface = self._model.geom_surfacevel
         self._turned = [0.0] * self._drive.parts
-        self._geom_body = self._model.geom_bodyid.copy()
+        base = self._model.body("base").id
+        self._is_own = self._model.body_rootid[self._model.geom_bodyid] == base
         self._floor = self._model.geom("floor").id
         self._hull_force = self._data.sensordata
         self._speed_before = (0.0, 0.0, 0.0)
@@ -71,6 +73,12 @@ class ContactPhysics:
             return (float(self._qpos[7]), float(self._qpos[8]))
         return tuple(self._turned)
 
+    def move(self, movers: Sequence[Solid]) -> None:
+        """Put everything that moves by itself to where it is now."""
+        for k, solid in enumerate(movers):
+            self._data.mocap_pos[k, 0] = solid.map_from_solid.x
+            self._data.mocap_pos[k, 1] = solid.map_from_solid.y
+
     def touches(self) -> tuple[Touch, ...]:
         """Contacts of the robot's own parts with solids, at the end of the last step."""
         if self._hull_force[0] == 0.0:
@@ -83,7 +91,7 @@ class ContactPhysics:
     def _touch(self, k: int) -> Touch:
         contact = self._data.contact[k]
         a, b = int(contact.geom[0]), int(contact.geom[1])
-        part, solid = (a, b) if self._geom_body[a] else (b, a)
+        part, solid = (a, b) if self._is_own[a] else (b, a)
         x, y, z = (float(p) for p in contact.pos)
         vx, vy, wz = self._speed_before
         cx, cy, _ = self._carriage.position
@@ -122,9 +130,13 @@ class ContactPhysics:
         self._carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
 
 
-def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float) -> str:
-    """Return the MuJoCo model of a world with one robot at the origin."""
-    solids = "\n".join(_solid_xml(k, s) for k, s in enumerate(world.solids))
+def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> str:
+    """Return the MuJoCo model of a world with one robot at the origin; `movers` are bodies that are put where they are."""
+    solids = "\n".join(_solid_xml(k, s, _place(s)) for k, s in enumerate(world.solids))
+    solids += "\n".join(
+        f'<body mocap="true" {_place(s)}>{_solid_xml(len(world.solids) + k, s, "")}</body>'
+        for k, s in enumerate(movers)
+    )
     drive, actuators = _wheels_xml(robot) if robot.has_two_wheels else (_feet_xml(robot), "")
     levels = (robot.body_bottom, robot.model.body_height)
     hull = " ".join(f"{x:.6f} {y:.6f} {z:.6f}" for z in levels for x, y in robot.model.footprint)
@@ -162,14 +174,18 @@ def _hull_size(robot: SimRobot) -> str:
     return f"{0.5 * length + 0.02} {0.5 * width + 0.02} {0.5 * height + 0.02}"
 
 
-def _solid_xml(k: int, s: Solid) -> str:
-    pose, half = s.map_from_solid, 0.5 * (s.z_max - s.z_min)
+def _place(s: Solid) -> str:
+    pose = s.map_from_solid
     turn = f"{math.cos(pose.yaw / 2)!r} 0 0 {math.sin(pose.yaw / 2)!r}"
+    return f'pos="{pose.x!r} {pose.y!r} {0.5 * (s.z_min + s.z_max)!r}" quat="{turn}"'
+
+
+def _solid_xml(k: int, s: Solid, place: str) -> str:
+    half = 0.5 * (s.z_max - s.z_min)
     if s.shape is Shape.BOX:
         kind, size = "box", f"{0.5 * s.size_x!r} {0.5 * s.size_y!r} {half!r}"
     else:
         kind, size = "cylinder", f"{0.5 * s.size_x!r} {half!r}"
-    place = f'pos="{pose.x!r} {pose.y!r} {0.5 * (s.z_min + s.z_max)!r}" quat="{turn}"'
     return f'<geom name={quoteattr(f"{s.name}#{k}")} type="{kind}" size="{size}" {place}/>'
 
 

@@ -1,9 +1,10 @@
-"""A floor plan (PGM + YAML of ROS map_server) as a world: occupied cells become walls, merged into few boxes."""
+"""A floor plan (PGM + YAML of ROS map_server) or a plain picture as a world: occupied cells become walls, merged into few boxes."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -16,6 +17,9 @@ from ambler.wire.map_files import load_map
 
 OCCUPIED = 65
 WALL_HEIGHT = 2.5
+PICTURE_RESOLUTION = 0.1
+PICTURE_SOLID = 150
+START_GREY = 203
 
 
 def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpec:
@@ -31,6 +35,34 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
         raise BadInputError(f"{yaml_path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
     solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(occupancy >= OCCUPIED))]
     return WorldSpec(yaml_path.stem, to_map_frame(solids, start), start)
+
+
+def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:
+    """Read a grey or coloured picture: pixels darker than 150 of 255 are solid, a coloured or differently grey block among the free
+    ones (203 in the exploration benchmark) marks the start; else the robot begins where it is farthest from any wall.
+
+    The lower left corner of the picture is the author's origin. Raises BadInputError.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise BadInputError(f"{path}: not readable as a picture")
+    pixels = image[::-1]
+    spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
+    solid = pixels < PICTURE_SOLID
+    occupancy = np.where(solid, np.int8(100), np.int8(OCC_FREE))
+    if start is None:
+        rows, columns = np.nonzero(np.abs(pixels.astype(int) - START_GREY) <= 2)
+        if len(rows):
+            cell = (round(float(rows.mean())), round(float(columns.mean())))
+            start = SE2(*spec.center_of(*cell), 0.0)
+        else:
+            start = _widest_place(path, spec, occupancy)
+    iy, ix = spec.cell_of(start.x, start.y)
+    if not spec.contains_cell(iy, ix) or solid[iy, ix]:
+        raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
+    surface = solid & ndimage.binary_dilation(~solid, np.ones((3, 3), bool), iterations=2)
+    solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(surface))]
+    return WorldSpec(path.stem, to_map_frame(solids, start), start)
 
 
 def merge_cells(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:

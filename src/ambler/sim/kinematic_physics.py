@@ -6,6 +6,7 @@ Needs no MuJoCo. Collisions are judged in the plane: separating axes of convex p
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +77,10 @@ def circle_overlaps(center: F64, radius: float, polygon: F64) -> bool:
 class KinematicPhysics:
     """One robot in one world, in the map frame, starting at the origin; see `sim.base.Physics`."""
 
-    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float) -> None:
+    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> None:
         self._robot = robot
         self._collider = FootprintCollider(world, robot)
+        self._movers = tuple(movers)
         self._dt = dt
         self._pose = SE2()
         self._drive = drive_of(robot)
@@ -94,12 +96,32 @@ class KinematicPhysics:
             return
         moved = after_strafe_loss(self._robot, target)
         new = self._pose @ SE2.exp(np.array([moved.vx * dt, moved.vy * dt, moved.wz * dt]))
-        hit = self._collider.overlapping(new)
+        hit = self._collider.overlapping(new) + self._overlapping_movers(new)
         if not hit:
             self._pose = new
             return
         speed = math.hypot(target.vx, target.vy) + abs(target.wz) * self._robot.model.circumscribed_radius
         self._touches = tuple(Touch("body", s.name, (new.x, new.y, 0.0), speed, 0.0) for s in hit)
+
+    def move(self, movers: Sequence[Solid]) -> None:
+        """Put everything that moves by itself to where it is now; somebody who walks into the robot touches it."""
+        self._movers = tuple(movers)
+
+    def _overlapping_movers(self, pose: SE2) -> tuple[Solid, ...]:
+        polygon, reach = None, self._robot.model.circumscribed_radius
+        found = []
+        for solid in self._movers:
+            place = solid.map_from_solid
+            if math.hypot(place.x - pose.x, place.y - pose.y) > reach + max(solid.size_x, solid.size_y):
+                continue
+            polygon = pose.transform(self._robot.model.footprint) if polygon is None else polygon
+            if solid.shape is Shape.BOX:
+                is_hit = polygons_overlap(polygon, solid.corners())
+            else:
+                is_hit = circle_overlaps(np.array([place.x, place.y]), 0.5 * solid.size_x, polygon)
+            if is_hit:
+                found.append(solid)
+        return tuple(found)
 
     @property
     def carriage(self) -> Carriage:

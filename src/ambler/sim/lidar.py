@@ -11,6 +11,9 @@ from ambler.sim.scene import RayScene
 from ambler.sim.sensors import LidarSpec, named_generator
 
 F64 = NDArray[np.float64]
+Movers = tuple[F64, NDArray[np.uint8], F64]
+"""Primitives (D, 15), kinds (D,) and velocities (D, 2) of kernels/raycast.py."""
+NO_MOVERS: Movers = (np.zeros((0, 15)), np.zeros(0, np.uint8), np.zeros((0, 2)))
 
 
 class LidarSensor:
@@ -27,12 +30,13 @@ class LidarSensor:
             np.zeros(shape, np.float32) for _ in range(6)
         )
 
-    def sweep(self, times: F64, positions: F64, quaternions: F64) -> None:
-        """Cast one turn; the sensor's poses in the map at `times` (seconds after the first column) are its knots."""
+    def sweep(self, times: F64, positions: F64, quaternions: F64, movers: Movers = NO_MOVERS) -> None:
+        """Cast one turn; the sensor's poses in the map at `times` (seconds after the first column) are its knots, `movers` are
+        where they are at the first column."""
         scene, spec = self._scene, self.spec
         reach = spec.range_max + 1.0
         raycast.sweep(
-            *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling),
+            *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling, *movers),
             *(times, positions, quaternions, self._times, self._directions, reach),
             *(self._distance, self._cosine, self._intensity),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,13 +46,13 @@ class RayScene:
         return distance, hit, cosine
 
 
-def build_scene(world: WorldSpec) -> RayScene:
-    """Build the hierarchy over a world's solids, the floor at z = 0 and the ceiling."""
-    prims = np.array([_primitive(s) for s in world.solids]).reshape(-1, 15)
+def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
+    """Build the hierarchy over a world's solids, the floor at z = 0 and the ceiling; `movers` only give their albedos."""
+    prims = np.array([primitive(s) for s in world.solids]).reshape(-1, 15)
     lower, upper = _boxes_around(prims)
     order, nodes = _split(lower, upper)
     bounds = np.array([n[0] for n in nodes]).reshape(-1, 6)
-    kinds = np.array([s.shape for s in world.solids], np.uint8)
+    kinds = np.array([raycast.GLASS if s.is_glass else s.shape for s in world.solids], np.uint8)
     albedos = np.array([s.albedo for s in world.solids])
     return RayScene(
         bounds,
@@ -59,14 +60,15 @@ def build_scene(world: WorldSpec) -> RayScene:
         np.array([n[2] for n in nodes], np.int32),
         np.ascontiguousarray(prims[order]),
         kinds[order],
-        np.concatenate([albedos[order], [world.floor_albedo, 0.8]]),
+        np.concatenate([albedos[order], [world.floor_albedo, 0.8], [s.albedo for s in movers]]),
         0.0,
         float(world.ceiling),
         order,
     )
 
 
-def _primitive(solid: Solid) -> F64:
+def primitive(solid: Solid) -> F64:
+    """Return a solid as a row of the kernels, float64 (15,)."""
     pose = solid.map_from_solid
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     center = [pose.x, pose.y, 0.5 * (solid.z_min + solid.z_max)]

@@ -21,7 +21,8 @@ from ambler.sim.base import BaseController, Physics
 from ambler.sim.gait import Gait
 from ambler.sim.imu import ImuSensor
 from ambler.sim.kinematic_physics import KinematicPhysics
-from ambler.sim.lidar import LidarSensor
+from ambler.sim.lidar import NO_MOVERS, LidarSensor
+from ambler.sim.movers import UPDATE_NS, Crowd
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.scene import build_scene
 from ambler.sim.sim_robot import SimRobot
@@ -63,10 +64,11 @@ class Simulation:
         seed, is_perfect = self.config.seed, self.config.is_perfect
         robot = replace(robot, strafe_loss=0.0) if is_perfect else robot
         self.world, self.robot = world, robot
-        self._physics = _make_physics(world, robot, self.config)
+        self._crowd = Crowd(world, seed, robot.model.footprint)
+        self._physics = _make_physics(world, robot, self.config, self._crowd)
         self._controller = BaseController(robot.model.limits, robot.watchdog)
         self._gait = Gait(robot.gait, 0.7 * robot.model.body_height) if robot.gait is not None else None
-        scene = build_scene(world)
+        scene = build_scene(world, self._crowd.solids)
         self._lidars = [
             LidarSensor(spec.perfect() if is_perfect else spec, frame, scene, seed)
             for frame, spec in robot.lidars.items()
@@ -117,6 +119,9 @@ class Simulation:
         return out
 
     def _tick(self) -> None:
+        if len(self._crowd) and self._elapsed_ns % UPDATE_NS == 0:
+            self._crowd.update(self._physics.carriage.to_se2())
+            self._physics.move(self._crowd.solids)
         target = self._controller.update(self._elapsed_ns, TICK)
         self._physics.step(target)
         if self._gait is not None:
@@ -144,7 +149,8 @@ class Simulation:
             spec = lidar.spec
             sweep_ns = round(spec.sweep_time * 1e9)
             if elapsed >= sweep_ns and (elapsed - round(spec.phase * 1e9)) % round(spec.period * 1e9) == 0:
-                lidar.sweep(*self._knots(lidar.frame, elapsed - sweep_ns))
+                movers = self._crowd.as_rays_see_it(spec.sweep_time) if len(self._crowd) else NO_MOVERS
+                lidar.sweep(*self._knots(lidar.frame, elapsed - sweep_ns), movers)
                 if len(spec.elevations) == 1:
                     out.scans.append(lidar.to_scan(now - sweep_ns))
                 else:
@@ -188,11 +194,11 @@ class Simulation:
                 )
 
 
-def _make_physics(world: WorldSpec, robot: SimRobot, config: SimulationConfig) -> Physics:
+def _make_physics(world: WorldSpec, robot: SimRobot, config: SimulationConfig, crowd: Crowd) -> Physics:
     if config.physics == "kinematic":
-        return KinematicPhysics(world, robot, TICK)
+        return KinematicPhysics(world, robot, TICK, crowd.solids)
     try:
         from ambler.sim.contact_physics import ContactPhysics
     except ModuleNotFoundError as error:
         raise BadInputError("contact physics needs MuJoCo (the extra `sim`); or choose kinematic physics") from error
-    return ContactPhysics(world, robot, TICK)
+    return ContactPhysics(world, robot, TICK, crowd.solids)

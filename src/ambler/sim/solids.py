@@ -25,7 +25,10 @@ class Shape(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """An upright solid: planar pose of its centre in the map frame, full sizes (box) or diameters (cylinder), height range."""
+    """An upright solid: planar pose of its centre in the map frame, full sizes (box) or diameters (cylinder), height range.
+
+    A laser passes a box of glass unless it meets it almost squarely; bodies do not.
+    """
 
     name: str
     shape: Shape
@@ -35,11 +38,32 @@ class Solid:
     z_min: float
     z_max: float
     albedo: float = 0.6
+    is_glass: bool = False
 
     def corners(self) -> NDArray[np.float64]:
         """Return the four corners of a box (or of a cylinder's square) in the map frame, counter-clockwise, float64 (4, 2)."""
         half = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [self.size_x, self.size_y]
         return self.map_from_solid.transform(half)
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """Somebody who walks a closed way of straight legs, float points (x, y) in the map frame, at `speed` m/s."""
+
+    name: str
+    way: tuple[tuple[float, float], ...]
+    speed: float = 1.1
+    radius: float = 0.25
+    height: float = 1.75
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """A sliding door: its leaf when closed, and the way (x, y) from there into the wall, where it is while open."""
+
+    name: str
+    leaf: Solid
+    slide: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +76,8 @@ class WorldSpec:
     ceiling: float = math.inf
     friction: float = 0.8
     floor_albedo: float = 0.3
+    people: tuple[Person, ...] = ()
+    doors: tuple[Door, ...] = ()
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (x_min, y_min, x_max, y_max) of all solids in the map frame."""

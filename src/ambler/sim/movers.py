@@ -1,0 +1,171 @@
+"""What moves by itself: people on their ways and sliding doors.
+
+People are no targets: they halt half a metre before a robot, wait, and after some seconds turn round and walk back; they halt
+for each other, too. They never step aside, and somebody who stands in the way is the robot's problem. A door stops while
+anybody is in the way of its leaf.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.sim.lidar import Movers
+from ambler.sim.scene import primitive
+from ambler.sim.sensors import named_generator
+from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
+
+F64 = NDArray[np.float64]
+UPDATE_NS = 20_000_000
+DT = UPDATE_NS * 1e-9
+PERSON_GAP = 0.5  # metres that a walking person keeps from the robot; DOOR_GAP the leaf of a door
+DOOR_GAP = 0.2
+PATIENCE = 4.0  # seconds of waiting before a person turns round
+DOOR_SPEED = 0.6
+
+
+class Walker:
+    """One person on a closed way. Where on it, and how much faster or slower than told, is the seed's choice."""
+
+    def __init__(self, person: Person, seed: int) -> None:
+        rng = named_generator(seed, person.name)
+        self.person = person
+        self._corners = [*person.way, person.way[0]]
+        pairs = zip(self._corners[:-1], self._corners[1:], strict=True)
+        self._lengths = [math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairs]
+        self.length = sum(self._lengths)
+        self.at = float(rng.uniform(0.0, self.length))
+        self._speed = person.speed * float(rng.uniform(0.85, 1.15))
+        self._direction = 1.0
+        self._waited = 0.0
+        self.velocity = (0.0, 0.0)
+
+    @property
+    def position(self) -> tuple[float, float]:
+        return self.place(self.at)
+
+    def place(self, at: float) -> tuple[float, float]:
+        """Return the point `at` metres along the way."""
+        at %= self.length
+        for (ax, ay), (bx, by), length in zip(self._corners[:-1], self._corners[1:], self._lengths, strict=True):
+            if at <= length and length > 0:
+                s = at / length
+                return (ax + s * (bx - ax), ay + s * (by - ay))
+            at -= length
+        return self._corners[-1]
+
+    def update(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> None:
+        """Walk for one period, or wait if the next step leads too near to the robot or to somebody else."""
+        here, there = self.position, self.place(self.at + self._direction * self._speed * DT)
+        gap, radius = PERSON_GAP, self.person.radius
+        now, then = (distance_to_polygon(p, footprint_map) - radius for p in (here, there))
+        is_blocked = then < gap and then < now
+        for other in others:
+            before, after = math.dist(here, other), math.dist(there, other)
+            is_blocked |= after < 2 * radius + 0.1 and after < before
+        if is_blocked:
+            self.velocity = (0.0, 0.0)
+            self._waited += DT
+            if self._waited >= PATIENCE:
+                self._waited, self._direction = 0.0, -self._direction
+            return
+        self._waited = 0.0
+        self.at = (self.at + self._direction * self._speed * DT) % self.length
+        self.velocity = ((there[0] - here[0]) / DT, (there[1] - here[1]) / DT)
+
+
+class SlidingDoor:
+    """One door; `is_closing` says where its leaf shall go."""
+
+    def __init__(self, door: Door) -> None:
+        self.door = door
+        self.is_closing = False
+        self.openness = 1.0
+        self._length = math.hypot(*door.slide)
+        self.velocity = (0.0, 0.0)
+
+    @property
+    def position(self) -> tuple[float, float]:
+        center, (x, y) = self.door.leaf.map_from_solid, self.door.slide
+        return (center.x + self.openness * x, center.y + self.openness * y)
+
+    def update(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> None:
+        """Slide for one period; a closing leaf waits while anybody is where the closed door will be."""
+        step = (-1.0 if self.is_closing else 1.0) * DOOR_SPEED * DT / self._length
+        wanted = min(max(self.openness + step, 0.0), 1.0)
+        if wanted < self.openness and self._is_occupied(footprint_map, others):
+            wanted = self.openness
+        moved = (wanted - self.openness) / DT
+        self.openness = wanted
+        self.velocity = (moved * self.door.slide[0], moved * self.door.slide[1])
+
+    def _is_occupied(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> bool:
+        leaf = self.door.leaf
+        half = np.array([0.5 * leaf.size_x, 0.5 * leaf.size_y]) + DOOR_GAP
+        edge = footprint_map + np.linspace(0, 1, 8)[:, None, None] * (
+            np.roll(footprint_map, -1, axis=0) - footprint_map
+        )
+        people = np.array(others).reshape(-1, 2)
+        local = leaf.map_from_solid.inverse().transform(np.concatenate([edge.reshape(-1, 2), people]))
+        return bool((np.abs(local) < half).all(axis=1).any())
+
+
+class Crowd:
+    """Everybody and everything that moves by itself, in one fixed order: first people, then doors."""
+
+    def __init__(self, world: WorldSpec, seed: int, footprint: F64) -> None:
+        self.walkers = [Walker(p, seed) for p in world.people]
+        self.doors = [SlidingDoor(d) for d in world.doors]
+        self._movers: list[Walker | SlidingDoor] = [*self.walkers, *self.doors]
+        self._footprint = footprint
+        self._shapes = [_person_solid(w.person) for w in self.walkers] + [d.door.leaf for d in self.doors]
+        self._kinds = np.array([s.shape for s in self._shapes], np.uint8)
+        self._rows = np.array([primitive(s) for s in self._shapes]).reshape(-1, 15)
+
+    def __len__(self) -> int:
+        return len(self._shapes)
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """All of them as solids where they are now, in the map frame."""
+        return tuple(
+            replace(s, map_from_solid=SE2(m.position[0], m.position[1], s.map_from_solid.yaw))
+            for s, m in zip(self._shapes, self._movers, strict=True)
+        )
+
+    def update(self, map_from_base: SE2) -> None:
+        """Let one period pass."""
+        footprint_map = map_from_base.transform(self._footprint)
+        people = [w.position for w in self.walkers]
+        for k, walker in enumerate(self.walkers):
+            walker.update(footprint_map, people[:k] + people[k + 1 :])
+            people[k] = walker.position
+        for door in self.doors:
+            door.update(footprint_map, people)
+
+    def as_rays_see_it(self, ago: float) -> Movers:
+        """Return the kernels' arrays, `ago` seconds before now: shifted back by the present velocities."""
+        rows = self._rows.copy()
+        rates = np.array([m.velocity for m in self._movers]).reshape(-1, 2)
+        rows[:, :2] = np.array([m.position for m in self._movers]).reshape(-1, 2) - ago * rates
+        return rows, self._kinds, rates
+
+
+def _person_solid(person: Person) -> Solid:
+    width = 2.0 * person.radius
+    return Solid(person.name, Shape.CYLINDER, SE2(*person.way[0], 0.0), width, width, 0.0, person.height, 0.5)
+
+
+def distance_to_polygon(point: tuple[float, float], polygon: F64) -> float:
+    """Return the distance from a point to a convex, counter-clockwise polygon (N, 2); 0 inside."""
+    edge, to = np.roll(polygon, -1, axis=0) - polygon, np.array(point) - polygon
+    if np.all(edge[:, 0] * to[:, 1] - edge[:, 1] * to[:, 0] >= 0):
+        return 0.0
+    along = np.clip(np.sum(edge * to, axis=1) / np.sum(edge * edge, axis=1), 0.0, 1.0)
+    gap = to - along[:, None] * edge
+    return float(np.min(np.hypot(gap[:, 0], gap[:, 1])))
