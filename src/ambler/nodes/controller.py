@@ -56,10 +56,11 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
-RECOVERY_PADDING = 0.03
+RECOVERY_PADDING = 0.02
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
 PROTECTIVE_PATIENCE_NS = 3_000_000_000
+RECOVERY_PATIENCE_NS = 2_500_000_000
 HELD = (GateState.PAUSED, GateState.EMERGENCY_STOP, GateState.FAULT)
 
 
@@ -83,6 +84,7 @@ class ControllerNode(Node):
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None
+        self._recover_since_ns = 0
         self._motion: RecoveryMotion | None = None
         self._goal_checker = GoalChecker(0.15, 0.2)
         self._progress = ProgressChecker()
@@ -152,6 +154,7 @@ class ControllerNode(Node):
     def _on_recover(self, handle: RecoverHandle) -> None:
         self._end_follow("PREEMPTED", "a recovery begins")
         motion = TurnInPlace if handle.goal.kind is RecoveryKind.ROTATE else BackUp
+        self._recover_since_ns = self.ctx.now_ns
         self._recover, self._motion = handle, motion(self._robot, handle.goal.amount, RECOVERY_PADDING)
         self._trouble_since_ns = None
 
@@ -232,6 +235,10 @@ class ControllerNode(Node):
 
     def _recover_step(self, odom_from_base: SE2) -> None:
         assert self._motion is not None
+        since_ns = self._protective_since_ns
+        if since_ns is not None and self.ctx.now_ns - max(since_ns, self._recover_since_ns) > RECOVERY_PATIENCE_NS:
+            self._end_recover("COLLISION_AHEAD", "the gate holds this motion")
+            return
         costmap = self._view.costmap
         try:
             command = self._motion.compute_command(self.ctx.now_ns, costmap.costs, costmap.spec, odom_from_base)
