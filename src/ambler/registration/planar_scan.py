@@ -37,7 +37,10 @@ def filter_voxels(points: F32, size: float) -> F32:
 
 
 def filter_voxels_adaptively(points: F32, max_size: float, min_points: int) -> F32:
-    """Keep at least `min_points` points with the largest voxel up to `max_size` that allows it; (N, 2) -> (K, 2)."""
+    """Keep at least `min_points` points with the largest voxel up to `max_size` that allows it; (N, 2) -> (K, 2).
+
+    The voxel is never below 1/128 of `max_size`, so that points closer than that may count as one.
+    """
     out = np.empty_like(points)
     n = scan_points.adaptive_voxel_filter(points, max_size, min_points, _table(len(points)), out)
     return out[: int(n)]
