@@ -9,6 +9,7 @@ import pytest
 
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
+from ambler.sim.faults import FaultInjector
 from ambler.sim.movers import DT, PERSON_GAP, Crowd, SlidingDoor, Walker, distance_to_polygon
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
@@ -72,10 +73,11 @@ def test_a_person_halts_before_a_standing_robot_and_turns_round() -> None:
 
 def test_people_halt_for_each_other() -> None:
     people = (LANE, replace(LANE, name="person_1"), replace(LANE, name="person_2"))
-    crowd = Crowd(WorldSpec("lane", (), SE2(), people=people), 5, FAR)
+    world = WorldSpec("lane", (), SE2(), people=people)
+    crowd, nothing = Crowd(world, 5, FAR), FaultInjector((), world, ())
     for _ in range(2000):
         before = [w.position for w in crowd.walkers]
-        crowd.update(SE2())
+        crowd.update(SE2(), nothing, 0.0)
         for i in range(3):
             for j in range(i):
                 now = math.dist(crowd.walkers[i].position, crowd.walkers[j].position)

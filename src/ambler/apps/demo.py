@@ -24,6 +24,7 @@ from ambler.runtime.log import RunLog
 from ambler.runtime.stack import Stack
 from ambler.runtime.topics import GOAL, TELEOP_REQUEST
 from ambler.settings.profiles import as_values, build, merge, save_resolved
+from ambler.sim.faults import Fault
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.world import load_world
@@ -31,7 +32,8 @@ from ambler.sim.world import load_world
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """What to run. `port` None shows nothing; `time_limit` is in simulated seconds; `profile` overrides the robot's defaults."""
+    """What to run. `port` None shows nothing; `time_limit` is in simulated seconds; `profile` overrides the robot's
+    defaults; `faults` are written as in `sim.faults`."""
 
     world: str = "office"
     robot: str = "diff"
@@ -44,6 +46,7 @@ class DemoOptions:
     token: str | None = None
     time_limit: float = 3600.0
     profile: Mapping[str, Any] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
 
 
 def explorer_config(options: DemoOptions) -> ExplorerConfig:
@@ -114,7 +117,8 @@ class Demo:
 
     def _make_executor(self) -> Executor:
         options = self.options
-        config = SimulationConfig(options.seed, is_perfect=options.is_perfect, physics=options.physics)
+        faults = tuple(Fault.parse(text) for text in options.faults)
+        config = SimulationConfig(options.seed, options.is_perfect, options.physics, faults)
         simulation = Simulation(self.world, self._robot, config)
         operator = OperatorNode(str(self.folder.map_stem), self._finish, self.progress.show)
         nodes = explorer_nodes(self._robot.model, self.config)

@@ -21,6 +21,14 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--exit", action="store_true", help="end after the run even on a terminal")
     parser.add_argument("--perfect", action="store_true", help="sensors without noise, odometry without drift")
     parser.add_argument("--kinematic", action="store_true", help="no contact physics (faster)")
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND[@TARGET][:T0[:T1]]",
+        help="let something go wrong from T0 to T1 s: wheel_slip, scanner_dropout, scanner_stuck, delayed_stamps, people, "
+        "door or glass",
+    )
     parser.add_argument("--time-limit", type=float, default=3600.0, help="simulated seconds (default: 3600)")
     parser.add_argument("--port", type=int, default=8765, help="port of the live view (default: 8765)")
     parser.add_argument("--no-view", action="store_true", help="no live view")
@@ -40,9 +48,12 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.run_folder import RunFolder
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.sim.faults import Fault
 
     options = _options(args)
     explorer_config(options)
+    for fault in options.faults:
+        Fault.parse(fault)
     warm_up(imported_kernel_modules())
     folder = RunFolder.new(args.out, f"{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
     demo = Demo(options, folder)
@@ -79,6 +90,9 @@ def _options(args: argparse.Namespace) -> Any:
     if args.host not in ("127.0.0.1", "localhost", "::1") and not args.token and not args.no_view:
         raise BadInputError(f"a live view on {args.host} needs --token: everybody there could drive the robot")
     profile = load_profile(args.profile) if args.profile else {}
+    faults = profile.pop("faults", [])
+    if not isinstance(faults, list):
+        raise BadInputError(f"{args.profile}: faults must be a list such as [wheel_slip:10:20]")
     for text in args.set:
         profile = merge(profile, parse_assignment(text))
     if args.strategy:
@@ -95,9 +109,11 @@ def _options(args: argparse.Namespace) -> Any:
         token=args.token,
         time_limit=args.time_limit,
         profile=profile,
+        faults=(*(str(f) for f in faults), *args.fault),
     )
 
 
 def _command(args: argparse.Namespace) -> str:
     extra = "".join(f" --{name}" for name in ("realtime", "perfect", "kinematic") if getattr(args, name))
+    extra += "".join(f" --fault {fault}" for fault in args.fault)
     return f"ambler demo --world {args.world} --robot {args.robot} --seed {args.seed}{extra}"

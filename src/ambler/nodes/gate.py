@@ -37,6 +37,7 @@ from ambler.safety.blind_memory import BlindMemory, FieldOfView
 from ambler.safety.config import GateConfig
 from ambler.safety.gate import GateStep, VelocityGate
 from ambler.safety.points import F64, points_of_cloud, points_of_scan
+from ambler.safety.stuck_scan import StuckScan
 
 PERIOD = 0.02
 STATUS_PERIOD_NS = 1_000_000_000
@@ -64,6 +65,8 @@ class GateNode(Node):
         self.gate = VelocityGate(self._config, robot)
         self._mounts = {m.frame: m for m in robot.sensors}
         self._memories: dict[str, BlindMemory] = {}
+        self._repeats: dict[str, StuckScan] = {}
+        self._stuck: set[str] = set()
         self._radius = robot.circumscribed_radius
         kinds = {m.kind for m in robot.sensors}
         self._has_many = len(robot.scanners) > 1
@@ -126,6 +129,8 @@ class GateNode(Node):
             odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns)
         except TransformError:
             return  # without a pose of that moment the points say nothing; if that lasts, they are stale
+        if self._is_stuck(scan, odom_from_base.to_se2()):
+            return  # its last points grow stale, and the robot stops
         lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
         level_from_base = SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean
         level_from_sensor = level_from_base @ self._mounts[scan.frame].base_from_sensor
@@ -134,6 +139,14 @@ class GateNode(Node):
         unseen = memory.update(points, odom_from_base.to_se2(), level_from_sensor, field)
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
+
+    def _is_stuck(self, scan: LaserScan | PointCloud, odom_from_base: SE2) -> bool:
+        values = scan.ranges if isinstance(scan, LaserScan) else scan.points
+        is_stuck = self._repeats.setdefault(scan.frame, StuckScan()).update(values, odom_from_base)
+        if is_stuck and scan.frame not in self._stuck:
+            self.ctx.log("SCANNER_STUCK", f"{scan.frame} repeats itself while the robot moves", frame=scan.frame)
+        (self._stuck.add if is_stuck else self._stuck.discard)(scan.frame)
+        return is_stuck
 
     def _step(self) -> None:
         now_ns = self.ctx.now_ns

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
+from ambler.sim.faults import FAULT_PERSON, FaultInjector
 from ambler.sim.lidar import Movers
 from ambler.sim.scene import primitive
 from ambler.sim.sensors import named_generator
@@ -78,6 +79,10 @@ class Walker:
         self.at = (self.at + self._direction * self._speed * DT) % self.length
         self.velocity = ((there[0] - here[0]) / DT, (there[1] - here[1]) / DT)
 
+    def stand(self) -> None:
+        """Stand where one is."""
+        self.velocity = (0.0, 0.0)
+
 
 class SlidingDoor:
     """One door; `is_closing` says where its leaf shall go."""
@@ -138,14 +143,19 @@ class Crowd:
             for s, m in zip(self._shapes, self._movers, strict=True)
         )
 
-    def update(self, map_from_base: SE2) -> None:
-        """Let one period pass."""
+    def update(self, map_from_base: SE2, faults: FaultInjector, seconds: float) -> None:
+        """Let one period pass; the faults tell which doors close and whether their people walk."""
         footprint_map = map_from_base.transform(self._footprint)
         people = [w.position for w in self.walkers]
+        is_time = faults.are_people_walking(seconds)
         for k, walker in enumerate(self.walkers):
-            walker.update(footprint_map, people[:k] + people[k + 1 :])
-            people[k] = walker.position
+            if is_time or not walker.person.name.startswith(FAULT_PERSON):
+                walker.update(footprint_map, people[:k] + people[k + 1 :])
+                people[k] = walker.position
+            else:
+                walker.stand()
         for door in self.doors:
+            door.is_closing = faults.is_closing(door.door.name, seconds)
             door.update(footprint_map, people)
 
     def as_rays_see_it(self, ago: float) -> Movers:

@@ -18,6 +18,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3, Vector3
 from ambler.sim.base import BaseController, Physics
+from ambler.sim.faults import Fault, FaultInjector, world_with_faults
 from ambler.sim.gait import Gait
 from ambler.sim.imu import ImuSensor
 from ambler.sim.kinematic_physics import KinematicPhysics
@@ -42,6 +43,7 @@ class SimulationConfig:
     seed: int = 0
     is_perfect: bool = False
     physics: Literal["contact", "kinematic"] = "contact"
+    faults: tuple[Fault, ...] = ()
 
 
 @dataclass(slots=True)
@@ -55,6 +57,13 @@ class SimulationOutput:
     true_poses: list[m.Odometry] = field(default_factory=list)
     contacts: list[m.Contact] = field(default_factory=list)
 
+    def add(self, measured: m.LaserScan | m.PointCloud | None) -> None:
+        """Add what a scanner sent, if it sent anything."""
+        if isinstance(measured, m.LaserScan):
+            self.scans.append(measured)
+        elif measured is not None:
+            self.clouds.append(measured)
+
 
 class Simulation:
     """Owns the physics, the sensors and their chance. Two with the same arguments and commands give equal bits."""
@@ -63,6 +72,9 @@ class Simulation:
         self.config = config if config is not None else SimulationConfig()
         seed, is_perfect = self.config.seed, self.config.is_perfect
         robot = replace(robot, strafe_loss=0.0) if is_perfect else robot
+        faults = self.config.faults
+        self._faults = FaultInjector(faults, world, tuple(robot.lidars))
+        world = world_with_faults(world, faults, seed)
         self.world, self.robot = world, robot
         self._crowd = Crowd(world, seed, robot.model.footprint)
         self._physics = _make_physics(world, robot, self.config, self._crowd)
@@ -80,6 +92,7 @@ class Simulation:
         odometry = robot.odometry.perfect() if is_perfect else robot.odometry
         self._reckoning = DeadReckoning(robot, odometry, seed)
         self._odometry_period_ns = round(1e9 / odometry.rate_hz)
+        self._travel = self._physics.travel
         self._start_ns = 0
         self._elapsed_ns = 0
         self._is_started = False
@@ -120,16 +133,27 @@ class Simulation:
 
     def _tick(self) -> None:
         if len(self._crowd) and self._elapsed_ns % UPDATE_NS == 0:
-            self._crowd.update(self._physics.carriage.to_se2())
+            self._crowd.update(self._physics.carriage.to_se2(), self._faults, self._elapsed_ns * 1e-9)
             self._physics.move(self._crowd.solids)
         target = self._controller.update(self._elapsed_ns, TICK)
-        self._physics.step(target)
+        self._move(target)
         if self._gait is not None:
             self._lean = self._gait.update(target, TICK)
         self._elapsed_ns += TICK_NS
         self._history.append((self._elapsed_ns, self._true_pose()))
         while self._history[0][0] < self._elapsed_ns - HISTORY_NS:
             self._history.popleft()
+
+    def _move(self, target: BodyVelocity) -> None:
+        """Step the physics. While the wheels slip they turn for the whole target, and the base moves a part of it."""
+        if not self._faults.has_slip:
+            self._physics.step(target)
+            self._travel = self._physics.travel
+            return
+        grip, before = 1.0 - self._faults.slip(self._elapsed_ns * 1e-9), self._physics.travel
+        self._physics.step(BodyVelocity(target.vx * grip, target.vy * grip, target.wz * grip))
+        moved = zip(self._travel, before, self._physics.travel, strict=True)
+        self._travel = tuple(t + (b - a) / grip for t, a, b in moved)
 
     def _true_pose(self) -> SE3:
         carriage = self._physics.carriage
@@ -142,7 +166,7 @@ class Simulation:
         if elapsed % self._imu_period_ns == 0:
             self._sense_imu(out)
         if elapsed % self._odometry_period_ns == 0:
-            out.odometry.append(self._reckoning.update(self._physics.travel, self._lean, now))
+            out.odometry.append(self._reckoning.update(self._travel, self._lean, now))
         if elapsed % TRUTH_PERIOD_NS == 0:
             out.true_poses.append(self._truth())
         for lidar in self._lidars:
@@ -151,10 +175,11 @@ class Simulation:
             if elapsed >= sweep_ns and (elapsed - round(spec.phase * 1e9)) % round(spec.period * 1e9) == 0:
                 movers = self._crowd.as_rays_see_it(spec.sweep_time) if len(self._crowd) else NO_MOVERS
                 lidar.sweep(*self._knots(lidar.frame, elapsed - sweep_ns), movers)
-                if len(spec.elevations) == 1:
-                    out.scans.append(lidar.to_scan(now - sweep_ns))
-                else:
-                    out.clouds.append(lidar.to_cloud(now - sweep_ns))
+                is_flat = len(spec.elevations) == 1
+                measured = lidar.to_scan(now - sweep_ns) if is_flat else lidar.to_cloud(now - sweep_ns)
+                out.add(self._faults.pass_on(measured, elapsed * 1e-9))
+        for late in self._faults.take_late(elapsed * 1e-9):
+            out.add(late)
 
     def _knots(self, frame: str, since_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """The sensor's poses from an instant until now: seconds after it, positions, quaternions (wxyz)."""

@@ -1,0 +1,226 @@
+"""Faults on demand: what goes wrong, when, and with what, written `kind[@target][:begin[:end]]` with seconds after the start.
+
+wheel_slip       wheels (legs) turn as told, but the base moves only 70 % of that way; odometry does not know
+scanner_dropout  a scanner sends nothing; the target is its frame, `all`, or the first one
+scanner_stuck    a scanner sends its last measurement again and again, with new stamps
+delayed_stamps   a scanner's messages come 0.2 s late and are stamped as if they had been measured then
+people           three people more, who walk straight ways chosen by the seed, far from the start; they stand outside of the time
+door             a sliding door closes (the target's name, or the one nearest to the start) and opens again at the end
+glass            two panels of wall become glass, which light passes and robots do not; from the start to the end of the run
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ambler.core.errors import BadInputError
+from ambler.core.messages import LaserScan, PointCloud
+from ambler.core.se2 import SE2
+from ambler.sim.sensors import named_generator
+from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
+from ambler.sim.truth import reachable_cells
+
+SLIP = 0.3  # share of the wheels' way that is lost
+STAMP_DELAY = 0.2  # seconds
+PEOPLE = 3
+WAY_LENGTH = (3.0, 9.0)  # metres of a person's way
+WAY_ROOM = 0.4  # metres from its middle to any wall
+START_ROOM = 1.6  # metres that everybody keeps from the start pose
+PANEL = (1.6, 2.0)  # width and height of a glass panel
+PANELS = 2
+FAULT_PERSON = "passer_"
+
+
+class FaultKind(enum.Enum):
+    """What can go wrong."""
+
+    WHEEL_SLIP = "wheel_slip"
+    SCANNER_DROPOUT = "scanner_dropout"
+    SCANNER_STUCK = "scanner_stuck"
+    DELAYED_STAMPS = "delayed_stamps"
+    PEOPLE = "people"
+    DOOR = "door"
+    GLASS = "glass"
+
+
+TARGETED = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS, FaultKind.DOOR)
+Measurement = LaserScan | PointCloud
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault between two times, in seconds after the start of the simulation."""
+
+    kind: FaultKind
+    begin: float = 0.0
+    end: float = math.inf
+    target: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> Fault:
+        """Read `kind[@target][:begin[:end]]`; raises BadInputError."""
+        name, *times = text.split(":")
+        name, _, target = name.partition("@")
+        try:
+            kind = FaultKind(name)
+        except ValueError as error:
+            known = ", ".join(k.value for k in FaultKind)
+            raise BadInputError(f"fault {text!r}: no such kind {name!r}; there are {known}") from error
+        try:
+            values = [float(t) for t in times]
+        except ValueError as error:
+            raise BadInputError(f"fault {text!r}: times are seconds, as in {name}:10:20") from error
+        begin, end = (values + [0.0, math.inf][len(values) :])[:2] if len(values) <= 2 else (math.nan, math.nan)
+        if not 0.0 <= begin < end:
+            raise BadInputError(f"fault {text!r}: it must be kind[@target][:begin[:end]] with 0 <= begin < end")
+        if target and kind not in TARGETED:
+            raise BadInputError(f"fault {text!r}: {name} has no target")
+        if kind is FaultKind.GLASS and times:
+            raise BadInputError(f"fault {text!r}: panels are glass from the start to the end, without times")
+        return cls(kind, begin, end, target)
+
+    def is_on(self, seconds: float) -> bool:
+        """Tell whether the fault holds at a time after the start."""
+        return self.begin <= seconds < self.end
+
+
+class FaultInjector:
+    """Applies the faults of a run; asked by the simulation at every tick and for every measurement of a scanner."""
+
+    def __init__(self, faults: Sequence[Fault], world: WorldSpec, frames: Sequence[str]) -> None:
+        self._faults = tuple(faults)
+        self._frames = tuple(frames)
+        self._doors = {f: _find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
+        self._last: dict[str, Measurement] = {}
+        self._waiting: deque[tuple[int, Measurement]] = deque()
+        self._targets = {f: self._frames_of(f) for f in faults if f.kind in TARGETED and f.kind is not FaultKind.DOOR}
+
+    @property
+    def has_slip(self) -> bool:
+        return any(f.kind is FaultKind.WHEEL_SLIP for f in self._faults)
+
+    def slip(self, seconds: float) -> float:
+        """Return the share of the wheels' way that is lost now."""
+        return SLIP if self._is_on(FaultKind.WHEEL_SLIP, seconds) else 0.0
+
+    def are_people_walking(self, seconds: float) -> bool:
+        """Tell whether the people of the fault walk; those of the world always do."""
+        return self._is_on(FaultKind.PEOPLE, seconds)
+
+    def is_closing(self, door: str, seconds: float) -> bool:
+        """Tell whether a door shall be closed."""
+        return any(f.is_on(seconds) for f, name in self._doors.items() if name == door)
+
+    def pass_on(self, message: Measurement, seconds: float) -> Measurement | None:
+        """Return what a scanner sends instead of its measurement, or None while it is silent or late."""
+        frame = message.frame
+        if self._hits(FaultKind.SCANNER_STUCK, frame, seconds):
+            message = replace(self._last.get(frame, message), stamp_ns=message.stamp_ns)
+        self._last[frame] = message
+        if self._hits(FaultKind.SCANNER_DROPOUT, frame, seconds):
+            return None
+        if self._hits(FaultKind.DELAYED_STAMPS, frame, seconds):
+            late = round(STAMP_DELAY * 1e9)
+            self._waiting.append((round(seconds * 1e9) + late, replace(message, stamp_ns=message.stamp_ns + late)))
+            return None
+        return message
+
+    def take_late(self, seconds: float) -> list[Measurement]:
+        """Return the delayed messages whose time has come."""
+        out = []
+        while self._waiting and self._waiting[0][0] <= round(seconds * 1e9):
+            out.append(self._waiting.popleft()[1])
+        return out
+
+    def _is_on(self, kind: FaultKind, seconds: float) -> bool:
+        return any(f.kind is kind and f.is_on(seconds) for f in self._faults)
+
+    def _hits(self, kind: FaultKind, frame: str, seconds: float) -> bool:
+        return any(f.kind is kind and f.is_on(seconds) and frame in frames for f, frames in self._targets.items())
+
+    def _frames_of(self, fault: Fault) -> tuple[str, ...]:
+        if fault.target == "all":
+            return self._frames
+        target = fault.target or self._frames[0]
+        if target not in self._frames:
+            raise BadInputError(f"fault {fault.kind.value}: no scanner {target!r}; there are {', '.join(self._frames)}")
+        return (target,)
+
+
+def _find_door(world: WorldSpec, name: str) -> Door:
+    if not world.doors:
+        raise BadInputError(f"fault door: world {world.name} has no door that could close")
+    if not name:
+        return min(world.doors, key=lambda d: math.hypot(d.leaf.map_from_solid.x, d.leaf.map_from_solid.y))
+    for door in world.doors:
+        if door.name == name:
+            return door
+    known = ", ".join(d.name for d in world.doors)
+    raise BadInputError(f"fault door: world {world.name} has no door {name!r}; there are {known}")
+
+
+def world_with_faults(world: WorldSpec, faults: Sequence[Fault], seed: int) -> WorldSpec:
+    """Return the world with its glass panels and with more people; only doors that a fault closes can move."""
+    kinds = {f.kind for f in faults}
+    if FaultKind.GLASS in kinds:
+        world = replace(world, solids=_with_panels(world, seed))
+    if FaultKind.PEOPLE in kinds:
+        world = replace(world, people=world.people + _people(world, seed))
+    closing = {_find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
+    return replace(world, doors=tuple(d for d in world.doors if d.name in closing))
+
+
+def _with_panels(world: WorldSpec, seed: int) -> tuple[Solid, ...]:
+    """Cut panels of glass into the long pieces of wall, chosen by the seed."""
+    rng = named_generator(seed, "glass")
+    long = [
+        k for k, s in enumerate(world.solids) if s.shape is Shape.BOX and s.z_min == 0.0 and s.size_x >= PANEL[0] + 0.6
+    ]
+    if not long:
+        raise BadInputError(f"fault glass: world {world.name} has no wall that is long enough for a panel")
+    chosen = {int(k) for k in rng.permutation(long)[:PANELS]}
+    out: list[Solid] = []
+    for k, solid in enumerate(world.solids):
+        out += _cut_panel(solid) if k in chosen else [solid]
+    return tuple(out)
+
+
+def _cut_panel(wall: Solid) -> list[Solid]:
+    rest, top = 0.5 * (wall.size_x - PANEL[0]), min(PANEL[1], wall.z_max)
+
+    def piece(x: float, length: float, low: float, high: float) -> Solid:
+        return replace(
+            wall, map_from_solid=wall.map_from_solid @ SE2(x, 0.0, 0.0), size_x=length, z_min=low, z_max=high
+        )
+
+    side = 0.5 * (PANEL[0] + rest)
+    panel = replace(piece(0.0, PANEL[0], 0.0, top), name=f"{wall.name}_glass", size_y=0.02, is_glass=True)
+    out = [piece(-side, rest, 0.0, wall.z_max), panel, piece(side, rest, 0.0, wall.z_max)]
+    return out if top >= wall.z_max else [*out, piece(0.0, PANEL[0], top, wall.z_max)]
+
+
+def _people(world: WorldSpec, seed: int) -> tuple[Person, ...]:
+    """Choose straight ways through free space that can be reached from the start."""
+    rng = named_generator(seed, "people")
+    spec, clear = reachable_cells(world, WAY_ROOM, 0.1, 0.5)
+    cells = np.argwhere(clear)
+    people: list[Person] = []
+    for _ in range(4000):
+        if len(people) == PEOPLE or len(cells) == 0:
+            break
+        (ay, ax), (by, bx) = cells[rng.integers(len(cells), size=2)]
+        a, b = spec.center_of(int(ay), int(ax)), spec.center_of(int(by), int(bx))
+        line = np.linspace(a, b, max(2, int(math.dist(a, b) / 0.05)))
+        index = spec.cells_of(line)
+        is_free = bool(clear[index[:, 0], index[:, 1]].all()) and np.hypot(*line.T).min() > START_ROOM
+        if is_free and WAY_LENGTH[0] <= math.dist(a, b) <= WAY_LENGTH[1]:
+            people.append(Person(f"{FAULT_PERSON}{len(people)}", (a, b), speed=float(rng.uniform(0.8, 1.3))))
+    if not people:
+        raise BadInputError(f"fault people: world {world.name} has no room for people to walk")
+    return tuple(people)
