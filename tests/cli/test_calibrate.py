@@ -13,9 +13,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from ambler.cli.main import main
 from ambler.core.messages import LaserScan, Odometry
+from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3
 from ambler.evaluation.robot_calibration import MOUNT_ERROR, read_drive, simulate_robot_drive
+from ambler.perception.scan_calibration import OdometryModel
 from ambler.settings.profiles import load_profile
+from ambler.sim.drive import MecanumWheels
 from ambler.sim.robots import robot_named
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_types import STORE
@@ -77,6 +80,17 @@ def test_the_simulated_odometry_follows_the_motion_of_mecanum_wheels() -> None:
     assert max(abs(o.linear[1]) for o in drive.odometry) > 0.1
     assert set(drive.scans) == {"front_right", "front_left", "rear_left"}
     assert all(len(s.ranges) == 721 for s in drive.scans["rear_left"])
+
+
+def test_the_mecanum_model_is_what_larger_wheels_do() -> None:
+    wheels, model = MecanumWheels(0.1, 0.7), OdometryModel.mecanum(0.7)
+    for i in range(4):
+        larger = 1.0 + 1e-3 * (np.arange(4) == i)
+        seen = [wheels.motion(np.array(wheels.rates(BodyVelocity(*unit))) * larger) for unit in np.eye(3).tolist()]
+        deviation = np.array(seen).T - np.eye(3)
+        np.testing.assert_allclose(deviation, 1e-3 * model.slip_modes[i], atol=1e-12)
+        for entry, other, factor in model.ties:
+            assert deviation.reshape(-1)[entry] == pytest.approx(factor * deviation.reshape(-1)[other])
 
 
 def test_a_recording_is_read_by_the_frames_of_its_scans(tmp_path: Path) -> None:

@@ -49,6 +49,8 @@ class ScannerDrive:
 
 def odometry_model(robot: SimRobot) -> OdometryModel:
     """Return how far a robot's odometry is trusted."""
+    if robot.has_mecanum_wheels:
+        return OdometryModel.mecanum(0.5 * (robot.track + robot.wheel_base))
     if robot.model.drive is DriveKind.OMNI:
         return OdometryModel.omni()
     return OdometryModel.differential(robot.track if robot.track > 0.0 else None)

@@ -20,12 +20,15 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 
+TIE_SIGMA = 2e-4
+
+
 @dataclass(frozen=True, slots=True)
 class OdometryModel:
     """How far the odometry is trusted: true twist = (M + slip) · measured twist + noise.
 
-    `matrix_sigma` (3, 3): prior deviations of M from the identity. `axle_tie`: what M[0, 2] is of M[2, 0] (the square of half the
-    track of two wheels, m²: unequal wheels cause both), or None. Slip is the sum of `slip_modes` (J, 3, 3), each times its own
+    `matrix_sigma` (3, 3): prior deviations of M from the identity. `ties`: (entry, other, factor) of M's nine entries row by row: the
+    first deviates by `factor` times what the other does, because unequal wheels cause both. Slip is the sum of `slip_modes` (J, 3, 3), each times its own
     slowly changing value of deviation `slip_sigma` (J,) and correlation time `slip_time` s. The noise of a step: shares of the
     way (`along`, `aside`) and of the turn (`turn`), and floors in metres and radians.
     """
@@ -33,7 +36,7 @@ class OdometryModel:
     matrix_sigma: F64
     slip_modes: F64
     slip_sigma: F64
-    axle_tie: float | None = None
+    ties: tuple[tuple[int, int, float], ...] = ()
     slip_time: float = 2.0
     along: float = 0.004
     aside: float = 0.004
@@ -48,8 +51,8 @@ class OdometryModel:
         width = 0.5 if track is None else track
         both, apart = np.eye(3), np.zeros((3, 3))
         apart[0, 2], apart[2, 0] = 0.25 * width, 1.0 / width
-        tie = None if track is None else 0.25 * track * track
-        return cls(sigma, np.array([both, apart]), slip * np.array([0.5**0.5, 2**0.5]), tie)
+        ties = () if track is None else ((2, 6, 0.25 * track * track),)
+        return cls(sigma, np.array([both, apart]), slip * np.array([0.5**0.5, 2**0.5]), ties)
 
     @classmethod
     def omni(cls, slip: float = 0.015) -> OdometryModel:
@@ -58,6 +61,20 @@ class OdometryModel:
         modes = np.zeros((3, 3, 3))
         modes[np.arange(3), np.arange(3), np.arange(3)] = 1.0
         return cls(sigma, modes, np.array([slip, 2 * slip, slip]))
+
+    @classmethod
+    def mecanum(cls, reach: float, slip: float = 0.015) -> OdometryModel:
+        """Four mecanum wheels; `reach` (m) is half the track plus half the wheel base.
+
+        A wheel i that is larger by d_i adds d_i * turns_i * counted_i to the identity. The sums are symmetric up to reach²: x and y
+        mix equally, which tells a skewed base from scanners that are all mounted askew; that needs driving along both.
+        """
+        counted = np.array([[1.0, -1.0, -reach], [1.0, 1.0, reach], [1.0, 1.0, -reach], [1.0, -1.0, reach]])
+        turns = 0.25 * counted / np.array([1.0, 1.0, reach * reach])
+        modes = turns[:, :, None] * counted[:, None, :]
+        sigma = np.array([[0.03, 5e-3, 5e-3], [5e-3, 0.05, 5e-3], [0.02, 0.02, 0.03]])
+        square = reach * reach
+        return cls(sigma, modes, np.full(4, slip), ((1, 3, 1.0), (2, 6, square), (5, 7, square)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,19 +292,19 @@ class CalibrationGraph:
 
     def _add_priors(self, blocks: _Blocks, unknowns: Unknowns) -> None:
         first = self._columns(unknowns)[3]
-        deviation = unknowns.matrix - np.eye(3)
-        target = np.zeros((3, 3))
-        sigma = self._model.matrix_sigma.copy()
-        tie = self._model.axle_tie
-        if tie is not None:
-            sigma[0, 2] = 2e-4
-            target[0, 2] = tie * deviation[2, 0]
+        deviation = (unknowns.matrix - np.eye(3)).reshape(-1)
+        target = np.zeros(9)
+        sigma = self._model.matrix_sigma.reshape(-1).copy()
+        for entry, other, factor in self._model.ties:
+            sigma[entry] = TIE_SIGMA
+            target[entry] = factor * deviation[other]
         rows = blocks.rows(9)
-        weights = 1.0 / sigma.reshape(-1)
+        weights = 1.0 / sigma
         blocks.add(rows[:, None], first + np.arange(9), weights[:, None, None])
-        if tie is not None:
-            blocks.add(rows[2:3, None], np.array([first + 6]), np.array([[[-tie * weights[2]]]]))
-        blocks.residual.append(weights * (deviation - target).reshape(-1))
+        for entry, other, factor in self._model.ties:
+            column = np.array([first + other])
+            blocks.add(rows[entry : entry + 1, None], column, np.array([[[-factor * weights[entry]]]]))
+        blocks.residual.append(weights * (deviation - target))
         anchor = blocks.rows(3)
         blocks.add(anchor.reshape(1, 3), np.zeros(1, np.int64), 1e4 * np.eye(3)[None])
         blocks.residual.append(np.zeros(3))
