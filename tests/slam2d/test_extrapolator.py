@@ -1,0 +1,95 @@
+"""Prediction from odometry, gyroscope or the last motion."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ambler.core.se2 import SE2
+from ambler.slam2d.extrapolator import PoseExtrapolator
+
+MS = 1_000_000
+TWISTS = st.tuples(st.floats(-1, 1), st.floats(-0.5, 0.5), st.floats(-1.5, 1.5)).map(np.array)
+
+
+def close(a: SE2, b: SE2, tolerance: float = 1e-7) -> bool:
+    return bool(np.abs((a.inverse() @ b).as_array()).max() < tolerance)
+
+
+def test_nothing_known_predicts_the_origin() -> None:
+    prediction = PoseExtrapolator().predict(5)
+    assert prediction.local_from_base == SE2()
+    assert not prediction.is_measured
+    one = PoseExtrapolator()
+    one.add_matched(100 * MS, SE2(1.0, 2.0, 0.5))
+    assert close(one.predict(200 * MS).local_from_base, SE2(1.0, 2.0, 0.5))
+
+
+@given(TWISTS)
+def test_without_odometry_the_last_motion_continues_along_its_arc(twist: np.ndarray) -> None:
+    extrapolator, start = PoseExtrapolator(), SE2(1.0, -2.0, 3.0)
+    for k in range(2):
+        extrapolator.add_matched(k * 100 * MS, start @ SE2.exp(0.1 * k * twist))
+    prediction = extrapolator.predict(250 * MS)
+    assert close(prediction.local_from_base, start @ SE2.exp(0.25 * twist))
+    assert close(prediction.steady_pose, prediction.local_from_base)
+    assert not prediction.is_measured
+    assert extrapolator.twist(100 * MS, 0.1) == pytest.approx(twist, abs=1e-7)
+    # A late scan: no more than twice the last motion, and none after a long pause.
+    assert close(extrapolator.predict(600 * MS).motion, SE2.exp(0.2 * twist))
+    assert close(extrapolator.predict(1200 * MS).motion, SE2())
+
+
+@given(TWISTS, st.integers(110, 290))
+def test_odometry_is_interpolated_and_carried_from_the_last_match(twist: np.ndarray, stamp_ms: int) -> None:
+    extrapolator, odom, local = PoseExtrapolator(), SE2(5.0, 5.0, -2.0), SE2(0.3, 0.4, 1.0)
+    for k in range(7):
+        extrapolator.add_odometry(k * 50 * MS, odom @ SE2.exp(0.05 * k * twist))
+    extrapolator.add_matched(0, local)
+    extrapolator.add_matched(110 * MS, local)  # the matches stand still: odometry counts
+    prediction = extrapolator.predict(stamp_ms * MS)
+    assert prediction.is_measured
+    assert close(prediction.local_from_base, local @ SE2.exp((stamp_ms - 110) * 1e-3 * twist))
+    assert close(prediction.steady_pose, local)
+    assert extrapolator.twist(100 * MS, 0.1) == pytest.approx(twist, abs=1e-7)
+    at = extrapolator.odom_from_base(stamp_ms * MS)
+    assert at is not None
+    assert close(at, odom @ SE2.exp(stamp_ms * 1e-3 * twist))
+
+
+def test_odometry_that_ended_is_not_used() -> None:
+    extrapolator = PoseExtrapolator()
+    extrapolator.add_odometry(0, SE2())
+    extrapolator.add_odometry(100 * MS, SE2(0.1, 0.0, 0.0))
+    extrapolator.add_matched(100 * MS, SE2())
+    assert extrapolator.predict(390 * MS).is_measured
+    assert close(extrapolator.predict(390 * MS).motion, SE2(0.29, 0.0, 0.0))
+    assert not extrapolator.predict(500 * MS).is_measured
+    assert extrapolator.odom_from_base(500 * MS) is None
+
+
+def test_the_gyroscope_replaces_the_rotation_only() -> None:
+    extrapolator = PoseExtrapolator()
+    for k in range(30):
+        extrapolator.add_imu(k * 10 * MS, 0.8)
+    extrapolator.add_odometry(0, SE2())
+    extrapolator.add_odometry(200 * MS, SE2(0.2, 0.05, -0.3))
+    extrapolator.add_matched(0, SE2())
+    assert close(extrapolator.predict(200 * MS).motion, SE2(0.2, 0.05, 0.16))
+    alone = PoseExtrapolator()
+    for k in range(400):
+        alone.add_imu(k * 10 * MS, 2.0)  # turns through pi and beyond
+    alone.add_matched(3800 * MS, SE2(1.0, 0.0, math.pi))
+    assert close(alone.predict(3950 * MS).local_from_base, SE2(1.0, 0.0, math.pi) @ SE2(0.0, 0.0, 0.3))
+
+
+def test_stamps_that_do_not_increase_are_ignored() -> None:
+    extrapolator = PoseExtrapolator()
+    extrapolator.add_odometry(100 * MS, SE2(1.0, 0.0, 0.0))
+    extrapolator.add_odometry(100 * MS, SE2(9.0, 0.0, 0.0))
+    extrapolator.add_odometry(50 * MS, SE2(9.0, 0.0, 0.0))
+    for k in range(4):
+        extrapolator.add_imu(0 if k else 10 * MS, 1.0)
+    assert extrapolator.odom_from_base(100 * MS) == SE2(1.0, 0.0, 0.0)

@@ -1,0 +1,64 @@
+"""`ambler slam2d` on a small synthetic CARMEN log: map, trajectory and picture, or one line and nothing on disk."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.cli.main import main
+from ambler.core.se2 import SE2
+from ambler.wire.map_files import load_map
+from tests.registration.room import distance_to_walls, ranges_at
+from tests.slam2d.drives import drive, errors, oval
+
+FILES = {"trajectory.tum", "map.pgm", "map.png", "map.yaml"}
+
+
+def log_lines(truth: list[SE2], odometry: list[SE2]) -> list[str]:
+    """Return FLASER lines of a scanner over 180 degrees at the base."""
+    angles = np.radians(np.arange(-90.0, 90.0))
+    lines = []
+    for k, (pose, odom) in enumerate(zip(truth, odometry, strict=True)):
+        ranges = " ".join(f"{r:.3f}" for r in ranges_at(pose, angles))
+        place = f"{odom.x:.6f} {odom.y:.6f} {odom.yaw:.6f}"
+        lines.append(f"FLASER {len(angles)} {ranges} {place} {place} {1000.0 + 0.1 * k:.6f} robot {0.1 * k:.6f}")
+    return lines
+
+
+def test_a_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    course = drive(oval(1.1))
+    log, out = tmp_path / "room.clf", tmp_path / "out"
+    log.write_text("\n".join(["# a comment", *log_lines(course.truth, course.odometry)]) + "\n")
+    assert main(["slam2d", str(log), "--out", str(out), "--json", str(tmp_path / "result.json")]) == 0
+    assert {p.name for p in out.iterdir()} == FILES
+    assert {p.name for p in tmp_path.iterdir()} == {"room.clf", "out", "result.json"}
+    rows = np.loadtxt(out / "trajectory.tum")
+    assert rows[:, 0] == pytest.approx(1000.0 + 0.1 * np.arange(len(course.truth)), abs=1e-5)
+    poses = [SE2(r[1], r[2], 2.0 * float(np.arctan2(r[6], r[7]))) for r in rows]
+    # The first scans are matched to a map of few, scattered returns, and lie less well than all others.
+    assert errors(course.truth[20:], poses[20:])[:, 0].max() < 0.03
+    assert errors(course.truth, poses)[:, 0].max() < 0.08
+    assert (out / "map.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    spec, occupancy = load_map(out / "map.yaml")
+    walls = spec.centers_of(np.argwhere(occupancy == 100))
+    room_from_map = course.truth[20] @ poses[20].inverse()
+    assert np.quantile(distance_to_walls(room_from_map.transform(walls)), 0.98) < 0.06
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["scans"] == len(course.truth)
+    assert result["points_on_walls_ratio"] > 0.99
+    assert "written:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("damage", ["cut", "garbage", "empty"])
+def test_damaged_logs_leave_nothing_behind(damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    course = drive(oval(0.05))
+    text = "\n".join(log_lines(course.truth, course.odometry)) + "\n"
+    text = {"cut": text[:-300], "garbage": text.replace(" robot", " x y z robot", 1), "empty": ""}[damage]
+    log = tmp_path / "broken.clf"
+    log.write_text(text)
+    assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 2
+    assert {p.name for p in tmp_path.iterdir()} == {"broken.clf"}
+    error = capsys.readouterr().err.strip()
+    assert "broken.clf" in error
+    assert "Traceback" not in error

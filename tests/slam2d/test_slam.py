@@ -1,0 +1,116 @@
+"""SLAM as one object in a simulated room: accuracy, odometry faults, the smooth correction, the map."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ambler.core.se2 import SE2
+from ambler.registration.planar_scan import PlanarScan
+from ambler.slam2d.back_end import JobResult
+from ambler.slam2d.graph import OptimizedGraph
+from ambler.slam2d.offline import points_on_walls
+from ambler.slam2d.slam import Slam2d
+from tests.registration.room import distance_to_walls, scan_at
+from tests.slam2d.drives import PERIOD_NS, drive, errors, oval, run, short_submaps
+
+
+def scale(pose: SE2, motion: SE2) -> SE2:
+    """Odometry 5 % too long that turns 5 % too much."""
+    return SE2(1.05 * motion.x, 1.05 * motion.y, 1.05 * motion.yaw)
+
+
+def dead(pose: SE2, motion: SE2) -> SE2:
+    """Odometry that stands still."""
+    return SE2()
+
+
+@pytest.mark.parametrize("with_odometry", [True, False])
+def test_a_lap_in_the_room_ends_where_it_began(with_odometry: bool) -> None:
+    course = drive(oval(1.5), scale)
+    results = run(Slam2d(), course, with_odometry=with_odometry, rng=np.random.default_rng(1))
+    error = errors(course.truth, [r.map_from_base for r in results])
+    assert error[:, 0].max() < 0.025
+    assert error[:, 1].max() < math.radians(0.4)
+    assert min(r.inlier_ratio for r in results[20:]) > 0.8
+    for r in results:
+        assert (r.map_from_odom @ r.odom_from_base).distance_to(r.map_from_base) < 1e-9
+
+
+def test_odometry_that_stands_still_is_overruled_by_the_scans() -> None:
+    course = drive(oval(1.0), dead)
+    results = run(Slam2d(), course, with_odometry=True)
+    assert errors(course.truth, [r.map_from_base for r in results])[:, 0].max() < 0.05
+
+
+def test_nodes_are_added_on_motion_only() -> None:
+    slam, scan = Slam2d(), scan_at(SE2(0.3, 0.1, 0.2))
+    nodes = [slam.update(replace(scan, stamp_ns=(k + 1) * PERIOD_NS)).node for k in range(30)]
+    assert nodes[0] == 0
+    assert nodes[1:] == [None] * 29
+    assert slam.nodes == 1
+    moved = replace(scan_at(SE2(0.6, 0.1, 0.2)), stamp_ns=31 * PERIOD_NS)
+    slam.add_odometry(30 * PERIOD_NS, SE2())
+    slam.add_odometry(31 * PERIOD_NS, SE2(0.3, 0.0, 0.0))
+    assert slam.update(moved).node == 1
+
+
+def test_scans_without_points_follow_the_prediction() -> None:
+    slam, course = Slam2d(), drive(oval(0.25))
+    run(slam, course, with_odometry=True)
+    nodes, none = slam.nodes, np.zeros((0, 2), np.float32)
+    n = len(course.truth)
+    motion = SE2(0.05, 0.0, 0.02)
+    slam.add_odometry((n + 1) * PERIOD_NS, course.odometry[-1] @ motion)
+    before = course.truth[0].inverse() @ course.truth[-1]
+    result = slam.update(PlanarScan((n + 1) * PERIOD_NS, none, none))
+    assert result.local_from_base.distance_to(before @ motion) < 0.03
+    assert result.node is None
+    assert slam.nodes == nodes
+    assert result.covariance[0, 0] >= 0.01
+
+
+def test_corrections_reach_the_published_pose_gradually() -> None:
+    slam, course = Slam2d(), drive(oval(1.0))
+    half = len(course.truth) // 2
+    before = run(slam, course, with_odometry=True, last=half, with_background=False)[-1].map_from_odom
+    back_end = slam._back_end
+    shift = SE2(0.8, -0.3, 0.2)
+    moved = np.array([(shift @ SE2.from_array(p)).as_array() for p in back_end.graph.poses])
+    slam.commit(JobResult((), (), OptimizedGraph(moved, ()), slam.nodes - 1))
+    target = shift @ before
+    after = run(slam, course, with_odometry=True, first=half, with_background=False)
+    away = [r.map_from_odom.distance_to(target) for r in after]
+    whole = before.distance_to(target)
+    steps = [a.map_from_odom.distance_to(b.map_from_odom) for a, b in pairwise(after)]
+    # A first-order lag: each period takes 1 - exp(-dt / tau) of what is left; a little more for the matches themselves.
+    share = 1.0 - math.exp(-0.1 / slam.config.correction_time)
+    assert away[0] == pytest.approx((1.0 - share) * whole, rel=0.1)
+    assert max(steps) < 1.2 * share * whole
+    assert away[-1] < 0.03
+    assert all(b < a + 0.02 for a, b in pairwise(away))
+
+
+def test_the_map_shows_the_walls_within_one_cell() -> None:
+    slam, course = Slam2d(short_submaps()), drive(oval(1.2))
+    results = run(slam, course, with_odometry=True)
+    slam.finish()
+    spec, occupancy = slam.render_map()
+    assert set(np.unique(occupancy).tolist()) == {-1, 0, 100}
+    room_from_map = course.truth[0] @ results[0].map_from_base.inverse()
+    walls = room_from_map.transform(spec.centers_of(np.argwhere(occupancy == 100)))
+    assert len(walls) > 400
+    assert np.quantile(distance_to_walls(walls), 0.99) < 0.05
+    assert distance_to_walls(walls).max() < 0.075
+    # Each return of the true scans lies on an occupied cell or beside one.
+    poses = np.array([(room_from_map.inverse() @ t).as_array() for t in course.truth])
+    assert points_on_walls([scan_at(t) for t in course.truth], poses, spec, occupancy) > 0.995
+    # What the robot drove over is free.
+    cells = spec.cells_of(poses[:, :2])
+    assert (occupancy[cells[:, 0], cells[:, 1]] == 0).all()
+    # Rendering again, from what is kept, gives the same map.
+    again = slam.render_map()
+    assert again[0] == spec
+    assert np.array_equal(again[1], occupancy)

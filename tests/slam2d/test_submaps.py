@@ -1,0 +1,52 @@
+"""The life of submaps: two are active, a new one starts when the newer is half full, the full one ends and rests."""
+
+import numpy as np
+import pytest
+
+from ambler.core.se2 import SE2
+from ambler.grids.probability_grid import InsertionConfig
+from ambler.slam2d.submaps import ActiveSubmaps, Submap
+from tests.registration.room import distance_to_walls, scan_at
+from tests.slam2d.drives import oval
+
+HALF = 6
+
+
+def test_submaps_start_overlap_and_finish() -> None:
+    active = ActiveSubmaps(InsertionConfig(), HALF)
+    taken: dict[int, list[int]] = {}
+    finished: list[tuple[Submap, np.ndarray]] = []
+    assert active.target is None
+    for k, pose in enumerate(oval(0.3)):
+        used, done = active.insert(scan_at(pose), pose)
+        for submap in used:
+            taken.setdefault(submap.index, []).append(k)
+        assert [s.index for s in used] in ([0], [k // HALF - 1, k // HALF])
+        assert active.target is not None
+        assert not active.target.is_finished
+        assert len(active.submaps) <= 2
+        if done is not None:
+            assert done.is_finished
+            finished.append((done, done.grid.cells.copy()))
+    assert len(finished) == 7
+    for submap, cells in finished:
+        k = submap.index
+        assert taken[k] == list(range(k * HALF, (k + 2) * HALF))
+        assert submap.scans == 2 * HALF
+        assert np.array_equal(submap.grid.cells, cells)
+        border = np.concatenate((cells[:2].ravel(), cells[-2:].ravel(), cells[:, :2].ravel(), cells[:, -2:].ravel()))
+        assert not border.any()  # cropped to a margin of two cells
+
+
+def test_a_submap_lies_on_the_lattice_near_its_first_scan_and_shows_the_walls() -> None:
+    active, pose = ActiveSubmaps(InsertionConfig(), HALF), SE2(1.23, -0.41, 0.7)
+    (submap,), _ = active.insert(scan_at(pose), pose)
+    origin = submap.local_from_submap
+    assert origin.yaw == 0.0
+    assert np.array([origin.x, origin.y]) / 0.05 == pytest.approx(np.rint(np.array([origin.x, origin.y]) / 0.05))
+    assert origin.distance_to(pose) < 0.036
+    assert (submap.local_from_submap @ submap.to_submap(pose)).distance_to(pose) < 1e-12
+    cells = np.column_stack(np.nonzero(submap.grid.cells > 16384))
+    occupied = submap.local_from_submap.transform(submap.grid.spec.centers_of(cells))
+    assert len(occupied) > 150
+    assert distance_to_walls(occupied).max() < 0.036  # the wall crosses the cell
