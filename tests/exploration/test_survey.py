@@ -1,12 +1,9 @@
 """Surveys: goals, gains, states and reasons on small maps; strategies on small sets; the whole mission in an ideal world."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
@@ -17,9 +14,10 @@ from ambler.core.messages import CostGrid, FrontierState, OccupancyGrid
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig, choose, find_again
-from ambler.exploration.strategies import GreedyStrategy, NearestStrategy, TourConfig, TourStrategy
+from ambler.exploration.strategies import GreedyStrategy, NearestStrategy
 from ambler.exploration.survey import FrontierSurvey, Survey, SurveyConfig, is_inside
-from ambler.kernels.frontier_value import shrink_costs, tour_costs, visible_unknown
+from ambler.exploration.tour import TourConfig, TourStrategy
+from ambler.kernels.frontier_value import shrink_costs, visible_unknown
 
 R = 0.1
 
@@ -172,21 +170,6 @@ def test_visible_area_of_an_open_half_plane_is_half_a_disc() -> None:
     assert area[0] == 0.0
 
 
-@given(seed=st.integers(0, 1000), n=st.integers(1, 6))
-@settings(max_examples=25, deadline=None)
-def test_tours_are_the_best_of_all_orders(seed: int, n: int) -> None:
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(0, 10, (n, 2))
-    between = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
-    first = np.hypot(*points.T)
-    out = np.empty(n)
-    tour_costs(first, between, np.empty((1 << n, n)), out)
-    for i in range(n):
-        orders = (o for o in itertools.permutations(range(n)) if o[0] == i)
-        best = min(first[i] + sum(between[a, b] for a, b in itertools.pairwise(o)) for o in orders)
-        assert out[i] == pytest.approx(best)
-
-
 def test_coarse_costs_are_the_least_of_each_block() -> None:
     rng = np.random.default_rng(0)
     costs = rng.integers(0, 256, (22, 31)).astype(np.uint8)
@@ -217,7 +200,7 @@ def test_strategies_order_the_ends_of_a_crossing_as_they_promise() -> None:
     assert NearestStrategy().costs(survey, base) == pytest.approx(distances)
     greedy = GreedyStrategy(1.0, 0.0).costs(survey, base)
     assert all(g <= d + R for g, d in zip(greedy, distances, strict=True))
-    tour = TourStrategy(path_distances, TourConfig(coarse_cell=R, gain_weight=0.0)).costs(survey, base)
+    tour = TourStrategy(path_distances, TourConfig(coarse_cell=R, urgency=0.0, seen_from=0.0)).costs(survey, base)
     last = int(np.argmax([survey.frontiers[i].centroid[0] for i in survey.open]))
     assert int(np.argmax(tour)) == last
     assert tour.min() >= max(distances)

@@ -7,14 +7,14 @@ from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.strategies import strategy_named
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
-from ambler.kernels import frontier, frontier_value, graph_search
+from ambler.kernels import frontier, frontier_value, graph_search, tour
 from ambler.planning.distance import distance_field
 
 
 def signatures() -> dict[str, int]:
     return {
         name: len(kernel.signatures)
-        for module in (frontier, frontier_value, graph_search)
+        for module in (frontier, frontier_value, graph_search, tour)
         for name, kernel in vars(module).items()
         if hasattr(kernel, "signatures")
     }
@@ -24,6 +24,7 @@ def test_two_looks_and_a_choice_compile_nothing() -> None:
     frontier.warm_up()
     frontier_value.warm_up()
     graph_search.warm_up()
+    tour.warm_up()
     before = signatures()
     spec = GridSpec(0.05, 120, 100, 0.0, 0.0)
     occupancy = np.full(spec.shape, -1, np.int8)

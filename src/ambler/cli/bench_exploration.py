@@ -1,13 +1,16 @@
-"""`ambler bench exploration`: path length to coverage of each strategy on floor plans, with an ideal scanner and robot.
+"""`ambler bench exploration`: path lengths and times of each strategy, with an ideal scanner and robot and the real mission.
 
-The plans are pictures: 127 is solid, everything else is free, 203 marks the start (the public dungeon maps of `datasets.md`).
+Places are the simulator's worlds, seen with the scanner of `diff`, and floor plans, seen as far as their authors saw (80 pixels).
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +19,15 @@ if TYPE_CHECKING:
     from ambler.exploration.strategies import Strategy
 
 COVERAGES = (0.9, 0.98, 0.99)
-SOLID, START = 127, 203
+COLUMNS = (
+    *(f"path_at_{round(100 * c)}pct_m" for c in COVERAGES),
+    "path_explored_m",
+    "path_total_m",
+    "path_weighted_m",
+    "time_at_98pct_s",
+    "time_total_s",
+    "coverage_ratio",
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -31,6 +42,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--strategies", default="tour,nearest,greedy", help="names, separated by commas")
     parser.add_argument("--resolution", type=float, default=0.0625, help="metres per pixel")
     parser.add_argument("--every", type=int, default=1, help="take each n-th plan only")
+    parser.add_argument(
+        "--worlds", default="office,lab_empty,lab_obstacle", help="built-in worlds, separated by commas"
+    )
+    parser.add_argument("--plan-range", type=float, default=5.0, help="how far the scanner sees in plans, metres")
+    parser.add_argument("--world-range", type=float, default=20.0, help="how far the scanner sees in worlds, metres")
     parser.add_argument("--seed", type=int, default=0, help="unused: nothing is random here")
     parser.add_argument("--json", type=Path)
     parser.set_defaults(run=run)
@@ -38,8 +54,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explore every plan with every strategy; exit 1 when an exploration ends without proof or below 98 % coverage."""
-    import numpy as np
-
+    from ambler.cli.exploration_places import built_in_world, plan_world
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.exploration.strategies import STRATEGIES, strategy_named
@@ -52,34 +67,23 @@ def run(args: argparse.Namespace) -> int:
     plans = sorted(args.data.rglob("*.png"))[:: args.every]
     if not plans:
         raise BadInputError(f"no *.png in {args.data}")
-    lengths: dict[str, list[tuple[float, ...]]] = {n: [] for n in names}
+    places: list[tuple[str, Callable[[], GridWorld]]] = [
+        (name, partial(built_in_world, name, args.world_range)) for name in args.worlds.split(",") if name
+    ]
+    places += [(f"{p.parent.name}/{p.stem}", partial(plan_world, p, args.resolution, args.plan_range)) for p in plans]
+    rows: dict[str, list[tuple[float, ...]]] = {n: [] for n in names}
     is_good = True
-    for plan in plans:
+    for label, make in places:
         words = []
         for name in names:
-            world = load_world(plan, args.resolution)
-            result = explore(world, strategy_named(name, distance_field))
+            result = explore(make(), strategy_named(name, distance_field))
             is_good &= result.code == "SUCCEEDED" and result.coverage >= 0.98
-            reached = [np.nan if m is None else m for m in result.at_coverage]
-            lengths[name].append((*reached, result.explored, result.total, result.coverage))
-            words.append(f"{name} {reached[1]:.0f}/{result.explored:.0f}/{result.total:.0f} m {result.coverage:.1%}")
+            rows[name].append(result.row())
+            words.append(f"{name} {result.at_98:.0f}/{result.explored:.0f}/{result.total:.0f} m {result.coverage:.1%}")
             if result.code != "SUCCEEDED":
                 words.append(result.code)
-        print(f"{plan.parent.name}/{plan.stem}: " + ", ".join(words), flush=True)
-    fields: dict[str, Any] = {"plans": len(plans)}
-    columns = (
-        *(f"path_at_{round(100 * c)}pct_m" for c in COVERAGES),
-        "path_explored_m",
-        "path_total_m",
-        "coverage_ratio",
-    )
-    for name in names:
-        for column, mean in zip(columns, np.mean(lengths[name], axis=0), strict=True):
-            fields[f"{name}_{column}_mean"] = round(float(mean), 4)
-    for peer in names[1:]:
-        for column in ("path_at_98pct_m", "path_explored_m"):
-            ratio = fields[f"{names[0]}_{column}_mean"] / fields[f"{peer}_{column}_mean"]
-            fields[f"{column}_ratio_vs_{peer}"] = round(ratio, 4)
+        print(f"{label}: " + ", ".join(words), flush=True)
+    fields = {"plans": len(plans), "places": len(places), **compare(rows)}
     for key, value in fields.items():
         print(f"{key:45} {value}")
     if args.json is not None:
@@ -87,43 +91,47 @@ def run(args: argparse.Namespace) -> int:
     return 0 if is_good else 1
 
 
-def load_world(plan: Path, resolution: float) -> GridWorld:
-    """Read a floor plan; raises BadInputError when it is no picture or has no start."""
-    import cv2
+def compare(rows: dict[str, list[tuple[float, ...]]]) -> dict[str, Any]:
+    """Return the means of each strategy, and the first one's lengths over those of each other one."""
     import numpy as np
 
-    from ambler.core.errors import BadInputError
-    from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, GridSpec
-    from ambler.core.se2 import SE2
-    from ambler.exploration.grid_world import GridWorld
-    from ambler.planning.distance import distance_field
-
-    pixels = cv2.imread(str(plan), cv2.IMREAD_GRAYSCALE)
-    if pixels is None:
-        raise BadInputError(f"{plan}: not a picture")
-    pixels = np.ascontiguousarray(pixels[::-1])
-    ys, xs = np.nonzero(pixels == START)
-    if len(ys) == 0:
-        raise BadInputError(f"{plan}: no pixel of {START}, which marks the start")
-    truth = np.where(pixels == SOLID, OCC_OCCUPIED, OCC_FREE).astype(np.int8)
-    spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
-    start = SE2(*spec.center_of(int(ys.mean()), int(xs.mean())))
-    return GridWorld(spec, truth, start, distance_field)
+    fields: dict[str, Any] = {}
+    for name, values in rows.items():
+        for column, mean in zip(COLUMNS, np.mean(values, axis=0), strict=True):
+            fields[f"{name}_{column}_mean"] = round(float(mean), 4)
+    first, *peers = rows
+    for peer in peers:
+        for column in ("path_at_98pct_m", "path_explored_m", "path_total_m", "path_weighted_m"):
+            ratio = fields[f"{first}_{column}_mean"] / fields[f"{peer}_{column}_mean"]
+            fields[f"{column}_ratio_vs_{peer}"] = round(ratio, 4)
+    return fields
 
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """Driven metres at each coverage of COVERAGES (None: not reached), at the end of exploring and at home; how it ended."""
+    """Driven metres at each coverage of COVERAGES (NaN: not reached), at the end of exploring and at home, seconds at 98 % and at
+    the end, and how it ended."""
 
-    at_coverage: tuple[float | None, ...]
+    at_coverage: tuple[float, ...]
     explored: float
     total: float
     coverage: float
     code: str
-    updates: int
+    seconds_at_98: float
+    seconds: float
+
+    @property
+    def at_98(self) -> float:
+        return self.at_coverage[1]
+
+    def row(self) -> tuple[float, ...]:
+        """Return the values of COLUMNS; the weighted length is the mean of that at 98 % and that to the proof and home."""
+        weighted = 0.5 * (self.at_98 + self.total)
+        times = (self.seconds_at_98, self.seconds)
+        return (*self.at_coverage, self.explored, self.total, weighted, *times, self.coverage)
 
 
-def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_updates: int = 5000) -> Exploration:
+def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.5, max_updates: int = 5000) -> Exploration:
     """Run the exploration mission in a grid world, one update per simulated second."""
     from ambler.exploration.survey import FrontierSurvey, SurveyConfig
     from ambler.missions.explore import ExploreMission
@@ -142,7 +150,8 @@ def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_upd
     survey = FrontierSurvey(SurveyConfig(), distance_field)
     mission = ExploreMission(ExploreConfig(), survey, strategy)
     mission.begin(ExploreGoal(), 0)
-    reached: list[float | None] = [None] * len(COVERAGES)
+    reached = [math.nan] * len(COVERAGES)
+    seconds_at_98 = math.nan
     goal: DriveTo | None = None
     explored = 0.0
     for k in range(max_updates):
@@ -157,7 +166,9 @@ def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_upd
                 case StopDriving():
                     goal = None
                 case Ended():
-                    return Exploration(tuple(reached), explored, world.driven, world.coverage(), command.code, k)
+                    return Exploration(
+                        tuple(reached), explored, world.driven, world.coverage(), command.code, seconds_at_98, k
+                    )
         if goal is not None:
             has_arrived = world.drive(goal.map_from_goal, speed)
             if has_arrived is None:
@@ -168,8 +179,10 @@ def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.8, max_upd
                 goal = None
         coverage = world.coverage()
         for i, wanted in enumerate(COVERAGES):
-            if reached[i] is None and coverage >= wanted:
+            if math.isnan(reached[i]) and coverage >= wanted:
                 reached[i] = world.driven
+        if math.isnan(seconds_at_98) and not math.isnan(reached[1]):
+            seconds_at_98 = k + 1.0
         if mission.state is ExploreState.DRIVING:
             explored = world.driven
-    return Exploration(tuple(reached), explored, world.driven, world.coverage(), "TOO_LONG", max_updates)
+    return Exploration(tuple(reached), explored, world.driven, world.coverage(), "TOO_LONG", seconds_at_98, max_updates)

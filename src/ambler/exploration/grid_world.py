@@ -12,6 +12,7 @@ from ambler.core.grid import COST_FREE, COST_LETHAL, COST_UNKNOWN, OCC_FREE, OCC
 from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.survey import DistanceField
+from ambler.kernels.grid_world import sense
 
 
 class GridWorld:
@@ -37,25 +38,16 @@ class GridWorld:
         reach = round(robot_radius / spec.resolution)
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         self._body = (x * x + y * y <= reach * reach).astype(np.uint8)
-        angles = np.arange(rays) * (2.0 * math.pi / rays)
-        steps = np.arange(0.0, sensor_range / spec.resolution, 0.5) * spec.resolution
-        self._beams_x = np.cos(angles)[:, None] * steps
-        self._beams_y = np.sin(angles)[:, None] * steps
+        self._rays = rays
+        self._reach_cells = sensor_range / spec.resolution
         self._reachable = np.isfinite(distance_field(self._inflate(truth), spec, start))
         self.sense()
 
     def sense(self) -> None:
         """Mark what the scanner sees from here: free cells up to the first occupied one, and that one."""
-        spec = self.spec
-        ix = np.floor((self._beams_x + self.pose.x - spec.origin_x) / spec.resolution).astype(np.int64)
-        iy = np.floor((self._beams_y + self.pose.y - spec.origin_y) / spec.resolution).astype(np.int64)
-        np.clip(ix, 0, spec.width - 1, out=ix)
-        np.clip(iy, 0, spec.height - 1, out=iy)
-        hits = self.truth[iy, ix] >= OCC_OCCUPIED
-        behind = np.cumsum(hits, axis=1)
-        free, first = behind == 0, hits & (behind == 1)
-        self.built[iy[free], ix[free]] = OCC_FREE
-        self.built[iy[first], ix[first]] = OCC_OCCUPIED
+        x = (self.pose.x - self.spec.origin_x) / self.spec.resolution
+        y = (self.pose.y - self.spec.origin_y) / self.spec.resolution
+        sense(self.truth, OCC_OCCUPIED, x, y, self._rays, self._reach_cells, OCC_FREE, OCC_OCCUPIED, self.built)
 
     def map(self, stamp_ns: int) -> OccupancyGrid:
         """Return the map built so far."""

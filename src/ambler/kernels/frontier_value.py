@@ -1,4 +1,4 @@
-"""What a frontier is worth, on plain arrays: the unknown area visible from its goal, and exact tours over several frontiers."""
+"""What a frontier is worth: the unknown area visible from its goal. And the coarse costs that distances between goals need."""
 
 import math
 
@@ -81,37 +81,6 @@ def shrink_costs(costs: NDArray[np.uint8], factor: int, out: NDArray[np.uint8]) 
             out[iy, ix] = least
 
 
-@jit
-def tour_costs(
-    from_robot: NDArray[np.float64],
-    between: NDArray[np.float64],
-    table: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:
-    """Write for each place the length of the shortest open tour over all places that begins there (Held and Karp 1962).
-
-    `from_robot` (N,), `between` (N, N), `table` scratch (2**N, N): table[S, j] is the shortest way that starts at j and
-    visits the set S, which contains j.
-    """
-    n = len(from_robot)
-    for subset in range(1, 1 << n):
-        for j in range(n):
-            if not (subset >> j) & 1:
-                continue
-            rest = subset ^ (1 << j)
-            if rest == 0:
-                table[subset, j] = 0.0
-                continue
-            best = np.inf
-            for k in range(n):
-                if (rest >> k) & 1:
-                    d = between[j, k] + table[rest, k]
-                    best = min(best, d)
-            table[subset, j] = best
-    for j in range(n):
-        out[j] = from_robot[j] + table[(1 << n) - 1, j]
-
-
 def warm_up() -> None:
     """Compile every kernel with its real dtypes; grids that come from messages are read-only."""
     occupancy = np.full((4, 4), -1, np.int8)
@@ -120,4 +89,3 @@ def warm_up() -> None:
     costs.flags.writeable = False
     visible_unknown(occupancy, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
     shrink_costs(costs, 2, np.empty((2, 2), np.uint8))
-    tour_costs(np.ones(2), np.ones((2, 2)), np.empty((4, 2)), np.empty(2))
