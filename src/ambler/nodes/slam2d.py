@@ -110,7 +110,7 @@ class Slam2dNode(Node):
     def _update(self, scan: PlanarScan) -> None:
         if scan.stamp_ns <= self._newest_ns:
             self.ctx.log(
-                "SCAN_OUT_OF_ORDER", "a scan is older than the last one and is left out", stamp_ns=scan.stamp_ns
+                "SCAN_OUT_OF_ORDER", "a scan is older than the last one and is left out", scan_stamp_ns=scan.stamp_ns
             )
             return
         self._newest_ns = scan.stamp_ns
