@@ -39,16 +39,16 @@ def test_a_loop_closure_brings_the_ends_together() -> None:
     course, slam = ring(), Slam2d(short_submaps())
     results = run(slam, course, with_odometry=True, rng=np.random.default_rng(3))
     local = errors(course.truth, [r.local_from_base for r in results])
-    assert local[-1, 0] > 0.3  # it did drift
+    assert local[-1, 0] > 0.2  # it did drift
     slam.finish()
     nodes = [k for k, r in enumerate(results) if r.node is not None]
     truth = [course.truth[k] for k in nodes]
     assert slam.loop_closures > 5
     drifted = gap(truth, [slam.local_from_node(i) for i in range(slam.nodes)])
     closed = gap(truth, [slam.map_from_node(i) for i in range(slam.nodes)])
-    assert drifted > 0.3
+    assert drifted > 0.2
     assert closed < 0.12
-    assert closed < 0.25 * drifted
+    assert closed < 0.4 * drifted
     everywhere = errors(truth, [slam.map_from_node(i) for i in range(slam.nodes)])[:, 0]
     assert np.sqrt((everywhere**2).mean()) < 0.75 * np.sqrt((local[:, 0] ** 2).mean())
 
