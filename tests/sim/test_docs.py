@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from ambler.sim.faults import FaultKind
+from ambler.sim.robots import robot_named
 from ambler.sim.world import load_world
 
 PAGE = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text()
@@ -25,4 +27,19 @@ def test_the_world_example_loads(tmp_path: Path) -> None:
     path = tmp_path / "example.yaml"
     path.write_text(example("yaml"))
     names = [s.name for s in load_world(path).solids]
-    assert {"desk", "column", "pillar", "wall_0"} <= set(names)
+    assert {"desk", "column", "pillar", "wall_0", "rack_post"} <= set(names)
+    assert len(load_world(path).people) == 1
+
+
+def test_the_urdf_example_loads(tmp_path: Path) -> None:
+    path = tmp_path / "cart.urdf"
+    path.write_text(example("xml"))
+    robot = robot_named(str(path))
+    assert (robot.model.name, robot.track, robot.mass) == ("cart", 0.32, 20.0)
+    assert robot.model.sensor("laser_link").base_from_sensor.translation == (0.1, 0.0, 0.4)
+
+
+def test_every_fault_of_the_page_exists() -> None:
+    table = PAGE[PAGE.index("## Faults") :]
+    named = re.findall(r"^\| `(\w+)", table, re.MULTILINE)
+    assert sorted(named) == sorted(k.value for k in FaultKind)
