@@ -21,7 +21,7 @@ def test_composition_reads_the_cell_under_each_centre(seed: int) -> None:
     cells = (rng.integers(1, 32768, (h, w)) * (rng.random((h, w)) < 0.7)).astype(np.uint16)
     frame = np.array([0.05, *rng.uniform(-2.0, 0.5, 2)])
     spec = GridSpec(float(rng.choice([0.05, 0.1, 0.03])), 60, 50, -1.5, -1.2)
-    map_from_submap = SE2(*rng.uniform(-1.0, 1.0, 2), float(rng.uniform(-math.pi, math.pi)))
+    map_from_submap = SE2.from_array(rng.uniform((-1.0, -1.0, -math.pi), (1.0, 1.0, math.pi)))
     evidence, known = rng.normal(size=spec.shape).astype(np.float32), np.zeros(spec.shape, np.uint8)
     before, table = evidence.copy(), log_odds_table()
     target = np.array([spec.resolution, spec.origin_x, spec.origin_y])

@@ -46,7 +46,7 @@ def distance_to_walls(points: np.ndarray) -> np.ndarray:
 
     a, e = WALLS[:, :2], WALLS[:, 2:] - WALLS[:, :2]
     t = np.clip(((points[:, None] - a) * e).sum(-1) / (e * e).sum(-1), 0, 1)
-    return np.linalg.norm(points[:, None] - (a + t[..., None] * e), axis=-1).min(axis=1)
+    return np.asarray(np.linalg.norm(points[:, None] - (a + t[..., None] * e), axis=-1).min(axis=1))
 
 
 def test_without_compensation_a_moving_scan_misses_the_walls() -> None:
@@ -78,8 +78,8 @@ def test_a_scanner_mounted_upside_down_turns_the_other_way() -> None:
     assert math.atan2(out.points[0, 1], out.points[0, 0]) == pytest.approx(-0.5, abs=1e-6)
 
 
-def cloud_of(points: list[tuple[float, float, float]]) -> PointCloud:
-    """Return a cloud at rest."""
+def cloud_of(points: list[tuple[float, float, float]] | np.ndarray) -> PointCloud:
+    """Return a cloud at rest of points (N, 3)."""
     n = len(points)
     return PointCloud(
         0,
@@ -109,13 +109,38 @@ def test_height_band_of_a_cloud() -> None:
     assert lengths == pytest.approx([4.0 * 0.7 / 0.8, 10.0], abs=1e-5)
 
 
+def test_the_mean_of_a_surface_removes_the_bias_of_its_nearest_return() -> None:
+    rng = np.random.default_rng(3)
+    sigma, rings, bins = 0.01, 16, 360
+    bearing = (np.arange(bins) + 0.5) * 2 * math.pi / bins - math.pi
+    wall = 3.0 + sigma * rng.standard_normal((rings, bins))
+    behind = np.full((4, bins), 3.5)  # seen past the wall: another surface
+    distance, angle = np.concatenate((wall, behind)), np.tile(bearing, (rings + 4, 1))
+    flat = np.stack((distance * np.cos(angle), distance * np.sin(angle), np.zeros_like(distance)), axis=-1)
+    config = PlanarConfig(height_min=-0.1, height_max=0.1, azimuth_bins=bins, surface_depth=0.08)
+    points = cloud_to_points(cloud_of(flat.reshape(-1, 3)), SE3(), np.zeros(3), config).points
+    assert len(points) == bins
+    error = np.hypot(points[:, 0], points[:, 1]) - 3.0
+    assert wall.min(axis=0).mean() - 3.0 < -1.5 * sigma  # the nearest of 16 lies 1.77 sigma too near
+    assert abs(error.mean()) < 4.0 * sigma / math.sqrt(rings * bins)
+    assert error.std() == pytest.approx(sigma / math.sqrt(rings), rel=0.15)
+
+
+def test_one_surface_ends_at_its_depth() -> None:
+    config = PlanarConfig(height_min=-0.1, height_max=0.1, surface_depth=0.06)
+    for second, seen in ((2.05, 2.025), (2.07, 2.0)):
+        cloud = cloud_of([(second, 0.0, 0.0), (2.0, 0.0, 0.0)])
+        points = cloud_to_points(cloud, SE3(), np.zeros(3), config).points
+        assert points == pytest.approx(np.array([[seen, 0.0]]), abs=1e-6)
+
+
 def test_levelling_turns_a_tilted_floor_flat() -> None:
     roll, pitch = 0.05, -0.08
     mount = SE3((0.1, 0.0, 0.6))
     tilt = SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0)
     floor = np.array([[x, y, 0.0] for x in (-3.0, 2.0, 4.0) for y in (-2.0, 3.0)])
     in_sensor = (tilt @ mount).inverse().transform(floor)
-    cloud = cloud_of([tuple(p) for p in in_sensor.tolist()])
+    cloud = cloud_of(in_sensor)
     config = PlanarConfig(range_min=0.3, range_max=10.0, free_length=10.0)
     assert len(cloud_to_points(cloud, level(mount, roll, pitch), np.zeros(3), config).points) == 0
     assert len(cloud_to_points(cloud, mount, np.zeros(3), config).points) > 0

@@ -57,7 +57,7 @@ def ranges_at(sensor: SE2, angles: F64, walls: F64 = WALLS) -> F64:
 
 def beam_angles(beams: int = BEAMS) -> F64:
     """Return float64 (beams,) angles all around, from -pi on."""
-    return np.arange(beams) * (2.0 * math.pi / beams) - math.pi
+    return np.arange(beams, dtype=np.float64) * (2.0 * math.pi / beams) - math.pi
 
 
 def scan_at(

@@ -30,7 +30,7 @@ def gap(truth: list[SE2], estimates: list[SE2]) -> float:
     first = range(len(truth) // 3)
     worst = 0.0
     for i in range(len(truth) - 20, len(truth)):
-        j = min(first, key=lambda j, i=i: truth[j].distance_to(truth[i]))
+        j = int(np.argmin([truth[k].distance_to(truth[i]) for k in first]))
         worst = max(worst, (estimates[j].inverse() @ estimates[i]).distance_to(truth[j].inverse() @ truth[i]))
     return worst
 
