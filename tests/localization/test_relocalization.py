@@ -12,16 +12,11 @@ from ambler.core.se2 import SE2
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.localization.localizer import Localizer, Observation
 from ambler.localization.particle_filter import ParticleFilter, ParticleFilterConfig
-from ambler.localization.reflectors import (
-    DetectorConfig,
-    ReflectorMap,
-    ReflectorSurvey,
-    detect_reflectors,
-    recognize,
-)
+from ambler.localization.reflectors import ReflectorMap, ReflectorSurvey, recognize
 from ambler.localization.relocalizer import RelocalizationState, Relocalizer, RelocalizerConfig
 from ambler.localization.supervisor import LocalizationState, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
+from ambler.registration.reflectors import DetectorConfig, detect_reflectors
 from tests.localization import rooms
 from tests.localization.rooms import Room, error_of
 

@@ -12,15 +12,8 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.localization.errors import NoPoseError
 from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Mode, Observation
 from ambler.localization.motion import OdometryNoise, predict, require_valid
-from ambler.localization.reflectors import (
-    DetectorConfig,
-    Recognition,
-    ReflectorMap,
-    Sighting,
-    associate,
-    detect_reflectors,
-    recognize,
-)
+from ambler.localization.reflectors import Recognition, ReflectorMap, associate, recognize
+from ambler.registration.reflectors import DetectorConfig, Sighting, detect_reflectors
 
 F64 = NDArray[np.float64]
 
