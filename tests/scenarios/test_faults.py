@@ -103,13 +103,14 @@ def test_late_stamps_only_cost_accuracy(robot: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["diff", "amr_omni"])
-def test_people_who_cross_are_never_touched(robot: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("robot", "coverage"), [("diff", 0.95), ("amr_omni", 0.85)])
+def test_people_who_cross_are_never_touched(robot: str, coverage: float, tmp_path: Path) -> None:
+    """Where somebody stood the map may have a smear; the large robot must keep away from it."""
     demo = run(tmp_path, ("people",), robot)
     fields = judge(demo).fields
     assert fields["collisions"] == 0
     assert demo.ended == "finished"
-    assert fields["coverage_ratio"] >= 0.95
+    assert fields["coverage_ratio"] >= coverage
 
 
 @pytest.mark.slow
@@ -123,7 +124,22 @@ def test_a_door_that_closes_leaves_a_room_out_and_the_end_is_proved(tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_door_that_closes_behind_the_robot_is_a_named_end(tmp_path: Path) -> None:
-    """The way home is shut: the robot says so, or waits; it does not force the door."""
+    """The way home is shut: the robot says so, or comes home when it opens; it does not force the door."""
     demo = run(tmp_path, ("door:34:55",), "diff")
     assert judge(demo).fields["collisions"] == 0
-    assert demo.ended in ("finished", "return_failed", "stuck")
+    assert demo.ended in ("finished", "return_failed")
+
+
+@pytest.mark.slow
+def test_a_scanner_that_is_dead_from_the_start_keeps_the_robot_standing(tmp_path: Path) -> None:
+    demo = run(tmp_path, ("scanner_dropout@front_left",), "amr_omni", time_limit=15.0)
+    assert judge(demo).fields["collisions"] == 0
+    assert read_exploration(demo.folder.recording).speeds.max() < 0.02
+    assert "STALE_POINTS: no fresh scan or cloud from front_left" in demo.folder.log.read_text()
+
+
+@pytest.mark.slow
+def test_glass_is_not_known_to_lasers_but_touched_slowly_at_worst(tmp_path: Path) -> None:
+    """Without a sensor for glass there may be contacts; the specular returns near square hold the robot back."""
+    demo = run(tmp_path, ("glass",), "diff", time_limit=60.0)
+    assert all(c.other_geom.endswith("_glass") and c.speed < 0.5 for c in judge(demo).collisions)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan
 from ambler.core.protocols import BodyVelocity
@@ -50,6 +51,15 @@ def test_faults_are_written_in_one_line() -> None:
 def test_a_badly_written_fault_gets_one_clear_line(text: str) -> None:
     with pytest.raises(BadInputError, match=text.split(":", maxsplit=1)[0]):
         Fault.parse(text)
+
+
+def test_the_command_refuses_bad_faults_and_reads_those_of_a_profile(tmp_path: Path) -> None:
+    profile = tmp_path / "p.yaml"
+    profile.write_text("faults: [gremlins:1:2]")
+    assert main(["demo", "--no-view", "--world", "lab_empty", "--fault", "gremlins", "--out", str(tmp_path)]) == 2
+    assert main(["demo", "--no-view", "--world", "lab_empty", "--profile", str(profile), "--out", str(tmp_path)]) == 2
+    profile.write_text("faults: gremlins")
+    assert main(["demo", "--no-view", "--world", "lab_empty", "--profile", str(profile), "--out", str(tmp_path)]) == 2
 
 
 @pytest.mark.parametrize("fault", ["scanner_stuck@radar", "door", "door@door_9_9"])
@@ -107,10 +117,9 @@ def test_people_of_the_fault_walk_where_there_is_room(name: str) -> None:
     assert len(people) == 3
     for person in people:
         walker = Walker(person, 4)
-        for at in np.arange(0.0, walker.length, 0.1):
-            place = walker.place(float(at))
-            assert gap_to_solids(world, place, person.height) > person.radius
-            assert math.hypot(*place) > START_ROOM
+        places = np.array([walker.place(float(at)) for at in np.arange(0.0, walker.length, 0.1)])
+        assert gap_to_solids(world, places, person.height) > person.radius
+        assert np.hypot(*places.T).min() > START_ROOM
 
 
 def test_people_of_the_fault_stand_until_it_begins() -> None:

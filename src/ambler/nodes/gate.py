@@ -41,6 +41,7 @@ from ambler.safety.stuck_scan import StuckScan
 
 PERIOD = 0.02
 STATUS_PERIOD_NS = 1_000_000_000
+NEVER_NS = -(1 << 62)
 
 
 class GateNode(Node):
@@ -69,7 +70,8 @@ class GateNode(Node):
         self._stuck: set[str] = set()
         self._radius = robot.circumscribed_radius
         kinds = {m.kind for m in robot.sensors}
-        self._has_many = len(robot.scanners) > 1
+        self._planar = robot.scanners
+        self._has_many = len(self._planar) > 1
         scan = SCANNERS if self._has_many else SCAN
         self._scanners = tuple(topic for kind, topic in (("scan", scan), ("cloud", CLOUD)) if kind in kinds)
         self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners)  # type: ignore[assignment, misc]
@@ -85,6 +87,9 @@ class GateNode(Node):
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
         self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
+        if self._has_many:
+            for mount in self._planar:  # known from the start, so that one that never sends anything is missed
+                self.gate.update_points(mount.frame, NEVER_NS, np.empty((0, 2)), SE2())
         for topic in (SCAN, SCANNERS):
             if topic in self._scanners:
                 self.ctx.subscribe(topic, self._on_scan)

@@ -79,7 +79,8 @@ class PrintCamera:
         self._limits = self._rays.min(axis=(0, 1)) - 0.05, self._rays.max(axis=(0, 1)) + 0.05
 
     def take(self, world_from_cameras: Sequence[SE3], prints: Sequence[Print], light: Light | None = None) -> U8:
-        """Return a picture uint8 (H, W). Several poses are those of a moving camera, spread evenly over the exposure."""
+        """Return a picture uint8 (H, W). A print covers those before it in the list. Several poses are those of a moving camera, spread
+        evenly over the exposure."""
         model, light = self.spec.model, light if light is not None else Light()
         exposed = [self._project(pose, prints) for pose in world_from_cameras]
         image = np.mean(exposed, axis=0) if len(exposed) > 1 else exposed[0]
@@ -97,9 +98,8 @@ class PrintCamera:
     def _project(self, world_from_camera: SE3, prints: Sequence[Print]) -> F32:
         image = self._background.copy()
         camera_from_world = world_from_camera.inverse()
-        placed = [(camera_from_world @ p.world_from_print, p) for p in prints]
-        for camera_from_print, p in sorted(placed, key=lambda item: -item[0].translation[2]):
-            self._draw(image, camera_from_print, p)
+        for p in prints:
+            self._draw(image, camera_from_world @ p.world_from_print, p)
         return image
 
     def _draw(self, image: F32, camera_from_print: SE3, p: Print) -> None:

@@ -26,6 +26,7 @@ UPDATE_NS = 20_000_000
 DT = UPDATE_NS * 1e-9
 PERSON_GAP = 0.5  # metres that a walking person keeps from the robot; DOOR_GAP the leaf of a door
 DOOR_GAP = 0.2
+FAR_OFF = 5.0  # metres from a corner of the robot at which nobody need look more closely
 PATIENCE = 4.0  # seconds of waiting before a person turns round
 DOOR_SPEED = 0.6
 
@@ -63,9 +64,10 @@ class Walker:
     def update(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> None:
         """Walk for one period, or wait if the next step leads too near to the robot or to somebody else."""
         here, there = self.position, self.place(self.at + self._direction * self._speed * DT)
-        gap, radius = PERSON_GAP, self.person.radius
-        now, then = (distance_to_polygon(p, footprint_map) - radius for p in (here, there))
-        is_blocked = then < gap and then < now
+        gap, radius, is_blocked = PERSON_GAP, self.person.radius, False
+        if math.hypot(here[0] - footprint_map[0, 0], here[1] - footprint_map[0, 1]) < FAR_OFF:
+            now, then = (distance_to_polygon(p, footprint_map) - radius for p in (here, there))
+            is_blocked = then < gap and then < now
         for other in others:
             before, after = math.dist(here, other), math.dist(there, other)
             is_blocked |= after < 2 * radius + 0.1 and after < before

@@ -1,0 +1,110 @@
+"""The gate of a robot with several scanners: sideways motion passes, and each scanner must be there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambler.core.messages import LaserScan, Odometry, VelocityCommand
+from ambler.core.se3 import SE3
+from ambler.nodes.gate import GateNode
+from ambler.runtime.tasks import GateRequest
+from ambler.runtime.topics import SCAN, SCANNERS, VELOCITY_COMMAND, Topic
+from ambler.sim.robots import robot_named
+
+FRAMES = ("front_right", "front_left", "rear_left")
+
+
+class HandMadeContext:
+    """Time, and the last of everything published."""
+
+    def __init__(self) -> None:
+        self.now_ns = 1_000_000_000
+        self.callbacks: dict[str, Callable[[Any], Any]] = {}
+        self.last: dict[str, Any] = {}
+        self.codes: list[str] = []
+        self.step: Callable[[], None] = lambda: None
+
+    def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
+        self.callbacks[topic.name] = callback
+
+    def serve(self, service: Any, callback: Callable[[Any], Any]) -> None:
+        self.callbacks[service.name] = callback
+
+    def timer(self, period: float, callback: Callable[[], None]) -> None:
+        self.step = callback
+
+    def publish(self, topic: Topic[Any], message: Any) -> None:
+        self.last[topic.name] = message
+
+    def log(self, code: str, text: str, **fields: Any) -> None:
+        self.codes.append(f"{code} {text}")
+
+
+class Bench:
+    """A gate node with a robot that stands among far walls and wants to go sideways."""
+
+    def __init__(self) -> None:
+        self.node, self.context = GateNode(robot_named("amr_omni").model), HandMadeContext()
+        self.node.ctx = self.context  # type: ignore[assignment]
+        self.node.start()
+        self.context.callbacks["arm"](GateRequest("test", ""))
+        self.y = 0.0
+        self.rng = np.random.default_rng(0)
+
+    def run(self, seconds: float, frames: tuple[str, ...] = FRAMES, stuck: str = "") -> VelocityCommand:
+        """Step for some seconds with scans of these frames; the base moves as commanded."""
+        context = self.context
+        for k in range(round(seconds / 0.02)):
+            context.now_ns += 20_000_000
+            pose = SE3((0.0, self.y, 0.0))
+            still = (0.0, 0.0, 0.0)
+            context.callbacks["odometry"](
+                Odometry(context.now_ns, "odom", "base", pose, still, still, np.zeros((6, 6)), np.zeros((6, 6)))
+            )
+            for frame in frames if k % 4 == 0 else ():
+                noise = np.zeros(721) if frame == stuck else 0.01 * self.rng.standard_normal(721)
+                ranges = (8.0 + noise).astype(np.float32)
+                step = 1.5 * np.pi / 720
+                context.callbacks["scanners"](
+                    LaserScan(context.now_ns, frame, -0.75 * np.pi, step, 0.0, 0.08, 0.05, 40.0, ranges, ranges)
+                )
+            context.callbacks["velocity_request"](VelocityCommand(context.now_ns, 0.0, 0.4, 0.0))
+            context.step()
+            self.y += 0.02 * context.last["velocity_command"].vy
+        command: VelocityCommand = context.last[VELOCITY_COMMAND.name]
+        return command
+
+
+def test_it_reads_the_scanners_themselves_and_lets_sideways_motion_pass() -> None:
+    bench = Bench()
+    assert SCANNERS in bench.node.inputs
+    assert SCAN not in bench.node.inputs
+    command = bench.run(2.0)
+    assert (command.vx, command.vy, command.wz) == (0.0, pytest.approx(0.4), 0.0)
+
+
+@pytest.mark.parametrize("missing", FRAMES)
+def test_a_scanner_that_never_sent_anything_is_missed(missing: str) -> None:
+    bench = Bench()
+    command = bench.run(2.0, tuple(f for f in FRAMES if f != missing))
+    assert command.vy == 0.0
+    assert any(f"STALE_POINTS: no fresh scan or cloud from {missing}" in c for c in bench.context.codes)
+
+
+def test_a_scanner_that_falls_silent_stops_the_robot_until_it_is_back() -> None:
+    bench = Bench()
+    assert bench.run(2.0).vy > 0.3
+    assert bench.run(1.2, FRAMES[:2]).vy == 0.0
+    assert bench.run(2.0).vy > 0.3
+
+
+def test_a_scanner_that_repeats_itself_stops_the_robot() -> None:
+    bench = Bench()
+    assert bench.run(2.0).vy > 0.3
+    assert bench.run(1.5, stuck="rear_left").vy == 0.0
+    assert any(c.startswith("SCANNER_STUCK rear_left") for c in bench.context.codes)
+    assert bench.run(2.0).vy > 0.3
