@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from ambler.core.errors import BadInputError, StartOccupiedError
 from ambler.core.grid import GridSpec
-from ambler.core.messages import CostGrid, FrontierState, OccupancyGrid
+from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig, choose, find_again
@@ -216,3 +216,18 @@ def test_hysteresis_and_recognition() -> None:
     assert choose(survey, NearestStrategy(), SE2(3.4, 3.0), nearest, config) == nearest
     for i in survey.open:
         assert find_again(survey.frontiers[i], survey, config) == i
+
+
+def test_a_target_is_not_mistaken_for_a_long_neighbour_beside_it() -> None:
+    """The neighbour has more cells within the matching distance of the target than the target itself."""
+    x = np.arange(0.0, 0.5, R)
+    target = np.stack([x, np.zeros_like(x)], axis=1).astype(np.float32)
+    x = np.arange(-2.0, 2.5, R)
+    neighbour = np.stack([x, np.full_like(x, 0.15)], axis=1).astype(np.float32)
+    frontiers = tuple(
+        Frontier(cells, (0.0, 0.0), (0.0, 0.0, 0.0), 1.0, FrontierState.OPEN) for cells in (neighbour, target)
+    )
+    spec = GridSpec(R, 2, 2, 0.0, 0.0)
+    survey = Survey(frontiers, np.ones(2), (0, 1), 1.0, 1.0, CostGrid(0, "map", spec, np.zeros((2, 2), np.uint8)))
+    assert find_again(frontiers[1], survey, ChoiceConfig()) == 1
+    assert find_again(frontiers[0], survey, ChoiceConfig()) == 0

@@ -26,14 +26,19 @@ class ChoiceConfig:
 
 
 def find_again(target: Frontier, survey: Survey, config: ChoiceConfig) -> int | None:
-    """Return the index of the open frontier that is the target, None when it is gone."""
+    """Return the index of the open frontier that is the target, None when it is gone.
+
+    Of several that match, it is the one that shares most with the target of what both hold together; a long neighbour may lie beside
+    more of its cells than the target itself has.
+    """
     tree = cKDTree(target.cells.astype(np.float64))
-    best, best_near = None, 0
+    best, best_share = None, 0.0
     for i in survey.open:
         cells = survey.frontiers[i].cells.astype(np.float64)
         near = int(np.isfinite(tree.query(cells, distance_upper_bound=config.match_distance)[0]).sum())
-        if near >= config.match_ratio * min(len(cells), tree.n) and near > best_near:
-            best, best_near = i, near
+        share = near / (len(cells) + tree.n - min(near, tree.n))
+        if near >= config.match_ratio * min(len(cells), tree.n) and share > best_share:
+            best, best_share = i, share
     return best
 
 
