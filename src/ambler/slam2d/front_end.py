@@ -70,12 +70,14 @@ class FrontEnd:
             other = self._match_near(target, points, steady, window, weights)
             if other.score > match.score + config.rescue_margin:
                 match = other
-        if match.score < self._usual_score - config.rescue_score_drop:
+        usual = self._usual_score - config.rescue_score_drop
+        if match.score < usual:
+            # Either the prediction was wrong, then the right place fits as well as usual; or the view is new, then nothing does.
             wide = Window(config.window_linear_max, config.window_angular_max)
             for centre in (prior, steady):
                 start = correlate(target.grid, points, centre, wide).grid_from_base
                 rescued = refine(target.grid, points, start, start, config.blind_refine)
-                if rescued.score > match.score + config.rescue_margin:
+                if rescued.score > max(usual, match.score + config.rescue_margin):
                     match = rescued
         self._usual_score += 0.05 * (match.score - self._usual_score)
         return match
