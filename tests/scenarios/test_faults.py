@@ -63,7 +63,7 @@ def test_a_stuck_scanner_is_found_and_named(tmp_path: Path) -> None:
     assert fields["collisions"] == 0
     assert demo.ended == "finished"
     assert fields["coverage_ratio"] >= 0.97
-    assert fields["ate_rms_m"] <= 0.25
+    assert fields["ate_rms_m"] <= 0.10
     assert_it_stood(demo, 15.3, 19.0)
     assert "SCANNER_STUCK" in demo.folder.log.read_text()
 

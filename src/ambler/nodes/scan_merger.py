@@ -6,10 +6,12 @@ import json
 from typing import ClassVar
 
 from ambler.core.errors import StaleInputError
-from ambler.core.messages import LaserScan, Status
+from ambler.core.messages import LaserScan, Odometry, Status
+from ambler.core.se2 import SE2
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger, SourceState
 from ambler.runtime import topics
 from ambler.runtime.node import Node
+from ambler.safety.stuck_scan import StuckScan
 
 STARVED = "MERGER_STARVED"
 SOURCE_CODES = {
@@ -31,16 +33,25 @@ class ScanMergerNode(Node):
     def __init__(self, config: MergerConfig) -> None:
         self._merger = ScanMerger(config)
         self._states = {s.frame: SourceState.FRESH for s in config.scanners}
+        self._repeats: dict[str, StuckScan] = {}
+        self._odom_from_base = SE2()
         self._is_starved = False
         self._last_merge_ns: int | None = None
 
     def start(self) -> None:
         """Subscribe; the timer ends the wait for a scanner that has stopped."""
-        self.ctx.subscribe(topics.ODOMETRY, self._merger.odometry.add)
+        self.ctx.subscribe(topics.ODOMETRY, self._on_odometry)
         self.ctx.subscribe(topics.SCANNERS, self._on_scan)
         self.ctx.timer(self.check_period, self._merge_if_due)
 
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._odom_from_base = odometry.pose.to_se2()
+        self._merger.odometry.add(odometry)
+
     def _on_scan(self, scan: LaserScan) -> None:
+        repeats = self._repeats.setdefault(scan.frame, StuckScan())
+        if repeats.update(scan.ranges, self._odom_from_base):
+            return  # not a measurement: the source grows stale and is dropped
         self._merger.add_scan(scan, self.ctx.now_ns)
         self._merge_if_due()
 

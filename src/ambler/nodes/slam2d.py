@@ -20,6 +20,7 @@ from ambler.core.messages import (
     TransformStamped,
 )
 from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
@@ -36,6 +37,7 @@ from ambler.runtime.topics import (
     SLAM_POSE,
     TRANSFORMS,
 )
+from ambler.safety.stuck_scan import StuckScan
 from ambler.slam2d.config import Slam2dConfig
 from ambler.slam2d.slam import Slam2d, Slam2dResult
 from ambler.wire.map_files import save_map
@@ -73,6 +75,8 @@ class Slam2dNode(Node):
         self._published_version = 0
         self._tilt = (0.0, 0.0)
         self._newest_ns = -1
+        self._repeats = StuckScan()
+        self._odom_from_base = SE2()
 
     def start(self) -> None:
         """Subscribe to the sensors and publish the map when it has changed."""
@@ -91,18 +95,23 @@ class Slam2dNode(Node):
             math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
             math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
         )
-        self.slam.add_odometry(message.stamp_ns, message.pose.to_se2())
+        self._odom_from_base = message.pose.to_se2()
+        self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
 
     def _on_imu(self, message: Imu) -> None:
         turned = self._robot.sensor(message.frame).base_from_sensor.rotate(message.angular_velocity)
         self.slam.add_imu(message.stamp_ns, turned[2])
 
     def _on_scan(self, message: LaserScan) -> None:
+        if self._repeats.update(message.ranges, self._odom_from_base):
+            return  # not a measurement; the gate says so and stops the robot
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
         mount = self._robot.sensor(message.frame).base_from_sensor
         self._update(scan_to_points(message, mount, twist, self._config.planar))
 
     def _on_cloud(self, message: PointCloud) -> None:
+        if self._repeats.update(message.points, self._odom_from_base):
+            return
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
         mount = level(self._robot.sensor(message.frame).base_from_sensor, *self._tilt)
         self._update(cloud_to_points(message, mount, twist, self._config.planar))
