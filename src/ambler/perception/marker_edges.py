@@ -22,6 +22,8 @@ F64 = NDArray[np.float64]
 STEP = 0.5  # pixels between two samples across an edge
 FLOOR_PX = 0.015  # what no fit of a line is better than, pixels
 LOOSE_PX = 0.8  # of a corner whose edges cannot be fitted
+WHITE = 251.0  # grey from which white is cut off, which moves edges
+CUT_PX = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,7 @@ def refine_corners(
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     corners = camera.undistort(corners_px) * focal + centre
     covariance, fitted = np.eye(8) * LOOSE_PX**2, 0
-    for _ in range(3):
+    for _ in range(5):
         lines = [_fit_edge(image, corners, k, cells, camera, config) for k in range(4)]
         fitted = sum(line is not None for line in lines)
         moved, covariance = _corners_of(corners, lines, config.shift_px)
@@ -70,7 +72,8 @@ def _fit_edge(
 ) -> tuple[float, float, F64] | None:
     """Return the edge's offset at its middle and its change per half length (pixels, outwards), with their covariance (2, 2)."""
     middle, direction, normal, half = _frame(corners, k)
-    reach = min(config.reach_px, max(1.5, config.reach * 2.0 * half / cells))
+    cell = 2.0 * half / cells
+    reach = min(config.reach_px, max(min(2.0, 0.6 * cell), config.reach * cell))
     inside = 1.0 - max(0.08, (reach + 1.0) / max(half, 1.0))
     if inside < 0.3:
         return None
@@ -81,21 +84,48 @@ def _fit_edge(
     pixels = camera.distort(rays).astype(np.float32).reshape(len(t), len(across), 2)
     grey = cv2.remap(image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     is_in = (pixels > 0.0).all(axis=(1, 2)) & (pixels < (camera.width - 1, camera.height - 1)).all(axis=(1, 2))
-    place, is_good = _step_places(np.asarray(grey, np.float32), across, config.contrast)
-    return _fit_line(t, place, is_good & is_in, config.inliers)
+    place, is_good = _step_places(np.asarray(grey, np.float32), across, t, config.contrast)
+    line = _fit_line(t, place, is_good & is_in, config.inliers)
+    if line is None or float(np.median(grey[:, -1])) < WHITE:
+        return line
+    return line[0], line[1], line[2] + np.eye(2) * CUT_PX**2
 
 
-def _step_places(grey: F32, across: F64, contrast: float) -> tuple[F64, NDArray[np.bool_]]:
-    """Return where each profile (M, K) steps from dark to bright, and whether it does so clearly."""
+def _step_places(grey: F32, across: F64, t: F64, contrast: float) -> tuple[F64, NDArray[np.bool_]]:
+    """Return where each profile (M, K) steps from dark to bright, and whether it does so clearly.
+
+    Dark and bright are smooth along an edge, so their levels come from all profiles: those of one would be noisy.
+    """
     ends = max(1, len(across) // 6)
     dark, bright = grey[:, :ends].mean(axis=1), grey[:, -ends:].mean(axis=1)
-    step = bright - dark
-    is_good = step > contrast
-    share = (grey - dark[:, None]) / np.where(is_good, step, 1.0)[:, None]
+    is_good = bright - dark > contrast
+    if int(is_good.sum()) < 5:
+        return np.zeros(len(t)), np.zeros(len(t), np.bool_)
+    smooth_dark, is_usual_dark = _smooth(dark, t, is_good)
+    smooth_bright, is_usual_bright = _smooth(bright, t, is_good)
+    step = smooth_bright - smooth_dark
+    is_good &= is_usual_dark & is_usual_bright & (step > contrast)
+    share = (grey - smooth_dark[:, None]) / np.where(step > contrast, step, 1.0)[:, None]
     width = across[1] - across[0]
     area = (share.sum(axis=1) - 0.5 * (share[:, 0] + share[:, -1])) * width
     is_good &= (share.min(axis=1) > -0.4) & (share.max(axis=1) < 1.4)
     return np.asarray(across[-1] - area, np.float64), np.asarray(is_good)
+
+
+def _smooth(level: NDArray[np.floating], t: F64, is_good: NDArray[np.bool_]) -> tuple[F64, NDArray[np.bool_]]:
+    """Return a parabola through the levels (M,), and which of them are not far from it."""
+    keep = is_good.copy()
+    smooth = np.asarray(level, np.float64)
+    design = np.stack((np.ones(len(t)), t, t * t), axis=1)
+    for _ in range(3):
+        smooth = design @ np.linalg.lstsq(design[keep], level[keep], rcond=None)[0]
+        off = np.abs(level - smooth)
+        limit = max(10.0, 4.0 * 1.4826 * float(np.median(off[keep])))
+        fewer = is_good & (off < limit)
+        if int(fewer.sum()) < 5:
+            break
+        keep = fewer
+    return smooth, keep
 
 
 def _fit_line(t: F64, place: F64, is_good: NDArray[np.bool_], least: float) -> tuple[float, float, F64] | None:

@@ -177,10 +177,10 @@ def _ink(texture: NDArray[np.generic]) -> U8:
 
 
 def _level(texture: U8, width: float, depth: float, spec: CameraSpec) -> F32:
-    """Return the texture averaged down until one of its elements is not much smaller than a ray's."""
+    """Return the texture averaged down until its elements are not smaller than a ray's: smaller ones would be missed."""
     wanted = max(1.0, width * spec.model.fx / max(depth, NEAREST) * spec.samples)
     factor = 1
-    while texture.shape[1] / (2 * factor) >= wanted and all(s % (2 * factor) == 0 for s in texture.shape):
+    while texture.shape[1] / factor > wanted and all(s % (2 * factor) == 0 for s in texture.shape):
         factor *= 2
     rows, columns = texture.shape
     shape = (rows // factor, factor, columns // factor, factor)

@@ -1,0 +1,188 @@
+"""A dock by a V in the laser scan: two straight legs that meet in a corner, a notch or a wedge.
+
+Corners are found by splitting the scan where it leaves straight lines (Ramer 1972); each is refined by fitting a line to the points of
+either leg. The corner is where the lines meet, the dock's direction halves their angle; the covariance follows from the lines'.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.docking.covariance import difference, through_offset
+from ambler.docking.detection import DockObservation, DockSighting, require_numbers
+from ambler.docking.dock import Dock
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class VShapeConfig:
+    """`gap`: distance between neighbours that belong to different things (m). `split`: distance from a straight line at which it is
+    split (m). `angle`, `leg`: how far angle (rad) and length (share) may differ. `noise`: least standard deviation of a
+    point (m). `bias`: systematic error of position and yaw (m, rad). `reach`: how far from a prior corners are looked at (m, rad)."""
+
+    gap: float = 0.15
+    split: float = 0.025
+    angle: float = math.radians(8.0)
+    leg: float = 0.35
+    points: int = 6
+    noise: float = 0.002
+    bias: tuple[float, float] = (0.0015, math.radians(0.1))
+    reach: tuple[float, float] = (0.5, math.radians(25.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """A fitted line: middle and unit direction away from the corner, float64 (2,), standard deviations across it (m) and of its angle."""
+
+    middle: F64
+    direction: F64
+    sigma: float
+    angle_sigma: float
+    length: float
+
+
+class VShapeDockDetector:
+    """A `DockDetector` by a planar scan."""
+
+    def __init__(self, dock: Dock, config: VShapeConfig | None = None) -> None:
+        if dock.v_shape is None:
+            raise BadInputError(f"dock {dock.name} has no V shape")
+        self._dock = dock
+        self._v = dock.v_shape
+        self._config = config if config is not None else VShapeConfig()
+
+    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockSighting | None:
+        """Return the dock; None when no corner fits, or several do and no prior tells which."""
+        points = observation.points_base
+        if points is None or not require_numbers(observation):
+            return None
+        found: list[tuple[SE2, F64]] = []
+        for corner in self._corners(points):
+            fit = self._fit(points, corner)
+            if fit is None or any(fit[0].distance_to(f[0]) < 0.05 for f in found):
+                continue
+            base_from_dock = fit[0] @ self._v.dock_from_corner.inverse() @ self._dock.offset
+            if prior is None or self._is_near(prior, base_from_dock):
+                found.append(fit)
+        if not found or (prior is None and len(found) > 1):
+            return None
+        to_dock = self._v.dock_from_corner.inverse() @ self._dock.offset
+        pose, covariance = min(found, key=lambda f: 0.0 if prior is None else prior.distance_to(f[0] @ to_dock))
+        return DockSighting(observation.stamp_ns, "v_shape", pose @ to_dock, through_offset(covariance, to_dock), 2)
+
+    def _is_near(self, prior: SE2, pose: SE2) -> bool:
+        d = difference(prior, pose)
+        return math.hypot(d[0], d[1]) < self._config.reach[0] and abs(d[2]) < self._config.reach[1]
+
+    def _corners(self, points: F64) -> list[F64]:
+        """Return points (2,) at which the scan bends."""
+        step = np.hypot(*np.diff(points, axis=0).T)
+        groups = np.split(np.arange(len(points)), np.flatnonzero(step > self._config.gap) + 1)
+        corners = []
+        for group in groups:
+            if len(group) >= 2 * self._config.points:
+                corners += [points[k] for k in _bends(points, int(group[0]), int(group[-1]), self._config.split)]
+        return corners
+
+    def _fit(self, points: F64, corner: F64) -> tuple[SE2, F64] | None:
+        """Return `base_from_corner` and its covariance (3, 3), or None when the legs are not those of the dock."""
+        sides = self._sides(points, corner)
+        legs: tuple[Leg, Leg] | None = None
+        for _ in range(3):
+            if sides is None:
+                return None
+            one, two = self._leg(points, corner, sides[0]), self._leg(points, corner, sides[1])
+            if one is None or two is None:
+                return None
+            cross = float(one.direction[0] * two.direction[1] - one.direction[1] * two.direction[0])
+            if abs(cross) < 0.1:
+                return None
+            legs, corner, sides = (one, two), _meet(one, two), (one.direction, two.direction)
+        return None if legs is None else self._judge(*legs, corner)
+
+    def _sides(self, points: F64, corner: F64) -> tuple[F64, F64] | None:
+        """Return first directions of the legs: to the mean of the points before and after the corner in the order of the beams."""
+        away = np.hypot(*(points - corner).T)
+        near = np.flatnonzero((away < self._v.leg) & (away > 0.15 * self._v.leg))
+        middle = int(np.argmin(away))
+        before, after = near[near < middle], near[near > middle]
+        if min(len(before), len(after)) < self._config.points // 2:
+            return None
+        a, b = points[before].mean(axis=0) - corner, points[after].mean(axis=0) - corner
+        return a / np.hypot(*a), b / np.hypot(*b)
+
+    def _leg(self, points: F64, corner: F64, direction: F64) -> Leg | None:
+        d = points - corner
+        along, across = d @ direction, direction[0] * d[:, 1] - direction[1] * d[:, 0]
+        keep = (along > 0.12 * self._v.leg) & (along < 0.92 * self._v.leg) & (np.abs(across) < 0.04 + 0.1 * along)
+        if int(keep.sum()) < self._config.points:
+            return None
+        for _ in range(2):
+            part = points[keep]
+            middle = part.mean(axis=0)
+            _, values, axes = np.linalg.svd(part - middle, full_matrices=False)
+            turned = axes[0] if float(axes[0] @ direction) > 0.0 else -axes[0]
+            sigma = max(self._config.noise, float(values[1]) / math.sqrt(max(1, len(part) - 2)))
+            off = np.abs((points - middle) @ np.array([-turned[1], turned[0]]))
+            along = (points - corner) @ turned
+            keep &= off < 3.0 * sigma + 1e-9
+            if int(keep.sum()) < self._config.points:
+                return None
+        length = float(np.quantile(along[keep], 0.98))
+        return Leg(middle, turned, sigma / math.sqrt(len(part)), sigma / max(1e-9, float(values[0])), length)
+
+    def _judge(self, one: Leg, two: Leg, corner: F64) -> tuple[SE2, F64] | None:
+        between = math.acos(float(np.clip(one.direction @ two.direction, -1.0, 1.0)))
+        halving = one.direction + two.direction
+        opens = float(halving @ -corner) > 0.0  # towards the scanner: a notch
+        angle = between if opens else 2.0 * math.pi - between
+        if abs(angle - self._v.angle) > self._config.angle:
+            return None
+        if min(one.length, two.length) < (1.0 - self._config.leg) * self._v.leg:
+            return None
+        into = -halving if opens else halving
+        yaw = math.atan2(float(into[1]), float(into[0]))
+        normals = np.array([[-leg.direction[1], leg.direction[0]] for leg in (one, two)])
+        inverse = np.linalg.inv(normals)
+        # Across a line at the corner: its offset, and its angle times the way from its middle.
+        ways = [float(leg.direction @ (corner - leg.middle)) for leg in (one, two)]
+        jacobian = np.zeros((3, 4))
+        for k in range(2):
+            jacobian[:2, 2 * k], jacobian[:2, 2 * k + 1] = inverse[:, k], inverse[:, k] * ways[k]
+            jacobian[2, 2 * k + 1] = 0.5
+        spread = np.array([one.sigma, one.angle_sigma, two.sigma, two.angle_sigma])
+        covariance = jacobian @ np.diag(spread**2) @ jacobian.T
+        turn = np.eye(3)
+        turn[:2, :2] = [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
+        place, angle_bias = self._config.bias
+        covariance = turn @ covariance @ turn.T + np.diag([place, place, angle_bias]) ** 2
+        return SE2(float(corner[0]), float(corner[1]), wrap_angle(yaw)), covariance
+
+
+def _meet(one: Leg, two: Leg) -> F64:
+    normals = np.array([[-leg.direction[1], leg.direction[0]] for leg in (one, two)])
+    return np.asarray(np.linalg.solve(normals, [normals[0] @ one.middle, normals[1] @ two.middle]))
+
+
+def _bends(points: F64, first: int, last: int, split: float) -> list[int]:
+    """Return the indices at which a stretch of a scan must be bent to follow its points."""
+    if last - first < 2:
+        return []
+    a, b = points[first], points[last]
+    length = float(np.hypot(*(b - a)))
+    d = points[first : last + 1] - a
+    if length < 1e-6:
+        off = np.hypot(d[:, 0], d[:, 1])
+    else:
+        off = np.abs(d[:, 0] * (b[1] - a[1]) - d[:, 1] * (b[0] - a[0])) / length
+    k = first + int(np.argmax(off))
+    if float(off.max()) < split or k in (first, last):
+        return []
+    return [*_bends(points, first, k, split), k, *_bends(points, k, last, split)]
