@@ -235,6 +235,18 @@ def test_a_slow_robot_that_makes_progress_is_left_alone() -> None:
         assert play.step() == []
 
 
+def test_a_target_that_changes_for_ever_does_not_hide_that_the_robot_stands_still() -> None:
+    near, far = 2.0, 3.5
+    play = Play(frontier(12, 10, near), frontier(8, 10, far), progress_timeout=10.0)
+    play.drive()
+    for k in range(30):
+        a, b = (near, far) if k % 2 else (far, near)
+        play.surveyor.frontiers = [frontier(12, 10, a), frontier(8, 10, b)]
+        if any(isinstance(c, StopDriving) for c in play.step()):
+            break
+    assert 9 <= k <= 11
+
+
 def test_failing_everywhere_at_one_place_is_stuck() -> None:
     frontiers = [frontier(2.0 + 2 * k, 5.0, 3.0 + k) for k in range(8)]
     play = Play(*frontiers)

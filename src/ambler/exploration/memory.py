@@ -99,7 +99,11 @@ class FrontierMemory:
     def find(self, frontier: Frontier) -> Refusal | None:
         """Return the remembered place that this frontier is, or None."""
         cells = frontier.cells.astype(np.float64)
+        reach = self.config.match_distance
+        low, high = cells.min(axis=0) - reach, cells.max(axis=0) + reach
         for refusal in reversed(self._refusals):
+            if (refusal.tree.maxes < low).any() or (refusal.tree.mins > high).any():
+                continue
             near = np.isfinite(refusal.tree.query(cells, distance_upper_bound=self.config.match_distance)[0])
             if near.mean() >= self.config.match_ratio:
                 return refusal

@@ -64,6 +64,8 @@ class ExploreMission:
         self._failed_from = SE2()
         self._best_distance = math.inf
         self._progress_ns = 0
+        self._still_at = SE2()
+        self._still_ns = now_ns
         self._arrived = False
         self._drive_code: str | None = None
         self._drive_text = ""
@@ -103,7 +105,7 @@ class ExploreMission:
         """Go on after somebody else drove the robot: progress counts from now."""
         if self.is_active:
             self._best_distance = math.inf
-            self._progress_ns = now_ns
+            self._progress_ns = self._still_ns = now_ns
 
     def drive_ended(self, drive: int, code: str, text: str) -> bool:
         """Take the end of a drive; returns whether it is news, so that an update should follow. Earlier drives are not."""
@@ -177,7 +179,7 @@ class ExploreMission:
         self._track(again, view)
         if code is not None:
             return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
-        if view.now_ns - self._progress_ns > self.config.progress_timeout * 1e9:
+        if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e9:
             return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
         best = choose(self._now, self._strategy, view.map_from_base, again, self.config.choice)
         goal = self._target_frontier.goal
@@ -240,11 +242,16 @@ class ExploreMission:
         return []
 
     def _track(self, index: int, view: ExploreView) -> None:
-        """Take frontier `index` as the present shape of the target, and note progress towards it."""
+        """Take frontier `index` as the present shape of the target, and note progress: towards it, and of the robot at all, because
+        a change of the target begins the former anew."""
+        if self._still_at.distance_to(view.map_from_base) > self.config.progress_distance:
+            self._still_at, self._still_ns = view.map_from_base, view.now_ns
         self.target = index
         self._target_frontier = self._now.frontiers[index]
         distance = self._target_frontier.path_distance
         if distance < self._best_distance - self.config.progress_distance:
+            if math.isfinite(self._best_distance):
+                self._still_ns = view.now_ns
             self._best_distance = distance
             self._progress_ns = view.now_ns
 
@@ -258,6 +265,8 @@ class ExploreMission:
         self._sent = SE2(*frontier.goal)
         self._is_home = False
         self._next_drive()
+        if self.state is not ExploreState.DRIVING:
+            self._still_at, self._still_ns = view.map_from_base, view.now_ns
         self._enter(ExploreState.DRIVING, f"to a frontier {frontier.path_distance:.1f} m away")
         return [DriveTo(self._drive, self._sent, self.config.xy_tolerance, self.config.yaw_tolerance)]
 
