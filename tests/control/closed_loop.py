@@ -106,12 +106,14 @@ def drive(
     yaw_tolerance: float = 0.2,
     window: float = 5.0,
     delay: int = 1,
+    log: Drive | None = None,
 ) -> Drive:
     """Follow a path until it is reached or the time is over; commands take effect `delay` control periods later."""
     planner.set_path(path)
     checker = GoalChecker(xy_tolerance, yaw_tolerance)
     goal = SE2.from_array(path[-1])
-    log, pose, v = Drive(), start, BodyVelocity()
+    pose, v = start, BodyVelocity()
+    log = Drive() if log is None else log
     waiting = [BodyVelocity()] * delay
     for _ in range(round(seconds / PERIOD)):
         if checker.update(pose, goal, v, getattr(planner, "path_left", 0.0)):
