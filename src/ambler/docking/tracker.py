@@ -31,7 +31,7 @@ class TrackerConfig:
     floor: tuple[float, float] = (0.001, math.radians(0.1))
     drift_per_metre: tuple[float, float] = (0.01, math.radians(0.5))
     drift_per_radian: tuple[float, float] = (0.005, math.radians(0.5))
-    max_age: float = 2.0
+    max_age: float = 5.0
     max_travel: float = 0.5
     restart: int = 4
     first: int = 2

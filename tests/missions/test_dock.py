@@ -1,0 +1,401 @@
+"""The docking mission on a kinematic robot before a dock: it docks, and every fault leads to a retry or to a named failure, never to a
+robot that goes on moving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.docking.detection import DockSighting
+from ambler.docking.dock import Contacts, Dock, DockKind
+from ambler.docking.tracker import DockTracker
+from ambler.missions.dock import DockMission
+from ambler.missions.dock_commands import (
+    FAILURES,
+    DockCommand,
+    DockConfig,
+    DockEnded,
+    DockState,
+    DockView,
+    LookForDock,
+    Move,
+    NavigateTo,
+    PermitApproach,
+    RevokeApproach,
+    StopCharging,
+    StopNavigation,
+)
+from tests.control.closed_loop import step_velocity
+
+S = 1_000_000_000
+PERIOD = 0.02
+LIMITS = VelocityLimits(1.0, -0.4, 0.5, 1.0, 0.8, 0.8, 1.5, 1.2, 1.2)
+OUTLINE = np.array([[0.6, -0.3], [0.9, -0.3], [0.9, 0.3], [0.6, 0.3]])
+DOCK = Dock("charger", DockKind.MARKERS, SE2(5.0, 2.0, 0.6), OUTLINE)
+COVARIANCE = np.diag([0.001, 0.001, 0.002]) ** 2
+
+
+@dataclass
+class Site:
+    """A robot, its odometry (map frame turned away), a dock that charges within 3 mm of depth, and switches for faults."""
+
+    dock: Dock = DOCK
+    start: SE2 = field(default_factory=lambda: DOCK.map_from_dock @ SE2(-3.0, 0.5, 0.3))
+    true_dock: SE2 = DOCK.map_from_dock
+    config: DockConfig = field(default_factory=DockConfig)
+    is_visible: Callable[[Site], bool] = lambda site: True
+    has_power: Callable[[Site], bool] = lambda site: True
+    is_held: Callable[[Site], bool] = lambda site: False
+    is_fresh: Callable[[Site], bool] = lambda site: True
+    navigation: str = "SUCCEEDED"
+    staging_error: SE2 = field(default_factory=SE2)
+    noise: float = 1.0
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        self.mission, self.tracker = DockMission(self.config), DockTracker()
+        self.pose, self.velocity, self.command = self.start, BodyVelocity(), BodyVelocity()
+        self.rng, self.now_ns = np.random.default_rng(self.seed), 0
+        self.drive: NavigateTo | None = None
+        self.arrival_ns = 0
+        self.ended: DockEnded | None = None
+        self.log: list[tuple[DockState, SE2]] = []
+        self.commands: list[DockCommand] = []
+        self.is_permitted = self.is_looking = False
+        self.waiting: list[DockSighting] = []
+        self.seen_from: list[SE2] = []
+        self.deepest = -math.inf
+
+    @property
+    def dock_from_base(self) -> SE2:
+        return self.true_dock.inverse() @ self.pose
+
+    @property
+    def is_touching(self) -> bool:
+        d = self.dock_from_base
+        return d.x > 0.0 and abs(d.y) < 0.01 and abs(d.yaw) < 0.02
+
+    @property
+    def states(self) -> list[DockState]:
+        out: list[DockState] = []
+        for state, _ in self.log:
+            if not out or out[-1] is not state:
+                out.append(state)
+        return out
+
+    def odom(self) -> SE2:
+        return SE2(-3.0, 1.0, -0.8) @ self.pose
+
+    def do(self, commands: list[DockCommand]) -> None:
+        self.commands += commands
+        for c in commands:
+            if isinstance(c, Move):
+                self.command = c.velocity
+            elif isinstance(c, NavigateTo):
+                self.drive, self.arrival_ns = c, self.now_ns + 2 * S
+            elif isinstance(c, StopNavigation):
+                self.drive = None
+            elif isinstance(c, LookForDock):
+                self.is_looking = c.is_wanted
+                self.tracker.reset()
+            elif isinstance(c, PermitApproach):
+                self.is_permitted = True
+                assert c.odom_from_dock.distance_to(SE2(-3.0, 1.0, -0.8) @ self.true_dock) < 0.05
+            elif isinstance(c, RevokeApproach):
+                self.is_permitted = False
+            elif isinstance(c, DockEnded):
+                assert self.ended is None
+                self.ended = c
+
+    def tick(self) -> None:
+        self.now_ns += round(PERIOD * S)
+        if self.drive is not None and self.now_ns >= self.arrival_ns:
+            drive, self.drive = self.drive, None
+            if self.navigation == "SUCCEEDED":
+                self.pose = drive.map_from_goal @ self.staging_error
+            self.mission.drive_ended(drive.drive, self.navigation, "the path is blocked")
+        if self.is_held(self):
+            self.velocity = BodyVelocity()
+        else:
+            self.velocity = step_velocity(self.velocity, self.command, LIMITS, PERIOD)
+        v = self.velocity
+        self.pose = self.pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * PERIOD)
+        self.deepest = max(self.deepest, self.dock_from_base.x)
+        self._see()
+        track = self.tracker.track(self.now_ns, self.odom()) if self.is_looking else None
+        view = DockView(
+            self.now_ns, self.odom(), self.velocity, self.pose, track, self.is_touching, self.is_touching and self.has_power(self),
+            self.is_held(self), self.is_fresh(self),
+        )  # fmt: skip
+        self.do(self.mission.update(view))
+        self.log.append((self.mission.state, self.dock_from_base))
+
+    def _see(self) -> None:
+        """A camera of 12 Hz, 57 degrees wide, whose sightings come 60 ms late."""
+        base_from_dock = self.pose.inverse() @ self.true_dock
+        marker = base_from_dock @ SE2(0.9, 0.0, 0.0)
+        in_view = 0.2 < marker.x - 0.58 < 2.5 and abs(math.atan2(marker.y, marker.x - 0.58)) < 0.5
+        if self.now_ns % (4 * round(PERIOD * S)) == 0 and self.is_looking and in_view and self.is_visible(self):
+            noise = SE2(*(self.rng.normal(0.0, self.noise, 3) * (0.001, 0.001, 0.002)).tolist())
+            self.waiting.append(DockSighting(self.now_ns, "test", base_from_dock @ noise, COVARIANCE, 1))
+            self.seen_from.append(self.odom())
+        while self.waiting and self.now_ns - self.waiting[0].stamp_ns >= 60_000_000:
+            self.tracker.update(self.waiting.pop(0), self.seen_from.pop(0), self.now_ns)
+
+    def run(self, seconds: float = 90.0) -> DockEnded:
+        if self.ended is None and not self.mission.is_active:
+            self.do(self.mission.begin(self.dock, self.now_ns))
+        while self.ended is None:
+            assert self.now_ns < seconds * S, f"no end after {seconds} s in {self.mission.state}: {self.mission.text}"
+            self.tick()
+        for _ in range(50):
+            self.tick()
+        assert math.hypot(self.velocity.vx, self.velocity.vy) < 1e-9, "the end of a mission stops the robot"
+        assert not self.is_permitted
+        assert not self.is_looking
+        assert self.drive is None
+        assert self.ended.text
+        return self.ended
+
+
+def test_it_docks_within_millimetres_and_seconds() -> None:
+    """Ten starts with full noise; the time counts from where the dock is in view, about a metre away."""
+    errors, turns, times = [], [], []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        off = SE2(rng.uniform(-0.08, 0.08), rng.uniform(-0.08, 0.08), rng.uniform(-0.08, 0.08))
+        site = Site(staging_error=off, seed=seed)
+        ended = site.run()
+        assert ended.code == "SUCCEEDED"
+        assert ended.result.attempts == 1
+        d = site.dock_from_base
+        errors.append(math.hypot(d.x, d.y))
+        turns.append(abs(d.yaw))
+        times.append(ended.result.docking_seconds)
+    assert np.percentile(errors, 95) < 0.003
+    assert np.percentile(turns, 95) < math.radians(0.1)
+    assert np.median(times) < 8.0
+    assert site.states == [
+        DockState.STAGING, *([DockState.SEARCHING] if DockState.SEARCHING in site.states else []),
+        DockState.ALIGNING, DockState.APPROACHING, DockState.CONFIRMING, DockState.DOCKED,
+    ]  # fmt: skip
+
+
+def test_a_dock_without_contacts_ends_by_the_pose() -> None:
+    site = Site(dock=replace(DOCK, contacts=Contacts.NONE))
+    assert site.run().code == "SUCCEEDED"
+    assert math.hypot(site.dock_from_base.x, site.dock_from_base.y) < 0.005
+    assert site.deepest < 0.006
+
+
+def test_a_switch_needs_no_charge() -> None:
+    site = Site(dock=replace(DOCK, contacts=Contacts.SWITCH), has_power=lambda site: False)
+    assert site.run().code == "SUCCEEDED"
+
+
+def test_a_dock_that_was_moved_is_docked_where_it_is() -> None:
+    moved = DOCK.map_from_dock @ SE2(0.05, -0.12, 0.15)
+    site = Site(true_dock=moved)
+    assert site.run().code == "SUCCEEDED"
+    assert abs(site.dock_from_base.y) < 0.003
+
+
+def test_a_dock_out_of_view_is_searched_for_by_turning() -> None:
+    site = Site(staging_error=SE2(0.0, 0.0, 0.75))
+    assert site.run().code == "SUCCEEDED"
+    assert DockState.SEARCHING in site.states
+
+
+def test_a_dock_that_is_never_seen_fails_after_a_second_staging() -> None:
+    site = Site(is_visible=lambda site: False)
+    ended = site.run(200.0)
+    assert ended.code == "DOCK_NOT_SEEN"
+    assert "charger was not seen" in ended.text
+    assert sum(isinstance(c, NavigateTo) for c in site.commands) == 2
+    assert site.states[:4] == [DockState.STAGING, DockState.SEARCHING, DockState.STAGING, DockState.SEARCHING]
+
+
+def test_a_dock_that_is_hidden_for_a_while_is_waited_for() -> None:
+    site = Site(is_visible=lambda site: site.now_ns > 12 * S)
+    assert site.run().code == "SUCCEEDED"
+
+
+def test_a_marker_that_vanishes_far_away_leads_back_and_again() -> None:
+    site = Site()
+    hidden: list[int] = []
+
+    def is_visible(s: Site) -> bool:
+        if s.mission.state is DockState.APPROACHING and s.dock_from_base.x > -0.7 and not hidden:
+            hidden.append(s.now_ns)
+        return not hidden or s.now_ns > hidden[0] + 6 * S
+
+    site.is_visible = is_visible
+    ended = site.run()
+    assert ended.code == "SUCCEEDED"
+    assert ended.result.attempts == 2
+    assert DockState.BACKING_OUT in site.states
+
+
+def test_a_marker_that_vanishes_near_the_contact_is_gone_without() -> None:
+    """The camera loses sight of it in the last 20 cm: odometry carries the robot in."""
+    site = Site(is_visible=lambda site: site.dock_from_base.x < -0.2)
+    ended = site.run()
+    assert ended.code == "SUCCEEDED"
+    assert ended.result.attempts == 1
+    assert abs(site.dock_from_base.y) < 0.006
+
+
+@pytest.mark.parametrize(("contact", "code"), [(True, "NO_CHARGE"), (False, "NO_CONTACT")])
+def test_without_charge_it_tries_three_times_and_leaves(contact: bool, code: str) -> None:
+    site = Site(has_power=lambda site: False) if contact else Unreachable()
+    ended = site.run(200.0)
+    assert ended.code == code
+    assert ended.result.attempts == 3
+    assert "(3 attempts)" in ended.text
+    assert site.dock_from_base.x == pytest.approx(-1.0, abs=0.08), "it stands before the dock again"
+    assert site.deepest < 0.03
+
+
+class Unreachable(Site):
+    """A dock whose contacts never meet."""
+
+    @property
+    def is_touching(self) -> bool:
+        return False
+
+
+def test_outside_the_limits_it_backs_out_and_tries_again() -> None:
+    """Somebody pushes the robot aside shortly before the contact, once."""
+    site = Site()
+    pushed: list[int] = []
+
+    def push(s: Site) -> bool:
+        if s.mission.state is DockState.APPROACHING and s.dock_from_base.x > -0.2 and not pushed:
+            pushed.append(1)
+            s.pose = s.pose @ SE2(0.0, 0.05, 0.06)
+            s.tracker.reset()
+            for k in range(3):
+                see = DockSighting(s.now_ns - 3 + k, "test", s.pose.inverse() @ s.true_dock, COVARIANCE, 1)
+                s.tracker.update(see, s.odom(), s.now_ns)
+        return True
+
+    site.is_visible = push
+    ended = site.run()
+    assert ended.code == "SUCCEEDED"
+    assert ended.result.attempts == 2
+    assert sum(isinstance(c, RevokeApproach) for c in site.commands) >= 2
+    assert math.hypot(site.dock_from_base.x, site.dock_from_base.y) < 0.004
+
+
+def test_something_in_the_way_is_named() -> None:
+    site = Site(is_held=lambda site: site.mission.state is DockState.APPROACHING and site.dock_from_base.x > -0.5)
+    ended = site.run(200.0)
+    assert ended.code == "BLOCKED"
+    assert "between robot and dock" in ended.text
+    assert ended.result.attempts == 3
+    behind = Site(
+        is_held=lambda s: (
+            s.mission.state is DockState.BACKING_OUT
+            or (s.mission.state is DockState.APPROACHING and s.dock_from_base.x > -0.5)
+        )
+    )
+    ended = behind.run(200.0)
+    assert ended.code == "BLOCKED"
+    assert "cannot back out" in ended.text
+
+
+@pytest.mark.parametrize(("code", "named"), [("NO_VALID_PATH", "NAVIGATION_FAILED"), ("LOST", "LOST")])
+def test_a_staging_pose_that_is_not_reached(code: str, named: str) -> None:
+    ended = Site(navigation=code).run()
+    assert ended.code == named
+    assert code in ended.text
+
+
+def test_stale_input_stops_at_once_and_fails() -> None:
+    site = Site(is_fresh=lambda site: site.dock_from_base.x < -0.6)
+    ended = site.run()
+    assert ended.code == "STALE_INPUT"
+    assert site.dock_from_base.x < -0.5
+
+
+STATES = [
+    s
+    for s in DockState
+    if s not in (DockState.IDLE, DockState.DOCKED, DockState.UNDOCKED, DockState.FAILED, DockState.CANCELLED)
+]
+
+
+@pytest.mark.parametrize("state", STATES, ids=lambda s: s.name)
+def test_it_can_be_cancelled_in_every_state(state: DockState) -> None:
+    site = Site(has_power=lambda site: False)
+    if state is DockState.SEARCHING:
+        site.staging_error = SE2(0.0, 0.0, 0.75)
+    if state is DockState.UNDOCKING:
+        site.pose = site.true_dock
+        site.do(site.mission.begin_undock(site.dock, 0))
+    else:
+        site.do(site.mission.begin(site.dock, 0))
+    for _ in range(10_000):
+        if site.mission.state is state and len(site.log) > 3 and [s for s, _ in site.log[-4:]] == [state] * 4:
+            break
+        site.tick()
+    assert site.mission.state is state
+    site.do(site.mission.cancel())
+    assert site.mission.state is DockState.CANCELLED
+    ended = site.run()
+    assert ended.code == "CANCELLED"
+    assert site.mission.cancel() == [], "a second cancel is no news"
+
+
+def test_cancelling_at_random_instants_leaves_the_robot_at_rest() -> None:
+    rng = np.random.default_rng(11)
+    for seed in range(12):
+        site = Site(seed=seed, staging_error=SE2(0.05, -0.05, 0.1))
+        site.do(site.mission.begin(site.dock, 0))
+        for _ in range(int(rng.integers(1, 700))):
+            site.tick()
+        site.do(site.mission.cancel())
+        assert site.run().code in ("CANCELLED", "SUCCEEDED")
+
+
+def test_a_new_docking_preempts_the_one_under_way() -> None:
+    site = Site()
+    site.do(site.mission.begin(site.dock, 0))
+    while site.mission.state is not DockState.APPROACHING:
+        site.tick()
+    site.do(site.mission.cancel())
+    site.ended = None
+    assert site.run().code == "SUCCEEDED"
+
+
+def test_undocking_stops_the_charge_and_backs_out_to_the_staging_pose() -> None:
+    site = Site()
+    site.run()
+    site.ended, site.commands = None, []
+    site.has_power = lambda s: not any(isinstance(c, StopCharging) for c in s.commands)
+    site.do(site.mission.begin_undock(site.dock, site.now_ns))
+    ended = site.run(120.0)
+    assert ended.code == "SUCCEEDED"
+    assert site.mission.state is DockState.UNDOCKED
+    d = site.dock_from_base
+    assert math.hypot(d.x + 1.0, d.y) < 0.08
+    stuck = Site(start=DOCK.map_from_dock @ SE2(0.002, 0.0, 0.0))
+    stuck.do(stuck.mission.begin_undock(stuck.dock, 0))
+    assert stuck.run().code == "TIMEOUT", "a charger that does not stop keeps the robot"
+    held = Site(start=DOCK.map_from_dock, is_held=lambda s: True)
+    held.do(held.mission.begin_undock(held.dock, 0))
+    assert held.run().code == "BLOCKED"
+
+
+def test_every_failure_has_a_listed_name() -> None:
+    assert len(set(FAILURES)) == len(FAILURES)
+    assert DockMission().cancel() == []
+    assert DockMission().attempts == 0
+    assert DockMission().distance is None
