@@ -93,3 +93,14 @@ def test_stamps_that_do_not_increase_are_ignored() -> None:
     for k in range(4):
         extrapolator.add_imu(0 if k else 10 * MS, 1.0)
     assert extrapolator.odom_from_base(100 * MS) == SE2(1.0, 0.0, 0.0)
+
+
+def test_odometry_bridges_a_long_silence_of_the_scanner() -> None:
+    extrapolator, twist = PoseExtrapolator(), np.array([0.3, 0.0, 0.2])
+    for k in range(600):
+        extrapolator.add_odometry(k * 20 * MS, SE2.exp(0.02 * k * twist))
+        if k == 50:
+            extrapolator.add_matched(1000 * MS, SE2())
+    prediction = extrapolator.predict(11_000 * MS)  # ten seconds later
+    assert prediction.is_measured
+    assert close(prediction.motion, SE2.exp(10.0 * twist))

@@ -16,18 +16,22 @@ _MAX_AHEAD_NS = 300_000_000
 
 
 class _Track:
-    """Poses over a short time, interpolated and shortly extrapolated."""
+    """Poses over a short time, and since `needed_since_ns` however long ago that is, interpolated and shortly extrapolated."""
 
     def __init__(self) -> None:
         self.stamps: deque[int] = deque()
         self.poses: deque[SE2] = deque()
+        self.needed_since_ns: int | None = None
 
     def add(self, stamp_ns: int, pose: SE2) -> None:
         if self.stamps and stamp_ns <= self.stamps[-1]:
             return
         self.stamps.append(stamp_ns)
         self.poses.append(pose)
-        while len(self.stamps) > 2 and self.stamps[1] < stamp_ns - _HISTORY_NS:
+        oldest_ns = stamp_ns - _HISTORY_NS
+        if self.needed_since_ns is not None:
+            oldest_ns = min(oldest_ns, self.needed_since_ns)
+        while len(self.stamps) > 2 and self.stamps[1] < oldest_ns:
             self.stamps.popleft()
             self.poses.popleft()
 
@@ -76,8 +80,9 @@ class PoseExtrapolator:
         self._gyro.add(stamp_ns, SE2(0.0, 0.0, wrap_angle(self._gyro_yaw)))
 
     def add_matched(self, stamp_ns: int, local_from_base: SE2) -> None:
-        """Take the pose that the scan matcher found."""
+        """Take the pose that the scan matcher found. Odometry is kept from here on: the next scan may be long in coming."""
         self._matched.add(stamp_ns, local_from_base)
+        self._odometry.needed_since_ns = self._gyro.needed_since_ns = stamp_ns
 
     def odom_from_base(self, stamp_ns: int) -> SE2 | None:
         """Return the odometry at an instant, or None without recent odometry."""
