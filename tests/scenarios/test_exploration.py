@@ -28,9 +28,8 @@ def test_it_ends_with_proof_at_home_and_maps_the_room(lab_run: Demo) -> None:
     assert fields["ate_rms_m"] <= 0.05
     assert fields["nne_cells"] <= 0.8
     assert fields["nne_reverse_cells"] <= 0.8
-    assert (
-        fields["ssim"] >= 0.87
-    )  # of half a minute with the planar scanner; the bar of `spot` is measured in docs/results
+    # After 24 s of one pass with the planar scanner (0.87 to 0.90 over three seeds); the bar of `spot` is measured in docs/results.
+    assert fields["ssim"] >= 0.85
 
 
 def test_the_report_is_one_page_with_its_pictures(lab_run: Demo) -> None:
