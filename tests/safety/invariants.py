@@ -13,6 +13,7 @@ from ambler.core.messages import GateState
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
+from ambler.safety.approach_permit import ApproachPermit
 from ambler.safety.config import GateConfig, VelocitySource
 
 BOX = RobotModel(
@@ -311,7 +312,146 @@ def the_field_is_as_long_as_the_way_to_stop(m: ModuleType) -> None:
     assert last == 1.0
 
 
+# approach_permit.py
+
+
+DOCK = np.array([[0.45, -0.3], [0.8, -0.3], [0.8, 0.3], [0.45, 0.3]])
+SECOND = 1_000_000_000
+
+
+def only_the_outline_is_left_out_and_only_for_a_while(m: ModuleType) -> None:
+    field, here, dock = m.ApproachField(LIMITS, 0.2), SE2(1.0, 2.0, 0.5), SE2(1.0, 2.0, 0.5) @ SE2(0.3, 0.0, 0.0)
+    inside, foot, beside = (0.9, 0.0), (0.60, 0.0), (0.9, 0.45)
+    points = np.array([inside, foot, beside])
+    assert np.array_equal(field.remaining(points, here, 0), points), "without a permit every point counts"
+    assert not field.is_valid(0)
+    is_given, _ = field.permit(m.ApproachPermit(dock, DOCK, 0.02, SECOND), here, 0)
+    assert is_given
+    assert field.is_valid(SECOND - 1)
+    assert np.array_equal(field.remaining(points, here, SECOND - 1), [foot, beside])
+    assert np.array_equal(field.remaining(points, here, SECOND), points), "it ends by itself"
+    assert not field.is_valid(SECOND)
+    assert len(field.remaining(np.empty((0, 2)), here, 0)) == 0
+    rim = np.array([[0.3 + 0.45 - 0.029, 0.0], [0.3 + 0.45 - 0.031, 0.0]])
+    assert np.array_equal(field.remaining(rim, here, 0), rim[1:]), "noise of the dock's surface is the dock's"
+    moved = here @ SE2(0.1, 0.0, 0.0)
+    assert np.array_equal(field.remaining(points - [0.1, 0.0], moved, 0), points[1:] - [0.1, 0.0])
+    field.revoke()
+    assert np.array_equal(field.remaining(points, here, 0), points)
+
+
+def a_permitted_robot_is_slow_and_goes_only_so_deep(m: ModuleType) -> None:
+    field, fast = m.ApproachField(LIMITS, 0.2), BodyVelocity(0.8, 0.4, 0.2)
+    assert field.limited(fast, SE2(), 0) == fast
+    assert field.permit(m.ApproachPermit(SE2(), DOCK, 0.02, SECOND), SE2(-0.5, 0.0, 0.0), 0)[0]
+    slow = field.limited(fast, SE2(-0.5, 0.0, 0.0), 0)
+    assert math.isclose(math.hypot(slow.vx, slow.vy), m.SPEED)
+    assert math.isclose(slow.wz / slow.vx, 0.25)
+    assert math.isclose(field.limited(BodyVelocity(0.01, 0.0, -1.5), SE2(-0.5, 0.0, 0.0), 0).wz, -m.TURN)
+    creeping = BodyVelocity(0.1, 0.05, 0.1)
+    assert field.limited(creeping, SE2(-0.5, 0.0, 0.0), 0) == creeping
+    assert field.limited(fast, SE2(-0.5, 0.0, 0.0), SECOND) == fast
+    last = 1.0
+    for x in np.linspace(-0.3, 0.02, 40):
+        v = field.limited(BodyVelocity(0.3), SE2(float(x), 0.0, 0.0), 0).vx
+        assert v <= last
+        assert v * 0.2 + v * v / (2 * LIMITS.ax_brake) <= 0.02 - x + 1e-9, "it can stop at the overrun"
+        last = v
+    assert last == 0.0
+    deep = SE2(0.03, 0.0, 0.0)
+    assert field.limited(BodyVelocity(0.1), deep, 0) == BodyVelocity()
+    assert field.limited(BodyVelocity(-0.1), deep, 0) == BodyVelocity(-0.1)
+    assert field.limited(BodyVelocity(0.0, 0.1), deep, 0) == BodyVelocity(0.0, 0.1)
+    turned = SE2(0.02, 0.0, math.pi / 2)
+    assert field.limited(BodyVelocity(0.1, 0.02), turned, 0) == BodyVelocity(0.1, 0.02), "its left is out of the dock"
+    assert field.limited(BodyVelocity(0.1, -0.02), turned, 0) == BodyVelocity()
+
+
+def odd_permits_are_refused(m: ModuleType) -> None:
+    near = SE2(-0.5, 0.0, 0.0)
+    good = (SE2(), DOCK, 0.02, SECOND)
+    bad = [
+        (SE2(math.nan, 0.0, 0.0), DOCK, 0.02, SECOND),
+        (SE2(), np.full((4, 2), np.inf), 0.02, SECOND),
+        (SE2(), DOCK, math.nan, SECOND),
+        (SE2(), DOCK[::-1], 0.02, SECOND),
+        (SE2(), DOCK[:2], 0.02, SECOND),
+        (SE2(), np.zeros((4, 3)), 0.02, SECOND),
+        (SE2(), np.zeros(4), 0.02, SECOND),
+        (SE2(), DOCK * [1.0, 3.4], 0.02, SECOND),
+        (SE2(), DOCK * [4.0, 1.9] + [0.0, 0.0], 0.02, SECOND),
+        (SE2(), DOCK, 0.051, SECOND),
+        (SE2(), DOCK, -0.051, SECOND),
+        (SE2(), DOCK, 0.02, round(m.LONGEST * SECOND) + 1),
+        (SE2(1.51, 0.0, 0.0), DOCK, 0.02, SECOND),
+    ]
+    for values in bad:
+        field = m.ApproachField(LIMITS, 0.2)
+        assert field.permit(m.ApproachPermit(*good), near, 0)[0]
+        is_given, why = field.permit(m.ApproachPermit(*values), near, 0)
+        assert not is_given
+        assert why
+        assert not field.is_valid(0), "a bad permit ends the one before"
+    largest = [
+        (SE2(), DOCK * [1.0, 3.3], 0.02, SECOND),
+        (SE2(), DOCK * [4.0, 1.7], 0.02, SECOND),
+        (SE2(), DOCK, 0.05, SECOND),
+        (SE2(), DOCK, -0.05, SECOND),
+        (SE2(), DOCK, 0.02, round(m.LONGEST * SECOND)),
+        (SE2(1.5, 0.0, 0.0), DOCK, 0.02, SECOND),
+    ]
+    for values in largest:
+        assert m.ApproachField(LIMITS, 0.2).permit(m.ApproachPermit(*values), near, 0)[0]
+
+
 # gate.py
+
+
+def a_permit_lets_the_robot_touch_the_dock_and_nothing_else(m: ModuleType) -> None:
+    front = np.stack((np.full(61, 1.0), np.linspace(-0.3, 0.3, 61)), axis=1)
+    outline = np.array([[0.4, -0.3], [0.8, -0.3], [0.8, 0.3], [0.4, 0.3]])
+
+    def go(foot: np.ndarray, ask: tuple[float, float, float], is_permitted: bool) -> Any:
+        b = Bench(m)
+        world = np.concatenate((front, foot))
+        for _ in range(300):
+            b.points = b.pose.inverse().transform(world)
+            if is_permitted and b.now_ns % (20 * TICK_NS) == 0:
+                assert b.gate.permit_approach(
+                    ApproachPermit(SE2(0.6, 0.0, 0.0), outline, 0.01, b.now_ns + SECOND), b.now_ns
+                )[0]
+            b.tick(1, ask)
+        return b
+
+    nobody = np.empty((0, 2))
+    assert go(nobody, (0.2, 0.0, 0.0), False).pose.x < 0.575
+    docked = go(nobody, (0.8, 0.0, 0.0), True)
+    assert 0.6 < docked.pose.x < 0.6101, "it touches the dock and is held at the overrun"
+    assert max(s.velocity.vx for s in docked.log) <= 0.3 + 1e-9
+    blocked = go(cluster(0.8, 0.1), (0.2, 0.0, 0.0), True)
+    assert blocked.pose.x < 0.4, "a foot before the dock still stops it"
+    assert any(s.state == GateState.PROTECTIVE_STOP for s in blocked.log)
+    for end in ("pause", "revoke", "stop", "expire"):
+        b = Bench(m)
+        b.tick(1)
+        permit = ApproachPermit(SE2(0.3, 0.0, 0.0), outline, 0.01, b.now_ns + SECOND)
+        assert b.gate.permit_approach(permit, b.now_ns)[0]
+        b.points = cluster(0.75, 0.0)
+        if end == "pause":
+            b.gate.pause(b.now_ns, "PAUSED: test")
+            b.gate.arm(b.now_ns)
+        elif end == "revoke":
+            b.gate.revoke_approach()
+        elif end == "stop":
+            b.gate.emergency_stop(b.now_ns, "page", "pressed")
+            b.gate.reset(b.now_ns)
+            b.gate.arm(b.now_ns)
+        else:
+            b.tick(51)
+        b.points = cluster(0.41, 0.0)
+        assert b.tick(10, (0.2, 0.0, 0.0)).state == GateState.PROTECTIVE_STOP
+    fresh = m.VelocityGate(GateConfig(), BOX)
+    assert not fresh.permit_approach(ApproachPermit(SE2(), DOCK, 0.01, SECOND), 0)[0], "no odometry, no permit"
 
 
 def it_starts_paused_and_moves_only_when_armed(m: ModuleType) -> None:
@@ -556,8 +696,14 @@ CHECKS = {
         the_field_looks_only_where_the_motion_leads,
         the_field_is_as_long_as_the_way_to_stop,
     ),
+    "approach_permit": (
+        only_the_outline_is_left_out_and_only_for_a_while,
+        a_permitted_robot_is_slow_and_goes_only_so_deep,
+        odd_permits_are_refused,
+    ),
     "gate": (
         it_starts_paused_and_moves_only_when_armed,
+        a_permit_lets_the_robot_touch_the_dock_and_nothing_else,
         arming_twice_changes_nothing,
         output_respects_all_limits,
         a_long_step_uses_little_acceleration,

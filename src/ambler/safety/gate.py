@@ -17,6 +17,7 @@ from ambler.core.messages import GateState
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
+from ambler.safety.approach_permit import ApproachField, ApproachPermit
 from ambler.safety.config import GateConfig
 from ambler.safety.field import ProtectiveField
 from ambler.safety.limits import STILL, is_finite, is_still, limit_acceleration, limit_speed, scaled
@@ -48,6 +49,7 @@ class VelocityGate:
         self._field = ProtectiveField(robot, config.reaction_time, config.margin, config.min_points, config.self_depth)
         self._selector = SourceSelector(config.sources)
         self._latch = StopLatch()
+        self._approach = ApproachField(robot.limits, config.reaction_time)
         self._protective = ProtectiveStop(config.stop_scale, config.resume_scale, config.resume_delay)
         self._is_armed = False
         self._pause_reason = "POWER_UP: not armed yet"
@@ -97,9 +99,20 @@ class VelocityGate:
             self._protective.reset()
         return True, "armed"
 
+    def permit_approach(self, permit: ApproachPermit, now_ns: int) -> tuple[bool, str]:
+        """Let a dock's own outline be approached for a moment; refused without odometry. A pause or stop of any kind ends it."""
+        if self._odometry is None:
+            return False, "there is no odometry"
+        return self._approach.permit(permit, self._odometry[1], now_ns)
+
+    def revoke_approach(self) -> None:
+        """End a permission to approach."""
+        self._approach.revoke()
+
     def pause(self, now_ns: int, reason: str) -> None:
         """Brake to a stand and let nothing pass until the next `arm`."""
         self._is_armed = False
+        self._approach.revoke()
         self._pause_reason = reason
         self._selector.void(now_ns)
 
@@ -145,8 +158,11 @@ class VelocityGate:
         selected = self._selector.select(now_ns)
         source, wanted = selected if selected is not None else ("", STILL)
         wanted = limit_speed(wanted, self._limits)
-        velocity = self._towards(wanted, dt)
         points = self._points_now()
+        if self._odometry is not None:
+            wanted = self._approach.limited(wanted, self._odometry[1], now_ns)
+            points = self._approach.remaining(points, self._odometry[1], now_ns)
+        velocity = self._towards(wanted, dt)
         scale = 1.0 if is_still(velocity) else self._field.free_scale(velocity, points)
         probe = self._protective.blocked if is_still(wanted) else wanted
         clear_scale = 1.0 if is_still(probe) else self._field.free_scale(probe, points)
