@@ -54,7 +54,7 @@ def refine_corners(
         moved, covariance = _corners_of(corners, lines, config.shift_px)
         shift = float(np.abs(moved - corners).max())
         corners = moved
-        if shift < 0.01:
+        if shift < 0.05:
             break
     return corners, covariance, fitted
 
@@ -117,8 +117,9 @@ def _smooth(level: NDArray[np.floating], t: F64, is_good: NDArray[np.bool_]) -> 
     keep = is_good.copy()
     smooth = np.asarray(level, np.float64)
     design = np.stack((np.ones(len(t)), t, t * t), axis=1)
-    for _ in range(3):
-        smooth = design @ np.linalg.lstsq(design[keep], level[keep], rcond=None)[0]
+    for _ in range(2):
+        part = design[keep]
+        smooth = design @ np.linalg.solve(part.T @ part, part.T @ level[keep])
         off = np.abs(level - smooth)
         limit = max(10.0, 4.0 * 1.4826 * float(np.median(off[keep])))
         fewer = is_good & (off < limit)
@@ -140,8 +141,7 @@ def _fit_line(t: F64, place: F64, is_good: NDArray[np.bool_], least: float) -> t
         if k == 0:
             coefficients = np.array([float(np.median(place[keep])), 0.0])
         else:
-            design = np.column_stack((np.ones(int(keep.sum())), t[keep]))
-            coefficients = np.asarray(np.linalg.lstsq(design, place[keep], rcond=None)[0], np.float64)
+            coefficients = _line(t[keep], place[keep])
         error = np.abs(place - coefficients[0] - coefficients[1] * t)
         spread = 1.4826 * float(np.median(error[keep]))
         keep = is_good & (error < max(3.0 * spread, 0.25 if k == 0 else 0.05))
@@ -151,6 +151,13 @@ def _fit_line(t: F64, place: F64, is_good: NDArray[np.bool_], least: float) -> t
     # Neighbouring samples share picture elements: about every second one is independent.
     covariance = 2.0 * max(spread, 0.02) ** 2 * np.linalg.inv(design.T @ design) + np.eye(2) * FLOOR_PX**2
     return float(coefficients[0]), float(coefficients[1]), covariance
+
+
+def _line(t: F64, place: F64) -> F64:
+    """Return the least-squares (a, b) of place = a + b t."""
+    middle, height = t.mean(), place.mean()
+    slope = float((t - middle) @ (place - height)) / max(1e-12, float((t - middle) @ (t - middle)))
+    return np.array([height - slope * middle, slope])
 
 
 def _corners_of(corners: F64, lines: list[tuple[float, float, F64] | None], shift_px: float) -> tuple[F64, F64]:
