@@ -23,7 +23,6 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels.arc import free_arc
-from ambler.kernels.rollout import clearance_at
 
 F64 = NDArray[np.float64]
 
@@ -36,6 +35,7 @@ class OmniPursuit:
         self._limits = robot.limits
         self._is_omni = robot.drive is DriveKind.OMNI and robot.limits.vy_max > 0.0
         self._window = LocalWindow(robot, config.padding)
+        self._outline = _samples_of(robot.footprint, 0.1)
         self._tracker = PathTracker()
         self._turn_sign = 0.0
         self._is_turning = False
@@ -178,11 +178,13 @@ class OmniPursuit:
         return max(0.06, approach_limit(left, brake, c.reaction_time + 0.05))
 
     def _clearance(self, place: SE2) -> float:
-        """Return how far the footprint is from lethal cells, at most 1 m; a lower bound."""
-        x, y, yaw = self._window.placed(place)
+        """Return how far the outline of the footprint is from lethal cells, metres, at most 1."""
         w = self._window
-        free = clearance_at(x, y, math.cos(yaw), math.sin(yaw), w.circles, w.distance, w.spec.resolution)
-        return float(np.clip(free, 0.0, 1.0))
+        spec = w.spec
+        points = place.transform(self._outline)
+        iy = np.clip(((points[:, 1] - spec.origin_y) / spec.resolution).astype(int), 0, spec.height - 1)
+        ix = np.clip(((points[:, 0] - spec.origin_x) / spec.resolution).astype(int), 0, spec.width - 1)
+        return float(np.clip(w.distance[iy, ix].min() - 0.5 * spec.resolution, 0.0, 1.0))
 
     def _clear_speed(self, start: SE2) -> float:
         """Near obstacles the robot is slow: here and a little ahead."""
@@ -220,3 +222,12 @@ class OmniPursuit:
                 raise NoValidControlError("an obstacle lies in the way, and this controller does not leave its path")
             scale = 0.0
         return BodyVelocity(wanted.vx * scale, wanted.vy * scale, wanted.wz * scale)
+
+
+def _samples_of(polygon: F64, spacing: float) -> F64:
+    """Return points (M, 2) along the outline of a polygon (N, 2)."""
+    parts = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        count = max(1, math.ceil(float(np.hypot(*(b - a))) / spacing))
+        parts.append(a + (b - a) * np.arange(count)[:, None] / count)
+    return np.concatenate(parts)
