@@ -46,15 +46,15 @@ SHARP = FrontEndConfig(
     match_max_voxel=0.3, match_min_points=350, scans_per_submap=150, insertion=InsertionConfig(p_miss=0.46)
 )
 
-PADDING = 0.05  # metres that controller and planner keep around the footprint
+PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
 
 
 def for_robot(robot: RobotModel) -> ExplorerConfig:
     """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts."""
     uses_cloud = any(mount.kind == "cloud" for mount in robot.sensors)
     planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
-    # The planner leaves out gaps that the controller, with its padding, would not enter.
-    inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + PADDING)
+    # The planner leaves out gaps in which the controller could not turn a little to either side.
+    inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     return ExplorerConfig(
         slam2d=Slam2dNodeConfig(uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP)),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.

@@ -68,6 +68,7 @@ class TurnInPlace:
         self._sign = 0.0
         self._turned = 0.0
         self._last_yaw: float | None = None
+        self._has_turned_back = False
         self._clock = _Clock(abs(amount) / TURN_RATE_MIN + ALLOWANCE)
 
     def compute_command(
@@ -91,6 +92,14 @@ class TurnInPlace:
         if abs(self._window.free_turn(odom_from_base, self._sign * reach)) < reach - 1e-9:
             raise CollisionAheadError("turning further would touch something")
         return BodyVelocity(0.0, 0.0, self._sign * rate)
+
+    def turn_back(self) -> bool:
+        """Try the other direction, once; returns False when that was done before."""
+        if self._has_turned_back or self._sign == 0.0:
+            return False
+        self._has_turned_back = True
+        self._sign, self._turned = -self._sign, 0.0
+        return True
 
     def _choose_direction(self, odom_from_base: SE2) -> None:
         wish = math.copysign(1.0, self._amount)

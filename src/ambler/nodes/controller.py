@@ -237,8 +237,10 @@ class ControllerNode(Node):
         assert self._motion is not None
         since_ns = self._protective_since_ns
         if since_ns is not None and self.ctx.now_ns - max(since_ns, self._recover_since_ns) > RECOVERY_PATIENCE_NS:
-            self._end_recover("COLLISION_AHEAD", "the gate holds this motion")
-            return
+            if not (isinstance(self._motion, TurnInPlace) and self._motion.turn_back()):
+                self._end_recover("COLLISION_AHEAD", "the gate holds this motion")
+                return
+            self._recover_since_ns = self.ctx.now_ns
         costmap = self._view.costmap
         try:
             command = self._motion.compute_command(self.ctx.now_ns, costmap.costs, costmap.spec, odom_from_base)

@@ -36,7 +36,7 @@ from ambler.runtime.topics import (
 from ambler.safety.blind_memory import BlindMemory, FieldOfView
 from ambler.safety.config import GateConfig
 from ambler.safety.gate import GateStep, VelocityGate
-from ambler.safety.points import F64, points_of_cloud, points_of_scan
+from ambler.safety.points import F64, patch_means, points_of_cloud, points_of_scan
 from ambler.safety.stuck_scan import StuckScan
 
 PERIOD = 0.02
@@ -142,6 +142,8 @@ class GateNode(Node):
         memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
         points = points_of(level_from_sensor)
         unseen = memory.update(points, odom_from_base.to_se2(), level_from_sensor, field)
+        if isinstance(scan, PointCloud):
+            points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
 

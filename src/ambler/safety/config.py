@@ -47,4 +47,4 @@ class GateConfig:
     max_step_gap: float = 0.25
     max_future: float = 0.1
     self_depth: float = 0.05
-    memory_travel: float = 4.0
+    memory_travel: float = 12.0
