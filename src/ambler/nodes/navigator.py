@@ -9,7 +9,7 @@ from ambler.core.errors import TransformError
 from ambler.core.messages import CostGrid, Path, PoseStamped, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
-from ambler.missions.navigate import Cancel, Navigation, NavigationConfig
+from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoveryStep
 from ambler.runtime.node import GoalHandle, Node, TaskOutcome
 from ambler.runtime.tasks import (
@@ -34,7 +34,6 @@ from ambler.runtime.topics import GLOBAL_COSTMAP, GOAL, PATH, STATUS, TRANSFORMS
 
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, NavigateResult]
 
-REPLAN_PERIOD = 1.0
 FEEDBACK_PERIOD = 0.25
 KINDS = {RecoveryAction.ROTATE: RecoveryKind.ROTATE, RecoveryAction.BACK_UP: RecoveryKind.BACK_UP}
 
@@ -62,7 +61,7 @@ class NavigatorNode(Node):
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costmap)
         self.ctx.subscribe(GOAL, self._on_click)
         self.ctx.serve_task(NAVIGATE, self._on_goal, self._on_cancel)
-        self.ctx.timer(REPLAN_PERIOD, self._tick)
+        self.ctx.timer(TICK_PERIOD, self._tick)
         self.ctx.timer(FEEDBACK_PERIOD, self._feedback)
 
     @property
