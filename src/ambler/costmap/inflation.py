@@ -70,7 +70,7 @@ def cost_table(radius_cells: int, resolution: float, inscribed_radius: float, sc
 
 
 def turning_cost(robot: RobotModel, config: InflationConfig) -> int:
-    """Return the cost at the circumscribed radius: below it the robot can turn on the spot."""
+    """Return the cost at the circumscribed radius: where it is not exceeded, the robot can turn on the spot."""
     inscribed = robot.inscribed_radius if config.inscribed_radius is None else config.inscribed_radius
     beyond = max(0.0, robot.circumscribed_radius - inscribed)
     return math.floor((COST_INSCRIBED - 1) * math.exp(-config.scaling * beyond))

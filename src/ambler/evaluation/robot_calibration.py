@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -109,16 +108,10 @@ def _odometry(robot: SimRobot, times: np.ndarray, velocities: np.ndarray, seed: 
     if robot.gait is not None:
         robot = replace(robot, gait=None)
     reckoning, drive = DeadReckoning(robot, robot.odometry, seed), drive_of(robot)
-    rates = [
-        _rates(drive.rates(BodyVelocity(v[0], v[1] / (1.0 - robot.strafe_loss), v[2]))) for v in velocities.tolist()
-    ]
+    rates = [drive.rates(BodyVelocity(vx, vy / (1.0 - robot.strafe_loss), wz)) for vx, vy, wz in velocities.tolist()]
     steps = np.array(rates) * STEP
     travel = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps[:-1], axis=0)])
     every = round(1.0 / (robot.odometry.rate_hz * STEP))
     return [
         reckoning.update(tuple(travel[k].tolist()), SE3(), round(times[k] * 1e9)) for k in range(0, len(times), every)
     ]
-
-
-def _rates(rates: Sequence[float]) -> list[float]:
-    return [float(r) for r in rates]

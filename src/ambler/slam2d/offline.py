@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from ambler.core.grid import GridSpec
+from ambler.core.grid import OCC_OCCUPIED, GridSpec
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.planar_scan import PlanarScan
 from ambler.slam2d.config import Slam2dConfig
@@ -18,7 +18,6 @@ from ambler.slam2d.slam import Slam2d
 
 _METRES_PER_RADIAN = 1.0
 _SAMPLE_STEP = 8
-OCCUPIED = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +69,7 @@ def points_on_walls(
 
     What is missing to 1 are people, returns from glass and poses that do not fit the map.
     """
-    near_wall = binary_dilation(occupancy == OCCUPIED, np.ones((3, 3), bool))
+    near_wall = binary_dilation(occupancy == OCC_OCCUPIED, np.ones((3, 3), bool))
     on_wall = total = 0
     for scan, pose in zip(scans, poses, strict=True):
         cells = spec.cells_of(SE2.from_array(pose).transform(scan.points))
