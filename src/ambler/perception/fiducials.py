@@ -74,7 +74,10 @@ class FiducialDetector:
                 if marker is None:
                     continue
                 prior = None if priors is None else priors.get(marker.name)
-                sighting = self._measure(grey, np.asarray(quad, np.float64).reshape(4, 2), cells, marker, prior)
+                corners_px = np.asarray(quad, np.float64).reshape(4, 2)
+                if dictionary.startswith("APRILTAG"):
+                    corners_px = np.roll(corners_px, 2, axis=0)  # OpenCV's AprilTags stand on their heads
+                sighting = self._measure(grey, corners_px, cells, marker, prior)
                 if sighting is not None:
                     seen.setdefault((dictionary, int(number)), []).append(sighting)
         chosen = (_only(seen[key], priors) for key in sorted(seen))
@@ -168,7 +171,4 @@ def _detector(dictionary: str) -> tuple[cv2.aruco.ArucoDetector, int]:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     parameters.minMarkerPerimeterRate = 0.02
-    # Nearby frames and slanted light need several sizes of the adaptive threshold.
-    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = 5, 45
-    parameters.adaptiveThreshWinSizeStep = 20
     return cv2.aruco.ArucoDetector(markers, parameters), int(markers.markerSize) + 2

@@ -154,6 +154,8 @@ def marker_print(dictionary: str, number: int, size: float, world_from_marker: S
     markers = cv2.aruco.getPredefinedDictionary(found)
     cells = int(markers.markerSize) + 2
     square = cv2.aruco.generateImageMarker(markers, number, cells * TEXELS, borderBits=1)
+    if dictionary.startswith("APRILTAG"):
+        square = np.rot90(square, 2)  # as AprilTag publishes them; OpenCV's stand on their heads
     texture = _ink(np.pad(square, round(rim * TEXELS), constant_values=255))
     side = size * (cells + 2.0 * round(rim * TEXELS) / TEXELS) / cells
     return Print(texture, side, side, world_from_marker)
