@@ -65,6 +65,14 @@ def clouds(draw):
 
 
 @st.composite
+def glass_walls(draw):
+    n = draw(st.integers(0, 9))
+    ends = arrays(np.float32, (n, 4), elements=st.floats(-1e6, 1e6, width=32))
+    confidence = arrays(np.float32, n, elements=st.floats(0.0, 1.0, width=32))
+    return m.GlassWalls(draw(stamps), draw(words), draw(ends), draw(confidence))
+
+
+@st.composite
 def grids(draw):
     spec = draw(specs)
     data = draw(arrays(np.int8, spec.shape, elements=st.integers(-1, 100)))
@@ -76,6 +84,8 @@ MESSAGES = {
     m.LaserScan: st.builds(
         m.LaserScan, stamps, words, *[float32s] * 6, any_float32(st.integers(0, 50)), any_float32(st.integers(0, 50))
     ),
+    m.Range: st.builds(m.Range, stamps, words, *[float32s] * 4),
+    m.GlassWalls: glass_walls(),
     m.PointCloud: clouds(),
     m.Imu: st.builds(m.Imu, stamps, words, vectors, vectors),
     m.Odometry: st.builds(m.Odometry, stamps, words, words, poses, vectors, vectors, covariances, covariances),

@@ -75,6 +75,39 @@ class LaserScan(Message):
         _freeze(self)
 
 
+_FOUR_FLOATS = struct.Struct("<4f")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Range(Message):
+    """One echo of a transducer: the distance to the nearest surface anywhere within `field_of_view` (rad, the full angle) about the
+    x axis of `frame`. `range` +inf means "nothing within range_max", -inf "nearer than range_min", NaN "no measurement".
+    The scalars are rounded to float32 at birth, as the wire holds them."""
+
+    stamp_ns: int
+    frame: str
+    field_of_view: float
+    range_min: float
+    range_max: float
+    range: float
+
+    def __post_init__(self) -> None:
+        names = ("field_of_view", "range_min", "range_max", "range")
+        rounded = _FOUR_FLOATS.unpack(_FOUR_FLOATS.pack(*(getattr(self, name) for name in names)))
+        for name, value in zip(names, rounded, strict=True):
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlassWalls(Message):
+    """What is believed to be glass: segments float32 (N, 4) of (x0, y0, x1, y1) in `frame` and the confidence of each, float32 (N,)."""
+
+    stamp_ns: int
+    frame: str
+    segments: F32
+    confidence: F32
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud(Message):
     """One 3-D scan in the sensor frame: points float32 (N, 3), intensity float32 (N,), time float32 (N,) in seconds after

@@ -62,6 +62,7 @@ PAUSE = Service("pause", GateRequest, GateReply)
 EMERGENCY_STOP = Service("emergency_stop", GateRequest, GateReply)
 RESET_STOP = Service("reset_stop", GateRequest, GateReply)
 SAVE_MAP = Service("save_map", SaveMapRequest, Nothing)
+SAVE_GLASS = Service("save_glass", SaveMapRequest, Nothing)
 RELOCALIZE = Service("relocalize", Nothing, Nothing)
 
 

@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
-from ambler.wire import ros_fast, ros_geometry, ros_grids, ros_markers, ros_paths, ros_sensors, ros_status
+from ambler.wire import ros_fast, ros_geometry, ros_glass, ros_grids, ros_markers, ros_paths, ros_sensors, ros_status
 from ambler.wire.ros_types import STORE, message_definition
 
 __all__ = [
@@ -47,6 +47,8 @@ class Codec:
 
 _CODECS: dict[type[m.Message], Codec] = {
     m.LaserScan: Codec("sensor_msgs/msg/LaserScan", ros_sensors.laser_scan_to_ros, ros_sensors.laser_scan_from_ros),
+    m.Range: Codec("sensor_msgs/msg/Range", ros_sensors.range_to_ros, ros_sensors.range_from_ros),
+    m.GlassWalls: Codec("visualization_msgs/msg/Marker", ros_glass.glass_to_ros, ros_glass.glass_from_ros),
     m.PointCloud: Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
     m.Imu: Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
     m.Odometry: Codec(

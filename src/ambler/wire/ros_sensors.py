@@ -15,6 +15,7 @@ _LaserScan = record_class("sensor_msgs/msg/LaserScan")
 _PointCloud2 = record_class("sensor_msgs/msg/PointCloud2")
 _PointField = record_class("sensor_msgs/msg/PointField")
 _Imu = record_class("sensor_msgs/msg/Imu")
+_Range = record_class("sensor_msgs/msg/Range")
 _Quaternion = record_class("geometry_msgs/msg/Quaternion")
 
 # The layout that Velodyne's drivers publish: packed, 22 bytes per point.
@@ -37,6 +38,7 @@ _FIELDS = [
 ]
 # sensor_msgs/PointField datatypes 1..8.
 _FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+_ULTRASOUND = 0
 _NO_COVARIANCE = np.zeros(9)
 _NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)
 
@@ -68,6 +70,30 @@ def laser_scan_from_ros(record: Any) -> m.LaserScan:
         record.range_max,
         np.array(record.ranges, np.float32),
         np.array(record.intensities, np.float32),
+    )
+
+
+def range_to_ros(message: m.Range) -> Any:
+    """A variance of zero means that it is unknown, as sensor_msgs/Range wants it."""
+    return _Range(
+        header_to_ros(message.stamp_ns, message.frame),
+        _ULTRASOUND,
+        message.field_of_view,
+        message.range_min,
+        message.range_max,
+        message.range,
+        0.0,
+    )
+
+
+def range_from_ros(record: Any) -> m.Range:
+    return m.Range(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        record.field_of_view,
+        record.min_range,
+        record.max_range,
+        record.range,
     )
 
 
