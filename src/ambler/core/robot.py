@@ -39,7 +39,7 @@ class VelocityLimits:
 
 @dataclass(frozen=True, slots=True)
 class SensorMount:
-    """A sensor and its pose: `kind` is scan, cloud, imu or camera; `frame` names it in the transform tree. A scanner measures
+    """A sensor and its pose: `kind` is scan, cloud, range, imu or camera; `frame` names it in the transform tree. A scanner measures
     nothing nearer than `range_min` (m), of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
     `elevation` limits (rad)."""
 
@@ -79,6 +79,11 @@ class RobotModel:
     def scanners(self) -> tuple[SensorMount, ...]:
         """The planar scanners themselves, without the virtual one that several of them are merged into."""
         return tuple(m for m in self.sensors if m.kind == "scan" and m.frame != MERGED_FRAME)
+
+    @property
+    def rangers(self) -> tuple[SensorMount, ...]:
+        """The ultrasonic transducers; they look along their x axis."""
+        return tuple(m for m in self.sensors if m.kind == "range")
 
     def sensor(self, frame: str) -> SensorMount:
         """Return the sensor mounted as `frame`; raises KeyError with the known names."""

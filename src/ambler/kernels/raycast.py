@@ -25,6 +25,9 @@ FLOOR = -2
 CEILING = -3
 GLASS = 2
 GLASS_COSINE = math.cos(math.radians(12.0))  # beyond this angle a pane sends the light elsewhere
+GLASS_DIFFUSE = 0.1  # share of a pane's albedo that dust on it scatters back
+SPECULAR = 4.0  # intensity of a pane met squarely; white paint has 1
+SPECULAR_SIGMA = math.radians(2.5)  # width of that peak, from the divergence of the beam and the receiver's aperture
 TINY = 1e-12
 # Rows of a packet float64 (11, PACKET): origin, direction, 1 / direction, nearest distance so far, cosine of incidence.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ, BEST, COSINE = range(11)
@@ -232,6 +235,15 @@ def _cast_movers(movers, mover_kinds, mover_rates, time, base, moved, packet, mo
                 hit[r] = base + d
 
 
+@jit_ieee
+def _returned(kind, albedo, cosine):
+    """Intensity of a return: Lambert's cosine law, and of glass a narrow specular peak over little diffuse light."""
+    if kind != GLASS:
+        return albedo * cosine
+    off = math.acos(min(1.0, cosine)) / SPECULAR_SIGMA
+    return GLASS_DIFFUSE * albedo * cosine + SPECULAR * math.exp(-0.5 * off * off)
+
+
 @jit
 def sweep(
     bounds, firsts, counts, prims, kinds, albedos, floor, ceiling, movers, mover_kinds, mover_rates,
@@ -241,7 +253,7 @@ def sweep(
 
     `times` (K,), `positions` (K, 3), `quaternions` (K, 4, wxyz) are the sensor's poses in the world, K >= 2; `directions`
     float64 (C, R, 3) are unit vectors in the sensor frame. Writes float32 (C, R): exact distance (inf: nothing), cosine of
-    incidence, and intensity = albedo * cosine. `albedos` are those of the primitives, floor, ceiling, and movers: primitives
+    incidence, and intensity (1: white paint met squarely). `albedos` are those of the primitives, floor, ceiling, and movers: primitives
     (D, 15) outside of the hierarchy, as they are when the scan begins, with velocities (D, 2).
     """
     moved, mover_hit = np.empty((movers.shape[0], 15)), np.empty(PACKET, np.int64)
@@ -276,7 +288,8 @@ def sweep(
             surface = hit[r] if hit[r] >= 0 else solids - hit[r] - 2
             out_distance[c, ring] = packet[BEST, r] if found else np.inf
             out_cosine[c, ring] = packet[COSINE, r]
-            out_intensity[c, ring] = albedos[surface] * packet[COSINE, r] if found else 0.0
+            kind = kinds[hit[r]] if 0 <= hit[r] < solids else 0
+            out_intensity[c, ring] = _returned(kind, albedos[surface], packet[COSINE, r]) if found else 0.0
 
 
 @jit

@@ -26,6 +26,7 @@ class SimulatorNode(Node):
     outputs = (
         topics.SCAN,
         topics.CLOUD,
+        topics.RANGES,
         topics.IMU,
         topics.ODOMETRY,
         topics.TRANSFORMS,
@@ -39,6 +40,7 @@ class SimulatorNode(Node):
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._transport = max(spec.latency for spec in simulation.robot.lidars.values())
+        self._echo = max((spec.latency for spec in simulation.robot.ultrasonics.values()), default=0.0)
         self._scan_topic = topics.SCAN if len(simulation.robot.model.scanners) <= 1 else topics.SCANNERS
         self.outputs = tuple(self._scan_topic if t is topics.SCAN else t for t in type(self).outputs)  # type: ignore[assignment, misc]
 
@@ -68,6 +70,9 @@ class SimulatorNode(Node):
             self.ctx.after(self._transport, self._later(self._scan_topic, scan))
         for cloud in out.clouds:
             self.ctx.after(self._transport, self._later(topics.CLOUD, cloud))
+
+        for measured in out.ranges:
+            self.ctx.after(self._echo, self._later(topics.RANGES, measured))
 
     def _later(self, topic: topics.Topic[topics.M], message: topics.M) -> Callable[[], None]:
         return lambda: self.ctx.publish(topic, message)

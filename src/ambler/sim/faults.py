@@ -1,7 +1,7 @@
 """Faults on demand: what goes wrong, when, and with what, written `kind[@target][:begin[:end]]` with seconds after the start.
 
 wheel_slip       wheels (legs) turn as told, but the base moves only 70 % of that way; odometry does not know
-scanner_dropout  a scanner sends nothing; the target is its frame, `all`, or the first one
+scanner_dropout  a scanner (or transducer) sends nothing; the target is its frame, `all`, or the first one
 scanner_stuck    a scanner sends its last measurement again and again, with new stamps
 delayed_stamps   a scanner's messages come 0.2 s late and are stamped as if they had been measured then
 people           three people more, who walk straight ways chosen by the seed, far from the start; they stand outside of the time
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import LaserScan, PointCloud
+from ambler.core.messages import LaserScan, PointCloud, Range
 from ambler.core.se2 import SE2
 from ambler.sim.sensors import named_generator
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
@@ -50,7 +50,7 @@ class FaultKind(enum.Enum):
 
 
 TARGETED = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS, FaultKind.DOOR)
-Measurement = LaserScan | PointCloud
+Measurement = LaserScan | PointCloud | Range
 
 
 @dataclass(frozen=True, slots=True)

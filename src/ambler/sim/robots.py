@@ -23,6 +23,7 @@ from ambler.sim.sensors import (
     GaitSpec,
 )
 from ambler.sim.sim_robot import SimRobot
+from ambler.sim.ultrasonic import with_ultrasonic_ring
 from ambler.sim.urdf import load_urdf
 
 __all__ = ["SimRobot", "robot_named", "robot_names"]
@@ -34,7 +35,15 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_named(name: str) -> SimRobot:
-    """Return a simulated robot by its name, or from a URDF file; raises BadInputError with the known names."""
+    """Return a simulated robot by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers.
+
+    Raises BadInputError with the known names.
+    """
+    base, plus, option = name.partition("+")
+    if plus:
+        if option != "ultrasonic":
+            raise BadInputError(f"robot {name!r}: no option {option!r}; there is +ultrasonic, as in diff+ultrasonic")
+        return with_ultrasonic_ring(robot_named(base))
     if name.endswith((".urdf", ".xml")):
         return load_urdf(Path(name))
     if name == "diff":

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ambler.core.robot import RobotModel
-from ambler.sim.sensors import GaitSpec, ImuSpec, LidarSpec, OdometrySpec
+from ambler.sim.sensors import GaitSpec, ImuSpec, LidarSpec, OdometrySpec, UltrasonicSpec
 
 
 @dataclass(frozen=True)
 class SimRobot:
-    """`lidars` maps sensor frames of the model to scanners.
+    """`lidars` maps sensor frames of the model to scanners, `ultrasonics` to transducers.
 
     `wheel_radius` (0: legs) and `track` describe driven wheels; with a `wheel_base` (distance of the axles) there are four
     mecanum wheels, else two. `strafe_loss` is the share of a sideways motion that the rollers lose and the encoders count.
@@ -29,6 +29,7 @@ class SimRobot:
     strafe_loss: float = 0.0
     gait: GaitSpec | None = None
     watchdog: float = 0.5
+    ultrasonics: dict[str, UltrasonicSpec] = field(default_factory=dict)
 
     @property
     def sensor_height(self) -> float:

@@ -28,6 +28,7 @@ from ambler.sim.odometry import DeadReckoning
 from ambler.sim.scene import build_scene
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import WorldSpec
+from ambler.sim.ultrasonic import UltrasonicSensor
 
 TICK_NS = 5_000_000
 TICK = TICK_NS * 1e-9
@@ -52,15 +53,18 @@ class SimulationOutput:
 
     scans: list[m.LaserScan] = field(default_factory=list)
     clouds: list[m.PointCloud] = field(default_factory=list)
+    ranges: list[m.Range] = field(default_factory=list)
     imus: list[m.Imu] = field(default_factory=list)
     odometry: list[m.Odometry] = field(default_factory=list)
     true_poses: list[m.Odometry] = field(default_factory=list)
     contacts: list[m.Contact] = field(default_factory=list)
 
-    def add(self, measured: m.LaserScan | m.PointCloud | None) -> None:
-        """Add what a scanner sent, if it sent anything."""
+    def add(self, measured: m.LaserScan | m.PointCloud | m.Range | None) -> None:
+        """Add what a scanner or transducer sent, if it sent anything."""
         if isinstance(measured, m.LaserScan):
             self.scans.append(measured)
+        elif isinstance(measured, m.Range):
+            self.ranges.append(measured)
         elif measured is not None:
             self.clouds.append(measured)
 
@@ -73,7 +77,7 @@ class Simulation:
         seed, is_perfect = self.config.seed, self.config.is_perfect
         robot = replace(robot, strafe_loss=0.0) if is_perfect else robot
         faults = self.config.faults
-        self._faults = FaultInjector(faults, world, tuple(robot.lidars))
+        self._faults = FaultInjector(faults, world, (*robot.lidars, *robot.ultrasonics))
         world = world_with_faults(world, faults, seed)
         self.world, self.robot = world, robot
         self._crowd = Crowd(world, seed, robot.model.footprint)
@@ -84,6 +88,10 @@ class Simulation:
         self._lidars = [
             LidarSensor(spec.perfect() if is_perfect else spec, frame, scene, seed)
             for frame, spec in robot.lidars.items()
+        ]
+        self._rangers = [
+            UltrasonicSensor(spec.perfect() if is_perfect else spec, frame, scene, seed)
+            for frame, spec in robot.ultrasonics.items()
         ]
         self._mounts = {s.frame: s.base_from_sensor for s in robot.model.sensors}
         imu_spec = robot.imu.perfect() if is_perfect else robot.imu
@@ -178,8 +186,18 @@ class Simulation:
                 is_flat = len(spec.elevations) == 1
                 measured = lidar.to_scan(now - sweep_ns) if is_flat else lidar.to_cloud(now - sweep_ns)
                 out.add(self._faults.pass_on(measured, elapsed * 1e-9))
+        self._sense_ranges(out)
         for late in self._faults.take_late(elapsed * 1e-9):
             out.add(late)
+
+    def _sense_ranges(self, out: SimulationOutput) -> None:
+        elapsed, pose = self._elapsed_ns, self._history[-1][1]
+        for ranger in self._rangers:
+            spec = ranger.spec
+            if (elapsed - round(spec.phase * 1e9)) % round(spec.period * 1e9) == 0:
+                movers = self._crowd.as_rays_see_it(0.0) if len(self._crowd) else NO_MOVERS
+                measured = ranger.measure(pose @ self._mounts[ranger.frame], self.now_ns, movers)
+                out.add(self._faults.pass_on(measured, elapsed * 1e-9))
 
     def _knots(self, frame: str, since_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """The sensor's poses from an instant until now: seconds after it, positions, quaternions (wxyz)."""

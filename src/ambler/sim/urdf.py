@@ -26,12 +26,14 @@ from ambler.sim.sensors import (
     MEMS_IMU_200,
     SAFETY_270,
     SCANNER_360,
+    TRANSDUCER_30,
     VLP_16,
     WHEEL_ODOMETRY,
     GaitSpec,
     ImuSpec,
     LidarSpec,
     OdometrySpec,
+    UltrasonicSpec,
 )
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.urdf_tree import Link, UrdfTree, label, numbers, read_tree
@@ -41,11 +43,12 @@ T = TypeVar("T")
 
 LIDARS: dict[str, LidarSpec] = {"scanner_360": SCANNER_360, "safety_270": SAFETY_270, "vlp_16": VLP_16}
 IMUS: dict[str, ImuSpec] = {"mems": MEMS_IMU, "mems_200": MEMS_IMU_200}
+ULTRASONICS: dict[str, UltrasonicSpec] = {"transducer_30": TRANSDUCER_30}
 ODOMETRIES: dict[str, OdometrySpec] = {"wheels": WHEEL_ODOMETRY, "legs": LEG_ODOMETRY}
 GAITS: dict[str, GaitSpec] = {"trot": GaitSpec()}
 RESERVED = ("base", "odom", "map")
 SCALARS = ("floor", "wheel_radius", "track", "wheel_base", "strafe_loss", "body_bottom", "body_height", "watchdog")
-PARTS = ("footprint", "limits", "lidar", "imu", "camera", "odometry", "gait")
+PARTS = ("footprint", "limits", "lidar", "ultrasonic", "imu", "camera", "odometry", "gait")
 
 
 def load_urdf(path: Path) -> SimRobot:
@@ -61,6 +64,9 @@ def load_urdf(path: Path) -> SimRobot:
     lidars = {e.get("link", ""): _spec(tree, e, LIDARS, "scanner_360") for e in extension.findall("lidar")}
     if not lidars:
         raise BadInputError(f"{path}: <ambler>: a <lidar link=...> is missing; without one no robot can be safe")
+    ultrasonics = {
+        e.get("link", ""): _spec(tree, e, ULTRASONICS, "transducer_30") for e in extension.findall("ultrasonic")
+    }
     imu = extension.find("imu")
     odometry = extension.find("odometry")
     gait = extension.find("gait")
@@ -91,6 +97,7 @@ def load_urdf(path: Path) -> SimRobot:
         strafe_loss=_scalar(tree, extension, "strafe_loss", 0.0),
         gait=_spec(tree, gait, GAITS, "trot") if gait is not None else None,
         watchdog=_scalar(tree, extension, "watchdog", 0.5),
+        ultrasonics=ultrasonics,
     )
 
 
@@ -104,7 +111,7 @@ def _check(tree: UrdfTree, extension: Element) -> None:
                 f"{tree.path}: <ambler>: no such element <{part.tag}>; there are {', '.join(sorted(PARTS))}"
             )
         link = part.get("link")
-        if part.tag in ("lidar", "camera", "imu") and link not in tree.links:
+        if part.tag in ("lidar", "ultrasonic", "camera", "imu") and link not in tree.links:
             raise BadInputError(f"{tree.path}: {label(part)}: there is no link {link!r}")
         if link in RESERVED:
             raise BadInputError(f"{tree.path}: {label(part)}: a sensor's link must not be called {link!r}")
@@ -217,7 +224,13 @@ def _mounts(
     else:
         others.append(SensorMount(imu.get("link", ""), "imu", poses[imu.get("link", "")]))
     cameras = [SensorMount(e.get("link", ""), "camera", poses[e.get("link", "")]) for e in extension.findall("camera")]
-    return (*scans, *merged, *others, *cameras)
+    rangers = []
+    for element in extension.findall("ultrasonic"):
+        name = element.get("link", "")
+        rangers.append(
+            SensorMount(name, "range", poses[name], _spec(tree, element, ULTRASONICS, "transducer_30").range_min)
+        )
+    return (*scans, *merged, *others, *cameras, *rangers)
 
 
 def _spec(tree: UrdfTree, element: Element, known: Mapping[str, T], default: str) -> T:

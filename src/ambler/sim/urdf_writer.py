@@ -15,7 +15,7 @@ import numpy as np
 from ambler.core.robot import MERGED_FRAME, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.sim.sim_robot import SimRobot
-from ambler.sim.urdf import GAITS, IMUS, LIDARS, ODOMETRIES
+from ambler.sim.urdf import GAITS, IMUS, LIDARS, ODOMETRIES, ULTRASONICS
 
 WHEEL_WIDTH = 0.06
 
@@ -115,6 +115,8 @@ def _extension(root: Element, robot: SimRobot) -> None:
         element = SubElement(extension, "lidar", {"link": frame, **_nearest(spec, LIDARS)})
         if model.sensor(frame).kind == "scan" and model.sensor(frame).azimuth != (-math.pi, math.pi):
             element.set("window", _text(*model.sensor(frame).azimuth))
+    for frame, transducer in robot.ultrasonics.items():
+        SubElement(extension, "ultrasonic", {"link": frame, **_nearest(transducer, ULTRASONICS)})
     for mount in model.sensors:
         if mount.kind == "imu":
             SubElement(extension, "imu", {"link": mount.frame, **_nearest(robot.imu, IMUS)})
