@@ -8,6 +8,7 @@ import pytest
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.safety.blind_memory import BlindMemory, FieldOfView
+from ambler.safety.points import patch_means
 
 MOUNT = SE3((0.0, 0.0, 0.8))
 PUCK = FieldOfView(0.4, elevation=(-math.radians(15), math.radians(15)))
@@ -110,3 +111,27 @@ def test_odometry_is_trusted_for_some_metres_only() -> None:
     for yaw in np.arange(0.1, 2 * math.pi + 0.2, 0.1):
         kept = memory.update(nothing, SE2(0.3, 0.0, float(yaw)), MOUNT, PUCK)
     assert len(kept) == 0, "a full turn moves the outermost corner by 3.8 m"
+
+
+def test_a_scanner_that_counts_from_zero_to_a_full_turn_sees_all_around() -> None:
+    field = FieldOfView(0.1, azimuth=(0.0, 2.0 * math.pi)).shrunk(0.1, 0.0)
+    azimuth = np.radians(np.array([-179.0, -90.0, 0.5, 90.0, 179.0]))
+    assert field.contains((np.full(5, 2.0), azimuth, np.zeros(5))).all()
+
+
+@pytest.mark.parametrize("spacing_deg", [0.2, 0.4, 0.6, 1.0])
+def test_a_low_box_seen_by_one_ring_remains_an_obstacle(spacing_deg: float) -> None:
+    azimuth = np.radians(np.arange(-10.0, 10.0, spacing_deg))
+    box = np.stack((1.2 * np.ones(len(azimuth)), 1.2 * np.tan(azimuth), np.full(len(azimuth), 0.3)), axis=1)
+    assert len(patch_means(box, (0.0, 0.0))) >= 2
+
+
+def test_patches_end_the_bias_of_the_nearest_of_many_returns() -> None:
+    rng = np.random.default_rng(5)
+    azimuth, ring = np.meshgrid(np.radians(np.arange(-40.0, 40.0, 0.2)), np.arange(8), indexing="ij")
+    ranges = 0.6 / np.cos(azimuth.ravel()) + rng.normal(0.0, SIGMA, azimuth.size)
+    z = 0.3 + 0.05 * ring.ravel()
+    wall = np.stack((ranges * np.cos(azimuth.ravel()), ranges * np.sin(azimuth.ravel()), z), axis=1)
+    assert np.sort(wall[:, 0])[1] < 0.6 - 2.8 * SIGMA
+    nearest = np.sort(patch_means(wall, (0.0, 0.0))[:, 0])[1]
+    assert 0.6 - 2.2 * SIGMA < nearest < 0.6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from ambler.control.config import RolloutConfig
@@ -41,12 +41,21 @@ class ExplorerConfig:
 
 
 # A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood; passing rays count for more than Cartographer's
-# 0.49, so that walls stay one cell thick (docs/slam2d.md).
+# 0.49, so that walls stay one cell thick (docs/slam2d.md). The points of a cloud are means of several returns and need no such help.
 SHARP = FrontEndConfig(
     match_max_voxel=0.3, match_min_points=350, scans_per_submap=150, insertion=InsertionConfig(p_miss=0.46)
 )
 
+SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
+
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
+
+
+def looks_around(robot: RobotModel) -> bool:
+    """Whether the robot sees on all sides, so that it may look at a frontier with any heading."""
+    scans = [mount for mount in robot.sensors if mount.kind == "scan"]
+    is_full = any(mount.azimuth[1] - mount.azimuth[0] > 2.0 * math.pi - 0.1 for mount in scans)
+    return is_full or len(scans) > 1 or any(mount.kind == "cloud" for mount in robot.sensors)
 
 
 def for_robot(robot: RobotModel) -> ExplorerConfig:
@@ -56,13 +65,14 @@ def for_robot(robot: RobotModel) -> ExplorerConfig:
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     return ExplorerConfig(
-        slam2d=Slam2dNodeConfig(uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP)),
+        slam2d=Slam2dNodeConfig(
+            uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP_CLOUD if uses_cloud else SHARP)
+        ),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
         global_costmap=GlobalCostmapConfig(inflation=inflation),
         rollout=RolloutConfig(padding=PADDING),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
-        # Every scanner here looks all around, so a frontier may be looked at with any heading.
-        explore=ExploreConfig(yaw_tolerance=math.pi),
+        explore=ExploreConfig(yaw_tolerance=math.pi) if looks_around(robot) else ExploreConfig(),
         survey=SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ambler.core.messages import Frontier
+from ambler.core.messages import Frontier, FrontierState
 from ambler.core.se2 import SE2
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import Survey
@@ -25,16 +25,19 @@ class ChoiceConfig:
     min_saving: float = 0.5
 
 
-def find_again(target: Frontier, survey: Survey, config: ChoiceConfig) -> int | None:
-    """Return the index of the open frontier that is the target, None when it is gone.
+def find_again(target: Frontier, survey: Survey, config: ChoiceConfig, *, is_open: bool = True) -> int | None:
+    """Return the index of the open frontier (or of the unreachable one) that is the target, None when it is gone.
 
     Of several that match, it is the one that shares most with the target of what both hold together; a long neighbour may lie beside
     more of its cells than the target itself has.
     """
     tree = cKDTree(target.cells.astype(np.float64))
     best, best_share = None, 0.0
-    for i in survey.open:
-        cells = survey.frontiers[i].cells.astype(np.float64)
+    wanted = FrontierState.OPEN if is_open else FrontierState.UNREACHABLE
+    for i, frontier in enumerate(survey.frontiers):
+        if frontier.state is not wanted:
+            continue
+        cells = frontier.cells.astype(np.float64)
         near = int(np.isfinite(tree.query(cells, distance_upper_bound=config.match_distance)[0]).sum())
         share = near / (len(cells) + tree.n - min(near, tree.n))
         if near >= config.match_ratio * min(len(cells), tree.n) and share > best_share:

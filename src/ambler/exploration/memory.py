@@ -121,7 +121,7 @@ class FrontierMemory:
         if not is_refused or self._has_changed(refusal, spec, occupancy):
             return ""
         if refusal.looks >= self.config.max_looks:
-            return f"looked at {refusal.looks} times from near: {refusal.reason}"
+            return f"looked at {refusal.looks} times: {refusal.reason}"
         return f"attempt {refusal.attempts} failed: {refusal.reason}"
 
     def pardon(self) -> int:

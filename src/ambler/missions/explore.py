@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ambler.core.messages import Frontier, FrontierState
 from ambler.core.se2 import SE2
-from ambler.exploration.choice import choose, find_again
+from ambler.exploration.choice import ChoiceConfig, choose, find_again
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey, Survey
 from ambler.missions.explore_commands import (
@@ -66,6 +66,7 @@ class ExploreMission:
         self._progress_ns = 0
         self._still_at = SE2()
         self._still_ns = now_ns
+        self._switches = 0
         self._arrived = False
         self._drive_code: str | None = None
         self._drive_text = ""
@@ -150,6 +151,7 @@ class ExploreMission:
         return [TurnAround(self._drive, 2.0 * math.pi)]
 
     def _choosing(self, view: ExploreView) -> list[Command]:
+        self._switches = 0
         best = choose(self._now, self._strategy, view.map_from_base, None, self.config.choice)
         if best is not None:
             self._has_swept = False
@@ -172,23 +174,30 @@ class ExploreMission:
             self._arrived = True
             return self._wait(view, self.config.look_time, "arrived, waiting for the map")
         if again is None:
-            self._goals_reached += 1
-            self._failures = 0
-            self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
+            if find_again(self._target_frontier, self._now, self.config.choice, is_open=False) is None:
+                self._goals_reached += 1
+                self._failures = 0
+                self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
             return self._choosing_or_stop(view)
         self._track(again, view)
         if code is not None:
             return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
         if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e9:
             return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
-        best = choose(self._now, self._strategy, view.map_from_base, again, self.config.choice)
+        best = choose(self._now, self._strategy, view.map_from_base, again, self._choice_while_driving())
         goal = self._target_frontier.goal
         assert best is not None
         assert goal is not None
         has_moved = math.hypot(goal[0] - self._sent.x, goal[1] - self._sent.y) > self.config.goal_shift
+        self._switches += best != again
         if best != again or has_moved:
             return self._drive_to_frontier(view, best)
         return []
+
+    def _choice_while_driving(self) -> ChoiceConfig:
+        """Ask for twice the saving after each change of mind, so that a robot between two targets decides for one."""
+        choice, factor = self.config.choice, 2.0**self._switches
+        return replace(choice, hysteresis=choice.hysteresis * factor, min_saving=choice.min_saving * factor)
 
     def _looking(self, view: ExploreView) -> list[Command]:
         if self._drive_code is not None and not self._arrived:

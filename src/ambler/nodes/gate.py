@@ -116,7 +116,8 @@ class GateNode(Node):
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
-        arc = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
+        ends = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
+        arc = (min(ends), max(ends))
         # Where one of several scanners does not look, another one does: only its blind zone asks for a memory.
         field = FieldOfView(scan.range_min) if self._has_many else FieldOfView(scan.range_min, arc)
         self._take_points(scan, field, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))

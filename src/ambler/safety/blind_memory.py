@@ -53,7 +53,8 @@ class FieldOfView:
     def contains(self, rays: Rays) -> NDArray[np.bool_]:
         """Return bool (N,)."""
         ranges, azimuth, elevation = rays
-        is_turned = (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[1])
+        middle, half = 0.5 * (self.azimuth[0] + self.azimuth[1]), 0.5 * (self.azimuth[1] - self.azimuth[0])
+        is_turned = np.abs((azimuth - middle + math.pi) % (2.0 * math.pi) - math.pi) <= half
         is_level = (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
         return np.asarray((ranges >= self.range_min) & is_turned & is_level)
 

@@ -16,7 +16,7 @@ from ambler.core.se3 import SE3
 F64 = NDArray[np.float64]
 
 PATCH = (math.radians(0.5), 0.05)  # azimuth and distance from the sensor that share one mean
-PATCH_POINTS = 2  # returns that a patch needs: one alone may be noise
+PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
 
 
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
@@ -44,13 +44,23 @@ def points_of_cloud(
 
 
 def patch_means(points: F64, origin: tuple[float, float]) -> F64:
-    """Return the mean of every patch, seen from `origin` (x, y), that holds enough of the points (N, 3), float64 (M, 3)."""
+    """Return the mean of every patch of the points (N, 3) seen from `origin` (x, y), float64 (M, 3).
+
+    A lone return counts, unless a surface of several returns lies close behind it: then it is that surface's noise.
+    """
     dx, dy = points[:, 0] - origin[0], points[:, 1] - origin[1]
     azimuth = np.floor(np.arctan2(dy, dx) / PATCH[0]).astype(np.int64)
     distance = np.floor(np.hypot(dx, dy) / PATCH[1]).astype(np.int64)
-    _, index, counts = np.unique(azimuth * 100_000 + distance, return_inverse=True, return_counts=True)
+    row = 100_000
+    patches, index, counts = np.unique(azimuth * row + distance, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(index, points[:, k], len(counts)) for k in range(3)], axis=1)
-    is_sure = counts >= PATCH_POINTS
+    surfaces = patches[counts > 1]
+    is_sure = counts > 1
+    is_noise = np.zeros(len(patches), np.bool_)
+    for beside in (-row, 0, row):
+        for behind in range(1, PATCHES_BEHIND + 1):
+            is_noise |= np.isin(patches + beside + behind, surfaces)
+    is_sure |= ~is_noise
     return np.asarray(sums[is_sure] / counts[is_sure, None])
 
 

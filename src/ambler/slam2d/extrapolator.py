@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 
 _HISTORY_NS = 3_000_000_000
+_LONGEST_NS = 60_000_000_000
 _MAX_AHEAD_NS = 300_000_000
 
 
 class _Track:
-    """Poses over a short time, and since `needed_since_ns` however long ago that is, interpolated and shortly extrapolated."""
+    """Poses over a short time, and since `needed_since_ns` for up to a minute, interpolated and shortly extrapolated."""
 
     def __init__(self) -> None:
         self.stamps: deque[int] = deque()
@@ -30,7 +31,7 @@ class _Track:
         self.poses.append(pose)
         oldest_ns = stamp_ns - _HISTORY_NS
         if self.needed_since_ns is not None:
-            oldest_ns = min(oldest_ns, self.needed_since_ns)
+            oldest_ns = max(min(oldest_ns, self.needed_since_ns), stamp_ns - _LONGEST_NS)
         while len(self.stamps) > 2 and self.stamps[1] < oldest_ns:
             self.stamps.popleft()
             self.poses.popleft()
