@@ -1,0 +1,118 @@
+"""Panes of glass in a planar scan, found by their specular peak (after Wang and Wang 2017).
+
+Light passes a pane except where it meets it squarely: there a few beams come back, brighter than any painted surface could be, from
+points on a line that is perpendicular to the brightest beam, while beams beside them see what stands behind the line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.messages import LaserScan
+from ambler.core.se2 import wrap_angle
+
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+FLATTEST = 1.4  # radians off the normal up to which the line of a pane is followed
+
+
+@dataclass(frozen=True, slots=True)
+class SpecularConfig:
+    """`intensity_min` is what no painted surface reaches: the unit is that of white paint met squarely (1 in the simulator; measure it for a
+    real scanner). Returns count as on the pane within `tolerance` (m) of its line and as behind it from `behind` (m) on. At least
+    `near_points` returns within `near` (rad) of the peak must lie on the line, `near_share` of all there; beams between `sides` (rad) on
+    at least one side must pass, `through_share` of all there. `pane_angle` is the farthest from the normal at which panes reflect."""
+
+    intensity_min: float = 1.5
+    tolerance: float = 0.04
+    behind: float = 0.25
+    near: float = math.radians(2.5)
+    near_points: int = 3
+    near_share: float = 0.6
+    sides: tuple[float, float] = (math.radians(14.0), math.radians(30.0))
+    through_share: float = 0.6
+    pane_angle: float = math.radians(13.0)
+    range_max: float = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class SpecularPeak:
+    """One pane as one scan shows it, in the sensor frame: the beam that meets it squarely (index, angle), its distance, and how far along the
+    pane (m, to the right and to the left of that beam, seen from the sensor) its returns reach."""
+
+    beam: int
+    angle: float
+    distance: float
+    right: float
+    left: float
+    intensity: float
+
+
+class SpecularDetector:
+    """`detect` panes in the raw scan of one scanner."""
+
+    def __init__(self, config: SpecularConfig | None = None) -> None:
+        self.config = config if config is not None else SpecularConfig()
+
+    def detect(self, scan: LaserScan) -> tuple[SpecularPeak, ...]:
+        """Return the panes in the order of their beams; none for a scan without intensities."""
+        if len(scan.intensities) != len(scan.ranges):
+            return ()
+        ranges = np.asarray(scan.ranges, np.float64)
+        intensities = np.asarray(scan.intensities, np.float64)
+        angles: F64 = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
+        bright = np.isfinite(ranges) & (intensities >= self.config.intensity_min) & (ranges <= self.config.range_max)
+        found = (self._judge(k, ranges, intensities, angles) for k in _peaks(bright, intensities))
+        peaks: list[SpecularPeak] = []
+        for peak in found:  # the beams of one pane may lie on both sides of the scan's seam
+            if peak is not None and all(abs(wrap_angle(peak.angle - p.angle)) > self.config.near for p in peaks):
+                peaks.append(peak)
+        return tuple(peaks)
+
+    def _judge(self, k: int, ranges: F64, intensities: F64, angles: F64) -> SpecularPeak | None:
+        c = self.config
+        normal = self._normal(k, ranges, intensities, angles)
+        off = (angles - normal + math.pi) % (2.0 * math.pi) - math.pi
+        near = np.abs(off) <= c.near
+        along_normal = ranges[near] * np.cos(off[near])
+        distance = float(np.median(along_normal[np.isfinite(along_normal)]))
+        line = distance / np.cos(np.clip(off, -FLATTEST, FLATTEST))
+        on_pane = np.abs(ranges - line) <= c.tolerance
+        if np.count_nonzero(on_pane & near) < max(c.near_points, c.near_share * np.count_nonzero(near)):
+            return None
+        if not any(self._passes(side, ranges, line) for side in (_side(off, c.sides), _side(-off, c.sides))):
+            return None
+        run = off[on_pane & (np.abs(off) <= c.pane_angle)]
+        right, left = distance * math.tan(-float(run.min())), distance * math.tan(float(run.max()))
+        return SpecularPeak(k, wrap_angle(normal), distance, right, left, float(intensities[k]))
+
+    def _normal(self, k: int, ranges: F64, intensities: F64, angles: F64) -> float:
+        """The angle of the peak, finer than the beams: the mean of the angles around it, weighed by their intensity."""
+        off = (angles - angles[k] + math.pi) % (2.0 * math.pi) - math.pi
+        around = (np.abs(off) <= 2.0 * self.config.near) & (np.abs(ranges - ranges[k]) <= 0.1)
+        weight = np.where(around, intensities, 0.0)
+        return float(angles[k] + np.sum(weight * off) / np.sum(weight))
+
+    def _passes(self, side: Bools, ranges: F64, line: F64) -> bool:
+        """Whether enough of the beams of one side see what stands behind the pane's line; lost beams say nothing."""
+        seen = side & ~np.isnan(ranges)
+        count = np.count_nonzero(seen)
+        through = np.count_nonzero(seen & (ranges > line + self.config.behind))
+        return bool(count >= 5 and through >= self.config.through_share * count)
+
+
+def _side(off: F64, limits: tuple[float, float]) -> Bools:
+    return np.asarray((off >= limits[0]) & (off <= limits[1]))
+
+
+def _peaks(bright: Bools, intensities: F64) -> list[int]:
+    """Return the brightest beam of every run of bright ones; dark gaps of up to three beams do not part a run."""
+    beams = np.flatnonzero(bright)
+    if len(beams) == 0:
+        return []
+    runs = np.split(beams, np.flatnonzero(np.diff(beams) > 4) + 1)
+    return [int(run[np.argmax(intensities[run])]) for run in runs]
