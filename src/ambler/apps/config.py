@@ -16,6 +16,8 @@ from ambler.exploration.survey import SurveyConfig
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.missions.explore_commands import ExploreConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
+from ambler.perception.glass import SpecularConfig
+from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.perception.scanner_profile import ScannerCalibration
 from ambler.planning.grid_planner import PlannerConfig
@@ -38,6 +40,13 @@ class ExplorerConfig:
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)
     scanners: Mapping[str, ScannerCalibration] = field(default_factory=dict)
+    glass: Literal["auto", "on", "off"] = "auto"
+    specular: SpecularConfig = field(default_factory=SpecularConfig)
+    glass_map: GlassMapConfig = field(default_factory=GlassMapConfig)
+
+    def maps_glass(self, robot: RobotModel) -> bool:
+        """Say whether glass is looked for: `auto` means on robots with ultrasonic transducers."""
+        return bool(robot.scanners) and (self.glass == "on" or (self.glass == "auto" and bool(robot.rangers)))
 
 
 # A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood; passing rays count for more than Cartographer's

@@ -120,7 +120,12 @@ class Demo:
         faults = tuple(Fault.parse(text) for text in options.faults)
         config = SimulationConfig(options.seed, options.is_perfect, options.physics, faults)
         simulation = Simulation(self.world, self._robot, config)
-        operator = OperatorNode(str(self.folder.map_stem), self._finish, self.progress.show)
+        operator = OperatorNode(
+            str(self.folder.map_stem),
+            self._finish,
+            self.progress.show,
+            saves_glass=self.config.maps_glass(self._robot.model),
+        )
         nodes = explorer_nodes(self._robot.model, self.config)
         stack = Stack([SimulatorNode(simulation), *nodes, operator], external=(GOAL, TELEOP_REQUEST))
         if options.is_realtime:

@@ -14,6 +14,7 @@ from ambler.exploration.survey import FrontierSurvey
 from ambler.nodes.controller import ControllerNode
 from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
+from ambler.nodes.glass_mapper import GlassMapperNode
 from ambler.nodes.navigator import NavigatorNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
@@ -35,10 +36,12 @@ def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
         if len(robot.scanners) > 1
         else []
     )
+    glass = [GlassMapperNode(robot, config.specular, config.glass_map)] if config.maps_glass(robot) else []
     return [
         *merger,
+        *glass,
         Slam2dNode(robot, config.slam2d),
-        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner)),
+        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner), robot=robot),
         ControllerNode(
             robot,
             local_planner(config.controller, config.rollout, robot),

@@ -16,7 +16,9 @@ from ambler.core.grid import COST_FREE, COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.costmap.inflation import Box, Inflation, InflationConfig
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
+from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
 from ambler.kernels import costmap as kernels
+from ambler.kernels.range_layer import draw_segments
 
 U8 = NDArray[np.uint8]
 
@@ -38,6 +40,7 @@ class GlobalCostmapConfig:
     static: StaticConfig = field(default_factory=StaticConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
     inflation: InflationConfig = field(default_factory=InflationConfig)
+    ranges: RangeConfig = field(default_factory=RangeConfig)
 
 
 class GlobalCostmap:
@@ -50,6 +53,8 @@ class GlobalCostmap:
         self._inflation: Inflation | None = None
         self._spec: GridSpec | None = None
         self._layer: ObstacleLayer | None = None
+        self._ranges: RangeLayer | None = None
+        self._glass = np.zeros((0, 4))
         self._static: U8 = np.zeros((0, 0), np.uint8)
         self._master: U8 = np.zeros((0, 0), np.uint8)
         self._costs: U8 = np.zeros((0, 0), np.uint8)
@@ -81,9 +86,11 @@ class GlobalCostmap:
             return self._rebuild()
         if self._spec is None or spec.resolution != self._spec.resolution or self._inflation is None:
             self._inflation = Inflation(self.config.inflation, self._robot, spec.resolution)
-            self._layer = None
+            self._layer = self._ranges = None
         if self._layer is not None:
             self._layer.move_to(spec)
+        if self._ranges is not None:
+            self._ranges.move_to(spec)
         self._spec = spec
         self._master = self._merged()
         self._costs = np.empty(spec.shape, np.uint8)
@@ -99,16 +106,36 @@ class GlobalCostmap:
             self._layer.clear_polygon(map_from_base_footprint)
         return self._rebuild()
 
+    def add_cones(self, cones: Sequence[RangeCone], now: float) -> bool:
+        """Take ultrasonic cones in the map frame, measured at about `now` (seconds); `refresh` or a new map shows what they mark. Says
+        whether they changed anything."""
+        if self._ranges is None:
+            self._ranges = RangeLayer(self.config.ranges, self.spec)
+        return self._ranges.update(cones, now)
+
+    def set_glass(self, segments: NDArray[np.floating]) -> None:
+        """Take all segments of glass (N, 4) in the map frame in place of the last ones; `refresh` or a new map shows them."""
+        self._glass = np.array(segments, np.float64)
+
+    def refresh(self) -> U8:
+        """Return the costs with everything that was added since."""
+        return self._rebuild()
+
     def clear(self) -> U8:
-        """Forget the obstacle layer; the map stays."""
-        self._layer = None
+        """Forget the obstacle and the range layer; the map and its glass stay."""
+        self._layer = self._ranges = None
         return self._rebuild() if self.has_map else self._costs
 
     def _merged(self) -> U8:
-        if self._layer is None:
-            return self._static
-        master = np.empty_like(self._static)
-        kernels.combine(self._static, self._layer.cells, master)
+        master = self._static
+        if self._layer is not None:
+            master = np.empty_like(self._static)
+            kernels.combine(self._static, self._layer.cells, master)
+        if self._ranges is not None:
+            master = np.where(self._ranges.cells == COST_LETHAL, np.uint8(COST_LETHAL), master)
+        if len(self._glass):
+            spec, master = self.spec, master.copy()
+            draw_segments(master, spec.origin_x, spec.origin_y, spec.resolution, self._glass, COST_LETHAL)
         return master
 
     def _rebuild(self) -> U8:

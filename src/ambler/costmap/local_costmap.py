@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.grid import COST_FREE, COST_UNKNOWN, GridSpec
+from ambler.core.grid import COST_FREE, COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.inflation import LOCAL_INFLATION, Inflation, InflationConfig
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
+from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
 
 U8 = NDArray[np.uint8]
 
@@ -28,6 +29,7 @@ class LocalCostmapConfig:
     tracks_unknown: bool = False
     obstacles: ObstacleConfig = field(default_factory=lambda: ObstacleConfig(obstacle_range=4.5, raytrace_range=5.0))
     inflation: InflationConfig = LOCAL_INFLATION
+    ranges: RangeConfig = field(default_factory=lambda: RangeConfig(decay=15.0))
 
 
 class LocalCostmap:
@@ -39,6 +41,7 @@ class LocalCostmap:
         self._inflation = Inflation(config.inflation, robot, config.resolution)
         self._cells_across = math.ceil(config.size / config.resolution - 1e-9)
         self._layer = ObstacleLayer(config.obstacles, self._window(SE2()))
+        self._ranges: RangeLayer | None = None
         self._costs: U8 = np.zeros(self._layer.spec.shape, np.uint8)
 
     @property
@@ -58,6 +61,7 @@ class LocalCostmap:
         if self.config.obstacles.clears_footprint:
             self._layer.clear_polygon(odom_from_base.transform(self._footprint))
         source = self._layer.cells
+        source = self._with_ranges(source, odom_from_base)
         if not self.config.tracks_unknown:
             source = np.where(source == COST_UNKNOWN, np.uint8(COST_FREE), source)
         costs = np.empty_like(source)
@@ -65,9 +69,26 @@ class LocalCostmap:
         self._costs = costs
         return costs
 
+    def add_cones(self, cones: Sequence[RangeCone], now: float) -> None:
+        """Take ultrasonic cones in the odom frame, measured at about `now` (seconds); the next `update` shows what they mark."""
+        if self._ranges is None:
+            self._ranges = RangeLayer(self.config.ranges, self.spec)
+        self._ranges.update(cones, now)
+
+    def _with_ranges(self, source: U8, odom_from_base: SE2) -> U8:
+        """Lay what the cones mark over the other layer; what they clear stays as the other layer sees it."""
+        if self._ranges is None:
+            return source
+        self._ranges.move_to(self.spec)
+        if self.config.obstacles.clears_footprint:
+            self._ranges.clear_polygon(odom_from_base.transform(self._footprint))
+        return np.where(self._ranges.cells == COST_LETHAL, np.uint8(COST_LETHAL), source)
+
     def clear(self) -> None:
         """Forget all obstacles; the next update sees them anew."""
         self._layer.reset()
+        if self._ranges is not None:
+            self._ranges.reset()
         self._costs = np.full(self.spec.shape, COST_UNKNOWN if self.config.tracks_unknown else COST_FREE, np.uint8)
 
     def _window(self, odom_from_base: SE2) -> GridSpec:

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.grid import COST_UNKNOWN, GridSpec
+from ambler.core.grid import COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.kernels import costmap as cells_kernels
 from ambler.kernels import range_layer as kernels
 
@@ -67,8 +67,8 @@ class RangeLayer:
         self._log_odds = np.zeros(spec.shape, np.float32)
         self._touched = np.full(spec.shape, kernels.UNSEEN)
 
-    def update(self, cones: Sequence[RangeCone], now: float) -> None:
-        """Draw the cones, measured at about `now` (seconds), in their order; forget what has decayed."""
+    def update(self, cones: Sequence[RangeCone], now: float) -> bool:
+        """Draw the cones, measured at about `now` (seconds), in their order; forget what has decayed. Says whether a mark came or went."""
         c, spec = self.config, self.spec
         thickness = max(c.thickness, 0.7 * spec.resolution)
         model = np.array([c.hit, c.miss, thickness, c.far, c.fade])
@@ -79,7 +79,9 @@ class RangeLayer:
             row = np.array([cone.x, cone.y, cone.yaw, cone.half_angle, free, echo])
             place = (spec.origin_x, spec.origin_y, spec.resolution)
             kernels.draw_cone(self._log_odds, self._touched, *place, row, model, limits, now)
+        before = self.cells == COST_LETHAL
         kernels.to_cells(self._log_odds, self._touched, now, c.decay, c.mark, c.clear, self.cells)
+        return not np.array_equal(before, self.cells == COST_LETHAL)
 
     def clear_polygon(self, polygon: F64) -> None:
         """Forget the cells inside a convex, counter-clockwise polygon (N, 2): where the robot stands, nothing else does."""

@@ -19,6 +19,7 @@ from ambler.core.messages import (
     Path,
     PointCloud,
     Polygon,
+    Range,
     Transforms,
     VelocityCommand,
 )
@@ -47,6 +48,7 @@ from ambler.runtime.topics import (
     LOCAL_PATH,
     ODOMETRY,
     PATH,
+    RANGES,
     SCAN,
     TRANSFORMS,
     VELOCITY_REQUEST,
@@ -80,7 +82,9 @@ class ControllerNode(Node):
         self._robot = robot
         self._planner = planner
         self._view = LocalView(robot, costmap, planar)
-        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS)  # type: ignore[assignment, misc]
+        self._has_ranges = bool(robot.rangers)
+        ranges = (RANGES,) if self._has_ranges else ()
+        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS, *ranges)  # type: ignore[misc]
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None
@@ -98,6 +102,8 @@ class ControllerNode(Node):
             self.ctx.subscribe(CLOUD, self._on_cloud)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
+        if self._has_ranges:
+            self.ctx.subscribe(RANGES, self._on_range)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(PATH, self._on_path)
@@ -115,6 +121,9 @@ class ControllerNode(Node):
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         self._view.add_cloud(cloud)
+
+    def _on_range(self, measured: Range) -> None:
+        self._view.add_range(measured)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)
@@ -207,6 +216,8 @@ class ControllerNode(Node):
             self.ctx.newest(CLOUD)
         else:
             self.ctx.newest(SCAN)
+        if self._has_ranges:
+            self.ctx.newest(RANGES)
 
     def _follow_step(self, odom_from_base: SE2, velocity: BodyVelocity) -> None:
         assert self._follow is not None

@@ -14,6 +14,7 @@ from ambler.core.messages import (
     LaserScan,
     Odometry,
     PointCloud,
+    Range,
     VelocityCommand,
 )
 from ambler.core.protocols import BodyVelocity
@@ -21,12 +22,14 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
+from ambler.nodes.range_view import RangeView
 from ambler.runtime.node import Node
 from ambler.runtime.tasks import ARM, EMERGENCY_STOP, PAUSE, RESET_STOP, GateReply, GateRequest
 from ambler.runtime.topics import (
     CLOUD,
     GATE_STATUS,
     ODOMETRY,
+    RANGES,
     SCAN,
     SCANNERS,
     TELEOP_REQUEST,
@@ -42,6 +45,7 @@ from ambler.safety.stuck_scan import StuckScan
 PERIOD = 0.02
 STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
+ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 
 
 class GateNode(Node):
@@ -74,7 +78,10 @@ class GateNode(Node):
         self._has_many = len(self._planar) > 1
         scan = SCANNERS if self._has_many else SCAN
         self._scanners = tuple(topic for kind, topic in (("scan", scan), ("cloud", CLOUD)) if kind in kinds)
-        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners)  # type: ignore[assignment, misc]
+        self._rangers = robot.rangers
+        self._ranges = RangeView(robot)
+        ranges = (RANGES,) if self._rangers else ()
+        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners, *ranges)  # type: ignore[misc]
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0
@@ -87,9 +94,11 @@ class GateNode(Node):
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
         self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        if self._has_many:
-            for mount in self._planar:  # known from the start, so that one that never sends anything is missed
-                self.gate.update_points(mount.frame, NEVER_NS, np.empty((0, 2)), SE2())
+        if self._rangers:
+            self.ctx.subscribe(RANGES, self._on_range)
+        known = (*(self._planar if self._has_many else ()), *self._rangers)
+        for mount in known:  # known from the start, so that one that never sends anything is missed
+            self.gate.update_points(mount.frame, NEVER_NS, np.empty((0, 2)), SE2())
         for topic in (SCAN, SCANNERS):
             if topic in self._scanners:
                 self.ctx.subscribe(topic, self._on_scan)
@@ -113,6 +122,7 @@ class GateNode(Node):
     def _on_odometry(self, odometry: Odometry) -> None:
         self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
+        self._ranges.add_odometry(odometry)
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
@@ -147,6 +157,18 @@ class GateNode(Node):
             points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
+        if self._rangers:
+            self._ranges.add_points(scan.frame, odom_from_base.to_se2().transform(points[:, :2]))
+
+    def _on_range(self, measured: Range) -> None:
+        """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""
+        placed = self._ranges.judge(measured)
+        if placed is None:
+            return
+        echo, arc = placed.echo, np.empty((0, 2))
+        if echo.is_unexplained and echo.distance < ARC_REACH:
+            arc = echo.arc(ARC_STEP)
+        self.gate.update_points(measured.frame, measured.stamp_ns, arc, placed.odom_from_base)
 
     def _is_stuck(self, scan: LaserScan | PointCloud, odom_from_base: SE2) -> bool:
         values = scan.ranges if isinstance(scan, LaserScan) else scan.points

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Transforms
+from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Range, Transforms
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import SensorRays
+from ambler.nodes.range_view import RangeView, cone_of
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 
@@ -40,12 +41,14 @@ class LocalView:
         self.stamp_ns: int | None = None
         self._planar = planar if planar is not None else default_planar(robot)
         self._poses = TransformTree(history=2.0)
+        self._ranges = RangeView(robot)
         self._odometry: Odometry | None = None
         self._odom_from_map: SE2 | None = None
 
     def add_odometry(self, odometry: Odometry) -> None:
         """Take a pose of the base and its velocity."""
         self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._ranges.add_odometry(odometry)
         self._odometry = odometry
 
     def add_transforms(self, transforms: Transforms) -> None:
@@ -62,6 +65,12 @@ class LocalView:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
         mount = level(self._mounts[cloud.frame], *self._lean())
         self._mark(cloud_to_points(cloud, mount, self._twist(), self._planar))
+
+    def add_range(self, measured: Range) -> None:
+        """Mark and clear with the cone of an ultrasonic transducer; the costs show it with the next scan."""
+        placed = self._ranges.judge(measured)
+        if placed is not None:
+            self.costmap.add_cones([cone_of(placed.echo, placed.odom_from_base)], measured.stamp_ns * 1e-9)
 
     def now(self, now_ns: int) -> tuple[SE2, BodyVelocity]:
         """Return the pose of the base, carried forward to now, and its velocity; raises TransformError without odometry."""
@@ -102,5 +111,6 @@ class LocalView:
         origin = odom_from_base.transform(np.array([scan.origin]))[0]
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
+        self._ranges.add_points("planar", hits)
         self.costmap.update(odom_from_base, [SensorRays((float(origin[0]), float(origin[1])), hits, free_ends)])
         self.stamp_ns = scan.stamp_ns

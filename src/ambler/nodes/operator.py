@@ -12,6 +12,7 @@ from ambler.runtime.node import Node, TaskOutcome
 from ambler.runtime.tasks import (
     ARM,
     EXPLORE,
+    SAVE_GLASS,
     SAVE_MAP,
     ExploreFeedback,
     ExploreGoal,
@@ -27,7 +28,7 @@ Outcome = TaskOutcome[ExploreResult]
 
 
 class OperatorNode(Node):
-    """Arms, explores, saves the map under `map_stem`, then calls `on_finished` with the outcome of the exploration."""
+    """Arms, explores, saves the map (and, when `saves_glass`, its glass) under `map_stem`, then calls `on_finished` with the outcome of the exploration."""
 
     name = "operator"
     outputs = (STATUS,)
@@ -40,7 +41,12 @@ class OperatorNode(Node):
         on_finished: Callable[[Outcome], None],
         on_feedback: Callable[[int, ExploreFeedback], None] | None = None,
         settle_time: float = 1.0,
+        *,
+        saves_glass: bool = False,
     ) -> None:
+        self._saves_glass = saves_glass
+        if saves_glass:
+            self.calls = (*type(self).calls, SAVE_GLASS)  # type: ignore[assignment, misc]
         self._map_stem = map_stem
         self._on_finished = on_finished
         self._on_feedback = on_feedback
@@ -74,6 +80,10 @@ class OperatorNode(Node):
         if isinstance(reply, Exception):
             self._say("MAP_NOT_SAVED", str(reply))
             outcome = TaskOutcome("MAP_NOT_SAVED", str(reply), outcome.result)
+        if self._saves_glass:
+            self._saves_glass = False
+            self.ctx.call(SAVE_GLASS, SaveMapRequest(self._map_stem), lambda reply: self._saved(reply, outcome))
+            return
         self._on_finished(outcome)
 
     def _say(self, code: str, text: str) -> None:

@@ -5,27 +5,48 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from ambler.core.errors import NoValidPathError
-from ambler.core.messages import CostGrid, OccupancyGrid, Path, Transforms
+from ambler.core.messages import CostGrid, GlassWalls, LaserScan, OccupancyGrid, Odometry, Path, Range, Transforms
 from ambler.core.protocols import GlobalPlanner
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.costmap.global_costmap import GlobalCostmap
+from ambler.costmap.range_layer import RangeCone
+from ambler.nodes.range_view import RangeView, cone_of
 from ambler.runtime.node import Node, Service, Task
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanReply, PlanRequest
-from ambler.runtime.topics import GLOBAL_COSTMAP, MAP, STATIC_TRANSFORMS, TRANSFORMS, Topic
+from ambler.runtime.topics import (
+    GLASS,
+    GLOBAL_COSTMAP,
+    MAP,
+    ODOMETRY,
+    RANGES,
+    SCAN,
+    STATIC_TRANSFORMS,
+    TRANSFORMS,
+    Topic,
+)
+
+CONES_PERIOD = 0.2
 
 
 class GlobalPlannerNode(Node):
     """Publishes GLOBAL_COSTMAP when the map has changed, at most once per `period` seconds; serves COMPUTE_PATH (a
-    PlanningError or TransformError reaches the caller) and CLEAR_GLOBAL_COSTMAP."""
+    PlanningError or TransformError reaches the caller) and CLEAR_GLOBAL_COSTMAP.
+
+    Given a robot with ultrasonic transducers and planar scanners, it also keeps their range layer; glass is drawn wherever it comes from.
+    """
 
     name: ClassVar[str] = "planner"
     inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP, TRANSFORMS)
-    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATIC_TRANSFORMS,)
+    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATIC_TRANSFORMS, GLASS)
     outputs: ClassVar[tuple[Topic[Any], ...]] = (GLOBAL_COSTMAP,)
     serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (COMPUTE_PATH, CLEAR_GLOBAL_COSTMAP)
     latency: ClassVar[float] = 0.02
 
-    def __init__(self, costmap: GlobalCostmap, planner: GlobalPlanner, period: float = 0.5) -> None:
+    def __init__(
+        self, costmap: GlobalCostmap, planner: GlobalPlanner, period: float = 0.5, robot: RobotModel | None = None
+    ) -> None:
         self._costmap = costmap
         self._planner = planner
         self._period = period
@@ -33,18 +54,32 @@ class GlobalPlannerNode(Node):
         self._map: OccupancyGrid | None = None
         self._is_waiting = False
         self._published_ns: int | None = None
+        self._map_from_odom: SE2 | None = None
+        self._cones: list[RangeCone] = []
+        self._ranges = RangeView(robot) if robot is not None and robot.rangers and robot.scanners else None
+        if self._ranges is not None:
+            self.inputs = (MAP, TRANSFORMS, RANGES, SCAN, ODOMETRY)  # type: ignore[misc]
 
     def start(self) -> None:
         """Subscribe and serve."""
         self.ctx.subscribe(MAP, self._on_map)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(STATIC_TRANSFORMS, self._on_static_transforms)
+        self.ctx.subscribe(GLASS, self._on_glass)
+        if self._ranges is not None:
+            self.ctx.subscribe(RANGES, self._on_range)
+            self.ctx.subscribe(SCAN, self._on_scan)
+            self.ctx.subscribe(ODOMETRY, self._on_odometry)
+            self.ctx.timer(CONES_PERIOD, self._draw_cones)
         self.ctx.serve(COMPUTE_PATH, self._compute_path)
         self.ctx.serve(CLEAR_GLOBAL_COSTMAP, self._clear)
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self._map = message
-        if self._is_waiting:
+        self._publish_soon()
+
+    def _publish_soon(self) -> None:
+        if self._is_waiting or self._map is None:
             return
         wait = 0.0
         if self._published_ns is not None:
@@ -67,10 +102,36 @@ class GlobalPlannerNode(Node):
     def _on_transforms(self, message: Transforms) -> None:
         for edge in message.transforms:
             self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
+            if (edge.parent, edge.child) == ("map", "odom"):
+                self._map_from_odom = edge.parent_from_child.to_se2()
 
     def _on_static_transforms(self, message: Transforms) -> None:
         for edge in message.transforms:
             self._tree.set_static(edge.parent, edge.child, edge.parent_from_child)
+
+    def _on_glass(self, message: GlassWalls) -> None:
+        self._costmap.set_glass(message.segments)
+        self._publish_soon()
+
+    def _on_scan(self, scan: LaserScan) -> None:
+        assert self._ranges is not None
+        self._ranges.add_scan(scan)
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        assert self._ranges is not None
+        self._ranges.add_odometry(odometry)
+
+    def _on_range(self, measured: Range) -> None:
+        assert self._ranges is not None
+        placed = self._ranges.judge(measured)
+        if placed is None or self._map_from_odom is None or not self._costmap.has_map:
+            return
+        self._cones.append(cone_of(placed.echo, self._map_from_odom @ placed.odom_from_base))
+
+    def _draw_cones(self) -> None:
+        cones, self._cones = self._cones, []
+        if cones and self._costmap.add_cones(cones, self.ctx.now_ns * 1e-9):
+            self._publish_soon()
 
     def _compute_path(self, request: PlanRequest) -> PlanReply:
         if self._map is None or not self._costmap.has_map:

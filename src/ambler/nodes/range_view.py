@@ -1,0 +1,84 @@
+"""What nodes need to judge ultrasonic echoes: the base's poses, the newest returns of every scanner, and the filter itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import TransformError
+from ambler.core.messages import LaserScan, Odometry, Range
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.core.transforms import TransformTree
+from ambler.costmap.range_layer import RangeCone
+from ambler.perception.echoes import Echo, EchoFilter
+from ambler.perception.planar import PlanarConfig, scan_to_points
+
+NEAR = PlanarConfig(range_min=0.0, range_max=4.5)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedEcho:
+    """A judged echo with the base's pose in the odom frame at its stamp."""
+
+    echo: Echo
+    odom_from_base: SE2
+
+
+class RangeView:
+    """Judges measurements as they come. Scans are given as messages, or as points in the odom frame by whoever has them."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
+        self._filter = EchoFilter(robot)
+        self._poses = TransformTree(history=2.0)
+        self._twist = np.zeros(3)
+        self._points: dict[str, NDArray[np.float64]] = {}
+
+    def add_odometry(self, odometry: Odometry) -> None:
+        """Take a pose of the base and its velocity."""
+        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
+
+    @property
+    def twist(self) -> NDArray[np.float64]:
+        """The newest velocity of the base, (vx, vy, wz)."""
+        return self._twist
+
+    def pose_at(self, stamp_ns: int) -> SE2:
+        """Return odom_from_base at a time; raises TransformError when odometry does not reach there."""
+        return self._poses.lookup("odom", "base", stamp_ns).to_se2()
+
+    def add_scan(self, scan: LaserScan) -> None:
+        """Take a scanner's newest scan in place of its last one."""
+        try:
+            odom_from_base = self.pose_at(scan.stamp_ns)
+        except TransformError:
+            return  # without a pose the scan explains nothing, so echoes count
+        planar = scan_to_points(scan, self._mounts[scan.frame], self._twist, NEAR)
+        self.add_points(scan.frame, odom_from_base.transform(planar.points))
+
+    def add_points(self, source: str, points_odom: NDArray[np.float64]) -> None:
+        """Take a source's newest returns (N, 2) in place of its last ones."""
+        self._points[source] = points_odom
+
+    def judge(self, measured: Range) -> PlacedEcho | None:
+        """Return what a measurement says, None for nothing; of a moment without odometry nothing can be said."""
+        try:
+            odom_from_base = self.pose_at(measured.stamp_ns)
+        except TransformError:
+            return None
+        base_from_odom = odom_from_base.inverse()
+        laser_base = [base_from_odom.transform(points) for points in self._points.values()]
+        echo = self._filter.update(measured, odom_from_base, laser_base)
+        return None if echo is None else PlacedEcho(echo, odom_from_base)
+
+
+def cone_of(echo: Echo, frame_from_base: SE2) -> RangeCone:
+    """Return the cone of an echo for a range layer in some frame."""
+    pose = frame_from_base @ echo.base_from_sensor
+    distance = echo.distance if echo.is_unexplained else math.inf
+    return RangeCone(pose.x, pose.y, pose.yaw, echo.half_angle, echo.free - 0.05, distance)
