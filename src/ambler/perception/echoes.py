@@ -28,12 +28,14 @@ TURN_SLACK = 0.5  # metres that an echo may change per radian that the robot tur
 class EchoConfig:
     """`agreement`: metres between two echoes that confirm each other, plus the robot's own motion. `explained`: metres by which a return of
     the laser may lie before or behind the echo, `widening`: radians by which it may lie beside the cone. `max_gap`: seconds between two
-    echoes that still confirm each other. `arc_step`: metres between the points of an arc."""
+    echoes that still confirm each other. `unsure_max`: so many unconfirmed measurements in a row count all the same: something is there
+    whose distance jumps. `arc_step`: metres between the points of an arc."""
 
     agreement: float = 0.08
     explained: float = 0.12
     widening: float = math.radians(3.0)
     max_gap: float = 0.3
+    unsure_max: int = 3
     arc_step: float = 0.04
 
 
@@ -63,6 +65,7 @@ class EchoFilter:
     def __init__(self, robot: RobotModel, config: EchoConfig | None = None) -> None:
         self.config = config if config is not None else EchoConfig()
         self._mounts = {mount.frame: mount for mount in robot.rangers}
+        self._unsure: dict[str, int] = {}
         self._recent: dict[str, deque[tuple[int, float, SE2]]] = {}
 
     def update(self, measured: Range, odom_from_base: SE2, laser_base: Iterable[F64]) -> Echo | None:
@@ -75,7 +78,9 @@ class EchoFilter:
         half = 0.5 * measured.field_of_view
         is_explained = any(self._explains(points, mount, half, distance) for points in laser_base)
         is_confirmed = self._is_confirmed(measured, distance, odom_from_base)
-        if not (is_explained or is_confirmed):
+        unsure = 0 if is_explained or is_confirmed else self._unsure.get(measured.frame, 0) + 1
+        self._unsure[measured.frame] = unsure
+        if 0 < unsure < self.config.unsure_max:
             return None
         is_echo = distance <= measured.range_max
         return Echo(

@@ -211,19 +211,35 @@ class GlassMap:
         return (b - a - 1) * c.bin <= c.bridge + 1e-9 and all(line.evidence.get(k, 0.0) >= 0.0 for k in range(a + 1, b))
 
 
+WAY = 0.8  # metres; a narrower opening beside a pane is a part of the pane that was not seen yet, not a way
+
+
 def seen_through_glass(
     spec: GridSpec, occupancy: NDArray[np.int8], segments: F32, start: tuple[float, float] = (0.0, 0.0)
 ) -> NDArray[np.bool_]:
-    """Return the cells bool [iy, ix] that the map calls free but that nobody can reach from `start` without crossing glass, though the map
-    without glass would say so: they are known only because they were seen through it."""
+    """Return the cells bool [iy, ix] that the map calls free and whose only ways from `start`, at least `WAY` wide, lead through glass: they
+    are known because they were seen through it."""
     free = (occupancy >= OCC_FREE) & (occupancy < 50)
-    iy, ix = spec.cell_of(*start)
-    if len(segments) == 0 or not spec.contains_cell(iy, ix):
+    start_cell = spec.cell_of(*start)
+    if len(segments) == 0 or not spec.contains_cell(*start_cell):
         return np.zeros(spec.shape, np.bool_)
     glass = np.zeros(spec.shape, np.uint8)
     draw_segments(glass, spec.origin_x, spec.origin_y, spec.resolution, np.array(segments, np.float64), 1)
-    open_cells = free & (glass == 0)
-    with_glass, without = ndimage.label(open_cells)[0], ndimage.label(free)[0]
-    if with_glass[iy, ix] == 0:
+    open_cells, radius = free & (glass == 0), 0.5 * WAY / spec.resolution
+    with_glass, here = _regions(open_cells, start_cell, radius)
+    without, everywhere = _regions(free, start_cell, radius)
+    behind = (with_glass > 0) & (with_glass != here) & (without == everywhere)
+    if here == 0 or not behind.any():
         return np.zeros(spec.shape, np.bool_)
-    return np.asarray(open_cells & (without == without[iy, ix]) & (with_glass != with_glass[iy, ix]))
+    return np.asarray(open_cells & (ndimage.distance_transform_edt(~behind) <= radius))
+
+
+def _regions(free: NDArray[np.bool_], start: tuple[int, int], radius: float) -> tuple[NDArray[np.int32], int]:
+    """Return the regions int32 [iy, ix] that the centre of a disc can move in (0: nowhere), and that of the start."""
+    clear = np.asarray(ndimage.distance_transform_edt(free)) > radius
+    regions = np.asarray(ndimage.label(clear, np.ones((3, 3)))[0])
+    near = np.where(
+        clear, np.hypot(*np.ogrid[-start[0] : free.shape[0] - start[0], -start[1] : free.shape[1] - start[1]]), np.inf
+    )
+    nearest = np.unravel_index(int(np.argmin(near)), near.shape)
+    return np.asarray(regions, np.int32), int(regions[nearest])
