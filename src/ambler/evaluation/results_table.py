@@ -58,8 +58,8 @@ ROWS: Sequence[Row] = (
         "exploration_lab.json",
         _explored("lab_obstacle", "spot"),
     ),
-    Row("`office`, `diff`, 3 seeds", _OFFICE_BAR, "exploration_office.json", _explored("office", "diff")),
-    Row("`office`, `spot`, 3 seeds", _OFFICE_BAR, "exploration_office.json", _explored("office", "spot")),
+    Row("`office`, `diff`, 3 seeds", _OFFICE_BAR, "exploration_office_diff.json", _explored("office", "diff")),
+    Row("`office`, `spot`, 3 seeds", _OFFICE_BAR, "exploration_office_spot.json", _explored("office", "spot")),
     Row("Intel log, relations", "≤ 0.031 m / 0.6°, aim 0.0229 m / 0.453°, ≥ 40 ×", "slam2d_intel.json", _LOG),
     Row("Freiburg 079 log, relations", "≤ 0.056 m, aim 0.0452 m / 0.538°, ≥ 40 ×", "slam2d_fr079.json", _LOG),
     Row(
