@@ -70,3 +70,9 @@ def test_se3_lifts_and_projects(a: SE2) -> None:
 def test_se3_interpolation_ends_at_both_poses(a: SE3, b: SE3) -> None:
     assert np.allclose(a.interpolate(b, 0.0).matrix(), a.matrix(), atol=1e-6)
     assert np.allclose(a.interpolate(b, 1.0).matrix(), b.matrix(), atol=1e-6)
+
+
+@pytest.mark.parametrize("w", [1e-10, 2e-9, 1e-8, 1e-7, 1e-5, -3e-8])
+def test_se2_exp_loses_nothing_at_small_turns(w: float) -> None:
+    a = SE2(40.0, -30.0, w)
+    assert close2(SE2.exp(a.log()), a)

@@ -66,7 +66,7 @@ class SE2:
         vx, vy, w = float(twist[0]), float(twist[1]), float(twist[2])
         if abs(w) < 1e-9:
             return cls(vx - 0.5 * w * vy, vy + 0.5 * w * vx, w)
-        a, b = math.sin(w) / w, (1.0 - math.cos(w)) / w
+        a, b = math.sin(w) / w, math.sin(0.5 * w) ** 2 / (0.5 * w)  # the second is (1 - cos w) / w without cancellation
         return cls(a * vx - b * vy, b * vx + a * vy, wrap_angle(w))
 
     def interpolate(self, other: SE2, ratio: float) -> SE2:
