@@ -5,7 +5,7 @@ from collections import deque
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
@@ -168,12 +168,13 @@ def roll(samples: np.ndarray, start: np.ndarray, v0: np.ndarray, costs: np.ndarr
 
 
 @given(st.floats(-0.8, 0.8), st.floats(-1.5, 1.5), st.floats(0.0, 0.8), st.floats(-1.0, 1.0), SEEDS)
+@example(-0.75, 0.75, 0.3203125, 0.0, 313)
 @settings(max_examples=60, deadline=None)
 def test_a_trajectory_is_the_integral_of_its_velocities(vx: float, wz: float, v0: float, w0: float, seed: int) -> None:
     costs = random_costs(seed, 0.004)
     start = np.array([1.2, 1.0, 0.3])
     out = roll(np.array([[vx, 0.0, wz]]), start, np.array([v0, 0.0, w0]), costs)[0]
-    window = LocalWindow(DIFF, 0.0)
+    window = LocalWindow(DIFF, 0.03)  # as wide as the two integrations may differ, else a grazed cell decides
     window.update(costs, GridSpec(RES, 50, 40, 0.0, 0.0))
     pose, v = SE2(1.2, 1.0, 0.3), BodyVelocity(v0, 0.0, w0)
     counts = [window.lethal_cells(pose)]
