@@ -116,7 +116,8 @@ def mujoco_cast(model: object, data: object, origin: F64, directions: F64) -> F6
     return np.where(distance < 0, np.inf, distance)
 
 
-@pytest.mark.parametrize("name", world_names())
+# MuJoCo's rays do not pass glass, ours do: tests/sim/test_faults.py judges those.
+@pytest.mark.parametrize("name", [name for name in world_names() if name != "glass"])
 def test_agrees_with_mujoco_in_every_world(name: str) -> None:
     world = replace(load_world(name), ceiling=math.inf)
     model = mujoco.MjModel.from_xml_string(build_mjcf(world, robot_named("diff"), 0.005))
