@@ -40,11 +40,15 @@ class LocalWindow:
         self.inscribed_radius = robot.inscribed_radius
         self.radius = robot.circumscribed_radius + padding
         self.spec = GridSpec(0.05, 0, 0, 0.0, 0.0)
+        self._costs: NDArray[np.uint8] | None = None
         self.row_sums = np.zeros((0, 1), np.int32)
         self.distance = np.zeros((0, 0))
 
     def update(self, costs: NDArray[np.uint8], spec: GridSpec) -> None:
-        """Take a cost grid uint8 [iy, ix]."""
+        """Take a cost grid uint8 [iy, ix] that nobody writes to any more; one that it has already costs nothing."""
+        if costs is self._costs and spec == self.spec:
+            return
+        self._costs = costs
         if spec.shape != self.distance.shape:
             self.row_sums = np.zeros((spec.height, spec.width + 1), np.int32)
             self.distance = np.zeros(spec.shape)
