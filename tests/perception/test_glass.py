@@ -80,6 +80,17 @@ def test_a_wall_a_bright_wall_and_a_bright_post_are_no_glass() -> None:
     assert detector.detect(replace(plain, intensities=np.empty(0, np.float32))) == ()
 
 
+def test_a_scan_without_panes_keeps_everything_else() -> None:
+    seen = scan(SE2(0.0, 0.5, 0.4), noise=0.01)
+    left = SpecularDetector().without_panes(seen)
+    lost = np.isnan(left.ranges)
+    bare = scan(SE2(0.0, 0.5, 0.4), None)
+    on_pane = seen.ranges < bare.ranges - 0.5
+    assert np.count_nonzero(on_pane) == pytest.approx(48, abs=3)
+    assert np.array_equal(lost, on_pane)
+    assert SpecularDetector().without_panes(bare) is bare
+
+
 def test_lost_beams_do_not_hide_a_pane() -> None:
     seen = scan(SE2(), noise=0.01)
     ranges = seen.ranges.copy()

@@ -15,6 +15,7 @@ from ambler.core.se2 import SE2
 from ambler.costmap.inflation import LOCAL_INFLATION, Inflation, InflationConfig
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
 from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
+from ambler.kernels.range_layer import draw_segments
 
 U8 = NDArray[np.uint8]
 
@@ -42,6 +43,7 @@ class LocalCostmap:
         self._cells_across = math.ceil(config.size / config.resolution - 1e-9)
         self._layer = ObstacleLayer(config.obstacles, self._window(SE2()))
         self._ranges: RangeLayer | None = None
+        self._glass = np.zeros((0, 4))
         self._costs: U8 = np.zeros(self._layer.spec.shape, np.uint8)
 
     @property
@@ -61,7 +63,7 @@ class LocalCostmap:
         if self.config.obstacles.clears_footprint:
             self._layer.clear_polygon(odom_from_base.transform(self._footprint))
         source = self._layer.cells
-        source = self._with_ranges(source, odom_from_base)
+        source = self._with_glass(self._with_ranges(source, odom_from_base))
         if not self.config.tracks_unknown:
             source = np.where(source == COST_UNKNOWN, np.uint8(COST_FREE), source)
         costs = np.empty_like(source)
@@ -74,6 +76,17 @@ class LocalCostmap:
         if self._ranges is None:
             self._ranges = RangeLayer(self.config.ranges, self.spec)
         self._ranges.update(cones, now)
+
+    def set_glass(self, segments: NDArray[np.floating]) -> None:
+        """Take all segments of glass (N, 4) in the odom frame in place of the last ones; the next `update` shows them."""
+        self._glass = np.array(segments, np.float64)
+
+    def _with_glass(self, source: U8) -> U8:
+        if len(self._glass) == 0:
+            return source
+        spec, out = self.spec, source.copy()
+        draw_segments(out, spec.origin_x, spec.origin_y, spec.resolution, self._glass, COST_LETHAL)
+        return out
 
     def _with_ranges(self, source: U8, odom_from_base: SE2) -> U8:
         """Lay what the cones mark over the other layer; what they clear stays as the other layer sees it."""

@@ -14,6 +14,7 @@ from ambler.core.messages import (
     CostGrid,
     GateState,
     GateStatus,
+    GlassWalls,
     LaserScan,
     Odometry,
     Path,
@@ -44,6 +45,7 @@ from ambler.runtime.topics import (
     CLOUD,
     FOOTPRINT,
     GATE_STATUS,
+    GLASS,
     LOCAL_COSTMAP,
     LOCAL_PATH,
     ODOMETRY,
@@ -71,7 +73,7 @@ class ControllerNode(Node):
 
     name = "controller"
     inputs = (SCAN, ODOMETRY, TRANSFORMS)
-    optional_inputs = (PATH, GATE_STATUS)
+    optional_inputs = (PATH, GATE_STATUS, GLASS)
     outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
     latency = 0.01
@@ -108,6 +110,7 @@ class ControllerNode(Node):
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(PATH, self._on_path)
         self.ctx.subscribe(GATE_STATUS, self._on_gate_status)
+        self.ctx.subscribe(GLASS, self._on_glass)
         self.ctx.serve_task(FOLLOW_PATH, self._on_follow, self._on_follow_cancelled)
         self.ctx.serve_task(RECOVER, self._on_recover, self._on_recover_cancelled)
         self.ctx.serve(CLEAR_LOCAL_COSTMAP, self._on_clear)
@@ -124,6 +127,9 @@ class ControllerNode(Node):
 
     def _on_range(self, measured: Range) -> None:
         self._view.add_range(measured)
+
+    def _on_glass(self, glass: GlassWalls) -> None:
+        self._view.add_glass(glass)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)

@@ -23,6 +23,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 from ambler.nodes.range_view import RangeView
+from ambler.perception.echoes import link
 from ambler.runtime.node import Node
 from ambler.runtime.tasks import ARM, EMERGENCY_STOP, PAUSE, RESET_STOP, GateReply, GateRequest
 from ambler.runtime.topics import (
@@ -46,6 +47,7 @@ PERIOD = 0.02
 STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
+LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
 
 
 class GateNode(Node):
@@ -80,6 +82,9 @@ class GateNode(Node):
         self._scanners = tuple(topic for kind, topic in (("scan", scan), ("cloud", CLOUD)) if kind in kinds)
         self._rangers = robot.rangers
         self._ranges = RangeView(robot)
+        self._arcs: dict[str, tuple[int, F64]] = {}
+        ring = sorted(self._rangers, key=lambda m: m.base_from_sensor.to_se2().yaw)
+        self._neighbours = {m.frame: (ring[k - 1].frame, ring[(k + 1) % len(ring)].frame) for k, m in enumerate(ring)}
         ranges = (RANGES,) if self._rangers else ()
         self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners, *ranges)  # type: ignore[misc]
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
@@ -157,7 +162,9 @@ class GateNode(Node):
             points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
-        if self._rangers:
+        if self._rangers and isinstance(scan, LaserScan):
+            self._ranges.add_scan(scan)
+        elif self._rangers:
             self._ranges.add_points(scan.frame, odom_from_base.to_se2().transform(points[:, :2]))
 
     def _on_range(self, measured: Range) -> None:
@@ -165,10 +172,23 @@ class GateNode(Node):
         placed = self._ranges.judge(measured)
         if placed is None:
             return
-        echo, arc = placed.echo, np.empty((0, 2))
-        if echo.is_unexplained and echo.distance < ARC_REACH:
-            arc = echo.arc(ARC_STEP)
-        self.gate.update_points(measured.frame, measured.stamp_ns, arc, placed.odom_from_base)
+        arc = np.empty((0, 2))
+        if placed.echo.is_unexplained and placed.echo.distance < ARC_REACH:
+            arc = placed.odom_from_base.transform(placed.echo.arc(ARC_STEP))
+        self._arcs[measured.frame] = (measured.stamp_ns, arc)
+        points_odom = np.concatenate((arc, *self._links(measured.frame)))
+        points = placed.odom_from_base.inverse().transform(points_odom)
+        self.gate.update_points(measured.frame, measured.stamp_ns, points, placed.odom_from_base)
+
+    def _links(self, frame: str) -> list[F64]:
+        """Points between a transducer's arc and those of its two neighbours, in the odom frame."""
+        stamp_ns, arc = self._arcs[frame]
+        out: list[F64] = []
+        for neighbour in self._neighbours[frame]:
+            other_ns, other = self._arcs.get(neighbour, (NEVER_NS, arc[:0]))
+            if len(arc) and len(other) and abs(stamp_ns - other_ns) < LINK_AGE_NS:
+                out.append(link(arc, other, ARC_STEP, LINK_REACH))
+        return out
 
     def _is_stuck(self, scan: LaserScan | PointCloud, odom_from_base: SE2) -> bool:
         values = scan.ranges if isinstance(scan, LaserScan) else scan.points

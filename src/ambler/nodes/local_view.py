@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Range, Transforms
+from ambler.core.messages import GlassWalls, LaserScan, Odometry, Path, PointCloud, Range, Transforms
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
@@ -42,6 +42,8 @@ class LocalView:
         self._planar = planar if planar is not None else default_planar(robot)
         self._poses = TransformTree(history=2.0)
         self._ranges = RangeView(robot)
+        self._has_ranges = bool(robot.rangers)
+        self._glass: GlassWalls | None = None
         self._odometry: Odometry | None = None
         self._odom_from_map: SE2 | None = None
 
@@ -59,6 +61,8 @@ class LocalView:
 
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan."""
+        if self._has_ranges:
+            self._ranges.add_scan(scan)
         self._mark(scan_to_points(scan, self._mounts[scan.frame], self._twist(), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:
@@ -71,6 +75,10 @@ class LocalView:
         placed = self._ranges.judge(measured)
         if placed is not None:
             self.costmap.add_cones([cone_of(placed.echo, placed.odom_from_base)], measured.stamp_ns * 1e-9)
+
+    def add_glass(self, glass: GlassWalls) -> None:
+        """Take the glass of the map; it is drawn where the newest map -> odom puts it."""
+        self._glass = glass
 
     def now(self, now_ns: int) -> tuple[SE2, BodyVelocity]:
         """Return the pose of the base, carried forward to now, and its velocity; raises TransformError without odometry."""
@@ -111,6 +119,10 @@ class LocalView:
         origin = odom_from_base.transform(np.array([scan.origin]))[0]
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
-        self._ranges.add_points("planar", hits)
+        if self._has_ranges and self.uses_cloud:
+            self._ranges.add_points("planar", hits)
+        if self._glass is not None and self._odom_from_map is not None:
+            ends = self._odom_from_map.transform(self._glass.segments.reshape(-1, 2))
+            self.costmap.set_glass(ends.reshape(-1, 4))
         self.costmap.update(odom_from_base, [SensorRays((float(origin[0]), float(origin[1])), hits, free_ends)])
         self.stamp_ns = scan.stamp_ns

@@ -15,6 +15,7 @@ from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.costmap.range_layer import RangeCone
 from ambler.perception.echoes import Echo, EchoFilter
+from ambler.perception.glass import SpecularDetector
 from ambler.perception.planar import PlanarConfig, scan_to_points
 
 NEAR = PlanarConfig(range_min=0.0, range_max=4.5)
@@ -34,6 +35,7 @@ class RangeView:
     def __init__(self, robot: RobotModel) -> None:
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self._filter = EchoFilter(robot)
+        self._detector = SpecularDetector()
         self._poses = TransformTree(history=2.0)
         self._twist = np.zeros(3)
         self._points: dict[str, NDArray[np.float64]] = {}
@@ -53,12 +55,12 @@ class RangeView:
         return self._poses.lookup("odom", "base", stamp_ns).to_se2()
 
     def add_scan(self, scan: LaserScan) -> None:
-        """Take a scanner's newest scan in place of its last one."""
+        """Take a scanner's newest scan in place of its last one. What it sees of panes does not explain their echoes."""
         try:
             odom_from_base = self.pose_at(scan.stamp_ns)
         except TransformError:
             return  # without a pose the scan explains nothing, so echoes count
-        planar = scan_to_points(scan, self._mounts[scan.frame], self._twist, NEAR)
+        planar = scan_to_points(self._detector.without_panes(scan), self._mounts[scan.frame], self._twist, NEAR)
         self.add_points(scan.frame, odom_from_base.transform(planar.points))
 
     def add_points(self, source: str, points_odom: NDArray[np.float64]) -> None:

@@ -59,6 +59,20 @@ class Echo:
         return self.base_from_sensor.transform(self.distance * np.column_stack((np.cos(angles), np.sin(angles))))
 
 
+def link(arc: F64, other: F64, step: float, reach: float) -> F64:
+    """Return points between the nearest ends of the arcs of two neighbouring transducers, float64 (N, 2); none farther apart than `reach`.
+
+    A flat surface that crosses both cones also stands between them, where neither of them looks: before a corner of the robot.
+    """
+    ends = [(a, b) for a in (arc[0], arc[-1]) for b in (other[0], other[-1])]
+    a, b = min(ends, key=lambda pair: float(np.hypot(*(pair[1] - pair[0]))))
+    length = float(np.hypot(*(b - a)))
+    if length > reach:
+        return np.empty((0, 2))
+    t = np.linspace(0.0, 1.0, math.ceil(length / step) + 1)[1:-1, None]
+    return np.asarray(a + t * (b - a))
+
+
 class EchoFilter:
     """Judges every measurement of a ring."""
 

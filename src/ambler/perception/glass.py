@@ -7,7 +7,7 @@ points on a line that is perpendicular to the brightest beam, while beams beside
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,21 @@ class SpecularDetector:
             if peak is not None and all(abs(wrap_angle(peak.angle - p.angle)) > self.config.near for p in peaks):
                 peaks.append(peak)
         return tuple(peaks)
+
+    def without_panes(self, scan: LaserScan) -> LaserScan:
+        """Return the scan without the returns of panes (NaN): they show a few centimetres of something that is much larger."""
+        peaks = self.detect(scan)
+        if not peaks:
+            return scan
+        ranges = scan.ranges.copy()
+        angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
+        for peak in peaks:
+            off = (angles - peak.angle + math.pi) % (2.0 * math.pi) - math.pi
+            line = peak.distance / np.cos(np.clip(off, -FLATTEST, FLATTEST))
+            ranges[(np.abs(off) <= self.config.pane_angle) & (np.abs(ranges - line) <= 2.0 * self.config.tolerance)] = (
+                np.nan
+            )
+        return replace(scan, ranges=ranges)
 
     def _judge(self, k: int, ranges: F64, intensities: F64, angles: F64) -> SpecularPeak | None:
         c = self.config
