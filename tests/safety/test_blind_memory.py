@@ -135,3 +135,11 @@ def test_patches_end_the_bias_of_the_nearest_of_many_returns() -> None:
     assert np.sort(wall[:, 0])[1] < 0.6 - 2.8 * SIGMA
     nearest = np.sort(patch_means(wall, (0.0, 0.0))[:, 0])[1]
     assert 0.6 - 2.2 * SIGMA < nearest < 0.6
+
+
+def test_only_a_planar_scanner_all_around_whose_blind_zone_is_within_the_robot_needs_no_memory() -> None:
+    inside = 0.16  # metres from the scanner to the nearest edge of the footprint
+    assert FieldOfView(0.1).has_all_beyond(inside)
+    assert not FieldOfView(0.15).has_all_beyond(inside)
+    assert not FieldOfView(0.1, azimuth=(-2.3, 2.3)).has_all_beyond(inside)
+    assert not PUCK.has_all_beyond(5.0), "below and above its rays it sees nothing at any distance"

@@ -22,6 +22,7 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
+from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
 from ambler.runtime.node import Node
@@ -74,7 +75,7 @@ class GateNode(Node):
         self._memories: dict[str, BlindMemory] = {}
         self._repeats: dict[str, StuckScan] = {}
         self._stuck: set[str] = set()
-        self._radius = robot.circumscribed_radius
+        self._radius, self._edges = robot.circumscribed_radius, footprint_edges(robot.footprint, 0.0)
         kinds = {m.kind for m in robot.sensors}
         self._planar = robot.scanners
         self._has_many = len(self._planar) > 1
@@ -155,9 +156,8 @@ class GateNode(Node):
         lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
         level_from_base = SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean
         level_from_sensor = level_from_base @ self._mounts[scan.frame].base_from_sensor
-        memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
         points = points_of(level_from_sensor)
-        unseen = memory.update(points, odom_from_base.to_se2(), level_from_sensor, field)
+        unseen = self._unseen(scan.frame, points, odom_from_base.to_se2(), level_from_sensor, field)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
@@ -166,6 +166,14 @@ class GateNode(Node):
             self._ranges.add_scan(scan)
         elif self._rangers:
             self._ranges.add_points(scan.frame, odom_from_base.to_se2().transform(points[:, :2]))
+
+    def _unseen(self, frame: str, points: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView) -> F64:
+        """Return what was seen before and is in the scanner's blind zone now, float64 (N, 3) in the level base frame."""
+        normals, offsets = self._edges
+        if field.has_all_beyond(float(np.min(offsets - normals @ np.array(base_from_sensor.translation[:2])))):
+            return np.empty((0, 3))  # its blind zone lies within the footprint
+        memory = self._memories.setdefault(frame, BlindMemory(self._radius, self._config.memory_travel))
+        return memory.update(points, odom_from_base, base_from_sensor, field)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""

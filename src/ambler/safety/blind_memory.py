@@ -50,6 +50,12 @@ class FieldOfView:
             self, range_min=self.range_min + distance, azimuth=(left, right), elevation=(low + angle, high - angle)
         )
 
+    def has_all_beyond(self, distance: float) -> bool:
+        """Whether nothing that a planar scanner could hit at `distance` metres or farther is hidden from it."""
+        is_round = self.azimuth[1] - self.azimuth[0] >= 2.0 * math.pi - 2.0 * BIN
+        is_planar = self.elevation[1] - self.elevation[0] >= 2.0 * math.pi
+        return is_round and is_planar and self.range_min + CUT <= distance
+
     def contains(self, rays: Rays) -> NDArray[np.bool_]:
         """Return bool (N,)."""
         ranges, azimuth, elevation = rays
