@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from ambler.core import messages as m
+from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se3 import SE3
@@ -73,6 +74,14 @@ def glass_walls(draw):
 
 
 @st.composite
+def camera_infos(draw):
+    frame, size, number = draw(words), st.integers(1, 4000), st.floats(-1e4, 1e4)
+    distortion = draw(st.sampled_from([5, 8]).flatmap(lambda n: st.tuples(*[number] * n)))
+    model = CameraModel(frame, draw(size), draw(size), *(draw(number) for _ in range(4)), distortion)
+    return m.CameraInfo(draw(stamps), frame, model)
+
+
+@st.composite
 def grids(draw):
     spec = draw(specs)
     data = draw(arrays(np.int8, spec.shape, elements=st.integers(-1, 100)))
@@ -87,6 +96,9 @@ MESSAGES = {
     m.Range: st.builds(m.Range, stamps, words, *[float32s] * 4),
     m.GlassWalls: glass_walls(),
     m.PointCloud: clouds(),
+    m.Image: st.builds(m.Image, stamps, words, arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))),
+    m.CameraInfo: camera_infos(),
+    m.BatteryState: st.builds(m.BatteryState, stamps, words, *[float32s] * 3, st.sampled_from(m.PowerSupply)),
     m.Imu: st.builds(m.Imu, stamps, words, vectors, vectors),
     m.Odometry: st.builds(m.Odometry, stamps, words, words, poses, vectors, vectors, covariances, covariances),
     m.VelocityCommand: st.builds(m.VelocityCommand, stamps, float64s, float64s, float64s),

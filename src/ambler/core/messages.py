@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.camera import CameraModel
 from ambler.core.grid import GridSpec
 from ambler.core.se3 import SE3, Vector3
 
@@ -22,6 +23,7 @@ F64 = NDArray[np.float64]
 
 
 _SIX_FLOATS = struct.Struct("<6f")
+_THREE_FLOATS = struct.Struct("<3f")
 
 
 _ARRAYS: dict[type, tuple[str, ...]] = {}
@@ -130,6 +132,53 @@ class Imu(Message):
     frame: str
     angular_velocity: Vector3
     linear_acceleration: Vector3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image(Message):
+    """A grey picture in a camera's optical frame, uint8 (height, width), row 0 at the top."""
+
+    stamp_ns: int
+    frame: str
+    data: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraInfo(Message):
+    """How the camera with this frame projects. A focal length of zero means that it was never calibrated, as in ROS."""
+
+    stamp_ns: int
+    frame: str
+    model: CameraModel
+
+
+class PowerSupply(enum.IntEnum):
+    """What the charger does; the numbers are those of sensor_msgs/BatteryState. NOT_CHARGING: contact, but no current."""
+
+    UNKNOWN = 0
+    CHARGING = 1
+    DISCHARGING = 2
+    NOT_CHARGING = 3
+    FULL = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatteryState(Message):
+    """Volts, amperes (positive while charging), and the share 0..1 of the charge that is left; NaN where it is not measured. Rounded
+    to float32 at birth, as the wire holds them."""
+
+    stamp_ns: int
+    frame: str
+    voltage: float
+    current: float
+    share: float
+    supply: PowerSupply
+
+    def __post_init__(self) -> None:
+        names = ("voltage", "current", "share")
+        rounded = _THREE_FLOATS.unpack(_THREE_FLOATS.pack(*(getattr(self, name) for name in names)))
+        for name, value in zip(names, rounded, strict=True):
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

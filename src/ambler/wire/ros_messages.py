@@ -15,7 +15,17 @@ from rosbags.serde import SerdeError
 
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
-from ambler.wire import ros_fast, ros_geometry, ros_glass, ros_grids, ros_markers, ros_paths, ros_sensors, ros_status
+from ambler.wire import (
+    ros_camera,
+    ros_fast,
+    ros_geometry,
+    ros_glass,
+    ros_grids,
+    ros_markers,
+    ros_paths,
+    ros_sensors,
+    ros_status,
+)
 from ambler.wire.ros_types import STORE, message_definition
 
 __all__ = [
@@ -51,6 +61,9 @@ _CODECS: dict[type[m.Message], Codec] = {
     m.GlassWalls: Codec("visualization_msgs/msg/Marker", ros_glass.glass_to_ros, ros_glass.glass_from_ros),
     m.PointCloud: Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
     m.Imu: Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
+    m.Image: Codec("sensor_msgs/msg/Image", ros_camera.image_to_ros, ros_camera.image_from_ros),
+    m.CameraInfo: Codec("sensor_msgs/msg/CameraInfo", ros_camera.camera_info_to_ros, ros_camera.camera_info_from_ros),
+    m.BatteryState: Codec("sensor_msgs/msg/BatteryState", ros_status.battery_to_ros, ros_status.battery_from_ros),
     m.Odometry: Codec(
         "nav_msgs/msg/Odometry", ros_geometry.odometry_to_ros, ros_geometry.odometry_from_ros, ros_fast.encode_odometry
     ),

@@ -1,7 +1,8 @@
-"""Health, contacts, gate and status as records of the own package `ambler_msgs` (definitions in `msg/`)."""
+"""Health, contacts, gate and status as records of the own package `ambler_msgs` (definitions in `msg/`), and the battery."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ _SlamHealth = record_class("ambler_msgs/msg/SlamHealth")
 _Contact = record_class("ambler_msgs/msg/Contact")
 _GateStatus = record_class("ambler_msgs/msg/GateStatus")
 _Status = record_class("ambler_msgs/msg/Status")
+_BatteryState = record_class("sensor_msgs/msg/BatteryState")
 
 
 def slam_health_to_ros(message: m.SlamHealth) -> Any:
@@ -78,3 +80,32 @@ def status_to_ros(message: m.Status) -> Any:
 
 def status_from_ros(record: Any) -> m.Status:
     return m.Status(stamp_from_ros(record.header), record.node, record.code, record.text, record.fields_json)
+
+
+def battery_to_ros(message: m.BatteryState) -> Any:
+    """What is not measured is NaN or UNKNOWN, as sensor_msgs/BatteryState wants it."""
+    nan, none = math.nan, np.empty(0, np.float32)
+    return _BatteryState(
+        header_to_ros(message.stamp_ns, message.frame),
+        message.voltage,
+        nan,
+        message.current,
+        *(nan, nan, nan),
+        message.share,
+        int(message.supply),
+        *(0, 0),
+        True,
+        *(none, none),
+        *("", ""),
+    )
+
+
+def battery_from_ros(record: Any) -> m.BatteryState:
+    return m.BatteryState(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        record.voltage,
+        record.current,
+        record.percentage,
+        m.PowerSupply(record.power_supply_status),
+    )

@@ -1,0 +1,64 @@
+"""Grey pictures and what cameras project as ROS 2 records."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ambler.core import messages as m
+from ambler.core.camera import CameraModel
+from ambler.wire.ros_geometry import header_to_ros, stamp_from_ros
+from ambler.wire.ros_types import record_class
+
+_Image = record_class("sensor_msgs/msg/Image")
+_CameraInfo = record_class("sensor_msgs/msg/CameraInfo")
+_RegionOfInterest = record_class("sensor_msgs/msg/RegionOfInterest")
+
+_GREY = ("mono8", "8UC1")
+_MODELS = {"plumb_bob": 5, "rational_polynomial": 8}
+
+
+def image_to_ros(message: m.Image) -> Any:
+    height, width = message.data.shape
+    return _Image(
+        header_to_ros(message.stamp_ns, message.frame), height, width, _GREY[0], 0, width, message.data.reshape(-1)
+    )
+
+
+def image_from_ros(record: Any) -> m.Image:
+    """Read a grey picture; raises ValueError for other encodings."""
+    if record.encoding not in _GREY:
+        raise ValueError(f"pictures must be grey ({', '.join(_GREY)}), not {record.encoding}")
+    rows = np.array(record.data, np.uint8).reshape(record.height, record.step)
+    return m.Image(stamp_from_ros(record.header), record.header.frame_id, np.ascontiguousarray(rows[:, : record.width]))
+
+
+def camera_info_to_ros(message: m.CameraInfo) -> Any:
+    camera = message.model
+    names = {count: name for name, count in _MODELS.items()}
+    projection = np.column_stack((camera.matrix, np.zeros(3)))
+    return _CameraInfo(
+        header_to_ros(message.stamp_ns, message.frame),
+        camera.height,
+        camera.width,
+        names[len(camera.distortion)],
+        np.array(camera.distortion, np.float64),
+        camera.matrix.reshape(-1),
+        np.eye(3).reshape(-1),
+        projection.reshape(-1),
+        0,
+        0,
+        _RegionOfInterest(0, 0, 0, 0, False),
+    )
+
+
+def camera_info_from_ros(record: Any) -> m.CameraInfo:
+    """Read a projection; raises ValueError for a model of distortion that Ambler does not know. The name is the frame's."""
+    if len(record.d) != _MODELS.get(record.distortion_model):
+        raise ValueError(f"distortion {record.distortion_model!r} with {len(record.d)} coefficients is not supported")
+    k = [float(v) for v in record.k]
+    distortion = tuple(float(v) for v in record.d)
+    frame = record.header.frame_id
+    model = CameraModel(frame, int(record.width), int(record.height), k[0], k[4], k[2], k[5], distortion)
+    return m.CameraInfo(stamp_from_ros(record.header), frame, model)
