@@ -68,6 +68,10 @@ class FrontierGroups:
         """Return the centres of all cells in metres, float64 (N, 2), in the order of `cells`."""
         return self.spec.centers_of(np.stack(np.divmod(self.cells, self.spec.width), axis=1))
 
+    def split(self) -> list[NDArray[np.float64]]:
+        """Return the centres of each group's cells in metres, float64 (n, 2)."""
+        return np.split(self.points(), self.starts[1:-1]) if len(self) else []
+
 
 class FrontierMap:
     """Keeps the frontier cells of one occupancy map. Cells with 0 <= occupancy < `free_below` count as free."""
@@ -89,7 +93,7 @@ class FrontierMap:
         else:
             self._cells = self._search_again(spec, occupancy, changed.grown(1, spec))
         self._spec = spec
-        return self._group(spec)
+        return group(spec, self._cells)
 
     def _search_again(self, spec: GridSpec, occupancy: NDArray[np.int8], box: Box) -> I64:
         area = max(0, box.iy1 - box.iy0) * max(0, box.ix1 - box.ix0)
@@ -100,8 +104,10 @@ class FrontierMap:
         n = replace_in_box(self._cells, spec.width, *edges, fresh, n_fresh, merged)
         return merged[:n]
 
-    def _group(self, spec: GridSpec) -> FrontierGroups:
-        n = len(self._cells)
-        cells, starts = np.empty(n, np.int64), np.empty(n + 1, np.int64)
-        groups = group_cells(self._cells, spec.width, np.empty(n, np.int64), cells, starts)
-        return FrontierGroups(spec, cells, starts[: groups + 1])
+
+def group(spec: GridSpec, flat: I64) -> FrontierGroups:
+    """Return the 8-connected groups of ascending flat cells."""
+    n = len(flat)
+    cells, starts = np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    groups = group_cells(flat, spec.width, np.empty(n, np.int64), cells, starts)
+    return FrontierGroups(spec, cells, starts[: groups + 1])

@@ -14,7 +14,8 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box
+from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
+from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import visible_unknown
@@ -39,13 +40,15 @@ class SurveyConfig:
     free_below: int = 50
     roomy_cost: int = 252
     memory: MemoryConfig = field(default_factory=MemoryConfig)
+    close: CloseLookConfig = field(default_factory=CloseLookConfig)
 
     @classmethod
     def from_robot(cls, robot: RobotModel, roomy_cost: int) -> SurveyConfig:
         """Take sizes from the robot: a gap that it does not fit through is no frontier, a goal is near enough to look.
         `roomy_cost` is the global costmap's at the circumscribed radius."""
         width = 2.0 * robot.inscribed_radius
-        return cls(min_size=width, goal_reach=max(1.0, 1.5 * robot.circumscribed_radius), roomy_cost=roomy_cost)
+        reach = max(1.0, 1.5 * robot.circumscribed_radius)
+        return cls(min_size=width, goal_reach=reach, roomy_cost=roomy_cost, close=CloseLookConfig.from_robot(robot))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +70,7 @@ class FrontierSurvey:
     def __init__(self, config: SurveyConfig, distance_field: DistanceField) -> None:
         self.config = config
         self.memory = FrontierMemory(config.memory, config.free_below)
+        self._close = CloseLooks(config.close, config.free_below)
         self._distance_field = distance_field
         self._frontier_map = FrontierMap(config.free_below)
         self._last: OccupancyGrid | None = None
@@ -74,6 +78,7 @@ class FrontierSurvey:
     def reset(self) -> None:
         """Forget the map and every refusal."""
         self.memory = FrontierMemory(self.config.memory, self.config.free_below)
+        self._close = CloseLooks(self.config.close, self.config.free_below)
         self.forget_map()
 
     def forget_map(self) -> None:
@@ -85,29 +90,27 @@ class FrontierSurvey:
 
         Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
         """
-        groups = self._search(occupancy)
+        found = self._search(occupancy)
+        self._close.add(occupancy, found.cells, map_from_base)
+        is_over = self._close.are_over(found.spec, found.cells)
+        groups, over = (group(found.spec, np.sort(found.cells[k])) for k in (~is_over, is_over))
         distance = self._distances(costs, map_from_base)
         goals = self._goals(occupancy, groups, costs, distance)
         gains, headings = self._gains(occupancy, groups, goals)
         diy, dix = occupancy.spec.offset_in(costs.spec)
-        points = groups.points()
         frontiers = []
-        for g in range(len(groups)):
-            cells = points[groups.starts[g] : groups.starts[g + 1]]
-            center = cells.mean(axis=0)
+        for g, cells in enumerate(groups.split()):
             goal, path_distance = None, math.inf
             if goals[g] >= 0:
                 iy, ix = divmod(int(goals[g]), occupancy.spec.width)
                 goal = (*occupancy.spec.center_of(iy, ix), float(headings[g]))
                 path_distance = float(distance[iy + diy, ix + dix])
-            frontier = Frontier(
-                cells.astype(np.float32),
-                (float(center[0]), float(center[1])),
-                goal,
-                path_distance,
-                FrontierState.OPEN,
-            )
+            frontier = _frontier(cells, goal, path_distance)
             frontiers.append(self._judge(frontier, float(gains[g]), occupancy, boundary))
+        frontiers += [
+            self._judge_over(_frontier(cells, None, math.inf), occupancy.spec.resolution) for cells in over.split()
+        ]
+        gains = np.concatenate([gains, np.zeros(len(over))])
         is_open = tuple(i for i, f in enumerate(frontiers) if f.state is FrontierState.OPEN)
         cell_area = occupancy.spec.resolution**2
         known = float(np.count_nonzero(occupancy.data >= 0)) * cell_area
@@ -163,9 +166,8 @@ class FrontierSurvey:
 
     def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, boundary: Boundary) -> Frontier:
         c = self.config
-        size = len(frontier.cells) * occupancy.spec.resolution
-        if size < c.min_size:
-            return _refused(frontier, FrontierState.TOO_SMALL, f"{size:.2f} m long, less than {c.min_size:.2f} m")
+        if reason := self._too_small(frontier, occupancy.spec.resolution):
+            return _refused(frontier, FrontierState.TOO_SMALL, reason)
         if boundary and not is_inside(boundary, frontier.centroid):
             return _refused(frontier, FrontierState.OUTSIDE_BOUNDARY, "its middle lies outside the boundary")
         if frontier.goal is None:
@@ -182,6 +184,22 @@ class FrontierSurvey:
             )
         reason = self.memory.reason_against(frontier, occupancy.spec, occupancy.data)
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
+
+    def _judge_over(self, frontier: Frontier, resolution: float) -> Frontier:
+        if reason := self._too_small(frontier, resolution):
+            return _refused(frontier, FrontierState.TOO_SMALL, reason)
+        reason = f"looked at from within {self.config.close.farthest:.1f} m: nothing can be seen behind it"
+        return _refused(frontier, FrontierState.UNREACHABLE, reason)
+
+    def _too_small(self, frontier: Frontier, resolution: float) -> str:
+        size, least = len(frontier.cells) * resolution, self.config.min_size
+        return f"{size:.2f} m long, less than {least:.2f} m" if size < least else ""
+
+
+def _frontier(cells: NDArray[np.float64], goal: tuple[float, float, float] | None, path_distance: float) -> Frontier:
+    middle = cells.mean(axis=0)
+    centroid = (float(middle[0]), float(middle[1]))
+    return Frontier(cells.astype(np.float32), centroid, goal, path_distance, FrontierState.OPEN)
 
 
 def _cell_shift(spec: GridSpec, cost_spec: GridSpec) -> tuple[int, int]:

@@ -1,0 +1,98 @@
+"""Looks in passing: what the robot saw from near and stayed is no frontier any more; what it could not see still is."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import CostGrid, FrontierState, OccupancyGrid
+from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
+from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+from ambler.planning.distance import distance_field
+
+R = 0.05
+
+
+def room_with_a_vanished_wall() -> NDArray[np.int8]:
+    """A room of 4 x 4 m; of its east wall 1 m is missing in the map, and unknown cells lie behind."""
+    occupancy = np.full((120, 140), -1, np.int8)
+    occupancy[20:102, 19:101] = 100
+    occupancy[21:101, 20:100] = 0
+    occupancy[50:70, 100] = -1
+    return occupancy
+
+
+def message(occupancy: NDArray[np.int8], stamp: int, crop: int = 0) -> OccupancyGrid:
+    data = np.ascontiguousarray(occupancy[crop:, crop:])
+    spec = GridSpec(R, data.shape[1], data.shape[0], crop * R, crop * R)
+    return OccupancyGrid(stamp, "map", spec, data)
+
+
+def costs_of(occupancy: OccupancyGrid) -> CostGrid:
+    costs = np.where(occupancy.data < 0, 255, np.where(occupancy.data > 50, 254, 0)).astype(np.uint8)
+    return CostGrid(occupancy.stamp_ns, "map", occupancy.spec, costs)
+
+
+def states(places: list[SE2], occupancy: NDArray[np.int8], crops: tuple[int, ...] = (0,)) -> list[FrontierState]:
+    """Return the state of the gap after each place, a new map at each."""
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    out = []
+    for k, place in enumerate(places):
+        grid = message(occupancy, k, crops[k % len(crops)])
+        (gap,) = survey.update(grid, costs_of(grid), place).frontiers
+        out.append(gap.state)
+    return out
+
+
+OPEN, OVER = FrontierState.OPEN, FrontierState.UNREACHABLE
+NEAR, FAR = SE2(4.3, 3.0), SE2(2.0, 3.0)
+
+
+def test_three_looks_from_near_are_enough() -> None:
+    assert states([NEAR] * 4, room_with_a_vanished_wall()) == [OPEN, OPEN, OVER, OVER]
+
+
+def test_looks_from_afar_do_not_count() -> None:
+    assert states([FAR] * 6, room_with_a_vanished_wall()) == [OPEN] * 6
+
+
+def test_looks_are_remembered_when_the_map_grows() -> None:
+    assert states([NEAR] * 3, room_with_a_vanished_wall(), (7, 3, 0))[-1] is OVER
+
+
+def test_one_map_counts_once() -> None:
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    grid = message(room_with_a_vanished_wall(), 5)
+    for _ in range(6):
+        (gap,) = survey.update(grid, costs_of(grid), NEAR).frontiers
+    assert gap.state is OPEN
+
+
+def test_what_something_hides_is_not_looked_at() -> None:
+    """A board between the robot and the gap, and the shadow of its corner: the robot sees no unknown cell there."""
+    occupancy = room_with_a_vanished_wall()
+    occupancy[40:80, 92] = 100
+    looks = CloseLooks(CloseLookConfig(), 50)
+    cells = np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0))
+    assert len(cells) == 20
+    for stamp in range(5):
+        looks.add(message(occupancy, stamp), cells, NEAR)
+    assert not looks.are_over(message(occupancy, 0).spec, cells).any()
+
+
+def test_a_scanner_looks_only_where_it_points() -> None:
+    ahead = SensorMount("laser", "scan", SE3.from_rpy((0.1, 0.0, 0.3), 0.0, 0.0, 0.5), azimuth=(-1.0, 0.6))
+    square = np.array([[0.2, -0.2], [0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]])
+    robot = RobotModel("r", DriveKind.DIFFERENTIAL, square, VelocityLimits(), (ahead,))
+    config = CloseLookConfig.from_robot(robot)
+    assert np.allclose(config.sector, (0.3, 0.8))
+    for yaw, is_seen in ((0.0, True), (math.pi, False)):
+        looks, occupancy = CloseLooks(config, 50), room_with_a_vanished_wall()
+        cells = np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0))
+        for stamp in range(3):
+            looks.add(message(occupancy, stamp), cells, SE2(4.3, 3.0, yaw))
+        assert looks.are_over(message(occupancy, 0).spec, cells).any() == is_seen
