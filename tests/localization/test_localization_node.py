@@ -167,9 +167,3 @@ def test_what_is_missing_is_named() -> None:
     status = context.of(topics.STATUS)[-1]
     assert isinstance(status, Status)
     assert status.code == "NO_MAP"
-    with pytest.raises(BadInputError, match="scan, the cloud"):
-        LocalizationNode(
-            ROBOT,
-            lambda m: GridTracker(m, GridTrackerConfig()),
-            LocalizationNodeConfig(uses_scan=False),
-        )

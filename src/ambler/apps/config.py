@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from ambler.control.config import RolloutConfig
+from ambler.control.pursuit_config import PursuitConfig
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
@@ -30,12 +31,13 @@ class ExplorerConfig:
     """Everything that the exploring robot can be told; the defaults come from `for_robot`."""
 
     strategy: str = "tour"
-    controller: Literal["rollout", "dwa"] = "rollout"
+    controller: Literal["rollout", "dwa", "pursuit"] = "rollout"
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
+    pursuit: PursuitConfig = field(default_factory=PursuitConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)

@@ -118,9 +118,9 @@ def write_demo_report(demo: Demo, verdict: Verdict) -> Path:
     )
 
 
-def print_result(fields: dict[str, Any]) -> None:
+def print_result(fields: dict[str, Any], title: str = "exploration") -> None:
     """Print the result as a small table."""
-    table = Table(title="exploration", show_header=False, title_justify="left")
+    table = Table(title=title, show_header=False, title_justify="left")
     for name, value in fields.items():
         text = "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
         table.add_row(name, text)

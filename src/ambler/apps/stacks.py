@@ -1,11 +1,18 @@
-"""The list of nodes that makes a robot explore."""
+"""The lists of nodes that make a robot explore, and drive in a known map."""
 
 from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ambler.apps.config import ExplorerConfig
+from ambler.apps.known_map import KnownMapConfig
 from ambler.control.dynamic_window import local_planner
+from ambler.control.omni_pursuit import OmniPursuit
+from ambler.core.grid import GridSpec
+from ambler.core.protocols import LocalPlanner
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.local_costmap import LocalCostmap
@@ -15,6 +22,8 @@ from ambler.nodes.controller import ControllerNode
 from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.glass_mapper import GlassMapperNode
+from ambler.nodes.localization import LocalizationNode
+from ambler.nodes.map_server import MapServerNode
 from ambler.nodes.navigator import NavigatorNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
@@ -31,24 +40,50 @@ def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
     robot = calibrated_robot(robot, config.scanners)
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
     survey = FrontierSurvey(config.survey, distances)
-    merger = (
-        [ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners))]
-        if len(robot.scanners) > 1
-        else []
-    )
     glass = [GlassMapperNode(robot, config.specular, config.glass_map)] if config.maps_glass(robot) else []
     return [
-        *merger,
+        *_mergers(robot, config),
         *glass,
         Slam2dNode(robot, config.slam2d),
-        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner), robot=robot),
-        ControllerNode(
-            robot,
-            local_planner(config.controller, config.rollout, robot),
-            LocalCostmap(config.local_costmap, robot),
-            config.slam2d.planar,
-        ),
-        NavigatorNode(),
+        *_driving_nodes(robot, config),
         ExplorerNode(config.explore, survey, strategy_named(config.strategy, distances)),
         GateNode(robot, config.gate),
     ]
+
+
+def known_map_nodes(
+    robot: RobotModel, config: KnownMapConfig, spec: GridSpec, occupancy: NDArray[np.int8]
+) -> list[Node]:
+    """Return everything between the sensors and the base of a robot in the map `occupancy` int8 [iy, ix]: map server, localization,
+    planning, control, and the gate. Who sends it to goals comes on top (NAVIGATE)."""
+    robot = calibrated_robot(robot, config.driving.scanners)
+    return [
+        *_mergers(robot, config.driving),
+        MapServerNode(spec, occupancy),
+        LocalizationNode(robot, config.make_localizer, config.localization),
+        *_driving_nodes(robot, config.driving),
+        GateNode(robot, config.driving.gate),
+    ]
+
+
+def _mergers(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
+    if len(robot.scanners) <= 1:
+        return []
+    return [ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners))]
+
+
+def _driving_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
+    """Global planner, controller and navigator."""
+    return [
+        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner), robot=robot),
+        ControllerNode(
+            robot, _local_planner(robot, config), LocalCostmap(config.local_costmap, robot), config.slam2d.planar
+        ),
+        NavigatorNode(),
+    ]
+
+
+def _local_planner(robot: RobotModel, config: ExplorerConfig) -> LocalPlanner:
+    if config.controller == "pursuit":
+        return OmniPursuit(config.pursuit, robot)
+    return local_planner(config.controller, config.rollout, robot)

@@ -7,6 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +50,17 @@ from ambler.runtime.topics import (
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+Source = Literal["scan", "cloud", "both"]
 _PLANE = [0, 1, 5]
 _MOST_WAITING = 20
 
 
 @dataclass(frozen=True, slots=True)
 class LocalizationNodeConfig:
-    """`uses_scan`, `uses_cloud`: the merged scan, the merged cloud, or both (the cloud of the same instant joins the scan). `initial_pose`:
+    """`source`: the merged scan, the merged cloud, or both (the cloud of the same instant joins the scan). `initial_pose`:
     where the robot is switched on, None to search the whole map. `covariance` is that of poses set by people (x, y, yaw)."""
 
-    uses_scan: bool = True
-    uses_cloud: bool = False
+    source: Source = "scan"
     initial_pose: SE2 | None = None
     covariance: tuple[float, float, float] = (0.25, 0.25, 0.07)
     gyro_variance: float = 1e-4
@@ -77,7 +78,7 @@ class LocalizationNode(Node):
 
     name = "localization"
     inputs = (MAP, ODOMETRY)
-    optional_inputs = (SCAN, MERGED_CLOUD, IMU, SET_POSE)
+    optional_inputs = (IMU, SET_POSE)
     outputs = (TRANSFORMS, LOCALIZED_POSE, STATUS)
     serves = (RELOCALIZE,)
     latency = 0.005
@@ -91,8 +92,8 @@ class LocalizationNode(Node):
         self._robot = robot
         self._make_localizer = make_localizer
         self._config = config or LocalizationNodeConfig()
-        if not (self._config.uses_scan or self._config.uses_cloud):
-            raise BadInputError("localization needs the scan, the cloud, or both")
+        wanted = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}[self._config.source]
+        self.inputs = (MAP, ODOMETRY, *wanted)  # type: ignore[assignment, misc]
         self._wheels = OdometryBuffer()
         self._ekf = PlanarEkf(self._config.ekf)
         self._fused = OdometryBuffer()
@@ -106,9 +107,9 @@ class LocalizationNode(Node):
         """Subscribe to the map, the sensors and poses set by people."""
         self.ctx.subscribe(MAP, self._on_map)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        if self._config.uses_scan:
+        if self._config.source != "cloud":
             self.ctx.subscribe(SCAN, self._wait)
-        if self._config.uses_cloud:
+        if self._config.source != "scan":
             self.ctx.subscribe(MERGED_CLOUD, self._on_cloud)
         self.ctx.subscribe(IMU, self._on_imu)
         self.ctx.subscribe(SET_POSE, self._on_set_pose)
@@ -144,8 +145,10 @@ class LocalizationNode(Node):
 
     def _on_cloud(self, message: PointCloud) -> None:
         self._cloud = message
-        if not self._config.uses_scan:
+        if self._config.source == "cloud":
             self._wait(message)
+        else:
+            self._use_waiting()
 
     def _on_set_pose(self, message: PoseStamped) -> None:
         if self.supervisor is None:
@@ -178,6 +181,8 @@ class LocalizationNode(Node):
     def _use_waiting(self) -> None:
         newest = self._fused.newest_ns
         while self._waiting and newest is not None and self._waiting[0].stamp_ns <= newest:
+            if self._config.source == "both" and len(self._waiting) == 1 and not self._has_cloud_of(self._waiting[0]):
+                return  # the cloud follows its scan; when it is late, the next scan ends the wait
             message = self._waiting.popleft()
             if message.stamp_ns <= self._newest_ns:
                 self.ctx.log("SCAN_OUT_OF_ORDER", "a scan is older than the last one and is left out")
@@ -200,6 +205,9 @@ class LocalizationNode(Node):
         if is_believed and result.estimate is not None:
             self._publish(result.estimate, wheels)
 
+    def _has_cloud_of(self, scan: LaserScan | PointCloud) -> bool:
+        return self._cloud is not None and self._cloud.stamp_ns >= scan.stamp_ns
+
     def _points_of(self, message: LaserScan | PointCloud) -> tuple[F32, F32 | None]:
         """Points (N, 2) in the base frame and their intensities, of the scan, of the cloud, or of both."""
         if isinstance(message, PointCloud):
@@ -208,7 +216,7 @@ class LocalizationNode(Node):
         mount = SE3() if is_base else self._robot.sensor(message.frame).base_from_sensor
         scan = scan_to_points(message, mount, self._twist(message), self._config.planar)
         cloud = self._cloud
-        if self._config.uses_cloud and cloud is not None and cloud.stamp_ns == message.stamp_ns:
+        if cloud is not None and cloud.stamp_ns == message.stamp_ns:
             return np.concatenate([scan.points, cloud.points[:, :2]]), None
         bright = None
         if len(message.intensities) == len(message.ranges):
