@@ -321,16 +321,19 @@ SECOND = 1_000_000_000
 
 def only_the_outline_is_left_out_and_only_for_a_while(m: ModuleType) -> None:
     field, here, dock = m.ApproachField(LIMITS, 0.2), SE2(1.0, 2.0, 0.5), SE2(1.0, 2.0, 0.5) @ SE2(0.3, 0.0, 0.0)
+    far = here @ SE2(-m.WAY, 0.0, 0.0)
     inside, foot, beside = (0.9, 0.0), (0.60, 0.0), (0.9, 0.45)
     points = np.array([inside, foot, beside])
     assert np.array_equal(field.remaining(points, here, 0), points), "without a permit every point counts"
-    assert not field.is_valid(0)
+    assert not field.is_valid(here, 0)
     is_given, _ = field.permit(m.ApproachPermit(dock, DOCK, 0.02, SECOND), here, 0)
     assert is_given
-    assert field.is_valid(SECOND - 1)
+    assert field.is_valid(here, SECOND - 1)
+    assert field.is_valid(far @ SE2(1e-9, 0.0, 0.0), 0)
+    assert not field.is_valid(far @ SE2(-1e-9, 0.0, 0.0), 0), "it ends after some way"
     assert np.array_equal(field.remaining(points, here, SECOND - 1), [foot, beside])
     assert np.array_equal(field.remaining(points, here, SECOND), points), "it ends by itself"
-    assert not field.is_valid(SECOND)
+    assert not field.is_valid(here, SECOND)
     assert len(field.remaining(np.empty((0, 2)), here, 0)) == 0
     rim = np.array([[0.3 + 0.45 - 0.029, 0.0], [0.3 + 0.45 - 0.031, 0.0]])
     assert np.array_equal(field.remaining(rim, here, 0), rim[1:]), "noise of the dock's surface is the dock's"
@@ -351,6 +354,7 @@ def a_permitted_robot_is_slow_and_goes_only_so_deep(m: ModuleType) -> None:
     creeping = BodyVelocity(0.1, 0.05, 0.1)
     assert field.limited(creeping, SE2(-0.5, 0.0, 0.0), 0) == creeping
     assert field.limited(fast, SE2(-0.5, 0.0, 0.0), SECOND) == fast
+    assert field.permit(m.ApproachPermit(SE2(), DOCK, 0.02, SECOND), SE2(-0.3, 0.0, 0.0), 0)[0]
     last = 1.0
     for x in np.linspace(-0.3, 0.02, 40):
         v = field.limited(BodyVelocity(0.3), SE2(float(x), 0.0, 0.0), 0).vx
@@ -362,9 +366,84 @@ def a_permitted_robot_is_slow_and_goes_only_so_deep(m: ModuleType) -> None:
     assert field.limited(BodyVelocity(0.1), deep, 0) == BodyVelocity()
     assert field.limited(BodyVelocity(-0.1), deep, 0) == BodyVelocity(-0.1)
     assert field.limited(BodyVelocity(0.0, 0.1), deep, 0) == BodyVelocity(0.0, 0.1)
-    turned = SE2(0.02, 0.0, math.pi / 2)
-    assert field.limited(BodyVelocity(0.1, 0.02), turned, 0) == BodyVelocity(0.1, 0.02), "its left is out of the dock"
-    assert field.limited(BodyVelocity(0.1, -0.02), turned, 0) == BodyVelocity()
+    turned = SE2(0.02, 0.0, 0.15)
+    assert field.limited(BodyVelocity(0.1, 0.9), turned, 0).vy > 0.0, "its left leads out of the dock"
+    assert field.limited(BodyVelocity(0.1, 0.5), turned, 0) == BodyVelocity()
+
+
+def a_permit_holds_in_its_corridor_only(m: ModuleType) -> None:
+    dock, inside = SE2(1.0, 2.0, 0.5), np.array([[0.6, 0.0], [0.62, 0.0]])
+
+    def at(x: float, y: float, yaw: float, velocity: BodyVelocity) -> tuple[bool, BodyVelocity]:
+        field, here = m.ApproachField(LIMITS, 0.2), dock @ SE2(x, y, yaw)
+        assert field.permit(m.ApproachPermit(dock, DOCK, 0.02, SECOND), here, 0)[0]
+        seen = here.inverse().transform(dock.transform(inside))
+        is_left_out = len(field.remaining(seen, here, 0)) == 0
+        assert is_left_out == field.is_valid(here, 0)
+        return is_left_out, field.limited(velocity, here, 0)
+
+    fast = BodyVelocity(0.8, 0.4, 0.2)
+    for x, width in ((0.01, m.SIDE), (0.0, m.SIDE), (-0.5, m.SIDE + 0.5 * m.FLARE)):
+        for side in (-1.0, 1.0):
+            assert at(x, side * (width - 1e-6), 0.0, fast)[0]
+            assert at(x, side * (width + 1e-6), 0.0, fast) == (False, fast), (
+                "beside it nothing is permitted, nor limited"
+            )
+    for side in (-1.0, 1.0):
+        assert at(0.0, 0.0, side * (m.ASKEW - 1e-6), fast)[0]
+        assert not at(0.0, 0.0, side * (m.ASKEW + 1e-6), fast)[0]
+        assert at(0.0, 0.0, side * (2.0 * math.pi - 0.1), fast)[0], "angles have no seam"
+        for gap in np.linspace(1e-9, 0.05, 20):
+            v = at(0.0, side * (m.SIDE - gap), 0.0, BodyVelocity(0.0, side * 0.3))[1].vy * side
+            assert -1e-12 <= v * 0.2 + v * v / (2 * LIMITS.ay_brake) <= gap + 1e-9, "it can stop at the sides"
+            assert at(0.0, side * (m.SIDE - gap), 0.0, BodyVelocity(0.0, -side * 0.01))[1].vy == -side * 0.01
+            w = at(-0.3, 0.0, side * (m.ASKEW - gap), BodyVelocity(0.0, 0.0, side * 0.5))[1].wz * side
+            assert -1e-12 <= w * 0.2 + w * w / (2 * LIMITS.az_max) <= gap + 1e-9
+            assert at(-0.3, 0.0, side * (m.ASKEW - gap), BodyVelocity(0.0, 0.0, -side * 0.1))[1].wz == -side * 0.1
+        # A tenth of a second before the edge, at the speed that remains, along the narrowing funnel.
+        edge = side * (m.SIDE + 0.5 * m.FLARE - 0.002)
+        v = at(-0.5, edge, 0.0, BodyVelocity(0.3))[1].vx
+        assert 0.0 < v * m.FLARE * 0.2 <= 0.002 + 1e-9
+        assert at(-0.5, edge, 0.0, BodyVelocity(-0.2))[1].vx == -0.2
+        beside = SE2(0.0, side * (m.SIDE - 1e-6), 0.0)
+        assert math.isclose(m.time_in_corridor(beside, BodyVelocity(0.01), 0.02), 2.0), (
+            "at the dock the sides are parallel"
+        )
+    turned = 0.1
+    slanted = m.time_in_corridor(SE2(-0.5, 0.0, turned), BodyVelocity(0.1, 0.05), 0.02)
+    inwards = 0.1 * math.cos(turned) - 0.05 * math.sin(turned)
+    left = 0.1 * math.sin(turned) + 0.05 * math.cos(turned)
+    assert math.isclose(slanted, min(0.52 / inwards, (m.SIDE + 0.5 * m.FLARE) / (m.FLARE * inwards + left)))
+    assert m.time_in_corridor(SE2(), BodyVelocity(-0.1), 0.02) == math.inf
+
+
+def renewing_moves_no_dock_and_ends_some_day(m: ModuleType) -> None:
+    near = SE2(-0.5, 0.0, 0.0)
+
+    def second(dock: SE2, now_ns: int) -> bool:
+        field = m.ApproachField(LIMITS, 0.2)
+        assert field.permit(m.ApproachPermit(SE2(), DOCK, 0.02, SECOND), near, 0)[0]
+        return bool(field.permit(m.ApproachPermit(dock, DOCK, 0.02, now_ns + SECOND), near, now_ns)[0])
+
+    assert second(SE2(m.WANDER[0] - 1e-9, 0.0, m.WANDER[1] - 1e-9), SECOND // 2)
+    assert not second(SE2(0.0, m.WANDER[0] + 1e-6, 0.0), SECOND // 2)
+    assert not second(SE2(0.0, 0.0, -m.WANDER[1] - 1e-6), SECOND)
+    assert second(SE2(0.2, 0.0, 0.0), SECOND + 1), "after its end a new one begins"
+    field = m.ApproachField(LIMITS, 0.2)
+    step, last = SECOND // 2, round(m.SERIES * SECOND)
+    for now_ns in range(0, last + 1, step):
+        dock = SE2(0.15 * now_ns / last, 0.0, 0.0) if now_ns < last // 2 else SE2()
+        assert field.permit(m.ApproachPermit(dock, DOCK, 0.02, now_ns + SECOND), near, now_ns)[0]
+    assert not field.permit(m.ApproachPermit(SE2(), DOCK, 0.02, last + step + SECOND), near, last + step)[0]
+    assert not field.is_valid(near, last + step)
+    wandering = m.ApproachField(LIMITS, 0.2)
+    given = [
+        wandering.permit(m.ApproachPermit(SE2(0.06 * k, 0.0, 0.0), DOCK, 0.02, k * step + SECOND), near, k * step)[0]
+        for k in range(3)
+    ]
+    assert given == [True, True, False], "what counts is where the dock was first"
+    wandering.revoke()
+    assert wandering.permit(m.ApproachPermit(SE2(0.3, 0.0, 0.0), DOCK, 0.02, SECOND), near, 0)[0]
 
 
 def odd_permits_are_refused(m: ModuleType) -> None:
@@ -384,6 +463,7 @@ def odd_permits_are_refused(m: ModuleType) -> None:
         (SE2(), DOCK, -0.051, SECOND),
         (SE2(), DOCK, 0.02, round(m.LONGEST * SECOND) + 1),
         (SE2(1.51, 0.0, 0.0), DOCK, 0.02, SECOND),
+        (SE2(), DOCK - [0.45, 0.0], 0.02, SECOND),
     ]
     for values in bad:
         field = m.ApproachField(LIMITS, 0.2)
@@ -391,7 +471,7 @@ def odd_permits_are_refused(m: ModuleType) -> None:
         is_given, why = field.permit(m.ApproachPermit(*values), near, 0)
         assert not is_given
         assert why
-        assert not field.is_valid(0), "a bad permit ends the one before"
+        assert not field.is_valid(near, 0), "a bad permit ends the one before"
     largest = [
         (SE2(), DOCK * [1.0, 3.3], 0.02, SECOND),
         (SE2(), DOCK * [4.0, 1.7], 0.02, SECOND),
@@ -399,6 +479,7 @@ def odd_permits_are_refused(m: ModuleType) -> None:
         (SE2(), DOCK, -0.05, SECOND),
         (SE2(), DOCK, 0.02, round(m.LONGEST * SECOND)),
         (SE2(1.5, 0.0, 0.0), DOCK, 0.02, SECOND),
+        (SE2(), DOCK - [0.4499, 0.0], 0.02, SECOND),
     ]
     for values in largest:
         assert m.ApproachField(LIMITS, 0.2).permit(m.ApproachPermit(*values), near, 0)[0]
@@ -699,6 +780,8 @@ CHECKS = {
     "approach_permit": (
         only_the_outline_is_left_out_and_only_for_a_while,
         a_permitted_robot_is_slow_and_goes_only_so_deep,
+        a_permit_holds_in_its_corridor_only,
+        renewing_moves_no_dock_and_ends_some_day,
         odd_permits_are_refused,
     ),
     "gate": (
