@@ -7,10 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from ambler.core.messages import LaserScan
 from ambler.core.robot import DriveKind
 from ambler.core.se2 import SE2
 from ambler.evaluation.calibration import evaluate_drive, simulate_drive
-from ambler.evaluation.merging import Wheels, distances_to_walls, drive_and_merge
+from ambler.evaluation.merge_timing import SWEEP, TWIST, merge_in_numpy
+from ambler.evaluation.merging import SCANNERS, Wheels, distances_to_walls, drive_and_merge
+from ambler.perception.merger import MergerConfig, ScanMerger
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 
@@ -40,3 +43,23 @@ def test_calibration_with_full_sensor_noise(kind: DriveKind) -> None:
     assert errors.yaw < math.radians(0.1)
     assert errors.offset < 0.002
     assert errors.nees < 4.0
+
+
+def test_the_numpy_peer_of_the_timing_does_the_same_work() -> None:
+    """One circle of returns around a scanner: merger and peer see every direction at the same distance."""
+    merger = ScanMerger(MergerConfig(SCANNERS))
+    angles = np.linspace(-2.35, 2.35, 20_000)
+    ranges = np.full(20_000, 8.0, np.float32)
+    for stamp_ns in (0, 38_000_000):
+        merger.odometry.add_pose(stamp_ns, SE2.exp(TWIST * stamp_ns * 1e-9))
+    for scanner in SCANNERS:
+        step = float(angles[1] - angles[0])
+        timing = (0, scanner.frame, float(angles[0]), step, SWEEP / (len(angles) - 1), 0.04, 0.05, 30.0)
+        merger.add_scan(LaserScan(*timing, ranges, np.zeros(0, np.float32)), 38_000_000)
+    merged = merger.merge(38_000_000).scan.ranges
+    peer = merge_in_numpy(angles, ranges, merger.config.bins)
+    seen = np.isfinite(merged) & np.isfinite(peer)
+    assert seen.mean() > 0.99
+    assert (
+        np.percentile(np.abs(merged[seen] - peer[seen]), 99) < 8.0 * 2.0 * math.pi / merger.config.bins
+    )  # but at steps

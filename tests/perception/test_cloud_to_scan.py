@@ -11,7 +11,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import PointCloud
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.kernels.scan_merge import turn_of
+from ambler.kernels.bearing import turn_of, turn_of_single
 from ambler.perception.cloud_to_scan import CloudScan, CloudToScan, CloudToScanConfig
 from ambler.perception.self_mask import SelfMask
 
@@ -97,6 +97,13 @@ def test_the_fast_angle_is_exact() -> None:
     error = (turns - angles / (2.0 * math.pi) + 0.5) % 1.0 - 0.5
     assert np.abs(error).max() < 3e-9
     assert turn_of(0.0, 0.0) == 0.0
+    single = np.float32(3.0)
+    turns = np.array(
+        [turn_of_single(single * np.float32(math.sin(a)), single * np.float32(math.cos(a))) for a in angles]
+    )
+    error = (turns - angles / (2.0 * math.pi) + 0.5) % 1.0 - 0.5
+    assert np.abs(error).max() < 2e-7
+    assert turn_of_single(np.float32(0.0), np.float32(0.0)) == 0.0
 
 
 def test_self_mask_takes_any_simple_polygons() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import LaserScan
 from ambler.core.se2 import SE2
+from ambler.perception.array_pool import ArrayPool
 from ambler.perception.merger import AngleWindow, MergerConfig, MergeResult, ScanMerger, ScannerConfig, SourceState
 from tests.perception.flatland import Beams, Flatland, Trajectory, constant_twist, room, take_scan
 
@@ -340,3 +341,28 @@ def test_same_input_gives_the_same_bytes() -> None:
     first, second = (merge_moving(world, trajectory, config_of(), (0.0, 0.03, 0.06)) for _ in range(2))
     assert first.scan.ranges.tobytes() == second.scan.ranges.tobytes()
     assert first.cloud.points.tobytes() == second.cloud.points.tobytes()
+
+
+def test_a_kept_result_never_changes_while_its_memory_is_pooled() -> None:
+    merger = still_merger(config_of((IDENTITY,), bins=360))
+    merger.add_scan(flat_scan(FRAMES[0], np.full(90, 2.0)), 0)
+    kept = merger.merge(0).cloud.points
+    before = kept.copy()
+    for k in range(1, 5):
+        merger.add_scan(flat_scan(FRAMES[0], np.full(90, 2.0 + k), begin=0.1 * k), k * 100_000_000)
+        newest = merger.merge(k * 100_000_000).cloud.points
+        assert not np.shares_memory(kept, newest)
+        np.testing.assert_allclose(np.hypot(newest[:, 0], newest[:, 1]), 2.0 + k, rtol=1e-6)
+    np.testing.assert_array_equal(kept, before)
+
+
+def test_a_pool_hands_an_array_out_again_only_when_no_view_of_it_lives() -> None:
+    pool = ArrayPool()
+    address = pool.take((4, 3), np.float32).ctypes.data
+    first = pool.take((4, 3), np.float32)
+    assert first.ctypes.data == address
+    view = first[:2, 1:]
+    del first
+    second = pool.take((4, 3), np.float32)
+    assert not np.shares_memory(view, second)
+    assert pool.take((4, 3), np.float64).dtype == np.float64

@@ -1,19 +1,17 @@
-"""How exact and how fast the scan merger is: a simulated robot at full speed with three scanners, judged by the true walls."""
+"""How exact and how late the scan merger is: a simulated robot at full speed with three scanners, judged by the true walls."""
 
 from __future__ import annotations
 
 import enum
 import math
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.messages import LaserScan, Odometry, PointCloud
+from ambler.core.messages import LaserScan, Odometry
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.perception.cloud_to_scan import CloudToScan, CloudToScanConfig
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger, ScannerConfig
 from ambler.perception.planar_arrays import PlanarTrack
 from ambler.sim.lidar import LidarSensor
@@ -102,54 +100,6 @@ def distances_to_walls(world: WorldSpec, points: F64) -> F64:
             s = np.clip((points - a) @ edge / (edge @ edge), 0.0, 1.0)
             best = np.minimum(best, np.hypot(*(points - a - s[:, None] * edge).T))
     return best
-
-
-def time_merge(beams_per_scan: int, runs: int) -> float:
-    """Return the median seconds of merging three moving scans of that many beams, one set after the other."""
-    merger = ScanMerger(MergerConfig(SCANNERS, self_mask=(BODY,)))
-    angles = np.linspace(-2.35, 2.35, beams_per_scan)
-    ranges = (5.0 + np.sin(3.0 * angles)).astype(np.float32)
-    period_ns, samples = 40_000_000, []
-    for run in range(runs + 2):
-        for half in (0, 1):
-            stamp_ns = run * period_ns + half * period_ns // 2
-            merger.odometry.add_pose(stamp_ns, SE2.exp(np.array([SPEED, 0.0, TURN]) * stamp_ns * 1e-9))
-        now_ns = run * period_ns + period_ns
-        for scanner in SCANNERS:
-            step = float(angles[1] - angles[0])
-            scan = LaserScan(
-                *(run * period_ns, scanner.frame, float(angles[0]), step, 0.038 / beams_per_scan, 0.04, 0.05, 30.0),
-                *(ranges, np.zeros(0, np.float32)),
-            )
-            merger.add_scan(scan, now_ns)
-        begin = time.perf_counter()
-        if run > 1:
-            merger.merge(now_ns)
-            samples.append(time.perf_counter() - begin)
-    return float(np.median(samples))
-
-
-def time_cloud(points: int, runs: int, seed: int) -> float:
-    """Return the median seconds of flattening a cloud of that many points while the robot moves."""
-    rng = np.random.default_rng(seed)
-    azimuth = np.linspace(-math.pi, math.pi, points)
-    distance, height = rng.uniform(1.0, 20.0, points), rng.uniform(-0.5, 2.0, points)
-    cloud = PointCloud(
-        0,
-        "lidar",
-        np.column_stack([distance * np.cos(azimuth), distance * np.sin(azimuth), height]).astype(np.float32),
-        np.zeros(points, np.float32),
-        np.linspace(0.0, 0.1, points).astype(np.float32),
-        np.zeros(points, np.uint16),
-    )
-    flattener = CloudToScan(CloudToScanConfig(z_min=0.1, z_max=1.5, self_mask=(BODY,)), SE3((0.0, 0.0, 0.5)))
-    twist, samples = np.array([SPEED, 0.0, TURN]), []
-    for run in range(runs + 1):
-        begin = time.perf_counter()
-        flattener.update(cloud, twist)
-        if run > 0:
-            samples.append(time.perf_counter() - begin)
-    return float(np.median(samples))
 
 
 def _hall() -> WorldSpec:

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
+from ambler.kernels.bearing import turn_of
 from ambler.kernels.jit import jit
-from ambler.kernels.scan_merge import turn_of
 from ambler.kernels.scan_points import carry
 
 REACH = 3

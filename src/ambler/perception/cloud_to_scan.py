@@ -16,7 +16,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.kernels import scan_merge
+from ambler.kernels import cloud_bins
 from ambler.perception.self_mask import SelfMask
 
 F64 = NDArray[np.float64]
@@ -52,13 +52,13 @@ class CloudToScanConfig:
 
 @dataclass(frozen=True, slots=True)
 class CloudScan:
-    """The scan, how far each bin is known free (`reach` float64 (B,) m), where the points went, and a warning for people.
+    """The scan, how far each bin is known free (`reach` float32 (B,) m), where the points went, and a warning for people.
 
     All bins hold at the stamp of the scan.
     """
 
     scan: LaserScan
-    reach: F64
+    reach: NDArray[np.float32]
     used: int
     outside_band: int
     on_robot: int
@@ -80,17 +80,16 @@ class CloudToScan:
     def update(self, cloud: PointCloud, twist: F64 | None = None) -> CloudScan:
         """Flatten one cloud; `twist` (vx, vy, wz) of the base moves every point to the stamp by its own time."""
         config = self.config
-        ranges, reach = np.full(config.bins, np.inf), np.zeros(config.bins)
+        ranges, reach = np.full(config.bins, np.inf, np.float32), np.zeros(config.bins, np.float32)
         counts = np.zeros(5, np.int64)
-        scan_merge.cloud_to_bins(
+        cloud_bins.cloud_to_bins(
             *(cloud.points, cloud.time, self._matrix, np.zeros(3) if twist is None else twist),
             *(self._mask.vertices, self._mask.starts, self._mask.reach, self._origin),
             *(np.array([config.z_min, config.z_max]), np.array([config.range_min, config.range_max])),
             *(ranges, reach, counts),
         )
         free = (reach > 0.0) if config.empty_is_free else (reach >= config.range_max)
-        out = np.empty(config.bins, np.float32)
-        scan_merge.finish_scan(ranges, free.astype(np.uint8), out)
+        out = np.where(np.isinf(ranges) & ~free, np.float32(np.nan), ranges)
         scan = LaserScan(
             cloud.stamp_ns,
             config.frame,

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import LaserScan, PointCloud
-from ambler.kernels import scan_merge
+from ambler.kernels import scan_draw, scan_motion
+from ambler.perception.array_pool import ArrayPool
 from ambler.perception.merger_config import AngleWindow, MergerConfig, ScannerConfig
 from ambler.perception.odometry_buffer import OdometryBuffer, OdometryKnots
 from ambler.perception.self_mask import SelfMask
@@ -23,6 +24,7 @@ from ambler.perception.self_mask import SelfMask
 __all__ = ["AngleWindow", "MergeResult", "MergerConfig", "ScanMerger", "ScannerConfig", "SourceReport", "SourceState"]
 
 F64 = NDArray[np.float64]
+NO_INTENSITY = np.zeros(0, np.float32)
 FLOAT32_SLACK_NS = 1000  # a period told as float32 is not exact
 
 
@@ -97,12 +99,12 @@ class _Source:
             self._layout = layout
             angles = scan.angle_min + np.arange(layout[0]) * scan.angle_increment
             rotation = self.config.base_from_sensor.matrix()[:3, :2]
-            self.directions = np.ascontiguousarray(rotation @ np.stack([np.cos(angles), np.sin(angles)]))
+            self.directions = (rotation @ np.stack([np.cos(angles), np.sin(angles)])).astype(np.float32)
             used = np.ones(layout[0], np.bool_)
             for window in self.config.windows:
                 used &= window.keeps(angles)
             self.used = used.astype(np.uint8)
-            self.columns = np.zeros((3, layout[0]))
+            self.columns = np.zeros((3, layout[0]), np.float32)
             self.scratch = np.zeros((2, layout[0]), np.uint8)
             self.kinds = np.zeros(layout[0], np.uint8)
         return True
@@ -131,6 +133,8 @@ class ScanMerger:
         origin = config.base_from_origin
         self._origin = np.array([origin.x, origin.y, math.cos(origin.yaw), math.sin(origin.yaw)])
         self._joining = np.array([config.join_tolerance, config.join_gap])
+        self._pool = ArrayPool()
+        self._zeros = np.zeros(0, np.float32)
         self._last_stamp_ns: int | None = None
 
     def add_scan(self, scan: LaserScan, now_ns: int) -> None:
@@ -162,7 +166,7 @@ class ScanMerger:
         if oldest_ns is not None and begin_ns < oldest_ns:
             begin_ns = min((s.begin_ns for s in live if s.begin_ns >= oldest_ns), default=begin_ns)
         knots = self.odometry.knots(begin_ns, max(s.end_ns for s in live), stamp_ns)
-        drawing = _Drawing(self.config.bins, sum(len(s.kinds) for s in live))
+        drawing = _Drawing(self.config.bins, sum(len(s.kinds) for s in live), self._pool, self._intensities(live))
         range_max = self.config.range_max
         if range_max is None:
             range_max = min(s.scan.range_max for s in live if s.scan is not None)
@@ -214,16 +218,17 @@ class ScanMerger:
             return SourceReport(frame, SourceState.NO_ODOMETRY, age)
         timing = np.array([(source.begin_ns - stamp_ns) * 1e-9, scan.time_increment])
         counts = np.zeros(5, np.int64)
-        scan_merge.move_beams(
+        scan_motion.move_beams(
             *(scan.ranges, source.directions, source.used, np.array([scan.range_min, scan.range_max]), timing),
             *(source.offset, knots.times, knots.poses, knots.twists),
             *(self._mask.vertices, self._mask.starts, self._mask.reach, source.columns, source.kinds, counts),
         )
-        drawing.rows = scan_merge.gather_returns(
+        intensity = NO_INTENSITY if drawing.intensity is None else drawing.intensity
+        drawing.rows = scan_motion.gather_returns(
             *(source.columns, source.kinds, scan.ranges, source.directions, source.offset, scan.intensities, timing),
-            *(index, drawing.rows, drawing.points, drawing.intensity, drawing.time, drawing.source),
+            *(index, drawing.rows, drawing.points, intensity, drawing.time, drawing.source),
         )
-        scan_merge.draw_scan(
+        scan_draw.draw_scan(
             *(source.columns, source.kinds, self._origin, self._bin_directions, limits, self._joining),
             *(index, source.scratch, drawing.ranges, drawing.free, drawing.sources, drawing.beams),
         )
@@ -241,7 +246,7 @@ class ScanMerger:
     ) -> MergeResult:
         config, rows = self.config, drawing.rows
         ranges = np.empty(config.bins, np.float32)
-        scan_merge.finish_scan(drawing.ranges, drawing.free, ranges)
+        scan_draw.finish_scan(drawing.ranges, drawing.free, ranges)
         scan = LaserScan(
             stamp_ns,
             config.frame,
@@ -258,17 +263,31 @@ class ScanMerger:
             stamp_ns,
             config.base_frame,
             drawing.points[:rows],
-            drawing.intensity[:rows],
-            np.zeros(rows, np.float32),
+            self._no_values(rows) if drawing.intensity is None else drawing.intensity[:rows],
+            self._no_values(rows),
             drawing.source[:rows],
         )
         return MergeResult(scan, cloud, drawing.time[:rows], drawing.sources, reports, latency)
 
+    def _intensities(self, live: list[_Source]) -> NDArray[np.float32] | None:
+        """Return room for the intensities of the cloud, zeros; None when no source measures any."""
+        scans = [s.scan for s in live if s.scan is not None]
+        if not any(len(scan.intensities) == len(scan.ranges) > 0 for scan in scans):
+            return None
+        return np.zeros(sum(len(scan.ranges) for scan in scans), np.float32)
+
+    def _no_values(self, rows: int) -> NDArray[np.float32]:
+        """Return zeros float32 (rows,), which all clouds share."""
+        if len(self._zeros) < rows:
+            self._zeros = np.zeros(rows, np.float32)
+            self._zeros.flags.writeable = False
+        return self._zeros[:rows]
+
     def _bin_intensities(self, drawing: _Drawing) -> NDArray[np.float32]:
         """Intensity of the beam that won each bin, 0 where none; empty when no source measures intensities."""
-        scans = [s.scan for s in self._sources.values()]
-        if not any(scan is not None and len(scan.intensities) == len(scan.ranges) > 0 for scan in scans):
+        if drawing.intensity is None:
             return np.zeros(0, np.float32)
+        scans = [s.scan for s in self._sources.values()]
         out = np.zeros(self.config.bins, np.float32)
         for index, scan in enumerate(scans):
             won = drawing.sources == index
@@ -278,15 +297,15 @@ class ScanMerger:
 
 
 class _Drawing:
-    """The arrays that one merge fills."""
+    """The arrays that one merge fills; `intensity` is None when no source measures intensities."""
 
-    def __init__(self, bins: int, beams: int) -> None:
+    def __init__(self, bins: int, beams: int, pool: ArrayPool, intensity: NDArray[np.float32] | None) -> None:
         self.ranges = np.full(bins, np.inf)
         self.free = np.zeros(bins, np.uint8)
         self.sources = np.full(bins, -1, np.int16)
         self.beams = np.zeros(bins, np.int32)
-        self.points = np.empty((beams, 3), np.float32)
-        self.intensity = np.zeros(beams, np.float32)
-        self.time = np.empty(beams, np.float32)
-        self.source = np.empty(beams, np.uint16)
+        self.points: NDArray[np.float32] = pool.take((beams, 3), np.float32)
+        self.intensity = intensity
+        self.time: NDArray[np.float32] = pool.take((beams,), np.float32)
+        self.source: NDArray[np.uint16] = pool.take((beams,), np.uint16)
         self.rows = 0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.kernels import scan_merge
+from ambler.kernels.self_mask import mask_points
 
 F64 = NDArray[np.float64]
 
@@ -35,5 +35,5 @@ class SelfMask:
     def contains(self, points_base: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
         """Return bool (N,): which points (N, 2) of the base frame lie on the robot."""
         out = np.zeros(len(points_base), np.uint8)
-        scan_merge.mask_points(np.ascontiguousarray(points_base, np.float64), self.vertices, self.starts, out)
+        mask_points(np.ascontiguousarray(points_base, np.float64), self.vertices, self.starts, out)
         return out.astype(np.bool_)
