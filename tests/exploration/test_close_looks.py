@@ -27,7 +27,7 @@ def room_with_a_vanished_wall() -> NDArray[np.int8]:
 
 
 def message(occupancy: NDArray[np.int8], stamp: int, crop: int = 0) -> OccupancyGrid:
-    data = np.ascontiguousarray(occupancy[crop:, crop:])
+    data = occupancy[crop:, crop:].copy()
     spec = GridSpec(R, data.shape[1], data.shape[0], crop * R, crop * R)
     return OccupancyGrid(stamp, "map", spec, data)
 
@@ -72,16 +72,47 @@ def test_one_map_counts_once() -> None:
     assert gap.state is OPEN
 
 
+def gap_cells(occupancy: NDArray[np.int8]) -> NDArray[np.int64]:
+    return np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0))
+
+
 def test_what_something_hides_is_not_looked_at() -> None:
-    """A board between the robot and the gap, and the shadow of its corner: the robot sees no unknown cell there."""
     occupancy = room_with_a_vanished_wall()
     occupancy[40:80, 92] = 100
     looks = CloseLooks(CloseLookConfig(), 50)
-    cells = np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0))
-    assert len(cells) == 20
     for stamp in range(5):
-        looks.add(message(occupancy, stamp), cells, NEAR)
-    assert not looks.are_over(message(occupancy, 0).spec, cells).any()
+        looks.add(message(occupancy, stamp), NEAR)
+    assert len(gap_cells(occupancy)) == 20
+    assert not looks.are_over(message(occupancy, 0).spec, gap_cells(occupancy)).any()
+
+
+def test_a_wall_that_was_looked_at_and_vanishes_later_is_no_frontier() -> None:
+    solid = room_with_a_vanished_wall()
+    solid[50:70, 100] = 100
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    for stamp in range(3):
+        grid = message(solid, stamp)
+        assert not survey.update(grid, costs_of(grid), NEAR).frontiers
+    solid[50:70, 100] = 0
+    grid = message(solid, 9)
+    assert {f.state for f in survey.update(grid, costs_of(grid), FAR).frontiers} == {OVER}
+
+
+def test_the_edge_of_a_shadow_stays_a_frontier() -> None:
+    """The robot stands for long beside a box; what the box hides from it is still worth a drive."""
+    occupancy = np.full((200, 200), -1, np.int8)
+    iy, ix = np.mgrid[:200, :200]
+    occupancy[1:199, 1:199] = 0
+    occupancy[90:110, 100] = 100
+    y, x = iy + 0.5 - 100.0, ix + 0.5 - 90.0  # from the robot, in cells
+    occupancy[(np.abs(y) < x) & (ix > 100)] = -1  # hidden by the box
+    looks = CloseLooks(CloseLookConfig(), 50)
+    robot = SE2(90 * R, 100 * R)
+    for stamp in range(20):
+        looks.add(message(occupancy, stamp), robot)
+    edge = np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0) & (ix > 103) & (ix < 125))
+    assert len(edge) > 30
+    assert not looks.are_over(message(occupancy, 0).spec, edge).any()
 
 
 def test_a_scanner_looks_only_where_it_points() -> None:
@@ -92,7 +123,7 @@ def test_a_scanner_looks_only_where_it_points() -> None:
     assert np.allclose(config.sector, (0.3, 0.8))
     for yaw, is_seen in ((0.0, True), (math.pi, False)):
         looks, occupancy = CloseLooks(config, 50), room_with_a_vanished_wall()
-        cells = np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0))
+        cells = gap_cells(occupancy)
         for stamp in range(3):
-            looks.add(message(occupancy, stamp), cells, SE2(4.3, 3.0, yaw))
+            looks.add(message(occupancy, stamp), SE2(4.3, 3.0, yaw))
         assert looks.are_over(message(occupancy, 0).spec, cells).any() == is_seen

@@ -1,8 +1,7 @@
-"""Frontier cells that the robot looked at from near, in passing or at a goal, and that stayed: nothing can be seen behind them.
+"""What the robot looked at from near, in passing or at a goal: behind such a surface nothing more can be seen.
 
-Such cells are left where the map disagrees with itself: a wall that two submaps place a cell apart, seen at a glancing angle or
-through somebody who walks by, may vanish from their sum, and free cells then border on the inside of the wall. Driving there
-again teaches nothing.
+Where two submaps place a wall a cell apart, rays along it and people who walk by take it out of their sum again; free cells
+then border on the inside of the wall and look like frontiers. Driving to them teaches nothing.
 """
 
 from __future__ import annotations
@@ -17,20 +16,23 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import OccupancyGrid
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.kernels.frontier import seen_frontier
+from ambler.kernels.frontier import look_around
 
 I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class CloseLookConfig:
-    """A look at a cell counts between `nearest` and `farthest` (m) and inside `sector` (middle and half width, rad, in the base
-    frame), where rays are dense; after `looks` maps made while it was in view a cell has been looked at."""
+    """A look reaches from `nearest` to `farthest` (m) inside `sector` (middle and half width, rad, in the base frame), where rays are
+    dense. It ends at the first cell that is not free, occupied or unknown; what `looks` of them, each on a new map, ended at has
+    been looked at, and with it all cells within `around` cells."""
 
     looks: int = 3
     nearest: float = 0.0
     farthest: float = 2.0
     sector: tuple[float, float] = (0.0, math.pi)
+    around: int = 2
+    rays: int = 720
 
     @classmethod
     def from_robot(cls, robot: RobotModel) -> CloseLookConfig:
@@ -45,43 +47,64 @@ class CloseLookConfig:
 
 
 class CloseLooks:
-    """Counts looks per cell of the map's lattice, whatever part of it the newest map covers."""
+    """Counts how often looks ended at each cell; follows the map's geometry as it grows."""
 
     def __init__(self, config: CloseLookConfig, free_below: int) -> None:
         self.config = config
         self._free_below = free_below
-        self._counts: dict[int, int] = {}
-        self._over: I64 = np.empty(0, np.int64)
+        self._spec: GridSpec | None = None
+        self._counts: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
+        self._over: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._stamp_ns: int | None = None
 
-    def add(self, occupancy: OccupancyGrid, cells: I64, map_from_base: SE2) -> None:
-        """Count a look at those of the flat frontier cells of a map that the robot sees from near; once per map."""
-        if occupancy.stamp_ns == self._stamp_ns or len(cells) == 0:
+    def add(self, occupancy: OccupancyGrid, map_from_base: SE2) -> None:
+        """Look around in a map from the robot's place; once per map."""
+        if occupancy.stamp_ns == self._stamp_ns:
             return
         self._stamp_ns = occupancy.stamp_ns
+        self._move_to(occupancy.spec)
         spec, c = occupancy.spec, self.config
         y = (map_from_base.y - spec.origin_y) / spec.resolution
         x = (map_from_base.x - spec.origin_x) / spec.resolution
-        reach = (c.nearest / spec.resolution, c.farthest / spec.resolution)
+        ends = np.empty(c.rays, np.int64)
         sector = (map_from_base.yaw + c.sector[0], c.sector[1])
-        is_seen = np.empty(len(cells), np.bool_)
-        seen_frontier(occupancy.data, self._free_below, cells, y, x, reach, sector, is_seen)
-        over = []
-        for key in _keys(spec, cells[is_seen]).tolist():
-            self._counts[key] = self._counts.get(key, 0) + 1
-            if self._counts[key] == c.looks:
-                over.append(key)
-        if over:
-            self._over = np.union1d(self._over, np.array(over, np.int64))
+        reach = (c.nearest / spec.resolution, c.farthest / spec.resolution)
+        look_around(occupancy.data, self._free_below, y, x, sector, reach, ends)
+        cells = np.unique(ends[ends >= 0])
+        counts = self._counts.reshape(-1)
+        counts[cells] = np.minimum(counts[cells] + 1, c.looks)
+        self._mark(cells[counts[cells] == c.looks])
 
     def are_over(self, spec: GridSpec, cells: I64) -> NDArray[np.bool_]:
-        """Tell which flat cells of a grid have been looked at often enough."""
-        return np.isin(_keys(spec, cells), self._over)
+        """Tell which flat cells of a grid lie where the robot has looked often enough."""
+        self._move_to(spec)
+        return np.asarray(self._over.reshape(-1)[cells] > 0)
+
+    def _mark(self, cells: I64) -> None:
+        iy, ix = np.divmod(cells, self._over.shape[1])
+        n = self.config.around
+        for dy in range(-n, n + 1):
+            for dx in range(-n, n + 1):
+                y = np.clip(iy + dy, 0, self._over.shape[0] - 1)
+                self._over[y, np.clip(ix + dx, 0, self._over.shape[1] - 1)] = 1
+
+    def _move_to(self, spec: GridSpec) -> None:
+        """Take another geometry of the same lattice; what lies outside is forgotten."""
+        if spec == self._spec:
+            return
+        old, self._spec = self._spec, spec
+        if old is None or old.resolution != spec.resolution:
+            self._counts, self._over = np.zeros(spec.shape, np.uint8), np.zeros(spec.shape, np.uint8)
+            return
+        dy, dx = old.offset_in(spec)
+        self._counts, self._over = (_moved(cells, spec.shape, dy, dx) for cells in (self._counts, self._over))
 
 
-def _keys(spec: GridSpec, cells: I64) -> I64:
-    """Return numbers of flat cells that do not depend on the grid's size and corner."""
-    iy, ix = np.divmod(cells, spec.width)
-    row = iy + round(spec.origin_y / spec.resolution)
-    column = ix + round(spec.origin_x / spec.resolution)
-    return np.asarray((row << 32) + column, np.int64)
+def _moved(old: NDArray[np.uint8], shape: tuple[int, int], dy: int, dx: int) -> NDArray[np.uint8]:
+    """Return a grid of zeros that holds `old`, whose cell [0, 0] becomes [dy, dx]."""
+    new = np.zeros(shape, np.uint8)
+    y0, y1 = max(0, dy), min(old.shape[0] + dy, shape[0])
+    x0, x1 = max(0, dx), min(old.shape[1] + dx, shape[1])
+    if y1 > y0 and x1 > x0:
+        new[y0:y1, x0:x1] = old[y0 - dy : y1 - dy, x0 - dx : x1 - dx]
+    return new

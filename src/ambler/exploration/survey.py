@@ -91,7 +91,7 @@ class FrontierSurvey:
         Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
         """
         found = self._search(occupancy)
-        self._close.add(occupancy, found.cells, map_from_base)
+        self._close.add(occupancy, map_from_base)
         is_over = self._close.are_over(found.spec, found.cells)
         groups, over = (group(found.spec, np.sort(found.cells[k])) for k in (~is_over, is_over))
         distance = self._distances(costs, map_from_base)

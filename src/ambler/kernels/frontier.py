@@ -255,55 +255,48 @@ def frontier_goals(
 
 
 @jit
-def _sees(occupancy: NDArray[np.int8], free_below: int, y: float, x: float, ty: int, tx: int) -> bool:
-    """Whether every cell between (y, x), in cells, and the unknown cell (ty, tx) is free; sampled twice per cell."""
-    dy, dx = ty + 0.5 - y, tx + 0.5 - x
-    steps = int(math.ceil(2.0 * max(abs(dy), abs(dx))))
-    for i in range(steps):
-        iy, ix = int(math.floor(y + dy * i / steps)), int(math.floor(x + dx * i / steps))
-        if iy == ty and ix == tx:
-            break
-        if iy < 0 or ix < 0 or iy >= occupancy.shape[0] or ix >= occupancy.shape[1]:
-            return False
-        if occupancy[iy, ix] < 0 or occupancy[iy, ix] >= free_below:
-            return False
-    return True
+def _is_free(occupancy: NDArray[np.int8], free_below: int, y: float, x: float) -> bool:
+    iy, ix = int(math.floor(y)), int(math.floor(x))
+    if iy < 0 or ix < 0 or iy >= occupancy.shape[0] or ix >= occupancy.shape[1]:
+        return False
+    return bool(0 <= occupancy[iy, ix] < free_below)
 
 
 @jit
-def seen_frontier(
+def look_around(
     occupancy: NDArray[np.int8],
     free_below: int,
-    cells: I64,
     y: float,
     x: float,
-    reach: tuple[float, float],
     sector: tuple[float, float],
-    out: NDArray[np.bool_],
+    reach: tuple[float, float],
+    ends: I64,
 ) -> None:
-    """Tell for each flat frontier cell whether a sensor at (y, x) looks through free cells at an unknown 4-neighbour of it.
+    """Look from (y, x) along as many rays as `ends` is long: each gets the flat index of the first cell that is not free, or -1.
 
     Place and `reach` (nearest, farthest) in cells, cell (iy, ix) covering [ix, ix + 1) x [iy, iy + 1); `sector` is the middle and the
-    half width (rad, in the grid's frame) of what the sensor sees.
+    half width (rad, in the grid's frame) of the rays, which are sampled every half cell. -1 means that the ray meets nothing within
+    reach, or an unknown cell that it only grazes: two cells farther on, free cells are one cell beside it. Such is the edge of a shadow.
     """
     height, width = occupancy.shape
-    for k in range(len(cells)):
-        out[k] = False
-        iy = cells[k] // width
-        ix = cells[k] % width
-        away = math.hypot(iy + 0.5 - y, ix + 0.5 - x)
-        if away < reach[0] or away > reach[1]:
-            continue
-        off = math.atan2(iy + 0.5 - y, ix + 0.5 - x) - sector[0]
-        if abs(math.atan2(math.sin(off), math.cos(off))) > sector[1]:
-            continue
-        for side in range(4):
-            uy, ux = iy + (side == 0) - (side == 1), ix + (side == 2) - (side == 3)
-            if uy < 0 or ux < 0 or uy >= height or ux >= width or occupancy[uy, ux] >= 0:
+    for i in range(len(ends)):
+        ends[i] = -1
+        angle = sector[0] + sector[1] * (2.0 * i / len(ends) - 1.0)
+        dx, dy = math.cos(angle), math.sin(angle)
+        for k in range(int(2.0 * reach[1]) + 1):
+            along = 0.5 * k
+            if _is_free(occupancy, free_below, y + along * dy, x + along * dx):
                 continue
-            if _sees(occupancy, free_below, y, x, uy, ux):
-                out[k] = True
+            iy, ix = int(math.floor(y + along * dy)), int(math.floor(x + along * dx))
+            if iy < 0 or ix < 0 or iy >= height or ix >= width or along < reach[0]:
                 break
+            by, bx = y + (along + 2.0) * dy, x + (along + 2.0) * dx
+            is_frontal = not (
+                _is_free(occupancy, free_below, by + dx, bx - dy) or _is_free(occupancy, free_below, by - dx, bx + dy)
+            )
+            if occupancy[iy, ix] >= 0 or is_frontal:
+                ends[i] = iy * width + ix
+            break
 
 
 def warm_up() -> None:
@@ -322,4 +315,4 @@ def warm_up() -> None:
     visited = np.zeros(16, np.int32)
     distance = np.zeros((4, 4), np.float32)
     frontier_goals(occupancy, 50, distance, 0, 0, cells, starts, 2, visited, 1, np.empty(16, np.int64), goals)
-    seen_frontier(occupancy, 50, cells, 2.5, 2.5, (0.0, 9.0), (0.0, math.pi), np.empty(n, np.bool_))
+    look_around(occupancy, 50, 2.5, 2.5, (0.0, math.pi), (0.0, 9.0), np.empty(8, np.int64))
