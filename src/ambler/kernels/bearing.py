@@ -40,3 +40,9 @@ def turn_of_single(y, x):
     a = QUARTER - a if ay > ax else a
     a = HALF - a if x < ZERO else a
     return -a if y < ZERO else a
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module with its real types."""
+    turn_of(1.0, 2.0)
+    turn_of_single(ONE, HALF)
