@@ -12,9 +12,9 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "exploration", help="explore worlds with robots over several seeds and summarize"
     )
-    parser.add_argument("--worlds", default="office", help="comma-separated (default: office)")
-    parser.add_argument("--robots", default="diff,spot", help="comma-separated (default: diff,spot)")
-    parser.add_argument("--strategies", default="tour", help="comma-separated (default: tour)")
+    parser.add_argument("--worlds", nargs="+", default=["office"], help="default: office")
+    parser.add_argument("--robots", nargs="+", default=["diff", "spot"], help="default: diff spot")
+    parser.add_argument("--strategies", nargs="+", default=["tour"], help="default: tour")
     parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
     parser.add_argument("--runs", type=int, default=3, help="seeds per world and robot (default: 3)")
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
@@ -31,9 +31,9 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.results import write_results
 
     campaign = Campaign(
-        tuple(args.worlds.split(",")),
-        tuple(args.robots.split(",")),
-        tuple(args.strategies.split(",")),
+        _names(args.worlds),
+        _names(args.robots),
+        _names(args.strategies),
         tuple(range(args.seed, args.seed + args.runs)),
     )
     started = time.perf_counter()
@@ -43,9 +43,14 @@ def run(args: argparse.Namespace) -> int:
         print(f"{name:<48} {value:.4g}" if isinstance(value, float) else f"{name:<48} {value}")
     if args.json:
         command = (
-            f"ambler eval exploration --worlds {args.worlds} --robots {args.robots} --strategies {args.strategies} "
-            f"--seed {args.seed} --runs {args.runs}"
+            f"ambler eval exploration --worlds {' '.join(campaign.worlds)} --robots {' '.join(campaign.robots)} "
+            f"--strategies {' '.join(campaign.strategies)} --seed {args.seed} --runs {args.runs}"
         )
         write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
     is_good = all(r.get("ended") == "finished" and r.get("collisions") == 0 for r in results)
     return 0 if is_good else 1
+
+
+def _names(words: list[str]) -> tuple[str, ...]:
+    """Return names given as words, with or without commas."""
+    return tuple(name for word in words for name in word.split(",") if name)
