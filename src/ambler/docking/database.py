@@ -17,7 +17,6 @@ docks:
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.dock import Dock
 from ambler.docking.dock_table import dock_of_table, table_of_dock
+from ambler.wire.atomic_file import write_whole
 
 LEARNED = 20  # dockings after which a pose follows new ones no slower
 JUMP = (0.3, math.radians(10.0))  # metres and radians by which one docking may contradict the file
@@ -73,12 +73,7 @@ class DockDatabase:
     def save(self) -> None:
         """Write the file: complete or not at all."""
         content: dict[str, Any] = {"docks": {name: table_of_dock(self._docks[name]) for name in self.names}}
-        partial = self._path.with_name(self._path.name + ".partial")
-        with partial.open("w", encoding="utf-8") as file:
-            yaml.safe_dump(content, file, sort_keys=False, default_flow_style=None, allow_unicode=True)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, self._path)
+        write_whole(self._path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True))
 
     def teach(self, dock: Dock, map_from_base: SE2) -> Dock:
         """Save a dock that the robot stands docked in: its pose is the robot's. A dock of that name is replaced."""

@@ -13,6 +13,7 @@ from typing import Any
 
 from ambler.core.messages import Frontier
 from ambler.evaluation.collisions import Collision
+from ambler.wire.atomic_file import write_whole
 
 _STYLE = """
 :root { --ink: #1f2430; --muted: #6b7280; --line: #e5e7eb; --paper: #f8f9fb; --good: #059669; --bad: #dc2626; }
@@ -102,7 +103,7 @@ def write_report(
         f"<body><main>{''.join(body)}</main></body></html>\n"
     )
     path = folder / "report.html"
-    _write(path, page)
+    write_whole(path, page)
     record = {
         "title": title,
         "subtitle": subtitle,
@@ -111,7 +112,7 @@ def write_report(
         "tables": {t.title: [dict(zip(t.columns, map(_plain, r), strict=True)) for r in t.rows] for t in tables},
         "pictures": {p.caption: p.path.name for p in pictures},
     }
-    _write(folder / "report.json", json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    write_whole(folder / "report.json", json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     return path
 
 
@@ -175,9 +176,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
-
-
-def _write(path: Path, text: str) -> None:
-    partial = path.with_suffix(path.suffix + ".part")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ambler import __version__
+from ambler.wire.atomic_file import write_whole
 
 
 def machine_class() -> str:
@@ -43,7 +44,5 @@ def write_results(
             raise TypeError(f"result {name!r} is not flat: {type(value).__name__}")
         result[name] = value
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(path.suffix + ".part")
-    partial.write_text(json.dumps(result, indent=2) + "\n")
-    partial.replace(path)
+    write_whole(path, json.dumps(result, indent=2) + "\n")
     return result

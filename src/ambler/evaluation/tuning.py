@@ -19,6 +19,7 @@ from typing import Any
 from ambler.core.errors import BadInputError
 from ambler.evaluation.tuning_space import Case, Choice, TuningSpace
 from ambler.settings.profiles import as_values
+from ambler.wire.atomic_file import write_whole
 
 Metrics = dict[str, Any]
 Evaluate = Callable[[dict[str, Any], Case, str], Metrics]
@@ -186,7 +187,7 @@ class TuningStudy:
                     f"{self.folder} holds another study: {', '.join(changed)} differ; choose another --out"
                 )
         (self.folder / "results").mkdir(parents=True, exist_ok=True)
-        _replace(kept, json.dumps(own, indent=2) + "\n")
+        write_whole(kept, json.dumps(own, indent=2) + "\n")
         for file in sorted((self.folder / "results").glob("*.jsonl")):
             record = json.loads(file.read_text(encoding="utf-8"))
             if record["trial"] < len(self.trials):
@@ -194,7 +195,7 @@ class TuningStudy:
 
     def _keep(self, trial: int, case: Case, metrics: Metrics) -> None:
         record = {"trial": trial, "case": case.name, "values": self.trials[trial], "metrics": metrics}
-        _replace(self.folder / "results" / f"{self._label(trial, case)}.jsonl", json.dumps(record) + "\n")
+        write_whole(self.folder / "results" / f"{self._label(trial, case)}.jsonl", json.dumps(record) + "\n")
         self._results[trial, case.name] = metrics
 
 
@@ -209,20 +210,14 @@ def ranking_lines(ranking: Iterable[Ranked]) -> Iterable[str]:
 
 def write_ranking(path: Path, ranking: Iterable[Ranked]) -> None:
     """Write the ranking as JSON lines, whole or not at all."""
-    _replace(path, "".join(line + "\n" for line in ranking_lines(ranking)))
+    write_whole(path, "".join(line + "\n" for line in ranking_lines(ranking)))
 
 
 def write_best(path: Path, profile: Mapping[str, Any], heading: str) -> None:
     """Save a profile for `ambler demo --profile`; `heading` says in one line where it comes from."""
     import yaml
 
-    _replace(path, f"# {heading}\n" + yaml.safe_dump(as_values(profile), sort_keys=True, allow_unicode=True))
-
-
-def _replace(path: Path, text: str) -> None:
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    write_whole(path, f"# {heading}\n" + yaml.safe_dump(as_values(profile), sort_keys=True, allow_unicode=True))
 
 
 def _is_number(value: Any) -> bool:

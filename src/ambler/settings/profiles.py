@@ -18,6 +18,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from ambler.core.errors import BadInputError
+from ambler.wire.atomic_file import write_whole
 
 T = TypeVar("T")
 
@@ -89,7 +90,7 @@ def as_values(config: Any) -> Any:
 
 def save_resolved(path: Path, config: Any) -> None:
     """Write the resolved configuration of a run."""
-    path.write_text(yaml.safe_dump(as_values(config), sort_keys=False, allow_unicode=True), encoding="utf-8")
+    write_whole(path, yaml.safe_dump(as_values(config), sort_keys=False, allow_unicode=True))
 
 
 def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]:

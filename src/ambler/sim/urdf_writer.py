@@ -16,6 +16,7 @@ from ambler.core.robot import MERGED_FRAME, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.urdf import GAITS, IMUS, LIDARS, ODOMETRIES, ULTRASONICS
+from ambler.wire.atomic_file import write_whole
 
 WHEEL_WIDTH = 0.06
 
@@ -30,7 +31,7 @@ def save_urdf(robot: SimRobot, path: Path) -> None:
         _joint(root, mount.frame, "fixed", mount.base_from_sensor)
     _extension(root, robot)
     ElementTree.indent(root)
-    path.write_text(ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n", encoding="utf-8")
+    write_whole(path, ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n")
 
 
 def _text(*values: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import yaml
 
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
+from ambler.wire.atomic_file import write_whole
 
 MODELS = {"plumb_bob": 5, "rational_polynomial": 8}
 
@@ -29,9 +29,7 @@ def save_camera_info(path: Path, camera: CameraModel) -> None:
         "rectification_matrix": _matrix(3, 3, np.eye(3).reshape(-1).tolist()),
         "projection_matrix": _matrix(3, 4, np.column_stack((k, np.zeros(3))).reshape(-1).tolist()),
     }
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(yaml.safe_dump(table, sort_keys=False, default_flow_style=None), encoding="utf-8")
-    os.replace(partial, path)
+    write_whole(path, yaml.safe_dump(table, sort_keys=False, default_flow_style=None))
 
 
 def load_camera_info(path: Path) -> CameraModel:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
+from ambler.wire.atomic_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def write_g2o(path: Path, graph: G2oGraph) -> None:
         values = np.concatenate((graph.measurements[k], graph.information[k][upper]))
         a, b = int(graph.ids[graph.edge_from[k]]), int(graph.ids[graph.edge_to[k]])
         lines.append(f"EDGE_SE2 {a} {b} " + " ".join(repr(float(v)) for v in values))
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def _numbers(where: str, words: list[str], ids: int, values: int) -> tuple[list[int], list[float]]:

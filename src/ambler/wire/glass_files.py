@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
+from ambler.wire.atomic_file import write_whole
 
 SUFFIX = ".glass.geojson"
 
@@ -45,9 +46,7 @@ def save_glass(stem: Path, glass: GlassFile) -> Path:
         "features": features,
     }
     path = stem.with_name(stem.name + SUFFIX)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
-    partial.replace(path)
+    write_whole(path, json.dumps(content, indent=1) + "\n")
     return path
 
 

@@ -8,7 +8,6 @@ pixels are unknown; raw: the pixel is the occupancy, above 100 unknown.
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.wire.atomic_file import write_whole
 
 PIXEL_FREE, PIXEL_OCCUPIED, PIXEL_UNKNOWN = 254, 0, 205
 OCCUPIED_THRESH = 0.65
@@ -40,24 +40,15 @@ def save_map(stem: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[P
     pixels[occupancy >= SAVED_OCCUPIED] = PIXEL_OCCUPIED
     image = stem.with_name(stem.name + ".pgm")
     header = f"P5\n# resolution {spec.resolution:.6g} m\n{spec.width} {spec.height}\n255\n".encode("ascii")
-    _write(image, header + np.ascontiguousarray(pixels[::-1]).tobytes())
+    write_whole(image, header + np.ascontiguousarray(pixels[::-1]).tobytes())
     text = (
         f"image: {image.name}\nmode: trinary\nresolution: {spec.resolution!r}\n"
         f"origin: [{spec.origin_x!r}, {spec.origin_y!r}, 0]\nnegate: 0\n"
         f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
     )
     description = stem.with_name(stem.name + ".yaml")
-    _write(description, text.encode("ascii"))
+    write_whole(description, text)
     return image, description
-
-
-def _write(path: Path, data: bytes) -> None:
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
 
 
 def load_map(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from ambler.wire.atomic_file import write_whole
 from ambler.wire.ros_types import type_hash
 
 METADATA_FILE = "metadata.yaml"
@@ -85,12 +85,7 @@ def write_metadata(folder: Path, files: list[FileSummary], topics: list[TopicSum
         "custom_data": None,
         "ros_distro": "jazzy",
     }
-    partial = folder / f".{METADATA_FILE}.partial"
-    with partial.open("w", encoding="utf-8") as out:
-        yaml.safe_dump({"rosbag2_bagfile_information": information}, out, sort_keys=False)
-        out.flush()
-        os.fsync(out.fileno())
-    partial.replace(folder / METADATA_FILE)
+    write_whole(folder / METADATA_FILE, yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False))
 
 
 def _topic_entry(topic: TopicSummary) -> dict[str, Any]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
+from ambler.wire.atomic_file import write_whole
 
 
 def write_tum(path: Path, stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
@@ -20,9 +20,7 @@ def write_tum(path: Path, stamps: NDArray[np.float64], poses: NDArray[np.float64
             stamps.tolist(), poses[:, :2].tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True
         )
     ]
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text("".join(lines), encoding="ascii")
-    os.replace(partial, path)
+    write_whole(path, "".join(lines))
 
 
 def read_tum(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
