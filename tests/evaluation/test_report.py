@@ -72,6 +72,22 @@ def test_the_map_picture_shows_the_trajectory_where_it_was_driven(tmp_path: Path
     assert (without[:, :, 0].astype(int) - without[:, :, 2] > 100).sum() == 0
 
 
+def test_glass_has_its_own_colour_where_it_stands(tmp_path: Path) -> None:
+    spec, grid = office()
+
+    def cyan(segments: list[list[float]]) -> np.ndarray:
+        glass = np.array(segments, np.float32).reshape(-1, 4)
+        picture = cv2.imread(str(draw_map_with_trajectory(tmp_path / "g.png", spec, grid, {}, (), glass))).astype(int)
+        plan = picture[int(0.12 * len(picture)) :]  # below the legend
+        return np.argwhere((plan[:, :, 0] - plan[:, :, 2] > 150) & (plan[:, :, 1] > 150))
+
+    assert len(cyan([])) == 0
+    low, high = cyan([[1.0, 1.0, 3.0, 1.0]]), cyan([[1.0, 3.0, 3.0, 3.0]])
+    assert len(low) == pytest.approx(len(high), rel=0.05)
+    assert low[:, 0].mean() > high[:, 0].mean() + 20, "y points up"
+    assert np.ptp(low[:, 1]) == pytest.approx(2.0 * np.ptp(cyan([[1.0, 1.0, 2.0, 1.0]])[:, 1]), rel=0.05)
+
+
 def test_eval_map_prints_and_writes_the_fields(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     spec, grid = office()
     save_map(tmp_path / "truth", spec, grid)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import json
 import statistics
-import subprocess
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from ambler.apps.demo_process import DemoJob, run_demo
 
 WORST = {"coverage_ratio": min, "nne_cells": max, "nne_reverse_cells": max, "ssim": min, "ate_rms_m": max}
 MEDIANS = (*WORST, "path_length_m", "sim_seconds", "real_time_factor", "peak_memory_mb")
@@ -33,7 +32,6 @@ class Campaign:
 
 def run_campaign(campaign: Campaign, out: Path, processes: int) -> list[dict[str, Any]]:
     """Run everything and return one result per run, in order; a run that died has `ended` = crashed."""
-    out.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(processes) as pool:
         return list(pool.map(lambda job: _run_one(job, out), campaign.runs()))
 
@@ -59,19 +57,4 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def _run_one(job: tuple[str, str, str, int], out: Path) -> dict[str, Any]:
     world, robot, strategy, seed = job
-    label = f"{Path(world).stem}-{robot}-{strategy}-{seed}"
-    result_file = out / f"{label}.json"
-    result_file.unlink(missing_ok=True)
-    command = [
-        *(sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view"),
-        *("--world", world, "--robot", robot, "--strategy", strategy, "--seed", str(seed)),
-        *("--out", str(out), "--json", str(result_file)),
-    ]
-    with (out / f"{label}.log").open("w") as log:
-        subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False)
-    if not result_file.exists():
-        result = {"world": Path(world).stem, "robot": robot, "ended": "crashed", "seed": seed}
-    else:
-        result = json.loads(result_file.read_text())
-    print(f"{label}: {result['ended']}, {result.get('collisions')} collisions", flush=True)
-    return {**result, "strategy": strategy}
+    return {**run_demo(DemoJob(world, robot, seed, strategy, ("--strategy", strategy)), out), "strategy": strategy}

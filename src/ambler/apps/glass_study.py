@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import statistics
-import subprocess
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ambler.apps.demo_process import DemoJob, run_demo
+from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
 from ambler.sim.world import load_world
 from ambler.wire.glass_files import SUFFIX, load_glass
@@ -37,7 +37,6 @@ class GlassStudy:
 
 def run_study(study: GlassStudy, out: Path, processes: int) -> list[dict[str, Any]]:
     """Run everything, each run in a process of its own, and return one result per run, in order."""
-    out.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(processes) as pool:
         return list(pool.map(lambda job: _run_one(study, job, out), study.runs()))
 
@@ -51,8 +50,9 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for name, members in groups.items():
         fields[f"{name}.runs"] = len(members)
         fields[f"{name}.finished"] = sum(m["ended"] == "finished" for m in members)
-        fields[f"{name}.contacts"] = sum(m.get("collisions") or 0 for m in members)
-        fields[f"{name}.runs_with_contact"] = sum(bool(m.get("collisions")) for m in members)
+        for what in ("contacts", "glass_contacts", "collisions"):
+            fields[f"{name}.{what}"] = sum(m.get(what) or 0 for m in members)
+        fields[f"{name}.runs_with_contact"] = sum(bool(m.get("contacts")) for m in members)
         for what, worst in (("coverage_ratio", min), ("ate_rms_m", max), ("found_ratio", min), ("invented_m", max)):
             values = [m[what] for m in members if m.get(what) is not None]
             if values:
@@ -67,27 +67,24 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _run_one(study: GlassStudy, job: tuple[str, str, int], out: Path) -> dict[str, Any]:
     base, variant, seed = job
     robot = f"{base}+ultrasonic" if variant == WITH else base
-    label = f"{Path(study.world).stem}-{robot}-{seed}"
-    result_file = out / f"{label}.json"
-    result_file.unlink(missing_ok=True)
-    command = [
-        *(sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view"),
-        *("--world", study.world, "--robot", robot, "--seed", str(seed), "--time-limit", str(study.time_limit)),
-        *("--out", str(out), "--json", str(result_file), *(("--kinematic",) if study.is_kinematic else ())),
-    ]
-    with (out / f"{label}.log").open("w") as log:
-        subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False)
-    result: dict[str, Any] = {"ended": "crashed"}
-    if result_file.exists():
-        result = json.loads(result_file.read_text())
-        result |= _judge_glass(study.world, Path(result["recording"]).with_name(f"map{SUFFIX}"))
-    print(f"{label}: {result['ended']}, {result.get('collisions')} contacts", flush=True)
+    options = ("--time-limit", str(study.time_limit), *(("--kinematic",) if study.is_kinematic else ()))
+    result = run_demo(DemoJob(study.world, robot, seed, options=options), out)
+    if "recording" in result:
+        result |= _judge_run(study.world, Path(result["recording"]))
     return {**result, "base": base, "variant": variant}
 
 
-def _judge_glass(world: str, path: Path) -> dict[str, Any]:
-    """Compare the glass beside a run's map with the world's panes; nothing where the run saved none."""
-    if not path.exists():
-        return {}
-    glass = load_glass(path)
-    return {**asdict(compare_glass(glass.segments, load_world(world).solids)), "seen_through_m2": glass.seen_through_m2}
+def _judge_run(world: str, recording: Path) -> dict[str, Any]:
+    """Count contacts at any speed, with panes apart, and compare the glass beside the map with the world's panes, where the run saved any."""
+    solids = load_world(world).solids
+    panes = {s.name for s in solids if s.is_glass}
+    contacts = read_exploration(recording).contacts
+    fields: dict[str, Any] = {
+        "contacts": len(find_collisions(contacts, min_speed=0.0)),
+        "glass_contacts": len(find_collisions([c for c in contacts if c.other_geom in panes], min_speed=0.0)),
+    }
+    path = recording.with_name(f"map{SUFFIX}")
+    if path.exists():
+        glass = load_glass(path)
+        fields |= {**asdict(compare_glass(glass.segments, solids)), "seen_through_m2": glass.seen_through_m2}
+    return fields

@@ -54,4 +54,4 @@ def run(args: argparse.Namespace) -> int:
         )
         write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
     judged = [r for r in results if r["variant"] == WITH]
-    return 0 if all(r["ended"] == "finished" and r.get("collisions") == 0 for r in judged) else 1
+    return 0 if all(r["ended"] == "finished" and r.get("contacts") == 0 for r in judged) else 1

@@ -31,6 +31,7 @@ UNKNOWN_SHADE, FREE_SHADE, UNDECIDED_SHADE, OCCUPIED_SHADE = (
     (180, 184, 194),
     (31, 36, 48),
 )
+GLASS_COLOUR = "#06b6d4"
 DPI = 130
 STATE_COLOURS = {
     FrontierState.OPEN: "#059669",
@@ -47,8 +48,10 @@ def draw_map_with_trajectory(
     occupancy: NDArray[np.int8],
     trajectories: Mapping[str, F64],
     frontiers: Sequence[Frontier] = (),
+    glass: NDArray[np.floating] | None = None,
 ) -> Path:
-    """Draw a map with named trajectories float64 (N, 2 or 3) in its frame, start and end marked, and frontiers by state."""
+    """Draw a map with named trajectories float64 (N, 2 or 3) in its frame, start and end marked, and frontiers by state; glass,
+    segments (N, 4) of (x0, y0, x1, y1), has its own colour."""
     shades = np.empty((*spec.shape, 3), np.uint8)
     shades[:] = UNDECIDED_SHADE
     shades[occupancy < 0] = UNKNOWN_SHADE
@@ -65,6 +68,9 @@ def draw_map_with_trajectory(
         if k == 0 and len(poses):
             axes.plot(*poses[0, :2], "o", ms=8, mfc="white", mec=COLOURS[0], mew=2, zorder=9, label="start")
             axes.plot(*poses[-1, :2], "s", ms=7, color=COLOURS[0], mec="white", zorder=9, label="end")
+    for k, (ax, ay, bx, by) in enumerate(glass if glass is not None else ()):
+        name = "glass" if k == 0 else None
+        axes.plot([ax, bx], [ay, by], color=GLASS_COLOUR, lw=3.5, solid_capstyle="butt", label=name, zorder=2.5)
     for state, colour in STATE_COLOURS.items():
         cells = [f.cells for f in frontiers if f.state is state]
         if cells:

@@ -1,0 +1,47 @@
+"""One demonstration in a process of its own, for studies that need many."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class DemoJob:
+    """What to run; `options` are further words of `ambler demo`, `tag` tells runs apart that differ only in them."""
+
+    world: str
+    robot: str
+    seed: int
+    tag: str = ""
+    options: tuple[str, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """A name of the run for files and people."""
+        return "-".join(
+            part for part in (Path(self.world).stem, Path(self.robot).stem, self.tag, str(self.seed)) if part
+        )
+
+
+def run_demo(job: DemoJob, out: Path) -> dict[str, Any]:
+    """Run a demonstration and return its result; one that died has `ended` = crashed. Its output goes to `<label>.log` in `out`."""
+    out.mkdir(parents=True, exist_ok=True)
+    result_file = out / f"{job.label}.json"
+    result_file.unlink(missing_ok=True)
+    command = [
+        *(sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view"),
+        *("--world", job.world, "--robot", job.robot, "--seed", str(job.seed)),
+        *("--out", str(out), "--json", str(result_file), *job.options),
+    ]
+    with (out / f"{job.label}.log").open("w") as log:
+        subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False)
+    result: dict[str, Any] = {"world": Path(job.world).stem, "robot": job.robot, "ended": "crashed", "seed": job.seed}
+    if result_file.exists():
+        result = json.loads(result_file.read_text())
+    print(f"{job.label}: {result['ended']}, {result.get('collisions')} collisions", flush=True)
+    return result
