@@ -1,9 +1,12 @@
 """The layer rule of docs/architecture.md: a room imports only rooms of lower rows, and rooms of one row never each other."""
 
 import ast
+import importlib
 from pathlib import Path
 
 import pytest
+
+from ambler.kernels.warmup import kernel_modules
 
 SOURCE = Path(__file__).parents[2] / "src" / "ambler"
 ROWS = [
@@ -61,3 +64,10 @@ def test_only_the_gate_publishes_the_velocity_command() -> None:
         str(p.relative_to(SOURCE)) for p in FILES if "publish(VELOCITY_COMMAND" in p.read_text().replace("topics.", "")
     ]
     assert writers in ([], ["nodes/gate.py"])
+
+
+def test_every_kernel_module_can_be_warmed_up() -> None:
+    names = kernel_modules()
+    assert "scan_motion" in names
+    lacking = [name for name in names if not hasattr(importlib.import_module(f"ambler.kernels.{name}"), "warm_up")]
+    assert lacking == []

@@ -37,26 +37,33 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
     return WorldSpec(yaml_path.stem, to_map_frame(solids, start), start)
 
 
-def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:
-    """Read a grey or coloured picture: pixels darker than 150 of 255 are solid, a coloured or differently grey block among the free
-    ones (203 in the exploration benchmark) marks the start; else the robot begins where it is farthest from any wall.
+def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.bool_], SE2 | None]:
+    """Read a grey or coloured picture as (grid, which cells are solid [iy, ix], the start that it marks or None).
 
-    The lower left corner of the picture is the author's origin. Raises BadInputError.
+    Pixels darker than 150 of 255 are solid; a block of grey 203 among the free ones marks the start (the public dungeon maps use
+    127, 194 and 203). The lower left corner of the picture is the grid's origin. Raises BadInputError.
     """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise BadInputError(f"{path}: not readable as a picture")
-    pixels = image[::-1]
+    pixels = np.ascontiguousarray(image[::-1])
     spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
-    solid = pixels < PICTURE_SOLID
-    occupancy = np.where(solid, np.int8(100), np.int8(OCC_FREE))
+    rows, columns = np.nonzero(np.abs(pixels.astype(int) - START_GREY) <= 2)
+    start = None
+    if len(rows):
+        start = SE2(*spec.center_of(round(float(rows.mean())), round(float(columns.mean()))), 0.0)
+    return spec, pixels < PICTURE_SOLID, start
+
+
+def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:
+    """Read a picture as `read_picture` does; without any start the robot begins where it is farthest from any wall.
+
+    Raises BadInputError.
+    """
+    spec, solid, marked = read_picture(path, resolution)
     if start is None:
-        rows, columns = np.nonzero(np.abs(pixels.astype(int) - START_GREY) <= 2)
-        if len(rows):
-            cell = (round(float(rows.mean())), round(float(columns.mean())))
-            start = SE2(*spec.center_of(*cell), 0.0)
-        else:
-            start = _widest_place(path, spec, occupancy)
+        occupancy = np.where(solid, np.int8(100), np.int8(OCC_FREE))
+        start = marked if marked is not None else _widest_place(path, spec, occupancy)
     iy, ix = spec.cell_of(start.x, start.y)
     if not spec.contains_cell(iy, ix) or solid[iy, ix]:
         raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
