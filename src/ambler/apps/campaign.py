@@ -12,8 +12,15 @@ from typing import Any
 
 from ambler.apps.demo_process import DemoJob, run_demo
 
-WORST = {"coverage_ratio": min, "nne_cells": max, "nne_reverse_cells": max, "ssim": min, "ate_rms_m": max}
-MEDIANS = (*WORST, "path_length_m", "sim_seconds", "real_time_factor", "peak_memory_mb")
+WORST = {
+    "coverage_ratio": min,
+    "nne_cells": max,
+    "nne_reverse_cells": max,
+    "ssim": min,
+    "ate_rms_m": max,
+    "sim_seconds": max,
+}
+MEDIANS = (*WORST, "path_length_m", "real_time_factor", "peak_memory_mb")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +37,11 @@ class Campaign:
         return list(itertools.product(self.worlds, self.robots, self.strategies, self.seeds))
 
 
-def run_campaign(campaign: Campaign, out: Path, processes: int) -> list[dict[str, Any]]:
-    """Run everything and return one result per run, in order; a run that died has `ended` = crashed."""
+def run_campaign(campaign: Campaign, out: Path, processes: int, *, is_resumed: bool = False) -> list[dict[str, Any]]:
+    """Run everything and return one result per run, in order; a run that died has `ended` = crashed. A resumed campaign keeps the
+    results that `out` holds already."""
     with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(job, out), campaign.runs()))
+        return list(pool.map(lambda job: _run_one(job, out, is_resumed=is_resumed), campaign.runs()))
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -55,6 +63,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return fields
 
 
-def _run_one(job: tuple[str, str, str, int], out: Path) -> dict[str, Any]:
+def _run_one(job: tuple[str, str, str, int], out: Path, *, is_resumed: bool) -> dict[str, Any]:
     world, robot, strategy, seed = job
-    return {**run_demo(DemoJob(world, robot, seed, strategy, ("--strategy", strategy)), out), "strategy": strategy}
+    demo = DemoJob(world, robot, seed, strategy, ("--strategy", strategy))
+    return {**run_demo(demo, out, is_resumed=is_resumed), "strategy": strategy}

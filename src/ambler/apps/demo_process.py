@@ -28,10 +28,13 @@ class DemoJob:
         )
 
 
-def run_demo(job: DemoJob, out: Path) -> dict[str, Any]:
-    """Run a demonstration and return its result; one that died has `ended` = crashed. Its output goes to `<label>.log` in `out`."""
+def run_demo(job: DemoJob, out: Path, *, is_resumed: bool = False) -> dict[str, Any]:
+    """Run a demonstration and return its result; one that died has `ended` = crashed. Its output goes to `<label>.log` in `out`, its
+    result to `<label>.json`, and where that exists already, a resumed study takes it instead of running again."""
     out.mkdir(parents=True, exist_ok=True)
     result_file = out / f"{job.label}.json"
+    if is_resumed and result_file.exists():
+        return _told(job, json.loads(result_file.read_text()))
     result_file.unlink(missing_ok=True)
     command = [
         *(sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view"),
@@ -43,5 +46,9 @@ def run_demo(job: DemoJob, out: Path) -> dict[str, Any]:
     result: dict[str, Any] = {"world": Path(job.world).stem, "robot": job.robot, "ended": "crashed", "seed": job.seed}
     if result_file.exists():
         result = json.loads(result_file.read_text())
+    return _told(job, result)
+
+
+def _told(job: DemoJob, result: dict[str, Any]) -> dict[str, Any]:
     print(f"{job.label}: {result['ended']}, {result.get('collisions')} collisions", flush=True)
     return result

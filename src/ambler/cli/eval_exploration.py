@@ -19,6 +19,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--runs", type=int, default=3, help="seeds per world and robot (default: 3)")
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    parser.add_argument("--resume", action="store_true", help="keep the results that the folder of --out holds already")
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         tuple(range(args.seed, args.seed + args.runs)),
     )
     started = time.perf_counter()
-    results = run_campaign(campaign, args.out, args.processes)
+    results = run_campaign(campaign, args.out, args.processes, is_resumed=args.resume)
     fields = summarize(results)
     for name, value in fields.items():
         print(f"{name:<48} {value:.4g}" if isinstance(value, float) else f"{name:<48} {value}")
