@@ -1,4 +1,5 @@
-"""`ambler calibrate`: where a robot's scanners sit and what their clocks are off, from a minute of driving, into its profile."""
+"""`ambler calibrate`: where a robot's scanners sit and what their clocks are off, from a minute of driving, into its profile; and
+`ambler calibrate camera`, from pictures of a checkerboard."""
 
 from __future__ import annotations
 
@@ -7,6 +8,8 @@ import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from ambler.cli import calibrate_camera
 
 if TYPE_CHECKING:
     from ambler.evaluation.calibration import CalibrationDrive
@@ -22,8 +25,13 @@ def add_parser(subparsers: Any) -> None:
         "calibrate", help="scanners' mountings and clocks from a minute of driving, written into the robot's profile"
     )
     parser.add_argument(
-        "recording", type=Path, nargs="?", metavar="RECORDING", help="bag or run recording of the drive"
+        "recording",
+        type=Path,
+        nargs="?",
+        metavar="RECORDING",
+        help="bag or run recording of the drive; or the word `camera`, and pictures after it",
     )
+    calibrate_camera.add_options(parser)
     parser.add_argument(
         "--simulated", action="store_true", help="drive in simulation, scanners a little off their model"
     )
@@ -37,6 +45,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate, print, save. 2 when the recording cannot be used, 1 when it does not tell a mounting."""
+    if args.recording == Path("camera"):
+        return calibrate_camera.run(args)
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.evaluation.robot_calibration import read_drive, simulate_robot_drive

@@ -85,6 +85,11 @@ class RobotModel:
         """The ultrasonic transducers; they look along their x axis."""
         return tuple(m for m in self.sensors if m.kind == "range")
 
+    @property
+    def camera(self) -> SensorMount | None:
+        """The first camera, None when there is none."""
+        return next((m for m in self.sensors if m.kind == "camera"), None)
+
     def sensor(self, frame: str) -> SensorMount:
         """Return the sensor mounted as `frame`; raises KeyError with the known names."""
         for mount in self.sensors:

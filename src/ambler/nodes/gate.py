@@ -26,9 +26,21 @@ from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
 from ambler.runtime.node import Node
-from ambler.runtime.tasks import ARM, EMERGENCY_STOP, PAUSE, RESET_STOP, GateReply, GateRequest
+from ambler.runtime.tasks import (
+    ARM,
+    EMERGENCY_STOP,
+    PAUSE,
+    PERMIT_APPROACH,
+    RESET_STOP,
+    REVOKE_APPROACH,
+    ApproachRequest,
+    GateReply,
+    GateRequest,
+    Nothing,
+)
 from ambler.runtime.topics import (
     CLOUD,
+    DOCKING_REQUEST,
     GATE_STATUS,
     ODOMETRY,
     RANGES,
@@ -38,6 +50,7 @@ from ambler.runtime.topics import (
     VELOCITY_COMMAND,
     VELOCITY_REQUEST,
 )
+from ambler.safety.approach_permit import ApproachPermit
 from ambler.safety.blind_memory import BlindMemory, FieldOfView
 from ambler.safety.config import GateConfig
 from ambler.safety.gate import GateStep, VelocityGate
@@ -61,9 +74,9 @@ class GateNode(Node):
 
     name = "gate"
     inputs = (VELOCITY_REQUEST, ODOMETRY, SCAN)
-    optional_inputs = (TELEOP_REQUEST,)
+    optional_inputs = (TELEOP_REQUEST, DOCKING_REQUEST)
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
-    serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP)
+    serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, PERMIT_APPROACH, REVOKE_APPROACH)
     latency = 0.001
 
     def __init__(
@@ -98,6 +111,7 @@ class GateNode(Node):
 
     def start(self) -> None:
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
+        self.ctx.subscribe(DOCKING_REQUEST, partial(self._on_request, "docking"))
         self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         if self._rangers:
@@ -114,6 +128,8 @@ class GateNode(Node):
         self.ctx.serve(PAUSE, self._on_pause)
         self.ctx.serve(EMERGENCY_STOP, self._on_emergency_stop)
         self.ctx.serve(RESET_STOP, self._on_reset)
+        self.ctx.serve(PERMIT_APPROACH, self._on_permit)
+        self.ctx.serve(REVOKE_APPROACH, self._on_revoke)
         self.ctx.timer(PERIOD, self._step)
 
     def stop_now(self, reason: str) -> None:
@@ -231,6 +247,19 @@ class GateNode(Node):
         self.gate.emergency_stop(self.ctx.now_ns, request.source, request.reason)
         self._step()
         return GateReply(True, "stopped")
+
+    def _on_permit(self, request: ApproachRequest) -> GateReply:
+        now_ns = self.ctx.now_ns
+        expires_ns = now_ns + round(request.seconds * 1e9)
+        permit = ApproachPermit(request.odom_from_dock, request.outline, request.overrun, expires_ns)
+        is_given, text = self.gate.permit_approach(permit, now_ns)
+        if not is_given:
+            self.ctx.log("APPROACH_REFUSED", text)
+        return GateReply(is_given, text)
+
+    def _on_revoke(self, request: Nothing) -> Nothing:
+        self.gate.revoke_approach()
+        return Nothing()
 
     def _on_reset(self, request: GateRequest) -> GateReply:
         return GateReply(*self.gate.reset(self.ctx.now_ns))

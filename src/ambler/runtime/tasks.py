@@ -5,6 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ambler.core.messages import Frontier, Path
 from ambler.core.se2 import SE2
 from ambler.runtime.node import Service, Task
@@ -54,6 +57,38 @@ class SaveMapRequest:
     stem: str
 
 
+@dataclass(frozen=True, slots=True)
+class PicturesRequest:
+    """Ask the camera for pictures for so many seconds from now on; nobody needs to say that they are no longer wanted."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ApproachRequest:
+    """Ask the gate to let a dock's outline float64 (N, 2), in the dock's frame, be approached for `seconds`, and the base to go
+    `overrun` metres beyond the docked pose (safety.approach_permit)."""
+
+    odom_from_dock: SE2
+    outline: NDArray[np.float64]
+    overrun: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class TeachDockRequest:
+    """Save where the robot stands now as the docked pose of a known dock."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class TeachDockReply:
+    """The dock's new pose in the map."""
+
+    map_from_dock: SE2
+
+
 COMPUTE_PATH = Service("compute_path", PlanRequest, PlanReply)
 CLEAR_GLOBAL_COSTMAP = Service("clear_global_costmap", Nothing, Nothing)
 CLEAR_LOCAL_COSTMAP = Service("clear_local_costmap", Nothing, Nothing)
@@ -63,6 +98,11 @@ EMERGENCY_STOP = Service("emergency_stop", GateRequest, GateReply)
 RESET_STOP = Service("reset_stop", GateRequest, GateReply)
 SAVE_MAP = Service("save_map", SaveMapRequest, Nothing)
 SAVE_GLASS = Service("save_glass", SaveMapRequest, Nothing)
+CAMERA_PICTURES = Service("camera_pictures", PicturesRequest, Nothing)
+STOP_CHARGING = Service("stop_charging", Nothing, Nothing)
+PERMIT_APPROACH = Service("permit_approach", ApproachRequest, GateReply)
+REVOKE_APPROACH = Service("revoke_approach", Nothing, Nothing)
+TEACH_DOCK = Service("teach_dock", TeachDockRequest, TeachDockReply)
 RELOCALIZE = Service("relocalize", Nothing, Nothing)
 
 
@@ -151,6 +191,40 @@ class ExploreResult:
     is_home: bool
 
 
+@dataclass(frozen=True, slots=True)
+class DockGoal:
+    """Drive to a dock of the database and dock."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class UndockGoal:
+    """Back out of a dock to its staging pose."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class DockFeedback:
+    """Named state of the docking, one sentence, failed final approaches so far, and metres to the docked pose (None: not seen)."""
+
+    state: str
+    text: str
+    attempts: int
+    distance: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class DockReport:
+    """How it went: final approaches, seconds in all and from the staging pose on, the dock in the base frame by the last sightings."""
+
+    attempts: int
+    seconds: float
+    docking_seconds: float
+    base_from_dock: SE2 | None
+
+
 FOLLOW_PATH = Task(
     "follow_path",
     FollowPathGoal,
@@ -166,6 +240,23 @@ NAVIGATE = Task(
     NavigateResult,
     ("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
 )
+DOCK_FAILURES = (
+    "UNKNOWN_DOCK",
+    "NOT_DOCKED",
+    "NOT_CALIBRATED",
+    "NAVIGATION_FAILED",
+    "DOCK_NOT_SEEN",
+    "DOCK_LOST",
+    "OUTSIDE_LIMITS",
+    "NO_CONTACT",
+    "NO_CHARGE",
+    "BLOCKED",
+    "TIMEOUT",
+    "STALE_INPUT",
+    "LOST",
+)
+DOCK = Task("dock", DockGoal, DockFeedback, DockReport, DOCK_FAILURES)
+UNDOCK = Task("undock", UndockGoal, DockFeedback, DockReport, DOCK_FAILURES)
 EXPLORE = Task("explore", ExploreGoal, ExploreFeedback, ExploreResult, ("STUCK", "LOST", "RETURN_FAILED"))
 
 CLICKED_GOAL_OVER = "CLICKED_GOAL_OVER"

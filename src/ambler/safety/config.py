@@ -33,6 +33,7 @@ class GateConfig:
 
     sources: tuple[VelocitySource, ...] = (
         VelocitySource("teleop", 100, 0.4),
+        VelocitySource("docking", 20, 0.3),
         VelocitySource("navigation", 10, 0.3),
     )
     reaction_time: float = 0.2

@@ -43,10 +43,13 @@ class Print:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """`gain` 1 shows white as 230. `gradient`: share of light lost or won from the middle to the right and the lower edge."""
+    """`gain` 1 shows white as 230. `gradient`: share of light lost or won from the middle to the right and the lower edge. `shadow`: from
+    this share of the width on to the right, three pixels soft, `shade` of the light is lost."""
 
     gain: float = 1.0
     gradient: tuple[float, float] = (0.0, 0.0)
+    shadow: float = 1.0
+    shade: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,17 +81,27 @@ class PrintCamera:
         self._rays = _ray_table(spec.model, spec.samples)
         self._limits = self._rays.min(axis=(0, 1)) - 0.05, self._rays.max(axis=(0, 1)) + 0.05
 
-    def take(self, world_from_cameras: Sequence[SE3], prints: Sequence[Print], light: Light | None = None) -> U8:
+    def take(
+        self,
+        world_from_cameras: Sequence[SE3],
+        prints: Sequence[Print],
+        light: Light | None = None,
+        more_blur_px: float = 0.0,
+    ) -> U8:
         """Return a picture uint8 (H, W). A print covers those before it in the list. Several poses are those of a moving camera, spread
-        evenly over the exposure."""
+        evenly over the exposure. `more_blur_px` comes on top of the lens's own."""
         model, light = self.spec.model, light if light is not None else Light()
         exposed = [self._project(pose, prints) for pose in world_from_cameras]
         image = np.mean(exposed, axis=0) if len(exposed) > 1 else exposed[0]
         u, v = np.linspace(-1.0, 1.0, model.width), np.linspace(-1.0, 1.0, model.height)
         gain = light.gain * (1.0 + light.gradient[0] * u[None, :] + light.gradient[1] * v[:, None])
+        if light.shade > 0.0:
+            edge = (np.arange(model.width) - light.shadow * model.width) / 3.0
+            gain = gain * (1.0 - light.shade * np.clip(edge + 0.5, 0.0, 1.0))
         image = (image * gain).astype(np.float32)
-        if self.spec.picture.blur_px > 0.0:
-            image = cv2.GaussianBlur(image, (0, 0), self.spec.picture.blur_px)
+        blur_px = float(np.hypot(self.spec.picture.blur_px, more_blur_px))
+        if blur_px > 0.0:
+            image = cv2.GaussianBlur(image, (0, 0), blur_px)
         sigma = self.spec.picture.noise
         if sigma > 0.0:
             share = np.sqrt(1.0 / 9.0 + np.clip(image, 0.0, 255.0) * (8.0 / 9.0 / 230.0))

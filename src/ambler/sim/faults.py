@@ -6,6 +6,12 @@ scanner_stuck    a scanner sends its last measurement again and again, with new 
 delayed_stamps   a scanner's messages come 0.2 s late and are stamped as if they had been measured then
 people           three people more, who walk straight ways chosen by the seed, far from the start; they stand outside of the time
 door             a sliding door closes (the target's name, or the one nearest to the start) and opens again at the end
+light            the light before the camera swells and fades between full and a quarter of it
+shadow           a shadow's edge wanders over the picture
+blur             the camera's lens is out of focus
+occlusion        a board hides half of a dock's first marker
+marker_missing   a dock's first marker is not there
+no_power         docks have contact but no current
 glass            two panels of wall become glass, which light passes and robots do not; from the start to the end of the run
 """
 
@@ -47,6 +53,12 @@ class FaultKind(enum.Enum):
     PEOPLE = "people"
     DOOR = "door"
     GLASS = "glass"
+    LIGHT = "light"
+    SHADOW = "shadow"
+    BLUR = "blur"
+    OCCLUSION = "occlusion"
+    MARKER_MISSING = "marker_missing"
+    NO_POWER = "no_power"
 
 
 TARGETED = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS, FaultKind.DOOR)
@@ -107,11 +119,11 @@ class FaultInjector:
 
     def slip(self, seconds: float) -> float:
         """Return the share of the wheels' way that is lost now."""
-        return SLIP if self._is_on(FaultKind.WHEEL_SLIP, seconds) else 0.0
+        return SLIP if self.is_on(FaultKind.WHEEL_SLIP, seconds) else 0.0
 
     def are_people_walking(self, seconds: float) -> bool:
         """Tell whether the people of the fault walk; those of the world always do."""
-        return self._is_on(FaultKind.PEOPLE, seconds)
+        return self.is_on(FaultKind.PEOPLE, seconds)
 
     def is_closing(self, door: str, seconds: float) -> bool:
         """Tell whether a door shall be closed."""
@@ -138,7 +150,8 @@ class FaultInjector:
             out.append(self._waiting.popleft()[1])
         return out
 
-    def _is_on(self, kind: FaultKind, seconds: float) -> bool:
+    def is_on(self, kind: FaultKind, seconds: float) -> bool:
+        """Tell whether a fault of this kind holds now."""
         return any(f.kind is kind and f.is_on(seconds) for f in self._faults)
 
     def _hits(self, kind: FaultKind, frame: str, seconds: float) -> bool:

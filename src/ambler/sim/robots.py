@@ -12,6 +12,7 @@ import numpy as np
 from ambler.core.errors import BadInputError
 from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
+from ambler.sim.camera import CameraSpec
 from ambler.sim.sensors import (
     LEG_ODOMETRY,
     MEMS_IMU,
@@ -182,4 +183,5 @@ def _amr_omni() -> SimRobot:
         track=0.6,
         wheel_base=0.8,
         strafe_loss=0.03,
+        camera=CameraSpec(rate_hz=12.5, exposure=0.005, samples=2),
     )

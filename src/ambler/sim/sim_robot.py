@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ambler.core.robot import RobotModel
+from ambler.sim.camera import CameraSpec
 from ambler.sim.sensors import GaitSpec, ImuSpec, LidarSpec, OdometrySpec, UltrasonicSpec
 
 
 @dataclass(frozen=True)
 class SimRobot:
-    """`lidars` maps sensor frames of the model to scanners, `ultrasonics` to transducers.
+    """`lidars` maps sensor frames of the model to scanners, `ultrasonics` to transducers; `camera` is what the model's mount of kind
+    `camera` carries.
 
     `wheel_radius` (0: legs) and `track` describe driven wheels; with a `wheel_base` (distance of the axles) there are four
     mecanum wheels, else two. `strafe_loss` is the share of a sideways motion that the rollers lose and the encoders count.
@@ -30,6 +32,7 @@ class SimRobot:
     gait: GaitSpec | None = None
     watchdog: float = 0.5
     ultrasonics: dict[str, UltrasonicSpec] = field(default_factory=dict)
+    camera: CameraSpec | None = None
 
     @property
     def sensor_height(self) -> float:

@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3, Vector3
 from ambler.sim.base import BaseController, Physics
-from ambler.sim.faults import Fault, FaultInjector, world_with_faults
+from ambler.sim.battery import Battery, BatterySpec
+from ambler.sim.dock_camera import DockCamera
+from ambler.sim.faults import Fault, FaultInjector, FaultKind, world_with_faults
 from ambler.sim.gait import Gait
 from ambler.sim.imu import ImuSensor
 from ambler.sim.kinematic_physics import KinematicPhysics
@@ -58,6 +61,7 @@ class SimulationOutput:
     odometry: list[m.Odometry] = field(default_factory=list)
     true_poses: list[m.Odometry] = field(default_factory=list)
     contacts: list[m.Contact] = field(default_factory=list)
+    batteries: list[m.BatteryState] = field(default_factory=list)
 
     def add(self, measured: m.LaserScan | m.PointCloud | m.Range | None) -> None:
         """Add what a scanner or transducer sent, if it sent anything."""
@@ -93,6 +97,10 @@ class Simulation:
             UltrasonicSensor(spec.perfect() if is_perfect else spec, frame, scene, seed)
             for frame, spec in robot.ultrasonics.items()
         ]
+        self.battery = Battery(BatterySpec(), world.docks) if world.docks else None
+        self.camera: DockCamera | None = None
+        if world.docks and robot.camera is not None and robot.model.camera is not None:
+            self.camera = DockCamera(robot.camera, robot.model.camera, world.docks, scene, self._faults, seed)
         self._mounts = {s.frame: s.base_from_sensor for s in robot.model.sensors}
         imu_spec = robot.imu.perfect() if is_perfect else robot.imu
         self._imu_frame = next(s.frame for s in robot.model.sensors if s.kind == "imu")
@@ -118,6 +126,16 @@ class Simulation:
         """The true pose of the base now."""
         return self._history[-1][1]
 
+    def pose_at(self, stamp_ns: int) -> SE3:
+        """The true pose of the base at an instant of the last quarter of a second, between ticks by equal shares of their motion."""
+        elapsed = stamp_ns - self._start_ns
+        after = next((k for k, (t, _) in enumerate(self._history) if t >= elapsed), len(self._history) - 1)
+        (t1, b), (t0, a) = self._history[after], self._history[max(after - 1, 0)]
+        if t1 == t0 or elapsed >= t1:
+            return b
+        step = a.to_se2().inverse() @ b.to_se2()
+        return a @ SE3.from_se2(SE2.exp(step.log() * ((elapsed - t0) / (t1 - t0))))
+
     def start_at(self, now_ns: int) -> None:
         """Let the simulation begin at this instant; only before the first step."""
         if self._is_started:
@@ -139,6 +157,15 @@ class Simulation:
             self._sense(out)
         return out
 
+    def take_picture(self) -> m.Image:
+        """Return what the camera sees now, stamped in the middle of its exposure; raises RuntimeError without a camera and docks."""
+        if self.camera is None:
+            raise RuntimeError("there is no camera, or nothing for it to see")
+        exposure_ns = round(self.camera.spec.exposure * 1e9)
+        poses = [pose for t, pose in self._history if t >= self._elapsed_ns - exposure_ns]
+        picture = self.camera.take(poses, self._elapsed_ns * 1e-9)
+        return m.Image(self.now_ns - exposure_ns // 2, self.camera.mount.frame, picture)
+
     def _tick(self) -> None:
         if len(self._crowd) and self._elapsed_ns % UPDATE_NS == 0:
             self._crowd.update(self._physics.carriage.to_se2(), self._faults, self._elapsed_ns * 1e-9)
@@ -149,6 +176,10 @@ class Simulation:
             self._lean = self._gait.update(target, TICK)
         self._elapsed_ns += TICK_NS
         self._history.append((self._elapsed_ns, self._true_pose()))
+        if self.battery is not None:
+            has_power = not self._faults.is_on(FaultKind.NO_POWER, self._elapsed_ns * 1e-9)
+            speed = abs(target.vx) + abs(target.vy)
+            self.battery.update(self._physics.carriage.to_se2(), speed, TICK, has_power=has_power)
         while self._history[0][0] < self._elapsed_ns - HISTORY_NS:
             self._history.popleft()
 
@@ -171,6 +202,9 @@ class Simulation:
     def _sense(self, out: SimulationOutput) -> None:
         now, elapsed = self.now_ns, self._elapsed_ns
         self._sense_contacts(out)
+        told = self.battery.told(now) if self.battery is not None else None
+        if told is not None:
+            out.batteries.append(told)
         if elapsed % self._imu_period_ns == 0:
             self._sense_imu(out)
         if elapsed % self._odometry_period_ns == 0:

@@ -67,6 +67,30 @@ class Door:
 
 
 @dataclass(frozen=True, slots=True)
+class SimMarker:
+    """A printed marker on a dock's panel: `y` to the left of the dock's line and `z` above the floor, metres."""
+
+    dictionary: str
+    number: int
+    size: float
+    y: float
+    z: float
+
+
+@dataclass(frozen=True, slots=True)
+class SimDock:
+    """A charging dock. `map_from_dock` is where the base stands when docked, x into the dock; the robot's front is then `front` metres
+    ahead, the lip with the contacts just beyond it, and the panel with the markers `panel` metres ahead of the base."""
+
+    name: str
+    map_from_dock: SE2
+    front: float
+    width: float
+    panel: float
+    markers: tuple[SimMarker, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class WorldSpec:
     """A world in the map frame. `world_from_start` is the start pose in the author's coordinates; `ceiling` inf: none."""
 
@@ -78,6 +102,7 @@ class WorldSpec:
     floor_albedo: float = 0.3
     people: tuple[Person, ...] = ()
     doors: tuple[Door, ...] = ()
+    docks: tuple[SimDock, ...] = ()
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (x_min, y_min, x_max, y_max) of all solids in the map frame."""

@@ -14,8 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.sim.dock_body import dock_solids
 from ambler.sim.floorplan import world_from_floor_plan, world_from_picture
-from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec, to_map_frame
+from ambler.sim.solids import Door, Person, Shape, SimDock, SimMarker, Solid, WorldSpec, to_map_frame
 
 WORLDS = Path(__file__).parent / "worlds"
 SUFFIXES = (".yaml", ".yml")
@@ -85,6 +86,23 @@ class _Person(_Entry):
     name: str | None = None
 
 
+class _Marker(_Entry):
+    dictionary: str = "4X4_50"
+    id: int = Field(ge=0)
+    size: float = Field(default=0.12, gt=0)
+    y: float = 0.0
+    z: float = Field(default=0.34, gt=0)
+
+
+class _Dock(_Entry):
+    name: str
+    pose: _Pose
+    front: float = Field(default=0.6, gt=0)
+    width: float = Field(default=0.6, gt=0)
+    panel: float = Field(default=0.95, gt=0)
+    markers: list[_Marker] = Field(min_length=1)
+
+
 class _World(_Entry):
     extends: str | None = None
     size: tuple[float, float] | None = None
@@ -98,9 +116,10 @@ class _World(_Entry):
     cylinders: list[_Cylinder] = []
     racks: list[_Rack] = []
     people: list[_Person] = []
+    docks: list[_Dock] = []
 
 
-LISTS = ("walls", "boxes", "cylinders", "racks", "people")
+LISTS = ("walls", "boxes", "cylinders", "racks", "people", "docks")
 
 
 def world_names() -> tuple[str, ...]:
@@ -138,7 +157,15 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
         for k, p in enumerate(entry.people)
     )
     doors = tuple(_to_map_door(d, start) for k, w in enumerate(entry.walls) for d in _doors(k, w, entry))
-    return WorldSpec(path.stem, to_map_frame(solids, start), start, ceiling, entry.friction, people=people, doors=doors)
+    docks = tuple(_dock(d, start) for d in entry.docks)
+    in_map = to_map_frame(solids, start) + tuple(solid for dock in docks for solid in dock_solids(dock))
+    return WorldSpec(path.stem, in_map, start, ceiling, entry.friction, people=people, doors=doors, docks=docks)
+
+
+def _dock(entry: _Dock, start: SE2) -> SimDock:
+    pose = SE2(entry.pose.x, entry.pose.y, math.radians(entry.pose.yaw_deg))
+    markers = tuple(SimMarker(k.dictionary, k.id, k.size, k.y, k.z) for k in entry.markers)
+    return SimDock(entry.name, start.inverse() @ pose, entry.front, entry.width, entry.panel, markers)
 
 
 def _to_map(x: float, y: float, start: SE2) -> tuple[float, float]:

@@ -1,0 +1,219 @@
+"""What docking is measured by: dockings from given and from random starts, with faults, and series of pictures of a dock.
+
+Every docking is a run of the whole robot in simulation with full noise. Results go line by line into a file, so that a study that was
+interrupted goes on where it ended.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ambler.apps.docking import DockingOptions, DockingRun, docks_of_world
+from ambler.apps.navigation import NavigationOptions
+from ambler.apps.run_folder import RunFolder
+from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.docking.detection import DockObservation
+from ambler.docking.marker_dock import MarkerDockDetector
+from ambler.evaluation.docking import DockingOutcome, SightErrors
+from ambler.nodes.dock_pilot import Errand, ErrandKind
+from ambler.perception.fiducials import FiducialDetector
+from ambler.sim.dock_body import marker_poses
+from ambler.sim.robots import robot_named
+from ambler.sim.sensors import named_generator
+from ambler.sim.simulation import Simulation, SimulationConfig
+from ambler.sim.solids import SimDock, WorldSpec
+from ambler.sim.truth import reachable_cells
+from ambler.sim.world import load_world
+
+WORLD, ROBOT, NAME = "dock_hall", "amr_omni", "charger_1"
+ROOM = 0.85  # metres from a random start to anything
+APPROACHES: dict[float, SE2] = {
+    1.0: SE2(-2.0, 0.2, 0.3),
+    3.0: SE2(-3.95, 0.6, -0.4),
+    9.0: SE2(-9.95, 0.7, 0.5),
+    12.5: SE2(-13.4, 1.2, -0.6),
+    25.0: SE2(-25.9, -1.0, 0.4),
+}
+"""Starts in the dock's frame by the metres of path to the staging pose 1 m before the dock, as in table 1 of source 002."""
+FAULTS = ("light", "shadow", "blur", "occlusion", "marker_missing", "no_power")
+TIME_LIMIT = 180.0
+PICTURES = 100
+CAMERA_TO_PANEL = 0.37  # metres that the camera of a docked robot is before the markers
+
+
+@dataclass(frozen=True, slots=True)
+class DockingCase:
+    """One docking: `start` in the dock's frame; `distance` is about the path to the staging pose."""
+
+    kind: str
+    seed: int
+    start: SE2
+    distance: float
+
+
+def random_cases(runs: int, seed: int, world_name: str = WORLD) -> list[DockingCase]:
+    """Return starts anywhere in the world that the robot can stand in, with any heading."""
+    world = load_world(world_name)
+    rng = named_generator(seed, "docking starts")
+    spec, is_clear = reachable_cells(world, ROOM, 0.1, 0.2)
+    cells = np.argwhere(is_clear)
+    staging = world.docks[0].map_from_dock @ SE2(-1.0, 0.0, 0.0)
+    cases = []
+    for k in range(runs):
+        iy, ix = cells[int(rng.integers(len(cells)))]
+        x, y = spec.center_of(int(iy), int(ix))
+        start = SE2(x, y, float(rng.uniform(-math.pi, math.pi)))
+        distance = math.hypot(x - staging.x, y - staging.y)
+        cases.append(DockingCase("random", seed + k, world.docks[0].map_from_dock.inverse() @ start, distance))
+    return cases
+
+
+def approach_cases(seed: int) -> list[DockingCase]:
+    """Return the five starts of the source."""
+    return [DockingCase("approach", seed + k, start, d) for k, (d, start) in enumerate(APPROACHES.items())]
+
+
+def fault_cases(runs: int, seed: int) -> list[DockingCase]:
+    """Return `runs` dockings from near for every fault of the camera and the charger."""
+    rng = named_generator(seed, "docking faults")
+    out = []
+    for fault in FAULTS:
+        for k in range(runs):
+            start = SE2(-2.0, float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5)))
+            out.append(DockingCase(fault, seed + k, start, 1.0))
+    return out
+
+
+def run_cases(cases: Sequence[DockingCase], results: Path, world: str = WORLD) -> Iterator[DockingOutcome]:
+    """Yield the outcome of every case; those already in `results` are not run again."""
+    known: dict[tuple[str, int], DockingOutcome] = {}
+    if results.exists():
+        for line in results.read_text(encoding="utf-8").splitlines():
+            earlier = DockingOutcome(**json.loads(line))
+            known[(earlier.kind, earlier.seed)] = earlier
+    results.parent.mkdir(parents=True, exist_ok=True)
+    for case in cases:
+        outcome = known.get((case.kind, case.seed))
+        if outcome is None:
+            outcome = run_case(case, results.parent / f"{case.kind}-{case.seed}", world)
+            with results.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(outcome.to_dict()) + "\n")
+        yield outcome
+
+
+def run_case(case: DockingCase, folder: Path, world: str = WORLD) -> DockingOutcome:
+    """Run one docking and judge it by its recording, which is deleted when the robot docked without a collision."""
+    plan = load_world(world)
+    start = plan.world_from_start @ plan.docks[0].map_from_dock @ case.start
+    faults = (case.kind,) if case.kind in FAULTS else ()
+    navigation = NavigationOptions(world=world, robot=ROBOT, seed=case.seed, port=None, faults=faults)
+    options = DockingOptions(navigation, (Errand(ErrandKind.DOCK, NAME),), start=start)
+    run = DockingRun(options, RunFolder(folder))
+    try:
+        run.run(TIME_LIMIT)
+        fields = run.judge()
+        outcome = _outcome(case, run, fields)
+    finally:
+        run.close()
+    if outcome.is_docked and outcome.collisions == 0:
+        shutil.rmtree(folder)
+    return outcome
+
+
+def _outcome(case: DockingCase, run: DockingRun, fields: dict[str, float | int | None]) -> DockingOutcome:
+    end = run.rounds.ends[0] if run.rounds is not None and run.rounds.ends else None
+    code = end.code if end is not None else run.ended.upper()
+    is_docked = code == "SUCCEEDED"
+    approach = docking = None
+    states = [] if run.rounds is None else run.rounds.states
+    aligned = next((t for t, state in states if state == "aligning"), None)
+    if end is not None and aligned is not None:
+        approach = (aligned - end.begun_ns) * 1e-9
+    if end is not None and end.report is not None and is_docked:
+        docking = end.report.docking_seconds
+    return DockingOutcome(
+        case.kind,
+        case.seed,
+        code,
+        "" if end is None else end.text,
+        0 if end is None or end.report is None else end.report.attempts,
+        case.distance,
+        approach,
+        docking,
+        fields["dock_error_x_m"] if is_docked else None,
+        fields["dock_error_y_m"] if is_docked else None,
+        fields["dock_error_yaw_deg"] if is_docked else None,
+        int(fields["collisions"] or 0),
+    )
+
+
+def measure_sights(seed: int, pictures: int = PICTURES, world: str = WORLD) -> list[SightErrors]:
+    """Look at the dock's first marker and at the dock from 1 m while the robot stands, and while it backs away at a slight angle."""
+    still = _series(seed, pictures, world, BodyVelocity())
+    moving = _series(seed + 1, pictures, world, BodyVelocity(-0.1, 0.02, 0.0))
+    names = ("marker_still", "dock_still"), ("marker_moving", "dock_moving")
+    return [
+        SightErrors(name, errors)
+        for pair, series in zip(names, (still, moving), strict=True)
+        for name, errors in zip(pair, series, strict=True)
+    ]
+
+
+def _series(seed: int, pictures: int, world: str, velocity: BodyVelocity) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors (N, 3) of the marker (along, across, yaw) and of the dock (x, y, yaw) in millimetres and degrees."""
+    plan = load_world(world)
+    begin = SE2(CAMERA_TO_PANEL - 1.0, 0.0, 0.0 if velocity == BodyVelocity() else 0.05)
+    start = plan.world_from_start @ plan.docks[0].map_from_dock @ begin
+    sim = Simulation(load_world(world, start), robot_named(ROBOT), SimulationConfig(seed))
+    marker_errors, dock_errors = [], []
+    look = _Look(sim)
+    for k in range(pictures):
+        for tick in range(8):
+            sim.command(velocity)
+            sim.step(10_000_000 * (8 * k + tick + 1))
+        seen = look.errors()
+        if seen is not None:
+            marker_errors.append(seen[0])
+            dock_errors.append(seen[1])
+    return np.array(marker_errors), np.array(dock_errors)
+
+
+class _Look:
+    """Compares what the detectors say of one picture with the truth at the middle of its exposure."""
+
+    def __init__(self, sim: Simulation) -> None:
+        assert sim.camera is not None
+        self._sim, self._world, self._mount = sim, sim.world, sim.camera.mount.base_from_sensor
+        self._dock = docks_of_world(self._world, Path("unsaved")).dock(NAME)
+        finder = FiducialDetector(sim.camera.spec.model, [m.spec for m in self._dock.markers])
+        self._finder, self._detector = finder, MarkerDockDetector(self._dock, finder, self._mount)
+
+    def errors(self) -> tuple[list[float], list[float]] | None:
+        """Return the errors of the first marker and of the dock; None when one was not seen."""
+        picture = self._sim.take_picture()
+        map_from_base = self._sim.pose_at(picture.stamp_ns)
+        first = self._dock.markers[0].spec
+        marker = next((s for s in self._finder.detect(picture.data) if s.marker == first), None)
+        dock = self._detector.detect(DockObservation(picture.stamp_ns, picture.data))
+        if marker is None or dock is None:
+            return None
+        camera_from_true = (map_from_base @ self._mount).inverse() @ marker_poses(_dock_of(self._world))[0]
+        turn = camera_from_true.inverse() @ marker.camera_from_marker
+        tx, _, tz = camera_from_true.translation
+        x, _, z = marker.camera_from_marker.translation
+        w, _, qy, _ = turn.rotation
+        along_across = [1e3 * (z - tz), 1e3 * (x - tx), math.degrees(wrap_angle(2.0 * math.atan2(qy, w)))]
+        away = (map_from_base.to_se2() @ dock.base_from_dock).inverse() @ self._dock.map_from_dock
+        return along_across, [-1e3 * away.x, -1e3 * away.y, -math.degrees(wrap_angle(away.yaw))]
+
+
+def _dock_of(world: WorldSpec) -> SimDock:
+    return next(dock for dock in world.docks if dock.name == NAME)

@@ -1,0 +1,82 @@
+"""`ambler eval docking`: how precisely docks are seen, how exactly, how often and how fast the robot docks, beside the source."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+PARTS = ("sights", "approach", "random", "faults")
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the sub-verb."""
+    parser: argparse.ArgumentParser = subparsers.add_parser("docking", help="precision, success and times of docking")
+    parser.add_argument("--runs", type=int, default=20, help="random starts (default: 20; 60 before a release)")
+    parser.add_argument("--fault-runs", type=int, default=2, help="runs per fault (default: 2; 20 before a release)")
+    parser.add_argument("--only", choices=PARTS, action="append", help="only this part; may be repeated")
+    parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
+    parser.add_argument("--out", type=Path, default=Path("runs/docking"), help="results of every run, pictures")
+    parser.add_argument("--pictures", type=Path, help="where box plots go (default: --out)")
+    parser.add_argument("--json", type=Path, help="write the summary as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure; a study that was interrupted goes on. 0: all docked within two attempts, or failed by a fault with a name."""
+    import time
+
+    from ambler.apps import docking_study as study
+    from ambler.core.errors import BadInputError
+    from ambler.evaluation import docking, docking_pictures
+    from ambler.evaluation.results import write_results
+    from ambler.kernels.warmup import imported_kernel_modules, warm_up
+
+    if args.runs < 1 or args.fault_runs < 1:
+        raise BadInputError("--runs and --fault-runs must be positive")
+    parts = tuple(args.only) if args.only else PARTS
+    warm_up(imported_kernel_modules())
+    started = time.perf_counter()
+    cases = []
+    if "approach" in parts:
+        cases += study.approach_cases(args.seed)
+    if "random" in parts:
+        cases += study.random_cases(args.runs, args.seed)
+    if "faults" in parts:
+        cases += study.fault_cases(args.fault_runs, args.seed)
+    outcomes = []
+    for outcome in study.run_cases(cases, args.out / "outcomes.jsonl"):
+        outcomes.append(outcome)
+        print(_line(outcome), flush=True)
+    fields: dict[str, Any] = docking.summarize(outcomes)
+    pictures = args.pictures if args.pictures is not None else args.out
+    if "sights" in parts:
+        sights = study.measure_sights(args.seed)
+        for series in sights:
+            fields |= series.summary()
+        docking_pictures.draw_sights(pictures / "docking_sights.png", sights)
+    if any(o.is_docked for o in outcomes):
+        docking_pictures.draw_final_errors(pictures / "docking_errors.png", outcomes)
+        docking_pictures.draw_times(pictures / "docking_times.png", outcomes)
+    print(docking.table(fields))
+    if args.json:
+        only = "".join(f" --only {part}" for part in args.only or ())
+        command = f"ambler eval docking --runs {args.runs} --fault-runs {args.fault_runs} --seed {args.seed}{only}"
+        write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
+    return 0 if all(_is_good(o) for o in outcomes) else 1
+
+
+def _is_good(outcome: Any) -> bool:
+    from ambler.runtime.tasks import DOCK_FAILURES
+
+    is_fault = outcome.kind not in ("random", "approach")
+    is_ended = (outcome.is_docked and outcome.attempts <= 2) or (is_fault and outcome.code in DOCK_FAILURES)
+    return is_ended and outcome.collisions == 0
+
+
+def _line(outcome: Any) -> str:
+    error = "" if outcome.error is None else f" {1e3 * outcome.error:.2f} mm {outcome.error_yaw_deg:+.3f}°"
+    approach = "" if outcome.approach_seconds is None else f" approach {outcome.approach_seconds:.1f} s"
+    final = "" if outcome.docking_seconds is None else f" docking {outcome.docking_seconds:.1f} s"
+    who = f"{outcome.kind} {outcome.seed} ({outcome.distance:.1f} m)"
+    return f"{who}: {outcome.code}, {outcome.attempts} attempts{approach}{final}{error}"

@@ -1,0 +1,139 @@
+"""What a docking robot sees of its dock: odometry, and pictures or scans through the dock's detector into the tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ambler.core.camera import CameraModel
+from ambler.core.errors import BadInputError, StaleInputError
+from ambler.core.messages import Image, LaserScan, Odometry
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.docking.detection import DockDetector, DockObservation, DockSighting
+from ambler.docking.dock import Dock, DockKind
+from ambler.docking.marker_dock import MarkerDockDetector
+from ambler.docking.reflector_dock import ReflectorDockDetector
+from ambler.docking.tracker import DockTrack, DockTracker, TrackerConfig
+from ambler.docking.v_shape_dock import VShapeDockDetector
+from ambler.perception.fiducials import FiducialDetector
+from ambler.perception.odometry_buffer import OdometryBuffer
+from ambler.perception.planar import PlanarConfig, scan_to_points
+
+Look = Callable[[], DockSighting | None]
+
+
+def detector_of(dock: Dock, robot: RobotModel, camera: CameraModel | None) -> DockDetector:
+    """Return what sees a dock; raises BadInputError for markers without a camera, or with one that was never calibrated."""
+    if dock.kind is DockKind.V_SHAPE:
+        return VShapeDockDetector(dock)
+    if dock.kind is DockKind.REFLECTORS:
+        return ReflectorDockDetector(dock)
+    if robot.camera is None or camera is None:
+        raise BadInputError(f"dock {dock.name} is recognized by markers, but there is no camera")
+    if not min(camera.fx, camera.fy) > 0.0:
+        raise BadInputError(f"camera {camera.name} is not calibrated: run `ambler calibrate camera`")
+    finder = FiducialDetector(camera, [m.spec for m in dock.markers])
+    return MarkerDockDetector(dock, finder, robot.camera.base_from_sensor)
+
+
+class DockSight:
+    """Follows one dock at a time. `begin` and `end` switch it; looks that were begun before are void."""
+
+    def __init__(self, robot: RobotModel, config: TrackerConfig | None = None) -> None:
+        self._robot = robot
+        self._tracker = DockTracker(config)
+        self._buffer = OdometryBuffer()
+        self._newest: Odometry | None = None
+        self._detector: DockDetector | None = None
+        self._kind: DockKind | None = None
+        self._series = 0
+        self._planar = PlanarConfig()
+
+    @property
+    def odom_from_base(self) -> SE2 | None:
+        """The newest pose of the base, None before the first."""
+        return None if self._newest is None else self._newest.pose.to_se2()
+
+    @property
+    def velocity(self) -> BodyVelocity:
+        """The newest velocity of the base; zero before the first odometry, without which nothing moves."""
+        odometry = self._newest
+        if odometry is None:
+            return BodyVelocity()
+        return BodyVelocity(odometry.linear[0], odometry.linear[1], odometry.angular[2])
+
+    @property
+    def series(self) -> int:
+        """Number of the present look-out; a sighting of another one is void."""
+        return self._series
+
+    @property
+    def wants_pictures(self) -> bool:
+        """Whether pictures tell anything about the dock looked for."""
+        return self._kind is DockKind.MARKERS
+
+    def begin(self, dock: Dock, detector: DockDetector) -> None:
+        """Look for a dock, with everything forgotten."""
+        self._detector, self._kind = detector, dock.kind
+        self._tracker.reset()
+        self._series += 1
+
+    def end(self) -> None:
+        """Look no more; what was seen last is kept until the next look-out."""
+        self._detector = self._kind = None
+        self._series += 1
+
+    def add_odometry(self, odometry: Odometry) -> None:
+        """Take odometry; the track drifts with it."""
+        self._newest = odometry
+        self._buffer.add(odometry)
+        self._tracker.move(odometry.pose.to_se2())
+
+    def track(self, now_ns: int) -> DockTrack | None:
+        """Return where the dock is, None while that is unknown."""
+        pose = self.odom_from_base
+        return None if pose is None else self._tracker.track(now_ns, pose)
+
+    def look_at_picture(self, image: Image, map_prior: SE2 | None) -> Look | None:
+        """Return pure work that finds the dock in a picture, or None when nobody looks. `map_prior` is the dock in the base frame by
+        the map, for as long as it was not seen."""
+        if self._detector is None or self._kind is not DockKind.MARKERS:
+            return None
+        return self._look(self._detector, DockObservation(image.stamp_ns, image.data), map_prior)
+
+    def look_at_scan(self, scan: LaserScan, map_prior: SE2 | None) -> Look | None:
+        """The same for a scan, of the base frame or of a mounted scanner."""
+        if self._detector is None or self._kind is DockKind.MARKERS:
+            return None
+        mount = SE3() if scan.frame == "base" else self._robot.sensor(scan.frame).base_from_sensor
+        v = self.velocity
+        points = scan_to_points(scan, mount, np.array([v.vx, v.vy, v.wz]), self._planar).points
+        bright = None
+        if len(scan.intensities) == len(scan.ranges):
+            near = max(self._planar.range_min, scan.range_min)
+            far = min(self._planar.range_max, scan.range_max)
+            bright = scan.intensities[(scan.ranges >= near) & (scan.ranges <= far)]
+        if bright is not None and len(bright) != len(points):
+            bright = None
+        observation = DockObservation(scan.stamp_ns, None, points.astype(np.float64), bright)
+        return self._look(self._detector, observation, map_prior)
+
+    def take(self, sighting: DockSighting, now_ns: int) -> bool:
+        """Take what a look found; False when the tracker refused it or odometry does not reach back."""
+        try:
+            odom_from_base = self._buffer.pose_at(sighting.stamp_ns)
+        except StaleInputError:
+            return False
+        return self._tracker.update(sighting, odom_from_base, now_ns)
+
+    def _look(self, detector: DockDetector, observation: DockObservation, map_prior: SE2 | None) -> Look | None:
+        try:
+            expected = self._tracker.expected(self._buffer.pose_at(observation.stamp_ns))
+        except StaleInputError:
+            return None
+        prior = expected if expected is not None else map_prior
+        return lambda: detector.detect(observation, prior)

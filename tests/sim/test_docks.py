@@ -1,0 +1,165 @@
+"""The simulated dock: contacts, battery, and what the camera shows of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ambler.core.camera import MarkerSpec
+from ambler.core.errors import BadInputError
+from ambler.core.messages import PowerSupply
+from ambler.core.se2 import SE2
+from ambler.perception.fiducials import FiducialDetector
+from ambler.sim.battery import Battery, BatterySpec
+from ambler.sim.dock_body import CONTACTS, LIP_GAP, marker_poses
+from ambler.sim.faults import Fault, FaultKind
+from ambler.sim.robots import robot_named
+from ambler.sim.simulation import Simulation, SimulationConfig
+from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.sim.world import load_world
+
+ROOM = load_world("dock_room")
+DOCK = ROOM.docks[0]
+SPEC = BatterySpec()
+
+
+def stand(battery: Battery, dock_from_base: SE2, seconds: float, *, has_power: bool = True) -> PowerSupply:
+    """Stand at a pose of the dock's frame; returns what the battery says at the end."""
+    told = None
+    for k in range(round(seconds / 0.005)):
+        battery.update(DOCK.map_from_dock @ dock_from_base, 0.0, 0.005, has_power=has_power)
+        told = battery.told(k) or told
+    assert told is not None
+    return told.supply
+
+
+@pytest.mark.parametrize(
+    ("pose", "meets"),
+    [
+        (SE2(), True),
+        (SE2(-0.0009, 0.0, 0.0), True),
+        (SE2(-0.0011, 0.0, 0.0), False),
+        (SE2(0.0, 0.0099, 0.0), True),
+        (SE2(0.0, -0.0101, 0.0), False),
+        (SE2(0.0, 0.0, math.radians(0.99)), True),
+        (SE2(0.0, 0.0, math.radians(-1.01)), False),
+        (SE2(-1.0, 0.0, 0.0), False),
+    ],
+)
+def test_contacts_close_within_tolerance_only(pose: SE2, meets: bool) -> None:
+    supply = stand(Battery(SPEC, ROOM.docks), pose, 0.5)
+    assert supply is (PowerSupply.CHARGING if meets else PowerSupply.DISCHARGING)
+
+
+def test_the_charge_is_the_integral_of_the_current() -> None:
+    away, battery = SE2(-1.0, 0.0, 0.0), Battery(SPEC, ROOM.docks, share=0.5)
+    stand(battery, away, 36.0)
+    assert math.isclose(battery.share, 0.5 - SPEC.idle_current * 36.0 / (3600.0 * SPEC.capacity_ah), rel_tol=1e-9)
+    before = battery.share
+    stand(battery, SE2(), 36.0 + SPEC.delay)
+    gained = SPEC.charge_current * 36.0 - SPEC.idle_current * SPEC.delay
+    assert math.isclose(battery.share - before, gained / (3600.0 * SPEC.capacity_ah), rel_tol=1e-3)
+    assert stand(Battery(SPEC, ROOM.docks, share=0.99999), SE2(), 1.0) is PowerSupply.FULL
+
+
+def test_without_power_there_is_contact_but_no_current() -> None:
+    assert stand(Battery(SPEC, ROOM.docks), SE2(), 1.0, has_power=False) is PowerSupply.NOT_CHARGING
+
+
+def test_a_stopped_charge_begins_again_when_the_contacts_close_anew() -> None:
+    battery = Battery(SPEC, ROOM.docks)
+    assert stand(battery, SE2(), 0.5) is PowerSupply.CHARGING
+    battery.stop_charging()
+    assert stand(battery, SE2(), 0.5) is PowerSupply.NOT_CHARGING
+    assert stand(battery, SE2(-0.1, 0.0, 0.0), 0.5) is PowerSupply.DISCHARGING
+    assert stand(battery, SE2(), 0.5) is PowerSupply.CHARGING
+
+
+def test_the_lip_stops_the_robot_a_little_beyond_the_docked_pose() -> None:
+    lip = next(s for s in ROOM.solids if s.name == DOCK.name + CONTACTS)
+    near = (DOCK.map_from_dock.inverse() @ lip.map_from_solid).x - 0.5 * lip.size_x
+    assert math.isclose(near, 0.6 + LIP_GAP)
+    assert lip.z_min < 0.04 < lip.z_max, "it is as low as the lower edge of the robot's body"
+
+
+def simulation(start: SE2, *faults: str, solids: tuple[Solid, ...] = ()) -> Simulation:
+    """A robot that stands at a pose of the dock's frame."""
+    world = load_world("dock_room", ROOM.world_from_start @ DOCK.map_from_dock @ start)
+    world = replace(world, solids=world.solids + solids)
+    config = SimulationConfig(physics="kinematic", faults=tuple(Fault.parse(f) for f in faults))
+    return Simulation(world, robot_named("amr_omni"), config)
+
+
+def seen(sim: Simulation) -> dict[int, float]:
+    """Distance in millimetres between where a marker is seen and where it is, by the marker's number."""
+    assert sim.camera is not None
+    specs = [MarkerSpec(m.dictionary, m.number, m.size) for m in DOCK.markers]
+    picture = sim.take_picture().data
+    found = {s.marker.number: s for s in FiducialDetector(sim.camera.spec.model, specs).detect(picture)}
+    map_from_camera = sim.map_from_base @ sim.camera.mount.base_from_sensor
+    errors = {}
+    for m, pose in zip(DOCK.markers, marker_poses(sim.world.docks[0]), strict=True):
+        if m.number in found:
+            at = (map_from_camera @ found[m.number].camera_from_marker).translation
+            errors[m.number] = 1e3 * math.dist(at, pose.translation)
+    return errors
+
+
+def test_the_camera_shows_the_markers_where_they_are() -> None:
+    errors = seen(simulation(SE2(-0.5, 0.03, 0.05)))
+    assert set(errors) == {3, 5, 8}
+    assert max(errors.values()) < 2.0
+    assert set(seen(simulation(SE2()))) == {3, 5, 8}, "they fit into the picture of a docked robot"
+
+
+def test_what_stands_between_hides_the_markers() -> None:
+    place = SE2(0.2, 0.0, 0.0)
+    board = Solid("board", Shape.BOX, place @ SE2(0.6, 0.0, 0.0), 0.02, 1.0, 0.0, 1.0)
+    assert not seen(simulation(SE2(-0.5, 0.0, 0.0), solids=(board,)))
+    low = replace(board, z_max=0.2)
+    assert len(seen(simulation(SE2(-0.5, 0.0, 0.0), solids=(low,)))) == 3
+
+
+@pytest.mark.parametrize(
+    ("fault", "numbers"),
+    [
+        ("light", {3, 5, 8}),
+        ("shadow", {3, 5, 8}),
+        ("blur", {3, 5, 8}),
+        ("occlusion", {5, 8}),
+        ("marker_missing", {5, 8}),
+    ],
+)
+def test_faults_of_the_picture(fault: str, numbers: set[int]) -> None:
+    sim = simulation(SE2(-0.4, 0.0, 0.0), fault)
+    clean = simulation(SE2(-0.4, 0.0, 0.0))
+    for s in (sim, clean):
+        s.step(1_000_000_000)
+    picture, other = (s.take_picture().data.astype(float) for s in (sim, clean))
+    assert np.abs(picture - other).mean() > 1.0, "the fault can be seen"
+    assert numbers - {8} <= set(seen(sim)) <= numbers
+    assert FaultKind(fault)
+
+
+def test_pictures_are_the_same_for_the_same_seed() -> None:
+    a, b = (simulation(SE2(-0.5, 0.0, 0.0)).take_picture() for _ in range(2))
+    assert np.array_equal(a.data, b.data)
+
+
+def test_without_docks_there_is_neither_camera_nor_battery() -> None:
+    sim = Simulation(load_world("two_rooms"), robot_named("amr_omni"), SimulationConfig(physics="kinematic"))
+    assert sim.camera is None
+    assert sim.battery is None
+    with pytest.raises(RuntimeError):
+        sim.take_picture()
+
+
+def test_a_dock_without_markers_is_refused(tmp_path) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text("start: {x: 1, y: 1}\ndocks: [{name: d, pose: {x: 1, y: 1}, markers: []}]\n")
+    with pytest.raises(BadInputError, match=r"docks\.0\.markers"):
+        load_world(path)
+    assert isinstance(ROOM, WorldSpec)
