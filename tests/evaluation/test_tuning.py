@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.evaluation.tuning import Ranked, TuningStudy, write_best, write_ranking
 from ambler.evaluation.tuning_report import effect, study_fields, write_study_report
@@ -189,3 +192,36 @@ def test_mistakes_in_the_file_are_named(text: str, named: str, tmp_path: Path) -
     path.write_text(text)
     with pytest.raises(BadInputError, match=named):
         load_space(path)
+
+
+def test_files_of_worlds_and_robots_make_names_fit_for_files() -> None:
+    names = {
+        Case(world, robot, 0).name
+        for world in ("office", "a/w.yaml", "b/w.yaml")
+        for robot in ("diff", "r/x.urdf", "s/x.urdf")
+    }
+    assert len(names) == 9
+    assert not any("/" in name for name in names)
+    assert Case("office", "diff+ultrasonic", 3).name == "office-diff+ultrasonic-3"
+
+
+@pytest.mark.parametrize("code", [130, -signal.SIGINT, -signal.SIGTERM])
+def test_an_interrupted_study_ends_with_130_and_keeps_nothing_of_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], code: int
+) -> None:
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, code))
+    space = {"parameters": {"rollout.near_speed": {"range": [0.2, 0.5]}}, "worlds": ["lab_empty"], "trials": 2}
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
+    assert main(["tune", str(tmp_path / "space.yaml"), "--out", str(tmp_path / "study")]) == 130
+    assert capsys.readouterr().err == "ambler: interrupted\n"
+    assert list((tmp_path / "study" / "results").iterdir()) == []
+
+
+def test_a_killed_run_ends_the_study_with_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, -signal.SIGKILL))
+    space = {"parameters": {"rollout.near_speed": {"range": [0.2, 0.5]}}, "worlds": ["lab_empty"], "trials": 2}
+    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
+    assert main(["tune", str(tmp_path / "space.yaml"), "--out", str(tmp_path / "study")]) == 1
+    assert "RUN_KILLED: 0000-lab_empty-diff-0" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -13,13 +14,22 @@ from typing import Any
 import yaml
 
 from ambler.apps.demo import DemoOptions, explorer_config
-from ambler.core.errors import BadInputError
+from ambler.core.errors import AmblerError, BadInputError
 from ambler.evaluation.tuning_space import Case, TuningSpace
+
+INTERRUPTED = (130, -signal.SIGINT, -signal.SIGTERM)  # Ctrl-C reaches the runs as well
+
+
+class RunKilledError(AmblerError):
+    """A run was ended from outside, by want of memory for example, which says nothing of its trial."""
+
+    code = "RUN_KILLED"
 
 
 @dataclass(frozen=True, slots=True)
 class DemoEvaluator:
     """Runs `ambler demo` with a profile and returns its result; a run that died has `ended` = crashed and its log's last line.
+    Raises KeyboardInterrupt for one that was interrupted, RunKilledError for one that was killed, BadInputError for a bad profile.
 
     `work` holds the folders of the runs under way and the logs; `options` are passed to every run.
     """
@@ -45,8 +55,10 @@ class DemoEvaluator:
         try:
             if code == 2:
                 raise BadInputError(f"{label}: {lines[-1]}")
+            if code in INTERRUPTED:
+                raise KeyboardInterrupt(label)
             if code < 0:
-                raise InterruptedError(f"{label}: ended by signal {-code}")
+                raise RunKilledError(f"{label}: its process was ended by signal {-code}; run the same command to go on")
             if not result.exists():
                 return {"ended": "crashed", "why": lines[-1]}
             metrics: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))

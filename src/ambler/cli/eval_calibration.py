@@ -6,7 +6,10 @@ import argparse
 import math
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ambler.evaluation.calibration import CalibrationDrive
 
 BARS = {"position_error_max_mm": 5.0, "yaw_error_max_deg": 0.1, "offset_error_max_ms": 2.0}
 
@@ -16,8 +19,13 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "calibration", help="mountings and clock offsets of scanners from a minute of driving"
     )
-    parser.add_argument("--runs", type=int, default=4, help="random mountings; two-wheeled and omni bases take turns")
-    parser.add_argument("--drive", choices=("differential", "omni", "both"), default="both")
+    parser.add_argument("--runs", type=int, default=10, help="random mountings (default: 10)")
+    parser.add_argument(
+        "--robot",
+        default="amr_omni",
+        help="a robot whose scanners sit a little beside their drawing, or `differential`, `omni`: a base with three scanners"
+        " anywhere (default: amr_omni)",
+    )
     parser.add_argument("--seconds", type=float, default=60.0, help="length of each drive")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
@@ -28,26 +36,25 @@ def run(args: argparse.Namespace) -> int:
     """Calibrate every drive; exit 1 when any error is beyond 5 mm, 0.1° or 2 ms."""
     import numpy as np
 
-    from ambler.core.robot import DriveKind
-    from ambler.evaluation.calibration import evaluate_drive, simulate_drive
+    from ambler.evaluation.calibration import evaluate_drive
     from ambler.evaluation.results import write_results
 
     begin = time.perf_counter()
-    kinds = [DriveKind.DIFFERENTIAL, DriveKind.OMNI] if args.drive == "both" else [DriveKind(args.drive)]
     rows, nees = [], []
     for k in range(args.runs):
-        kind = kinds[k % len(kinds)]
-        errors = evaluate_drive(simulate_drive(args.seed + k, kind, args.seconds))
+        errors = evaluate_drive(_drive(args.robot, args.seed + k, args.seconds))
         rows.append([1e3 * errors.position, math.degrees(errors.yaw), 1e3 * errors.offset])
         nees.append(errors.nees)
         print(
-            f"run {k} ({kind.value}): position {rows[-1][0]:.2f} mm, yaw {rows[-1][1]:.3f}°, clock {rows[-1][2]:.2f} ms;"
-            f" NEES {errors.nees:.2f}, {errors.result.pairs} pairs of scans, residual {1e3 * errors.result.residual_rms:.1f} mm"
+            f"seed {args.seed + k}: position {rows[-1][0]:.2f} mm, yaw {rows[-1][1]:.3f}°, clock {rows[-1][2]:.2f} ms;"
+            f" NEES {errors.nees:.2f}, {errors.result.pairs} pairs of scans, residual {1e3 * errors.result.residual_rms:.1f} mm",
+            flush=True,
         )
     worst = dict(zip(BARS, np.max(rows, axis=0).tolist(), strict=True))
     within = sum(all(e <= bar for e, bar in zip(row, BARS.values(), strict=True)) for row in rows)
     print(f"{within} of {args.runs} runs within 5 mm, 0.1° and 2 ms")
     fields = {
+        "robot": args.robot,
         "runs": args.runs,
         "within_bars": within,
         **worst,
@@ -58,5 +65,17 @@ def run(args: argparse.Namespace) -> int:
         "drive_seconds": args.seconds,
     }
     if args.json:
-        write_results(args.json, "eval calibration", args.seed, time.perf_counter() - begin, fields)
+        command = f"ambler eval calibration --robot {args.robot} --runs {args.runs} --seed {args.seed}"
+        write_results(args.json, command, args.seed, time.perf_counter() - begin, fields)
     return 0 if within == args.runs else 1
+
+
+def _drive(robot: str, seed: int, seconds: float) -> CalibrationDrive:
+    from ambler.core.robot import DriveKind
+    from ambler.evaluation.calibration import simulate_drive
+    from ambler.evaluation.robot_calibration import simulate_robot_drive
+    from ambler.sim.robots import robot_named
+
+    if robot in {kind.value for kind in DriveKind}:
+        return simulate_drive(seed, DriveKind(robot), seconds)
+    return simulate_robot_drive(robot_named(robot), seed, seconds)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -89,7 +90,14 @@ class Case:
     @property
     def name(self) -> str:
         """A name that is fit for a file."""
-        return f"{Path(self.world).stem}-{self.robot}-{self.seed}"
+        return f"{_file_name(self.world)}-{_file_name(self.robot)}-{self.seed}"
+
+
+def _file_name(name_or_path: str) -> str:
+    """Return the name itself, or a file's stem with a checksum of its path: equal stems in two folders stay apart."""
+    if Path(name_or_path).name == name_or_path and not Path(name_or_path).suffix:
+        return name_or_path
+    return f"{Path(name_or_path).stem}_{zlib.crc32(name_or_path.encode()):08x}"
 
 
 @dataclass(frozen=True, slots=True)
