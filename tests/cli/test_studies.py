@@ -46,7 +46,13 @@ def test_a_glass_summary_keeps_robots_and_variants_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [["faults", "--only", "gremlins"], ["glass", "--robots", "hovercraft"], ["glass", "--world", "nowhere"]]
+    "words",
+    [
+        ["faults", "--only", "gremlins"],
+        ["faults", "--robots", "hovercraft"],
+        ["glass", "--robots", "hovercraft"],
+        ["glass", "--world", "nowhere"],
+    ],
 )
 def test_studies_refuse_what_is_not_there(words: list[str], tmp_path: Path) -> None:
     assert main(["eval", *words, "--out", str(tmp_path)]) == 2

@@ -292,6 +292,50 @@ def test_home_that_cannot_be_reached_fails_by_name() -> None:
     assert not ended.result.is_home
 
 
+def test_the_way_home_is_tried_again_after_a_while_because_people_move_on() -> None:
+    play = Play(return_pause=8.0)
+    play.step()
+    drives = []
+    for _ in range(60):
+        for command in play.step():
+            match command:
+                case Ended():
+                    assert command.code == "RETURN_FAILED"
+                    times = np.array(drives[-3:])  # the way home, three times
+                    assert len(drives) == 3
+                    assert np.diff(times).min() >= 8.0
+                    return
+                case DriveTo():
+                    drives.append(play.now_ns / S)
+                    play.mission.drive_ended(command.drive, "NO_VALID_PATH", "somebody stands there")
+                case TurnAround():
+                    play.mission.drive_ended(command.drive, "SUCCEEDED", "")
+    raise AssertionError("the mission does not end")
+
+
+@pytest.mark.parametrize("pause", [4.0, 9.0])
+def test_a_robot_that_may_not_move_for_a_moment_goes_on(pause: float) -> None:
+    play = Play(frontier(12, 10, 2.0), held_timeout=10.0, progress_timeout=12.0)
+    play.drive()
+    for _ in range(3):
+        play.mission.hold("STALE_POINTS: laser", play.now_ns)
+        assert play.step(pause) == []
+        play.mission.hold("", play.now_ns)
+        assert play.step() == [], "time in which it may not move is no lack of progress"
+
+
+def test_a_robot_that_may_not_move_any_more_is_stuck_and_says_why() -> None:
+    play = Play(frontier(12, 10, 2.0), held_timeout=10.0)
+    play.drive()
+    for _ in range(10):
+        play.mission.hold("STALE_POINTS: laser", play.now_ns)
+        assert play.step() == []
+    stop, ended = play.step()
+    assert isinstance(stop, StopDriving)
+    assert isinstance(ended, Ended)
+    assert (ended.code, ended.text) == ("STUCK", "not allowed to move for 10 s: STALE_POINTS: laser")
+
+
 def test_home_is_the_pose_of_the_start() -> None:
     play = Play(frontier(12, 10, 2.0))
     play.drive()

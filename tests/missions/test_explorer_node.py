@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ambler.core.grid import GridSpec
-from ambler.core.messages import Frontiers, FrontierState, Status, Transforms, TransformStamped
+from ambler.core.messages import Frontiers, FrontierState, GateState, GateStatus, Status, Transforms, TransformStamped
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.exploration.grid_world import GridWorld
@@ -30,7 +30,7 @@ from ambler.runtime.tasks import (
     NavigateResult,
     Nothing,
 )
-from ambler.runtime.topics import FRONTIERS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS
+from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS
 
 
 def two_rooms() -> GridWorld:
@@ -115,11 +115,27 @@ class Client(Node):
         self.outcome = outcome
 
 
-def run(seconds: float, cancel_after: float | None = None) -> tuple[IdealRobot, Client]:
+class BrokenGate(Node):
+    """Says from a time on that the robot may not move."""
+
+    name = "gate"
+    outputs = (GATE_STATUS,)
+
+    def __init__(self, state: GateState) -> None:
+        self.state = state
+
+    def start(self) -> None:
+        self.ctx.after(3.0, lambda: self.ctx.timer(1.0, self._tell))
+
+    def _tell(self) -> None:
+        self.ctx.publish(GATE_STATUS, GateStatus(self.ctx.now_ns, self.state, "STALE_POINTS: rear_left", ""))
+
+
+def run(seconds: float, cancel_after: float | None = None, *others: Node) -> tuple[IdealRobot, Client]:
     survey = FrontierSurvey(SurveyConfig(), distance_field)
     explorer = ExplorerNode(ExploreConfig(), survey, strategy_named("tour", distance_field))
     robot, client = IdealRobot(two_rooms()), Client(cancel_after)
-    executor = LockstepExecutor(Stack([robot, explorer, client]))
+    executor = LockstepExecutor(Stack([robot, explorer, client, *others]))
     try:
         executor.run(seconds)
     finally:
@@ -154,3 +170,15 @@ def test_a_cancelled_exploration_stops_the_robot(seconds: float) -> None:
     assert client.outcome.code == "CANCELLED"
     assert robot.handle is None
     assert client.status[-1].code == "CANCELLED"
+
+
+def test_a_fault_of_the_gate_that_lasts_ends_the_exploration_with_its_reason() -> None:
+    _, client = run(17.0, None, BrokenGate(GateState.FAULT))
+    assert client.outcome is not None
+    assert client.outcome.code == "STUCK"
+    assert client.outcome.text.endswith("STALE_POINTS: rear_left")
+
+
+def test_a_paused_gate_is_a_persons_wish() -> None:
+    _, client = run(17.0, None, BrokenGate(GateState.PAUSED))
+    assert client.outcome is None

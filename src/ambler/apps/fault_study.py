@@ -33,7 +33,7 @@ class FaultCase:
 
 def fault_cases() -> tuple[FaultCase, ...]:
     """Return every case; a name stands once per robot."""
-    return (*_motion_cases(), *_scanner_cases(), *_world_cases())
+    return (*_world_cases(), *_scanner_cases(), *_motion_cases())
 
 
 def _motion_cases() -> list[FaultCase]:
@@ -52,7 +52,7 @@ def _scanner_cases() -> list[FaultCase]:
     def limits(begin: float, end: float, *says: str) -> FaultLimits:
         return FaultLimits(coverage=(0.97, MOST), ate_rms_max=0.10, stands=(begin, end), says=says)
 
-    lasting = FaultLimits(("lost",), stands=(15.0, math.inf), says=("STALE_POINTS",))
+    lasting = FaultLimits(("stuck",), stands=(15.0, math.inf), says=("STALE_POINTS",))
     return [
         FaultCase("scanner_dropout", "scanner_dropout:15:19", "diff", limits(15.0, 19.0, "STALE_POINTS")),
         FaultCase(

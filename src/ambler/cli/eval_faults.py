@@ -13,6 +13,7 @@ def add_parser(subparsers: Any) -> None:
         "faults", help="explore under every fault; no collision, and limits or a named failure"
     )
     parser.add_argument("--only", default="", help="comma-separated names of cases (default: all)")
+    parser.add_argument("--robots", default="diff,amr_omni", help="comma-separated (default: diff,amr_omni)")
     parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
     parser.add_argument("--runs", type=int, default=1, help="seeds per case (default: 1)")
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
@@ -33,13 +34,17 @@ def run(args: argparse.Namespace) -> int:
     names = sorted({case.name for case in fault_cases()})
     if wanted - set(names):
         raise BadInputError(f"no case {', '.join(sorted(wanted - set(names)))}; there are {', '.join(names)}")
-    cases = [case for case in fault_cases() if not wanted or case.name in wanted]
+    robots = set(args.robots.split(","))
+    of_robots = [case for case in fault_cases() if case.robot.partition("+")[0] in robots]
+    cases = [case for case in of_robots if not wanted or case.name in wanted]
+    if not cases:
+        raise BadInputError(f"no case for {args.robots}; there are some for diff and amr_omni")
     started = time.perf_counter()
     results = run_cases(cases, range(args.seed, args.seed + args.runs), args.out, args.processes)
     _print_table(results)
     if args.json:
         only = f" --only {args.only}" if args.only else ""
-        command = f"ambler eval faults --seed {args.seed} --runs {args.runs}{only}"
+        command = f"ambler eval faults --robots {args.robots} --seed {args.seed} --runs {args.runs}{only}"
         write_results(args.json, command, args.seed, time.perf_counter() - started, summarize(results))
     return 0 if not any(result["broken"] for result in results) else 1
 

@@ -43,6 +43,8 @@ class ExploreMission:
         self._surveyor = survey
         self._strategy = strategy
         self._drive = 0
+        self._held = ""
+        self._held_ns = 0
 
     def begin(self, goal: ExploreGoal, now_ns: int) -> None:
         """Start a new exploration; the pose at the first update is home."""
@@ -53,7 +55,7 @@ class ExploreMission:
         self._home: SE2 | None = None
         self._is_home = False
         self._goals_reached = 0
-        self._begun_ns = now_ns
+        self._begun_ns = self._held_ns = now_ns
         self._look_until_ns = 0
         self._has_turned = False
         self._has_swept = False
@@ -108,6 +110,14 @@ class ExploreMission:
             self._best_distance = math.inf
             self._progress_ns = self._still_ns = now_ns
 
+    def hold(self, reason: str, now_ns: int) -> None:
+        """Take why the robot may not move at all, empty when it may. What lasts ends the exploration with that reason."""
+        if reason and not self._held:
+            self._held_ns = now_ns
+        if self._held and not reason:
+            self.resume(now_ns)
+        self._held = reason
+
     def drive_ended(self, drive: int, code: str, text: str) -> bool:
         """Take the end of a drive; returns whether it is news, so that an update should follow. Earlier drives are not."""
         is_news = drive == self._drive and self.is_active
@@ -121,6 +131,9 @@ class ExploreMission:
             return []
         if self._drive_code == "LOST":
             return self._end(ExploreState.FAILED, "LOST", self._drive_text)
+        if self._held and now_ns - self._held_ns > self.config.held_timeout * 1e9:
+            text = f"not allowed to move for {self.config.held_timeout:.0f} s: {self._held}"
+            return self._end(ExploreState.FAILED, "STUCK", text)
         if view is None:
             if self.state is ExploreState.STARTING and now_ns - self._begun_ns > self.config.start_timeout * 1e9:
                 missing = f"no map, costmap or pose within {self.config.start_timeout:.0f} s"
@@ -224,7 +237,8 @@ class ExploreMission:
         if code is None:
             return []
         if self._returns < self.config.return_attempts:
-            return [ClearCosts(), *self._go_home()]
+            self._wait(view, self.config.return_pause, f"the way home is shut ({code}), waiting")
+            return [ClearCosts()]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
 
     # Steps that several states share.

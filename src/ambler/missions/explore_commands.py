@@ -40,6 +40,8 @@ class ExploreConfig:
     stuck_distance: float = 0.5
     min_reachable_area: float = 0.5
     return_attempts: int = 3
+    return_pause: float = 8.0
+    held_timeout: float = 10.0
     max_resumes: int = 5
     xy_tolerance: float = 0.3
     yaw_tolerance: float = 0.6

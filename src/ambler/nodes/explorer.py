@@ -6,7 +6,7 @@ import json
 from typing import Any, ClassVar
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import CostGrid, Frontiers, OccupancyGrid, Status, Transforms
+from ambler.core.messages import CostGrid, Frontiers, GateState, GateStatus, OccupancyGrid, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.exploration.strategies import Strategy
@@ -37,7 +37,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import FRONTIERS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS, Topic
+from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS, Topic
 
 Handle = GoalHandle[ExploreGoal, ExploreFeedback, ExploreResult]
 
@@ -47,7 +47,7 @@ class ExplorerNode(Node):
 
     name: ClassVar[str] = "explorer"
     inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
-    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATUS,)
+    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATUS, GATE_STATUS)
     outputs: ClassVar[tuple[Topic[Any], ...]] = (FRONTIERS, STATUS)
     serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (EXPLORE,)
     calls: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
@@ -71,6 +71,7 @@ class ExplorerNode(Node):
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costs)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(STATUS, self._on_status)
+        self.ctx.subscribe(GATE_STATUS, self._on_gate)
         self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
         self.ctx.timer(self._period, self._update)
 
@@ -91,6 +92,9 @@ class ExplorerNode(Node):
             self._mission.resume(self.ctx.now_ns)
             if self._mission.is_active and self._drive is not None:
                 self._carry_out([self._drive])
+
+    def _on_gate(self, gate: GateStatus) -> None:
+        self._mission.hold(gate.reason if gate.state is GateState.FAULT else "", self.ctx.now_ns)
 
     def _on_goal(self, handle: Handle) -> None:
         self._handle = handle
