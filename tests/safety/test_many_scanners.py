@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
 from ambler.core.messages import LaserScan, Odometry, VelocityCommand
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.runtime.tasks import GateRequest
 from ambler.runtime.topics import SCAN, SCANNERS, VELOCITY_COMMAND, Topic
 from ambler.sim.robots import robot_named
 
+COVARIANCES = (np.zeros((6, 6)), np.zeros((6, 6)))
 FRAMES = ("front_right", "front_left", "rear_left")
 
 
@@ -47,15 +49,18 @@ class HandMadeContext:
 class Bench:
     """A gate node with a robot that stands among far walls and wants to go sideways."""
 
-    def __init__(self) -> None:
-        self.node, self.context = GateNode(robot_named("amr_omni").model), HandMadeContext()
+    def __init__(self, clock_offsets: Mapping[str, float] | None = None) -> None:
+        self.node = GateNode(robot_named("amr_omni").model, clock_offsets=clock_offsets)
+        self.context = HandMadeContext()
         self.node.ctx = self.context  # type: ignore[assignment]
         self.node.start()
         self.context.callbacks["arm"](GateRequest("test", ""))
         self.y = 0.0
         self.rng = np.random.default_rng(0)
 
-    def run(self, seconds: float, frames: tuple[str, ...] = FRAMES, stuck: str = "") -> VelocityCommand:
+    def run(
+        self, seconds: float, frames: tuple[str, ...] = FRAMES, stuck: str = "", ahead_ns: int = 0
+    ) -> VelocityCommand:
         """Step for some seconds with scans of these frames; the base moves as commanded."""
         context = self.context
         for k in range(round(seconds / 0.02)):
@@ -70,7 +75,9 @@ class Bench:
                 ranges = (8.0 + noise).astype(np.float32)
                 step = 1.5 * np.pi / 720
                 context.callbacks["scanners"](
-                    LaserScan(context.now_ns, frame, -0.75 * np.pi, step, 0.0, 0.08, 0.05, 40.0, ranges, ranges)
+                    LaserScan(
+                        context.now_ns + ahead_ns, frame, -0.75 * np.pi, step, 0.0, 0.08, 0.05, 40.0, ranges, ranges
+                    )
                 )
             context.callbacks["velocity_request"](VelocityCommand(context.now_ns, 0.0, 0.4, 0.0))
             context.step()
@@ -108,3 +115,42 @@ def test_a_scanner_that_repeats_itself_stops_the_robot() -> None:
     assert bench.run(1.5, stuck="rear_left").vy == 0.0
     assert any(c.startswith("SCANNER_STUCK rear_left") for c in bench.context.codes)
     assert bench.run(2.0).vy > 0.3
+
+
+@pytest.mark.parametrize("ahead", [-0.08, 0.08])
+def test_a_point_lies_where_the_robot_was_when_its_clock_is_known(ahead: float) -> None:
+    """A wall 1.5 m ahead of a robot that drives at it with 1 m/s: the gate's distance is right to a millimetre, and 8 cm off without."""
+    model = robot_named("amr_omni").model
+    gaps = []
+    for offsets in ({"front_left": ahead}, None):
+        node, context = GateNode(model, clock_offsets=offsets), HandMadeContext()
+        node.ctx = context  # type: ignore[assignment]
+        node.start()
+        taken: list[tuple[int, np.ndarray, SE2]] = []
+        node.gate.update_points = lambda sensor, stamp, points, pose, taken=taken: taken.append((stamp, points, pose))  # type: ignore[assignment, misc]
+        begin_ns, still = context.now_ns, (0.0, 0.0, 0.0)
+        for k in range(40):
+            stamp_ns = begin_ns + 20_000_000 * k
+            pose = SE3((0.02 * k, 0.0, 0.0))
+            context.callbacks["odometry"](
+                Odometry(stamp_ns, "odom", "base", pose, (1.0, 0.0, 0.0), still, *COVARIANCES)
+            )
+        mount = next(m for m in model.scanners if m.frame == "front_left").base_from_sensor
+        measured_ns = begin_ns + 400_000_000  # the robot was at x = 0.4, the wall is at x = 1.9
+        forward = -mount.to_se2().yaw
+        distance = np.full(1, 1.5 - mount.translation[0], np.float32)
+        stamp_ns = measured_ns + round(ahead * 1e9)
+        scan = LaserScan(stamp_ns, "front_left", forward, 0.0, 0.0, 0.08, 0.05, 40.0, distance, distance[:0])
+        context.callbacks["scanners"](scan)
+        stamp, points, pose = taken[-1]
+        assert stamp == (measured_ns if offsets else stamp_ns)
+        gaps.append(float(pose.transform(points)[:, 0].mean()) - 1.9)
+    assert gaps[0] == pytest.approx(0.0, abs=1e-3)
+    assert gaps[1] == pytest.approx(ahead, abs=1e-3)
+
+
+def test_a_scanner_whose_clock_is_far_ahead_is_not_taken_for_fresh() -> None:
+    """Its clock is a second ahead; it fell silent half a second ago, and the gate knows."""
+    bench = Bench(clock_offsets=dict.fromkeys(FRAMES, 1.0))
+    assert bench.run(2.0, ahead_ns=1_000_000_000).vy > 0.3
+    assert bench.run(1.2, FRAMES[:2], ahead_ns=1_000_000_000).vy == 0.0

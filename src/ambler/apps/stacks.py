@@ -29,7 +29,7 @@ from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
 from ambler.perception.merger import MergerConfig
-from ambler.perception.scanner_profile import calibrated_robot, with_clock_offsets
+from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, with_clock_offsets
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner
 from ambler.runtime.node import Node
@@ -47,7 +47,7 @@ def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
         Slam2dNode(robot, config.slam2d),
         *_driving_nodes(robot, config),
         ExplorerNode(config.explore, survey, strategy_named(config.strategy, distances)),
-        GateNode(robot, config.gate),
+        GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners)),
     ]
 
 
@@ -62,7 +62,7 @@ def known_map_nodes(
         MapServerNode(spec, occupancy),
         LocalizationNode(robot, config.make_localizer, config.localization),
         *_driving_nodes(robot, config.driving),
-        GateNode(robot, config.driving.gate),
+        GateNode(robot, config.driving.gate, clock_offsets=clock_offsets(config.driving.scanners)),
     ]
 
 

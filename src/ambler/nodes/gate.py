@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -69,7 +70,9 @@ class GateNode(Node):
 
     `z_band` is the height above the floor in which points of a cloud are obstacles. The default reaches from 0.15 m to above the
     robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
-    each one's own scans, not the merged one: when one falls silent, the robot stops.
+    each one's own scans, not the merged one: when one falls silent, the robot stops. `clock_offsets` are the seconds by which a
+    scanner's clock is ahead, by frame: a point is taken from where the robot was when the beam was measured, and a scan is as old
+    as it is.
     """
 
     name = "gate"
@@ -80,8 +83,13 @@ class GateNode(Node):
     latency = 0.001
 
     def __init__(
-        self, robot: RobotModel, config: GateConfig | None = None, z_band: tuple[float, float] | None = None
+        self,
+        robot: RobotModel,
+        config: GateConfig | None = None,
+        z_band: tuple[float, float] | None = None,
+        clock_offsets: Mapping[str, float] | None = None,
     ) -> None:
+        self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._config = config if config is not None else GateConfig()
         self.gate = VelocityGate(self._config, robot)
         self._mounts = {m.frame: m for m in robot.sensors}
@@ -148,6 +156,9 @@ class GateNode(Node):
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
+        ahead_ns = self._ahead_ns.get(scan.frame, 0)
+        if ahead_ns:
+            scan = replace(scan, stamp_ns=scan.stamp_ns - ahead_ns)
         ends = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
         arc = (min(ends), max(ends))
         # Where one of several scanners does not look, another one does: only its blind zone asks for a memory.

@@ -57,6 +57,11 @@ def calibrated_robot(robot: RobotModel, calibrations: ScannerCalibrations) -> Ro
     return replace(robot, sensors=tuple(_calibrated(mount, calibrations) for mount in robot.sensors))
 
 
+def clock_offsets(calibrations: ScannerCalibrations) -> dict[str, float]:
+    """Return the seconds by which each scanner's clock is ahead."""
+    return {frame: calibration.clock_offset for frame, calibration in calibrations.items()}
+
+
 def with_clock_offsets(config: MergerConfig, calibrations: ScannerCalibrations) -> MergerConfig:
     """Return the merger's configuration with the scanners' clock offsets."""
     scanners = tuple(
