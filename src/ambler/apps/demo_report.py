@@ -18,6 +18,7 @@ from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, d
 from ambler.evaluation.report import Picture, collision_table, frontier_table, write_report
 from ambler.evaluation.results import machine_class
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
+from ambler.wire.glass_files import SUFFIX, load_glass
 from ambler.wire.map_files import load_map, save_map
 
 
@@ -76,7 +77,9 @@ def write_demo_report(demo: Demo, verdict: Verdict) -> Path:
     if demo.folder.map_stem.with_suffix(".yaml").exists():
         spec, occupancy = load_map(demo.folder.map_stem.with_suffix(".yaml"))
         paths = {"estimated": record.poses, "true": record.true_poses}
-        path = draw_map_with_trajectory(folder / "map.png", spec, occupancy, paths, remaining)
+        glass_file = demo.folder.map_stem.with_name(demo.folder.map_stem.name + SUFFIX)
+        glass = load_glass(glass_file).segments if glass_file.exists() else None
+        path = draw_map_with_trajectory(folder / "map.png", spec, occupancy, paths, remaining, glass)
         pictures.append(Picture("The map as it was built, with the estimated and the true path", path))
     if verdict.quality is not None:
         path = draw_overlay(verdict.quality, folder / "overlay.png")
