@@ -157,8 +157,9 @@ class DockMission:
         target = track.base_from_dock @ SE2(-self._now.dock.approach_distance, 0.0, 0.0)
         step = self._steer(view, target)
         x, y, yaw = step.error
-        # What lies between the robot and the dock's line counts; a little nearer or farther does not.
-        is_there = abs(y) < c.align_xy and abs(yaw) < c.align_yaw and abs(x) < 3.0 * c.align_xy
+        # What lies between the robot and the dock's line counts; how far before the dock it stands counts little.
+        is_before = -3.0 * c.align_xy < x < c.staging_near
+        is_there = abs(y) < c.align_xy and abs(yaw) < c.align_yaw and is_before
         if is_there and track.sightings >= c.align_sightings:
             self._enter(DockState.APPROACHING, f"going in, attempt {self.attempts + 1} of {c.attempts}")
             return self._approaching(view)
