@@ -23,6 +23,8 @@ from ambler.perception.fiducials import FiducialDetector
 from ambler.perception.odometry_buffer import OdometryBuffer
 from ambler.perception.planar import PlanarConfig, scan_to_points
 
+ODOMETRY_AGE_NS = 300_000_000
+
 Look = Callable[[], DockSighting | None]
 
 
@@ -87,8 +89,14 @@ class DockSight:
         self._detector = self._kind = None
         self._series += 1
 
+    def is_fresh(self, now_ns: int) -> bool:
+        """Say whether odometry that is a number came a moment ago."""
+        return self._newest is not None and now_ns - self._newest.stamp_ns <= ODOMETRY_AGE_NS
+
     def add_odometry(self, odometry: Odometry) -> None:
-        """Take odometry; the track drifts with it."""
+        """Take odometry; the track drifts with it. One that is no number is left out, and if that lasts, odometry is stale."""
+        if not np.isfinite([*odometry.pose.to_se2().as_array(), *odometry.linear, *odometry.angular]).all():
+            return
         self._newest = odometry
         self._buffer.add(odometry)
         self._tracker.move(odometry.pose.to_se2())

@@ -1,7 +1,7 @@
 """Docking on the bus: DOCK and UNDOCK in; drives, permissions, pictures and velocities out.
 
-The mission decides, this node carries its commands to the navigator, the gate, the camera and the charger. Velocities are
-requests to the gate under a source of their own, which takes over from navigation and falls silent when the mission ends.
+The mission decides, a carrier takes its commands to the other nodes. Velocities are requests to the gate under a source of their
+own, which takes over from navigation and falls silent when the mission ends.
 """
 
 from __future__ import annotations
@@ -10,49 +10,21 @@ import json
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from ambler.core.camera import CameraModel
-from ambler.core.errors import BadInputError, StaleInputError, TransformError
-from ambler.core.messages import (
-    BatteryState,
-    CameraInfo,
-    GateState,
-    GateStatus,
-    Image,
-    LaserScan,
-    PoseStamped,
-    PowerSupply,
-    Status,
-    Transforms,
-    VelocityCommand,
-)
-from ambler.core.protocols import BodyVelocity
+from ambler.core.errors import BadInputError, StaleInputError
+from ambler.core.messages import Image, LaserScan, PoseStamped, Status
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.core.transforms import TransformTree
 from ambler.docking.database import DockDatabase
 from ambler.docking.detection import DockDetector, DockSighting
 from ambler.docking.dock import Dock
 from ambler.docking.tracker import TrackerConfig
 from ambler.missions.dock import DockMission
-from ambler.missions.dock_commands import (
-    DockCommand,
-    DockConfig,
-    DockEnded,
-    DockState,
-    DockView,
-    LookForDock,
-    Move,
-    NavigateTo,
-    PermitApproach,
-    RevokeApproach,
-    StopCharging,
-    StopNavigation,
-)
+from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, DockView, LookForDock
+from ambler.nodes.dock_carrier import DockCarrier
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
-from ambler.runtime.node import GoalHandle, GoalTicket, Node, TaskOutcome
+from ambler.nodes.dock_state import RobotState
+from ambler.runtime.node import GoalHandle, Node, TaskOutcome
 from ambler.runtime.tasks import (
     CAMERA_PICTURES,
     DOCK,
@@ -62,14 +34,9 @@ from ambler.runtime.tasks import (
     STOP_CHARGING,
     TEACH_DOCK,
     UNDOCK,
-    ApproachRequest,
     DockFeedback,
     DockGoal,
     DockReport,
-    NavigateGoal,
-    NavigateResult,
-    Nothing,
-    PicturesRequest,
     TeachDockReply,
     TeachDockRequest,
     UndockGoal,
@@ -92,9 +59,6 @@ DockHandle = GoalHandle[DockGoal, DockFeedback, DockReport] | GoalHandle[UndockG
 PERIOD = 0.02
 DETECTION_TIME = 0.03  # seconds that looking at a picture or scan takes
 FEEDBACK_NS = 250_000_000
-PERMIT_NS = 100_000_000
-LEASE = 0.5  # seconds for which pictures are asked at a time; renewed at half of it
-MAP_AGE_NS = 1_500_000_000
 FROM_DOCK = 0.3  # metres from a dock's pose at which a robot without contact does not stand in it
 
 
@@ -128,62 +92,46 @@ class DockingNode(Node):
             self.calls = (*type(self).calls, CAMERA_PICTURES)  # type: ignore[assignment, misc]
         self.mission = DockMission(self._config.mission)
         self._sight = DockSight(robot, self._config.tracker)
-        self._tree = TransformTree(history=2.0)
-        self._map_ns: int | None = None
-        self._camera: CameraModel | None = None
-        self._supply: PowerSupply | None = None
-        self._is_held = False
+        self._state = RobotState()
         self._dock: Dock | None = None
         self._detector: DockDetector | None = None
         self._handle: DockHandle | None = None
-        self._ticket: GoalTicket | None = None
         self._is_looking = False
-        self._leased_ns = self._permitted_ns = self._fed_ns = -(1 << 62)
+        self._fed_ns = 0
         self._said: tuple[DockState, str] | None = None
+        self._misfit: str | None = None
 
     def start(self) -> None:
         """Subscribe, serve, and start the timer."""
+        self._carrier = DockCarrier(self.ctx, self.mission.drive_ended, self._switch_sight, self._end)
         self.ctx.subscribe(ODOMETRY, self._sight.add_odometry)
-        self.ctx.subscribe(TRANSFORMS, self._on_transforms)
+        self.ctx.subscribe(TRANSFORMS, self._state.take_transforms)
         self.ctx.subscribe(IMAGE, self._on_image)
         self.ctx.subscribe(SCAN, self._on_scan)
-        self.ctx.subscribe(CAMERA_INFO, self._on_camera)
-        self.ctx.subscribe(BATTERY, self._on_battery)
-        self.ctx.subscribe(GATE_STATUS, self._on_gate)
+        self.ctx.subscribe(CAMERA_INFO, self._state.take_camera)
+        self.ctx.subscribe(BATTERY, self._state.take_battery)
+        self.ctx.subscribe(GATE_STATUS, self._state.take_gate)
         self.ctx.serve_task(DOCK, self._on_dock, self._on_cancel)
         self.ctx.serve_task(UNDOCK, self._on_undock, self._on_cancel)
         self.ctx.serve(TEACH_DOCK, self._on_teach)
         self.ctx.timer(PERIOD, self._tick)
 
-    # Input
-
-    def _on_transforms(self, message: Transforms) -> None:
-        for edge in message.transforms:
-            self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
-            if edge.parent == "map":
-                self._map_ns = edge.stamp_ns
-
-    def _on_camera(self, info: CameraInfo) -> None:
-        self._camera = info.model
-
-    def _on_battery(self, battery: BatteryState) -> None:
-        self._supply = battery.supply
-
-    def _on_gate(self, status: GateStatus) -> None:
-        self._is_held = status.state is not GateState.ARMED
+    # Seeing
 
     def _on_image(self, image: Image) -> None:
-        camera = self._camera
+        camera = self._state.camera
         if self._sight.wants_pictures and camera is not None and image.data.shape != (camera.height, camera.width):
-            text = f"the camera sends {image.data.shape[1]} x {image.data.shape[0]} pictures, calibrated were {camera.width} x {camera.height}"
-            self._do(self.mission.cancel(), "NOT_CALIBRATED", text)
+            height, width = image.data.shape
+            self._misfit = f"pictures are {width} x {height}, calibrated were {camera.width} x {camera.height}"
+            self._carrier.do(self.mission.cancel())
             return
-        self._look(self._sight.look_at_picture(image, self._map_prior()))
+        self._look(self._sight.look_at_picture(image, self._base_from_dock()))
 
     def _on_scan(self, scan: LaserScan) -> None:
-        self._look(self._sight.look_at_scan(scan, self._map_prior()))
+        self._look(self._sight.look_at_scan(scan, self._base_from_dock()))
 
     def _look(self, look: Look | None) -> None:
+        """Look in the background, one at a time; what comes meanwhile is not looked at."""
         if look is None or self._is_looking:
             return
         self._is_looking, series = True, self._sight.series
@@ -197,84 +145,70 @@ class DockingNode(Node):
         pose = SE3.from_se2(sighting.base_from_dock)
         self.ctx.publish(DOCK_POSE, PoseStamped(sighting.stamp_ns, "base", pose))
 
-    def _map_from_base(self) -> SE2 | None:
-        """The pose in the map, None while it is unknown or old."""
-        if self._map_ns is None or self.ctx.now_ns - self._map_ns > MAP_AGE_NS:
-            return None
-        try:
-            return self._tree.lookup("map", "base").to_se2()
-        except TransformError:
-            return None
-
-    def _map_prior(self) -> SE2 | None:
-        map_from_base = self._map_from_base()
+    def _base_from_dock(self) -> SE2 | None:
+        """Where the dock is by the map."""
+        map_from_base = self._state.map_from_base(self.ctx.now_ns)
         if map_from_base is None or self._dock is None:
             return None
         return map_from_base.inverse() @ self._dock.map_from_dock
 
+    def _switch_sight(self, command: LookForDock) -> None:
+        if command.is_wanted and self._dock is not None and self._detector is not None:
+            self._sight.begin(self._dock, self._detector)
+        else:
+            self._sight.end()
+
     # Tasks
 
     def _on_dock(self, handle: GoalHandle[DockGoal, DockFeedback, DockReport]) -> None:
-        self._take_over()
-        try:
-            dock = self._database.dock(handle.goal.name)
-        except BadInputError as error:
-            self._refuse(handle, "UNKNOWN_DOCK", str(error))
+        dock = self._dock_for(handle, handle.goal.name)
+        if dock is None:
             return
         try:
-            self._detector = detector_of(dock, self._robot, self._camera)
+            self._detector = detector_of(dock, self._robot, self._state.camera)
         except BadInputError as error:
             self._refuse(handle, "NOT_CALIBRATED", str(error))
             return
-        if not self._is_ready(handle):
-            return
         self._handle, self._dock = handle, dock
-        self._do(self.mission.begin(dock, self.ctx.now_ns))
+        self._carrier.do(self.mission.begin(dock, self.ctx.now_ns))
 
     def _on_undock(self, handle: GoalHandle[UndockGoal, DockFeedback, DockReport]) -> None:
-        self._take_over()
-        try:
-            dock = self._database.dock(handle.goal.name)
-        except BadInputError as error:
-            self._refuse(handle, "UNKNOWN_DOCK", str(error))
+        dock = self._dock_for(handle, handle.goal.name)
+        if dock is None:
             return
-        here = self._map_from_base()
-        has_contact = self._supply in (PowerSupply.CHARGING, PowerSupply.NOT_CHARGING, PowerSupply.FULL)
-        if not has_contact and (here is None or here.distance_to(dock.map_from_dock) > FROM_DOCK):
+        here = self._state.map_from_base(self.ctx.now_ns)
+        if not self._state.has_contact and (here is None or here.distance_to(dock.map_from_dock) > FROM_DOCK):
             self._refuse(handle, "NOT_DOCKED", f"the robot does not stand in dock {dock.name}")
             return
-        if not self._is_ready(handle):
-            return
         self._handle, self._dock = handle, dock
-        self._do(self.mission.begin_undock(dock, self.ctx.now_ns))
+        self._carrier.do(self.mission.begin_undock(dock, self.ctx.now_ns))
 
-    def _on_cancel(self, handle: DockHandle) -> None:
-        if self._handle is handle:
-            self._do(self.mission.cancel())
-
-    def _take_over(self) -> None:
-        """End what is under way because another task begins."""
+    def _dock_for(self, handle: DockHandle, name: str) -> Dock | None:
+        """End what is under way, and return the dock of a new goal; None when the goal is refused."""
         if self._handle is not None:
             self._handle.is_preempted = True
-            self._do(self.mission.cancel())
-
-    def _is_ready(self, handle: DockHandle) -> bool:
+            self._carrier.do(self.mission.cancel())
         try:
-            self.ctx.newest(ODOMETRY)
-            is_ready = self._sight.odom_from_base is not None
-        except StaleInputError:
-            is_ready = False
-        if not is_ready:
-            self._refuse(handle, "STALE_INPUT", "there is no fresh odometry")
-        return is_ready
+            dock = self._database.dock(name)
+        except BadInputError as error:
+            self._refuse(handle, "UNKNOWN_DOCK", str(error))
+            return None
+        if not self._is_fresh():
+            self._refuse(handle, "STALE_INPUT", "there is no fresh odometry or scan")
+            return None
+        return dock
 
     def _refuse(self, handle: DockHandle, code: str, text: str) -> None:
         self._say(code, text)
         handle.fail(code, text)
 
+    def _on_cancel(self, handle: DockHandle) -> None:
+        if self._handle is handle:
+            self._carrier.do(self.mission.cancel())
+
     def _on_teach(self, request: TeachDockRequest) -> TeachDockReply:
         """Save where the robot stands; a BadInputError, when it does not know where or no such dock is described, is the reply."""
-        here = self._map_from_base()
+        here = self._state.map_from_base(self.ctx.now_ns)
         if here is None:
             raise BadInputError("the robot does not know where it is: a dock cannot be taught")
         taught = self._database.teach(self._database.dock(request.name), here)
@@ -287,97 +221,51 @@ class DockingNode(Node):
         pose = self._sight.odom_from_base
         if not self.mission.is_active or pose is None:
             return
-        now_ns = self.ctx.now_ns
-        self._lease_pictures(now_ns)
-        supply = self._supply
+        now_ns, state = self.ctx.now_ns, self._state
+        if self._may_see():
+            self._carrier.lease_pictures()
         view = DockView(
             now_ns,
             pose,
             self._sight.velocity,
-            self._map_from_base(),
+            state.map_from_base(now_ns),
             self._sight.track(now_ns),
-            None if supply is None else supply not in (PowerSupply.DISCHARGING, PowerSupply.UNKNOWN),
-            None if supply is None else supply in (PowerSupply.CHARGING, PowerSupply.FULL),
-            self._is_held,
+            state.has_contact,
+            state.is_charging,
+            state.is_held,
             self._is_fresh(),
         )
-        self._do(self.mission.update(view))
+        self._carrier.do(self.mission.update(view))
         self._tell(now_ns)
 
     def _is_fresh(self) -> bool:
         try:
-            return self.ctx.newest(ODOMETRY) is not None and self.ctx.newest(SCAN) is not None
+            is_known = self.ctx.newest(ODOMETRY) is not None and self.ctx.newest(SCAN) is not None
         except StaleInputError:
             return False
+        return is_known and self._sight.is_fresh(self.ctx.now_ns)
 
-    def _lease_pictures(self, now_ns: int) -> None:
-        """Ask for pictures while they can show the dock; on the way to it only from near."""
-        if not self._sight.wants_pictures or now_ns - self._leased_ns < 0.5 * LEASE * 1e9:
-            return
-        prior = self._map_prior()
-        is_far = prior is None or math.hypot(prior.x, prior.y) > self._config.sight or abs(prior.yaw) > 1.0
-        if self.mission.state is DockState.STAGING and is_far:
-            return
-        self._leased_ns = now_ns
-        self.ctx.call(CAMERA_PICTURES, PicturesRequest(LEASE), _ignore)
+    def _may_see(self) -> bool:
+        """Say whether pictures can show the dock; on the way to it only from near."""
+        if not self._sight.wants_pictures:
+            return False
+        if self.mission.state is not DockState.STAGING:
+            return True
+        dock = self._base_from_dock()
+        return dock is not None and math.hypot(dock.x, dock.y) < self._config.sight and abs(dock.yaw) < 1.0
 
-    def _do(self, commands: list[DockCommand], code: str | None = None, text: str = "") -> None:
-        """Carry out commands; `code` and `text` replace those of an end."""
-        for command in commands:
-            if isinstance(command, Move):
-                self._send(command.velocity)
-            elif isinstance(command, NavigateTo):
-                self._navigate(command)
-            elif isinstance(command, StopNavigation):
-                ticket, self._ticket = self._ticket, None
-                if ticket is not None:
-                    ticket.cancel()
-            elif isinstance(command, LookForDock):
-                if command.is_wanted and self._dock is not None and self._detector is not None:
-                    self._sight.begin(self._dock, self._detector)
-                else:
-                    self._sight.end()
-            elif isinstance(command, PermitApproach):
-                self._permit(command)
-            elif isinstance(command, RevokeApproach):
-                self._permitted_ns = -(1 << 62)
-                self.ctx.call(REVOKE_APPROACH, Nothing(), _ignore)
-            elif isinstance(command, StopCharging):
-                self.ctx.call(STOP_CHARGING, Nothing(), _ignore)
-            else:
-                self._end(command, code or command.code, text or command.text)
-
-    def _send(self, v: BodyVelocity) -> None:
-        self.ctx.publish(DOCKING_REQUEST, VelocityCommand(self.ctx.now_ns, v.vx, v.vy, v.wz))
-
-    def _navigate(self, command: NavigateTo) -> None:
-        def over(outcome: TaskOutcome[NavigateResult]) -> None:
-            self.mission.drive_ended(command.drive, outcome.code, outcome.text)
-
-        goal = NavigateGoal(command.map_from_goal, command.xy_tolerance, command.yaw_tolerance)
-        self._ticket = self.ctx.send_goal(NAVIGATE, goal, over)
-
-    def _permit(self, command: PermitApproach) -> None:
-        now_ns = self.ctx.now_ns
-        if now_ns - self._permitted_ns < PERMIT_NS:
-            return
-        self._permitted_ns = now_ns
-        outline = np.array(command.outline)
-        request = ApproachRequest(command.odom_from_dock, outline, command.overrun, command.seconds)
-        self.ctx.call(PERMIT_APPROACH, request, _ignore)
-
-    def _end(self, ended: DockEnded, code: str, text: str) -> None:
+    def _end(self, ended: DockEnded) -> None:
         handle, self._handle = self._handle, None
-        result = ended.result
+        code, text, result = ended.code, ended.text, ended.result
+        if self._misfit is not None:
+            code, text, self._misfit = "NOT_CALIBRATED", self._misfit, None
         report = DockReport(result.attempts, result.seconds, result.docking_seconds, result.base_from_dock)
         self._say(code, text)
-        if code == "SUCCEEDED" and self.mission.state is DockState.DOCKED:
+        if self.mission.state is DockState.DOCKED:
             self._refine(result.map_from_base)
-        if handle is None:
-            return
-        if code == "CANCELLED":
+        if handle is not None and code == "CANCELLED":
             handle.cancelled(report)
-        else:
+        elif handle is not None:
             handle.end(TaskOutcome(code, text, report))
 
     def _refine(self, map_from_base: SE2 | None) -> None:
@@ -392,13 +280,14 @@ class DockingNode(Node):
         mission = self.mission
         if not mission.is_active:
             return
-        if self._said != (mission.state, mission.text):
+        is_news = self._said != (mission.state, mission.text)
+        if is_news:
             self._said = (mission.state, mission.text)
             self._say(mission.state.name, mission.text)
-            self._fed_ns = now_ns - FEEDBACK_NS
-        if self._handle is not None and now_ns - self._fed_ns >= FEEDBACK_NS:
+        if self._handle is not None and (is_news or now_ns - self._fed_ns >= FEEDBACK_NS):
             self._fed_ns = now_ns
-            self._handle.feedback(DockFeedback(mission.state.value, mission.text, mission.attempts, mission.distance))
+            feedback = DockFeedback(mission.state.value, mission.text, mission.attempts, mission.distance)
+            self._handle.feedback(feedback)
 
     def _say(self, code: str, text: str) -> None:
         mission = self.mission
@@ -406,7 +295,3 @@ class DockingNode(Node):
         fields = {"dock": dock, "attempts": mission.attempts, "distance": mission.distance}
         self.ctx.log(f"DOCKING_{code}", text, **fields)
         self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, text, json.dumps(fields)))
-
-
-def _ignore(reply: object) -> None:
-    """What a service says is seen in what happens next: no picture, no permission, no end of the current."""

@@ -1,0 +1,283 @@
+"""The docking node on the bus, in lockstep, with a node that plays the robot, its navigator, its gate and its charger."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambler.core.camera import CameraModel
+from ambler.core.messages import (
+    BatteryState,
+    CameraInfo,
+    LaserScan,
+    Odometry,
+    PowerSupply,
+    Transforms,
+    TransformStamped,
+    VelocityCommand,
+)
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.docking.database import DockDatabase
+from ambler.nodes.docking import DockingNode
+from ambler.runtime.lockstep import LockstepExecutor
+from ambler.runtime.node import GoalHandle, GoalTicket, Node, TaskOutcome
+from ambler.runtime.stack import Stack
+from ambler.runtime.tasks import (
+    CAMERA_PICTURES,
+    DOCK,
+    DOCK_FAILURES,
+    NAVIGATE,
+    PERMIT_APPROACH,
+    REVOKE_APPROACH,
+    STOP_CHARGING,
+    TEACH_DOCK,
+    UNDOCK,
+    DockFeedback,
+    DockGoal,
+    DockReport,
+    GateReply,
+    NavigateResult,
+    Nothing,
+    TeachDockRequest,
+    UndockGoal,
+)
+from ambler.runtime.topics import BATTERY, CAMERA_INFO, DOCKING_REQUEST, ODOMETRY, SCAN, TRANSFORMS
+from ambler.sim.robots import robot_named
+from tests.docking.docks import MARKER_DOCK, REFLECTORS
+
+STRIPS = replace(REFLECTORS, map_from_dock=SE2(4.0, 1.0, 0.5))
+MAP_FROM_ODOM = SE2(1.0, -2.0, 0.7)
+PERIOD = 0.02
+
+
+class Peers(Node):
+    """A robot that goes wherever it is asked to go and sees nothing."""
+
+    name = "peers"
+    inputs = (DOCKING_REQUEST,)
+    outputs = (ODOMETRY, TRANSFORMS, SCAN, BATTERY, CAMERA_INFO)
+    serves = (NAVIGATE, PERMIT_APPROACH, REVOKE_APPROACH, STOP_CHARGING, CAMERA_PICTURES)
+
+    def __init__(self, pose: SE2, supply: PowerSupply = PowerSupply.DISCHARGING) -> None:
+        self.pose, self.supply = pose, supply
+        self.camera: CameraModel | None = None
+        self.is_located = True
+        self.drive: GoalHandle[Any, Any, Any] | None = None
+        self.command = VelocityCommand(0, 0.0, 0.0, 0.0)
+        self.calls_seen: list[str] = []
+
+    def start(self) -> None:
+        self.ctx.subscribe(DOCKING_REQUEST, self._on_command)
+        self.ctx.serve_task(NAVIGATE, self._on_drive, self._on_cancel)
+        for service, reply in (
+            (PERMIT_APPROACH, GateReply(True, "")), (REVOKE_APPROACH, Nothing()), (STOP_CHARGING, Nothing()), (CAMERA_PICTURES, Nothing()),
+        ):  # fmt: skip
+            self.ctx.serve(service, self._answer(service.name, reply))
+        self.ctx.timer(PERIOD, self._tick)
+
+    def _answer(self, name: str, reply: Any) -> Callable[[Any], Any]:
+        def answer(request: Any) -> Any:
+            self.calls_seen.append(name)
+            if name == STOP_CHARGING.name:
+                self.supply = PowerSupply.NOT_CHARGING
+            return reply
+
+        return answer
+
+    def _on_command(self, command: VelocityCommand) -> None:
+        self.command = command
+
+    def _on_drive(self, handle: GoalHandle[Any, Any, Any]) -> None:
+        self.drive = handle
+        self.ctx.after(0.5, lambda: self._arrive(handle))
+
+    def _arrive(self, handle: GoalHandle[Any, Any, Any]) -> None:
+        if handle is self.drive and handle.is_active:
+            self.pose, self.drive = handle.goal.map_from_goal, None
+            handle.succeed(NavigateResult(self.pose, 0.0, 0))
+
+    def _on_cancel(self, handle: GoalHandle[Any, Any, Any]) -> None:
+        self.drive = None
+        handle.cancelled()
+
+    def _tick(self) -> None:
+        now_ns, c = self.ctx.now_ns, self.command
+        if now_ns - c.stamp_ns < 300_000_000:
+            self.pose = self.pose @ SE2.exp(np.array([c.vx, c.vy, c.wz]) * PERIOD)
+        odom = SE3.from_se2(MAP_FROM_ODOM.inverse() @ self.pose)
+        zeros = np.zeros((6, 6))
+        self.ctx.publish(
+            ODOMETRY, Odometry(now_ns, "odom", "base", odom, (c.vx, c.vy, 0.0), (0.0, 0.0, c.wz), zeros, zeros.copy())
+        )
+        edges = [TransformStamped(now_ns, "odom", "base", odom)]
+        if self.is_located:
+            edges.append(TransformStamped(now_ns, "map", "odom", SE3.from_se2(MAP_FROM_ODOM)))
+        self.ctx.publish(TRANSFORMS, Transforms(now_ns, tuple(edges)))
+        nothing = np.full(100, np.inf, np.float32)
+        self.ctx.publish(
+            SCAN, LaserScan(now_ns, "base", -3.0, 0.06, 0.0, 0.1, 0.05, 30.0, nothing, np.empty(0, np.float32))
+        )
+        self.ctx.publish(BATTERY, BatteryState(now_ns, "base", 48.0, -2.0, 0.5, self.supply))
+        if self.camera is not None:
+            self.ctx.publish(CAMERA_INFO, CameraInfo(now_ns, "camera", self.camera))
+
+
+class Client(Node):
+    """Asks for one thing after another, each so many seconds after the one before, and keeps the outcomes."""
+
+    name = "client"
+    calls = (DOCK, UNDOCK, TEACH_DOCK)
+
+    def __init__(self, asks: list[tuple[float, Any]]) -> None:
+        self.asks = asks
+        self.outcomes: list[TaskOutcome[DockReport]] = []
+        self.feedback: list[DockFeedback] = []
+        self.replies: list[Any] = []
+        self.ticket: GoalTicket | None = None
+
+    def start(self) -> None:
+        for seconds, ask in self.asks:
+            self.ctx.after(seconds, lambda ask=ask: self._do(ask))
+
+    def _do(self, ask: Any) -> None:
+        if ask == "cancel":
+            assert self.ticket is not None
+            self.ticket.cancel()
+        elif isinstance(ask, TeachDockRequest):
+            self.ctx.call(TEACH_DOCK, ask, self.replies.append)
+        elif isinstance(ask, DockGoal):
+            self.ticket = self.ctx.send_goal(DOCK, ask, self.outcomes.append, self.feedback.append)
+        else:
+            self.ticket = self.ctx.send_goal(UNDOCK, ask, self.outcomes.append, self.feedback.append)
+
+
+def play(
+    tmp_path: Path, peers: Peers, asks: list[tuple[float, Any]], seconds: float = 60.0
+) -> tuple[Client, DockDatabase, DockingNode]:
+    path = tmp_path / "docks.yaml"
+    database = DockDatabase(path, {STRIPS.name: STRIPS, MARKER_DOCK.name: MARKER_DOCK})
+    client, node = Client(asks), DockingNode(robot_named("amr_omni").model, database)
+    executor = LockstepExecutor(Stack([peers, node, client]))
+    executor.run(seconds)
+    executor.close()
+    assert executor.failure is None
+    return client, database, node
+
+
+def codes(client: Client) -> list[str]:
+    return [outcome.code for outcome in client.outcomes]
+
+
+def test_an_unseen_dock_ends_with_its_name_and_a_robot_at_rest(tmp_path: Path) -> None:
+    peers = Peers(SE2(1.0, 1.0, 0.0))
+    client, _, _ = play(tmp_path, peers, [(0.5, DockGoal("strips"))], 100.0)
+    assert codes(client) == ["DOCK_NOT_SEEN"]
+    assert "strips" in client.outcomes[0].text
+    states = [f.state for f in client.feedback]
+    assert states[0] == "staging"
+    assert "searching" in states
+    assert peers.command.vx == peers.command.vy == peers.command.wz == 0.0
+    assert peers.drive is None
+    assert REVOKE_APPROACH.name in peers.calls_seen
+    assert CAMERA_PICTURES.name not in peers.calls_seen, "reflectors need no pictures"
+
+
+def test_undocking_stops_the_charge_and_backs_out_by_the_approach_distance(tmp_path: Path) -> None:
+    peers = Peers(STRIPS.map_from_dock, PowerSupply.CHARGING)
+    client, _, _ = play(tmp_path, peers, [(0.5, UndockGoal("strips"))], 30.0)
+    assert codes(client) == ["SUCCEEDED"]
+    assert peers.calls_seen.count(STOP_CHARGING.name) == 1
+    assert peers.pose.distance_to(STRIPS.map_from_staging) < 0.06
+    assert abs(peers.pose.yaw - STRIPS.map_from_dock.yaw) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("goal", "code", "word"),
+    [
+        (DockGoal("nowhere"), "UNKNOWN_DOCK", "charger, strips"),
+        (UndockGoal("nowhere"), "UNKNOWN_DOCK", "charger, strips"),
+        (UndockGoal("strips"), "NOT_DOCKED", "strips"),
+        (DockGoal("charger"), "NOT_CALIBRATED", "camera"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_a_reason(tmp_path: Path, goal: Any, code: str, word: str) -> None:
+    peers = Peers(SE2(1.0, 1.0, 0.0))
+    client, _, node = play(tmp_path, peers, [(0.5, goal)], 3.0)
+    assert codes(client) == [code]
+    assert code in DOCK_FAILURES
+    assert word in client.outcomes[0].text
+    assert not node.mission.is_active
+    assert peers.pose == SE2(1.0, 1.0, 0.0)
+
+
+def test_a_camera_without_a_focal_length_is_refused(tmp_path: Path) -> None:
+    peers = Peers(SE2(1.0, 1.0, 0.0))
+    peers.camera = CameraModel("camera", 640, 480, 0.0, 0.0, 319.5, 239.5)
+    client, _, _ = play(tmp_path, peers, [(0.5, DockGoal("charger"))], 3.0)
+    assert codes(client) == ["NOT_CALIBRATED"]
+    assert "ambler calibrate camera" in client.outcomes[0].text
+
+
+def test_pictures_are_asked_for_only_near_the_dock(tmp_path: Path) -> None:
+    peers = Peers(MARKER_DOCK.map_from_dock @ SE2(-8.0, 0.0, 0.0))
+    peers.camera = CameraModel("camera", 640, 480, 554.0, 554.0, 319.5, 239.5)
+    play(tmp_path, peers, [(0.1, DockGoal("charger"))], 0.55)
+    assert CAMERA_PICTURES.name not in peers.calls_seen
+    peers = Peers(MARKER_DOCK.map_from_dock @ SE2(-8.0, 0.0, 0.0))
+    peers.camera = CameraModel("camera", 640, 480, 554.0, 554.0, 319.5, 239.5)
+    play(tmp_path, peers, [(0.1, DockGoal("charger"))], 2.7)
+    assert 5 <= peers.calls_seen.count(CAMERA_PICTURES.name) <= 10, "a lease of half a second, renewed at half of it"
+
+
+def test_cancelled_at_any_instant_it_stands(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    for seconds in rng.uniform(0.52, 30.0, 6):
+        peers = Peers(SE2(1.0, 1.0, 0.0))
+        client, _, node = play(tmp_path, peers, [(0.5, DockGoal("strips")), (seconds, "cancel")], seconds + 1.0)
+        assert codes(client) == ["CANCELLED"]
+        assert not node.mission.is_active
+        assert peers.drive is None
+        assert (peers.command.vx, peers.command.vy, peers.command.wz) == (0.0, 0.0, 0.0)
+
+
+def test_a_newer_task_takes_the_place_of_the_one_under_way(tmp_path: Path) -> None:
+    peers = Peers(STRIPS.map_from_dock @ SE2(-0.1, 0.0, 0.0), PowerSupply.NOT_CHARGING)
+    asks = [(0.5, DockGoal("strips")), (0.7, UndockGoal("strips"))]
+    client, _, _ = play(tmp_path, peers, asks, 30.0)
+    assert codes(client) == ["PREEMPTED", "SUCCEEDED"]
+    peers = Peers(SE2(1.0, 1.0, 0.0))
+    client, _, _ = play(tmp_path, peers, [(0.5, DockGoal("strips")), (0.7, DockGoal("strips")), (2.0, "cancel")], 4.0)
+    assert codes(client) == ["PREEMPTED", "CANCELLED"]
+
+
+def test_a_dock_is_taught_where_the_robot_stands(tmp_path: Path) -> None:
+    stand = SE2(2.5, -1.0, 0.3)
+    client, _, _ = play(tmp_path, Peers(stand), [(0.5, TeachDockRequest("strips"))], 1.0)
+    assert client.replies[0].map_from_dock.distance_to(stand) < 1e-9
+    saved = DockDatabase.load(tmp_path / "docks.yaml").dock("strips")
+    assert saved.map_from_dock.distance_to(stand) < 1e-9
+    assert math.isclose(saved.map_from_dock.yaw, stand.yaw)
+    lost = Peers(stand)
+    lost.is_located = False
+    client, _, _ = play(tmp_path, lost, [(0.5, TeachDockRequest("strips"))], 1.0)
+    assert "does not know where it is" in str(client.replies[0])
+
+
+def test_odometry_that_is_no_number_ends_the_docking(tmp_path: Path) -> None:
+    class Broken(Peers):
+        def _tick(self) -> None:
+            if self.ctx.now_ns > 2_000_000_000:
+                self.pose = SE2(math.nan, 0.0, 0.0)
+            super()._tick()
+
+    peers = Broken(SE2(1.0, 1.0, 0.0))
+    client, _, _ = play(tmp_path, peers, [(0.5, DockGoal("strips"))], 6.0)
+    assert codes(client) == ["STALE_INPUT"]
+    assert (peers.command.vx, peers.command.vy, peers.command.wz) == (0.0, 0.0, 0.0)
