@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from ambler.core.messages import LaserScan
+from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind
 from ambler.core.se2 import SE2
-from ambler.evaluation.calibration import evaluate_drive, simulate_drive
+from ambler.evaluation.calibration import Motion, calibration_motion, evaluate_drive, simulate_drive
 from ambler.evaluation.merge_timing import SWEEP, TWIST, merge_in_numpy
 from ambler.evaluation.merging import SCANNERS, Wheels, distances_to_walls, drive_and_merge
 from ambler.perception.merger import MergerConfig, ScanMerger
+from ambler.sim.drive import drive_of
+from ambler.sim.robots import robot_named
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 
@@ -63,3 +66,24 @@ def test_the_numpy_peer_of_the_timing_does_the_same_work() -> None:
     assert (
         np.percentile(np.abs(merged[seen] - peer[seen]), 99) < 8.0 * 2.0 * math.pi / merger.config.bins
     )  # but at steps
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_mecanum_wheels_calibrate_along_both_diagonals_within_their_limits(seed: int) -> None:
+    """On a diagonal two wheels stand: their slip cannot lead the base askew. Without turning, slip never leaves the way."""
+    robot = robot_named("amr_omni")
+    _, velocities, track = calibration_motion(np.random.default_rng(seed), Motion.DIAGONALS, 60.0)
+    vx, vy, _ = velocities.T
+    assert np.hypot(*track.poses[:, :2].T).max() < 2.5
+    assert np.allclose(np.abs(vx), np.abs(vy))
+    assert 0.25 < np.mean(vx * vy > 0) < 0.75
+    limits = robot.model.limits
+    assert np.abs(velocities).max(axis=0) == pytest.approx([0.4, 0.4, 0.9], abs=0.01)
+    fastest = np.abs(np.diff(velocities, axis=0)).max(axis=0) / 0.005
+    assert (fastest <= [limits.ax_max, limits.ay_max, limits.az_max]).all()
+    drive = drive_of(robot)
+    straight = np.array([drive.rates(BodyVelocity(a, b, 0.0)) for a, b in zip(vx[::50], vy[::50], strict=True)])
+    slip = 1.0 + 0.02 * np.random.default_rng(seed).standard_normal(4)
+    moved = np.array([drive.motion(rates * slip, 1.0) for rates in straight])
+    assert np.abs(moved[:, 0] * vy[::50] - moved[:, 1] * vx[::50]).max() < 1e-9
+    assert np.abs(moved[:, 2]).max() > 1e-4  # while the slip is there

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass, replace
 
@@ -64,7 +65,8 @@ class CalibrationErrors:
 def simulate_drive(seed: int, drive: DriveKind, seconds: float = 60.0, scanner_count: int = 3) -> CalibrationDrive:
     """Drive through a room with boxes, turning both ways; every sensor and the wheels have their full noise."""
     rng = named_generator(seed, "calibration drive")
-    times, velocities, track = calibration_motion(rng, drive, seconds)
+    motion = Motion.SIDEWAYS if drive is DriveKind.OMNI else Motion.WEAVE
+    times, velocities, track = calibration_motion(rng, motion, seconds)
     scene = build_scene(calibration_room(rng))
     robot = _robot(drive)
     odometry = _odometry(robot, times, velocities, drive, seed)
@@ -99,7 +101,19 @@ def evaluate_drive(drive: CalibrationDrive) -> CalibrationErrors:
     return CalibrationErrors(float(worst[0]), float(worst[1]), float(worst[2]), float(np.mean(nees)), result)
 
 
-def calibration_motion(rng: np.random.Generator, drive: DriveKind, seconds: float) -> tuple[F64, F64, PlanarTrack]:
+class Motion(enum.Enum):
+    """How a base is driven to calibrate its scanners: forwards and backwards with turns; the same and sideways; or, on mecanum
+    wheels, along both diagonals with turns.
+
+    On a diagonal two of the four wheels stand, and the slip of the others leads along the way: askew is only what the scanners are.
+    """
+
+    WEAVE = "weave"
+    SIDEWAYS = "sideways"
+    DIAGONALS = "diagonals"
+
+
+def calibration_motion(rng: np.random.Generator, motion: Motion, seconds: float) -> tuple[F64, F64, PlanarTrack]:
     """Return times (N,), body velocities (N, 3) that hold until the next time, and the base's true path.
 
     Sines of random periods; drawn again until the path stays within 2.5 m of its start.
@@ -107,9 +121,14 @@ def calibration_motion(rng: np.random.Generator, drive: DriveKind, seconds: floa
     times = np.arange(0.0, seconds + STEP, STEP)
     while True:
         periods, phases = rng.uniform(6.0, 11.0, 3), rng.uniform(0.0, 2.0 * math.pi, 3)
-        waves = np.sin(2.0 * math.pi * times[:, None] / periods + phases)
-        sideways = 0.3 if drive is DriveKind.OMNI else 0.0
-        velocities = waves * np.array([0.5, sideways, 0.9])
+        turns = times[:, None] / periods + phases / (2.0 * math.pi)
+        waves = np.sin(2.0 * math.pi * turns)
+        velocities = waves * np.array([0.5, 0.3 if motion is Motion.SIDEWAYS else 0.0, 0.9])
+        if motion is Motion.DIAGONALS:
+            side = np.where(
+                np.floor(turns[:, 0]) % 2 == 0, 1.0, -1.0
+            )  # the other diagonal after each time there and back
+            velocities = np.column_stack([0.4 * waves[:, 0], 0.4 * side * waves[:, 0], 0.9 * waves[:, 2]])
         poses = [SE2()]
         for velocity in velocities[:-1]:
             poses.append(poses[-1] @ SE2.exp(velocity * STEP))

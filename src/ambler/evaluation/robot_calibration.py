@@ -18,6 +18,7 @@ from ambler.evaluation.calibration import (
     LARGEST_OFFSET,
     STEP,
     CalibrationDrive,
+    Motion,
     calibration_motion,
     calibration_room,
     record_scanner,
@@ -83,8 +84,7 @@ def read_drive(path: Path, robot: SimRobot) -> ScannerDrive:
 def simulate_robot_drive(robot: SimRobot, seed: int, seconds: float = 60.0) -> CalibrationDrive:
     """Drive a robot whose scanners sit up to 3 cm and 2° beside its model, with clocks up to 0.1 s off; returns it with the truth."""
     rng = named_generator(seed, "robot calibration")
-    drive = robot.model.drive
-    times, velocities, track = calibration_motion(rng, drive, seconds)
+    times, velocities, track = calibration_motion(rng, _motion(robot), seconds)
     scene = build_scene(calibration_room(rng))
     scans, scanners, mounts, offsets = {}, [], [], []
     for mount in robot.model.scanners:
@@ -101,6 +101,12 @@ def simulate_robot_drive(robot: SimRobot, seed: int, seconds: float = 60.0) -> C
         offsets.append(offset)
     odometry = _odometry(robot, times, velocities, seed)
     return CalibrationDrive(scans, odometry, tuple(scanners), tuple(mounts), tuple(offsets), odometry_model(robot))
+
+
+def _motion(robot: SimRobot) -> Motion:
+    if robot.has_mecanum_wheels:
+        return Motion.DIAGONALS
+    return Motion.SIDEWAYS if robot.model.drive is DriveKind.OMNI else Motion.WEAVE
 
 
 def _odometry(robot: SimRobot, times: np.ndarray, velocities: np.ndarray, seed: int) -> list[Odometry]:
