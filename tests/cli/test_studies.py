@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from ambler.apps import fault_study, glass_study
+from ambler.apps.demo_process import DemoJob, run_demo
 from ambler.cli.main import main
 from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
@@ -43,6 +44,22 @@ def test_a_glass_summary_keeps_robots_and_variants_apart() -> None:
     assert fields["diff.with_layers.found_ratio_worst"] == 0.7
     assert fields["diff.without_layers.runs_with_contact"] == 1
     assert "diff.without_layers.found_ratio_worst" not in fields
+
+
+def test_a_resumed_study_counts_what_is_there(tmp_path: Path) -> None:
+    job = DemoJob("two_rooms", "diff", 3, "people", ("--fault", "people"))
+    assert job.label == "two_rooms-diff-people-3"
+    (tmp_path / f"{job.label}.json").write_text('{"ended": "finished", "collisions": 0}')
+    assert run_demo(job, tmp_path, is_resumed=True) == {"ended": "finished", "collisions": 0}
+    assert [p.name for p in tmp_path.iterdir()] == ["two_rooms-diff-people-3.json"], "nothing was run"
+
+
+def test_a_run_that_died_is_told_as_crashed_and_leaves_nothing_old(tmp_path: Path) -> None:
+    job = DemoJob("two_rooms", "hovercraft", 0)
+    (tmp_path / f"{job.label}.json").write_text('{"ended": "finished"}')
+    result = run_demo(job, tmp_path)
+    assert result["ended"] == "crashed"
+    assert "hovercraft" in (tmp_path / f"{job.label}.log").read_text()
 
 
 @pytest.mark.parametrize(

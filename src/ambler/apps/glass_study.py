@@ -35,10 +35,10 @@ class GlassStudy:
         return [(r, v, s) for r in self.robots for v in self.variants for s in self.seeds]
 
 
-def run_study(study: GlassStudy, out: Path, processes: int) -> list[dict[str, Any]]:
-    """Run everything, each run in a process of its own, and return one result per run, in order."""
+def run_study(study: GlassStudy, out: Path, processes: int, *, is_resumed: bool = False) -> list[dict[str, Any]]:
+    """Run everything, each run in a process of its own, and return one result per run, in order; `is_resumed` keeps those that `out` has."""
     with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(study, job, out), study.runs()))
+        return list(pool.map(lambda job: _run_one(study, job, out, is_resumed=is_resumed), study.runs()))
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -64,11 +64,11 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return fields
 
 
-def _run_one(study: GlassStudy, job: tuple[str, str, int], out: Path) -> dict[str, Any]:
+def _run_one(study: GlassStudy, job: tuple[str, str, int], out: Path, *, is_resumed: bool) -> dict[str, Any]:
     base, variant, seed = job
     robot = f"{base}+ultrasonic" if variant == WITH else base
     options = ("--time-limit", str(study.time_limit), *(("--kinematic",) if study.is_kinematic else ()))
-    result = run_demo(DemoJob(study.world, robot, seed, options=options), out)
+    result = run_demo(DemoJob(study.world, robot, seed, options=options), out, is_resumed=is_resumed)
     if "recording" in result:
         result |= _judge_run(study.world, Path(result["recording"]))
     return {**result, "base": base, "variant": variant}

@@ -18,6 +18,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--runs", type=int, default=1, help="seeds per case (default: 1)")
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    parser.add_argument("--resume", action="store_true", help="keep the runs whose results are in --out already")
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -40,7 +41,9 @@ def run(args: argparse.Namespace) -> int:
     if not cases:
         raise BadInputError(f"no case for {args.robots}; there are some for diff and amr_omni")
     started = time.perf_counter()
-    results = run_cases(cases, range(args.seed, args.seed + args.runs), args.out, args.processes)
+    results = run_cases(
+        cases, range(args.seed, args.seed + args.runs), args.out, args.processes, is_resumed=args.resume
+    )
     _print_table(results)
     if args.json:
         only = f" --only {args.only}" if args.only else ""

@@ -21,6 +21,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--kinematic", action="store_true", help="no contact physics (faster)")
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    parser.add_argument("--resume", action="store_true", help="keep the runs whose results are in --out already")
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     seeds = tuple(range(args.seed, args.seed + args.runs))
     study = GlassStudy(args.world, robots, variants, seeds, args.time_limit, args.kinematic)
     started = time.perf_counter()
-    results = run_study(study, args.out, args.processes)
+    results = run_study(study, args.out, args.processes, is_resumed=args.resume)
     fields = summarize(results)
     for name, value in fields.items():
         print(f"{name:<48} {value:.4g}" if isinstance(value, float) else f"{name:<48} {value}")
