@@ -92,7 +92,7 @@ def _simulated(board: Checkerboard, seed: int) -> list[NDArray[np.uint8]]:
     from ambler.sim.camera import CameraSpec, PrintCamera, checkerboard_print
 
     rng = np.random.default_rng(seed)
-    camera = PrintCamera(CameraSpec(), rng)
+    camera = PrintCamera(CameraSpec(samples=2), rng)
     images = []
     for k in range(SIMULATED):
         x, y = 0.2 * (k % 3 - 1), 0.12 * (k // 3 % 3 - 1)

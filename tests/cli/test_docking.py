@@ -1,0 +1,137 @@
+"""`ambler dock`, `ambler calibrate camera` and `ambler eval docking`: what they refuse, what they write, what they sum up."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.apps import docking_study
+from ambler.cli.main import main
+from ambler.evaluation.docking import DockingOutcome, SightErrors, lower_bound, summarize, table
+from ambler.evaluation.docking_pictures import draw_final_errors, draw_sights, draw_times
+from ambler.sim.camera import FRONT_CAMERA
+from ambler.sim.world import load_world
+from ambler.wire.camera_info import load_camera_info
+
+GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -0.0004, 0.01, 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["dock", "bay_7"], "no dock 'bay_7'"),
+        (["dock", "charger_1", "--world", "two_rooms"], "no docks"),
+        (["dock", "charger_1", "--docks", "nowhere.yaml"], "nowhere.yaml"),
+        (["dock", "charger_1", "--teach"], "--docks"),
+        (["dock", "charger_1", "--fault", "darkness"], "darkness"),
+        (["dock", "charger_1", "--camera", "none.yaml"], "none.yaml"),
+        (["undock", "bay_7"], "no dock 'bay_7'"),
+        (["calibrate", "camera", "--out", "c.yaml"], "pictures"),
+        (["calibrate", "camera", "missing.png", "--out", "c.yaml"], "missing.png"),
+        (["calibrate", "camera", "--simulated", "--board", "7by5", "--out", "c.yaml"], "7by5"),
+        (["eval", "docking", "--runs", "0"], "positive"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ambler.kernels.warmup.warm_up", lambda names: None)
+    assert main(arguments) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert word in told[0]
+
+
+def test_a_camera_is_calibrated_from_simulated_boards(tmp_path: Path) -> None:
+    out, result = tmp_path / "camera.yaml", tmp_path / "result.json"
+    assert main(["calibrate", "camera", "--simulated", "--out", str(out), "--json", str(result)]) == 0
+    fields = json.loads(result.read_text())
+    assert fields["focal_error_px"] < 1.0
+    assert fields["error_rms_px"] < 0.2
+    camera = load_camera_info(out)
+    assert abs(camera.fx - FRONT_CAMERA.fx) < 1.0
+    corner = np.array([[-0.5, -0.4]])
+    assert np.abs(camera.distort(corner) - FRONT_CAMERA.distort(corner)).max() < 1.0
+
+
+def test_a_summary_counts_what_happened() -> None:
+    late = replace(GOOD, seed=1, attempts=3, error_x=0.006, error_y=0.0)
+    lost = replace(
+        GOOD, seed=2, code="DOCK_LOST", attempts=3, error_x=None, error_y=None, error_yaw_deg=None, docking_seconds=None
+    )
+    far = replace(GOOD, kind="approach", distance=25.0, approach_seconds=26.0, docking_seconds=8.0)
+    dark = replace(GOOD, kind="no_power", code="NO_CHARGE", collisions=1)
+    fields = summarize([GOOD, late, lost, far, dark])
+    assert fields["runs"] == 3
+    assert math.isclose(fields["success_ratio"], 2 / 3)
+    assert fields["within_two_attempts"] == 1
+    assert fields["first_attempt"] == 1
+    assert math.isclose(fields["position_error_max_m"], 0.006)
+    assert math.isclose(fields["position_error_median_m"], 0.5 * (0.006 + 0.0005))
+    assert math.isclose(fields["attempts_mean"], 7 / 3)
+    assert fields["approach_25m_s"] == 26.0
+    assert "approach_9m_s" not in fields
+    assert fields["docking_time_median_s"] == 7.0
+    assert fields["fault_no_power_failures"] == "NO_CHARGE"
+    assert fields["fault_no_power_docked"] == 0
+    assert fields["collisions"] == 1
+    text = table(fields)
+    assert "| approach, 25 m | 55 s | 26.0 s |" in text
+    assert "9 m" not in text
+
+
+def test_the_interval_of_a_ratio_is_exact() -> None:
+    assert math.isclose(lower_bound(60, 60), 0.025 ** (1 / 60), rel_tol=1e-9)
+    assert lower_bound(0, 10) == 0.0
+    assert lower_bound(9, 10) < 0.9
+
+
+def test_sights_are_summed_up_by_axis() -> None:
+    errors = np.stack((np.linspace(-1.0, 1.0, 201), np.full(201, 0.5), np.zeros(201)), axis=1)
+    fields = SightErrors("marker_still", errors).summary()
+    assert math.isclose(fields["marker_still_p95_x_mm"], 0.95, abs_tol=0.01)
+    assert fields["marker_still_max_y_mm"] == 0.5
+    assert fields["marker_still_std_y_mm"] == 0.0
+
+
+def test_pictures_are_drawn(tmp_path: Path) -> None:
+    outcomes = [replace(GOOD, seed=k, error_x=1e-4 * k) for k in range(5)]
+    draw_final_errors(tmp_path / "a.png", outcomes)
+    draw_times(tmp_path / "b.png", outcomes)
+    draw_sights(tmp_path / "c.png", [SightErrors("marker_still", np.random.default_rng(0).normal(size=(30, 3)))])
+    assert all((tmp_path / f"{n}.png").stat().st_size > 5000 for n in "abc")
+
+
+def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
+    cases = docking_study.random_cases(20, 5)
+    assert cases == docking_study.random_cases(20, 5)
+    assert cases[0].start != docking_study.random_cases(20, 6)[0].start
+    assert max(c.distance for c in cases) > 15.0
+    world = load_world(docking_study.WORLD)
+    for case in [*cases, *docking_study.approach_cases(0), *docking_study.fault_cases(1, 0)]:
+        place = world.docks[0].map_from_dock @ case.start
+        for solid in world.solids:
+            if solid.z_min < 0.35:
+                inside = solid.map_from_solid.inverse() @ place
+                assert abs(inside.x) > 0.5 * solid.size_x + 0.4 or abs(inside.y) > 0.5 * solid.size_y + 0.4
+
+
+def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[int] = []
+
+    def pretend(case: docking_study.DockingCase, folder: Path, world: str) -> DockingOutcome:
+        ran.append(case.seed)
+        return replace(GOOD, seed=case.seed)
+
+    monkeypatch.setattr(docking_study, "run_case", pretend)
+    results = tmp_path / "outcomes.jsonl"
+    cases = docking_study.random_cases(4, 0)
+    assert len(list(docking_study.run_cases(cases[:2], results))) == 2
+    assert [o.seed for o in docking_study.run_cases(cases, results)] == [0, 1, 2, 3]
+    assert ran == [0, 1, 2, 3]
