@@ -14,6 +14,7 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser("docking", help="precision, success and times of docking")
     parser.add_argument("--runs", type=int, default=20, help="random starts (default: 20; 60 before a release)")
     parser.add_argument("--fault-runs", type=int, default=2, help="runs per fault (default: 2; 20 before a release)")
+    parser.add_argument("--looks", type=int, default=100, help="pictures per series of looks (default: 100)")
     parser.add_argument("--only", choices=PARTS, action="append", help="only this part; may be repeated")
     parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
     parser.add_argument("--out", type=Path, default=Path("runs/docking"), help="results of every run, pictures")
@@ -32,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
-    if args.runs < 1 or args.fault_runs < 1:
-        raise BadInputError("--runs and --fault-runs must be positive")
+    if min(args.runs, args.fault_runs, args.looks) < 1:
+        raise BadInputError("--runs, --fault-runs and --looks must be positive")
     parts = tuple(args.only) if args.only else PARTS
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     fields: dict[str, Any] = docking.summarize(outcomes)
     pictures = args.pictures if args.pictures is not None else args.out
     if "sights" in parts:
-        sights = study.measure_sights(args.seed)
+        sights = study.measure_sights(args.seed, args.looks)
         for series in sights:
             fields |= series.summary()
         docking_pictures.draw_sights(pictures / "docking_sights.png", sights)
@@ -61,7 +62,8 @@ def run(args: argparse.Namespace) -> int:
     print(docking.table(fields))
     if args.json:
         only = "".join(f" --only {part}" for part in args.only or ())
-        command = f"ambler eval docking --runs {args.runs} --fault-runs {args.fault_runs} --seed {args.seed}{only}"
+        counts = f"--runs {args.runs} --fault-runs {args.fault_runs} --looks {args.looks}"
+        command = f"ambler eval docking {counts} --seed {args.seed}{only}"
         write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
     return 0 if all(_is_good(o) for o in outcomes) else 1
 
