@@ -98,6 +98,37 @@ def test_a_wall_that_was_looked_at_and_vanishes_later_is_no_frontier() -> None:
     assert {f.state for f in survey.update(grid, costs_of(grid), FAR).frontiers} == {OVER}
 
 
+def test_nothing_is_gained_behind_a_surface_that_the_map_lost() -> None:
+    """A wall is looked at, then it vanishes and free cells reach half a metre into it: their far edge is no goal."""
+    solid = room_with_a_vanished_wall()
+    solid[50:70, 100] = 100
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    for stamp in range(4):
+        grid = message(solid, stamp)
+        survey.update(grid, costs_of(grid), NEAR)
+    costs = costs_of(grid)
+    solid[50:70, 100:110] = 0
+    grid = message(solid, 9)
+    looked = survey.update(grid, costs, FAR)
+    assert not looked.open
+    assert any("of unknown visible" in f.reason for f in looked.frontiers)
+    fresh = FrontierSurvey(SurveyConfig(), distance_field).update(grid, costs, FAR)
+    assert fresh.open
+
+
+def test_somebody_who_stood_there_and_left_is_no_surface() -> None:
+    occupancy = room_with_a_vanished_wall()
+    looks, spec = CloseLooks(CloseLookConfig(), 50), message(occupancy, 0).spec
+    occupancy[55:60, 92:97] = 100
+    for stamp in range(10):
+        looks.add(message(occupancy, stamp), NEAR)
+    assert looks.surfaces(spec)[55:60, 92].all()
+    occupancy[55:60, 92:97] = 0
+    for stamp in range(10, 14):
+        looks.add(message(occupancy, stamp), NEAR)
+    assert not looks.surfaces(spec)[55:60, 92:97].any()
+
+
 def test_the_edge_of_a_shadow_stays_a_frontier() -> None:
     """The robot stands for long beside a box; what the box hides from it is still worth a drive."""
     occupancy = np.full((200, 200), -1, np.int8)

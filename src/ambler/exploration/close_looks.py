@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,10 +25,11 @@ I64 = NDArray[np.int64]
 @dataclass(frozen=True, slots=True)
 class CloseLookConfig:
     """A look reaches from `nearest` to `farthest` (m) inside `sector` (middle and half width, rad, in the base frame), where rays are
-    dense. It ends at the first cell that is not free, occupied or unknown; what `looks` of them, each on a new map, ended at has
-    been looked at, and with it all cells within `around` cells."""
+    dense. It ends at the first cell that is not free, occupied or unknown. A cell at which `looks` more of them ended than passed, each
+    on a new map and `most` at most, is a surface; all cells within `around` cells of one have been looked at."""
 
     looks: int = 3
+    most: int = 6
     nearest: float = 0.0
     farthest: float = 2.0
     sector: tuple[float, float] = (0.0, math.pi)
@@ -54,7 +56,6 @@ class CloseLooks:
         self._free_below = free_below
         self._spec: GridSpec | None = None
         self._counts: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
-        self._over: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._stamp_ns: int | None = None
 
     def add(self, occupancy: OccupancyGrid, map_from_base: SE2) -> None:
@@ -66,27 +67,24 @@ class CloseLooks:
         spec, c = occupancy.spec, self.config
         y = (map_from_base.y - spec.origin_y) / spec.resolution
         x = (map_from_base.x - spec.origin_x) / spec.resolution
-        ends = np.empty(c.rays, np.int64)
+        ends, passed = np.empty(c.rays, np.int64), np.zeros(spec.shape, np.uint8)
         sector = (map_from_base.yaw + c.sector[0], c.sector[1])
         reach = (c.nearest / spec.resolution, c.farthest / spec.resolution)
-        look_around(occupancy.data, self._free_below, y, x, sector, reach, ends)
-        cells = np.unique(ends[ends >= 0])
-        counts = self._counts.reshape(-1)
-        counts[cells] = np.minimum(counts[cells] + 1, c.looks)
-        self._mark(cells[counts[cells] == c.looks])
+        look_around(occupancy.data, self._free_below, y, x, sector, reach, ends, passed)
+        self._counts -= np.minimum(passed, self._counts)
+        counts, cells = self._counts.reshape(-1), np.unique(ends[ends >= 0])
+        counts[cells] = np.minimum(counts[cells] + 1, c.most)
+
+    def surfaces(self, spec: GridSpec) -> NDArray[np.bool_]:
+        """Tell which cells [iy, ix] of a grid are surfaces, whatever the map says of them."""
+        self._move_to(spec)
+        return self._counts >= self.config.looks
 
     def are_over(self, spec: GridSpec, cells: I64) -> NDArray[np.bool_]:
         """Tell which flat cells of a grid lie where the robot has looked often enough."""
-        self._move_to(spec)
-        return np.asarray(self._over.reshape(-1)[cells] > 0)
-
-    def _mark(self, cells: I64) -> None:
-        iy, ix = np.divmod(cells, self._over.shape[1])
-        n = self.config.around
-        for dy in range(-n, n + 1):
-            for dx in range(-n, n + 1):
-                y = np.clip(iy + dy, 0, self._over.shape[0] - 1)
-                self._over[y, np.clip(ix + dx, 0, self._over.shape[1] - 1)] = 1
+        width = 2 * self.config.around + 1
+        near = cv2.dilate(self.surfaces(spec).astype(np.uint8), np.ones((width, width), np.uint8))
+        return np.asarray(near.reshape(-1)[cells] > 0)
 
     def _move_to(self, spec: GridSpec) -> None:
         """Take another geometry of the same lattice; what lies outside is forgotten."""
@@ -94,10 +92,10 @@ class CloseLooks:
             return
         old, self._spec = self._spec, spec
         if old is None or old.resolution != spec.resolution:
-            self._counts, self._over = np.zeros(spec.shape, np.uint8), np.zeros(spec.shape, np.uint8)
+            self._counts = np.zeros(spec.shape, np.uint8)
             return
         dy, dx = old.offset_in(spec)
-        self._counts, self._over = (_moved(cells, spec.shape, dy, dx) for cells in (self._counts, self._over))
+        self._counts = _moved(self._counts, spec.shape, dy, dx)
 
 
 def _moved(old: NDArray[np.uint8], shape: tuple[int, int], dy: int, dx: int) -> NDArray[np.uint8]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError, PlanningError
-from ambler.core.grid import GridSpec
+from ambler.core.grid import OCC_OCCUPIED, GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
@@ -157,11 +157,15 @@ class FrontierSurvey:
     def _gains(
         self, occupancy: OccupancyGrid, groups: FrontierGroups, goals: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the visible unknown area from each goal and the heading to it; both 0 for groups below the minimum size."""
+        """Return the visible unknown area from each goal and the heading to it; both 0 for groups below the minimum size. Surfaces that
+        the robot saw from near are opaque, should the map have lost them."""
         c, resolution = self.config, occupancy.spec.resolution
         worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
         gains, headings = np.empty(len(groups)), np.empty(len(groups))
-        visible_unknown(occupancy.data, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
+        seen = np.where(
+            self._close.surfaces(occupancy.spec), OCC_OCCUPIED, occupancy.data
+        )  # nothing is visible through them
+        visible_unknown(seen, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
         return gains, headings
 
     def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, boundary: Boundary) -> Frontier:

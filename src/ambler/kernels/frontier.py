@@ -271,8 +271,10 @@ def look_around(
     sector: tuple[float, float],
     reach: tuple[float, float],
     ends: I64,
+    passed: NDArray[np.uint8],
 ) -> None:
-    """Look from (y, x) along as many rays as `ends` is long: each gets the flat index of the first cell that is not free, or -1.
+    """Look from (y, x) along as many rays as `ends` is long: each gets the flat index of the first cell that is not free, or -1, and
+    marks the free cells that it passes from the nearest reach on in `passed` uint8 [iy, ix] with 1.
 
     Place and `reach` (nearest, farthest) in cells, cell (iy, ix) covering [ix, ix + 1) x [iy, iy + 1); `sector` is the middle and the
     half width (rad, in the grid's frame) of the rays, which are sampled every half cell. -1 means that the ray meets nothing within
@@ -285,9 +287,11 @@ def look_around(
         dx, dy = math.cos(angle), math.sin(angle)
         for k in range(int(2.0 * reach[1]) + 1):
             along = 0.5 * k
-            if _is_free(occupancy, free_below, y + along * dy, x + along * dx):
-                continue
             iy, ix = int(math.floor(y + along * dy)), int(math.floor(x + along * dx))
+            if _is_free(occupancy, free_below, y + along * dy, x + along * dx):
+                if along >= reach[0]:
+                    passed[iy, ix] = 1
+                continue
             if iy < 0 or ix < 0 or iy >= height or ix >= width or along < reach[0]:
                 break
             by, bx = y + (along + 2.0) * dy, x + (along + 2.0) * dx
@@ -315,4 +319,5 @@ def warm_up() -> None:
     visited = np.zeros(16, np.int32)
     distance = np.zeros((4, 4), np.float32)
     frontier_goals(occupancy, 50, distance, 0, 0, cells, starts, 2, visited, 1, np.empty(16, np.int64), goals)
-    look_around(occupancy, 50, 2.5, 2.5, (0.0, math.pi), (0.0, 9.0), np.empty(8, np.int64))
+    ends, passed = np.empty(8, np.int64), np.zeros((4, 4), np.uint8)
+    look_around(occupancy, 50, 2.5, 2.5, (0.0, math.pi), (0.0, 9.0), ends, passed)
