@@ -103,9 +103,10 @@ def evaluate_drive(drive: CalibrationDrive) -> CalibrationErrors:
 
 class Motion(enum.Enum):
     """How a base is driven to calibrate its scanners: forwards and backwards with turns; the same and sideways; or, on mecanum
-    wheels, along both diagonals with turns.
+    wheels, along one diagonal, turning in place, along the other diagonal, turning in place, each there and back.
 
     On a diagonal two of the four wheels stand, and the slip of the others leads along the way: askew is only what the scanners are.
+    That holds only while the base does not turn.
     """
 
     WEAVE = "weave"
@@ -125,10 +126,10 @@ def calibration_motion(rng: np.random.Generator, motion: Motion, seconds: float)
         waves = np.sin(2.0 * math.pi * turns)
         velocities = waves * np.array([0.5, 0.3 if motion is Motion.SIDEWAYS else 0.0, 0.9])
         if motion is Motion.DIAGONALS:
-            side = np.where(
-                np.floor(turns[:, 0]) % 2 == 0, 1.0, -1.0
-            )  # the other diagonal after each time there and back
-            velocities = np.column_stack([0.4 * waves[:, 0], 0.4 * side * waves[:, 0], 0.9 * waves[:, 2]])
+            leg = np.floor(1.6 * turns[:, 0]).astype(int) % 4
+            wave = np.sin(2.0 * math.pi * 1.6 * turns[:, 0])
+            legs = np.array([[0.42, 0.42, 0.0], [0.0, 0.0, 0.85], [0.42, -0.42, 0.0], [0.0, 0.0, 0.85]])
+            velocities = wave[:, None] * legs[leg]
         poses = [SE2()]
         for velocity in velocities[:-1]:
             poses.append(poses[-1] @ SE2.exp(velocity * STEP))
