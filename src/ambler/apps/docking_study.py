@@ -133,12 +133,9 @@ def _outcome(case: DockingCase, run: DockingRun, fields: dict[str, float | int |
     code = end.code if end is not None else run.ended.upper()
     is_docked = code == "SUCCEEDED"
     approach = docking = None
-    states = [] if run.rounds is None else run.rounds.states
-    aligned = next((t for t, state in states if state == "aligning"), None)
-    if end is not None and aligned is not None:
-        approach = (aligned - end.begun_ns) * 1e-9
-    if end is not None and end.report is not None and is_docked:
-        docking = end.report.docking_seconds
+    if end is not None and end.report is not None and end.report.docking_seconds > 0.0:
+        approach = end.report.seconds - end.report.docking_seconds
+        docking = end.report.docking_seconds if is_docked else None
     return DockingOutcome(
         case.kind,
         case.seed,
