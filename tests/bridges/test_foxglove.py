@@ -112,6 +112,27 @@ def test_a_clicked_goal_reaches_the_robot_as_json(bridge, goals):
     assert (goal.frame, goal.pose) == ("map", SE3((3.0, 4.5, 0.0), (0.8, 0.0, 0.0, 0.6)))
 
 
+def test_where_the_robot_is_can_be_set_in_both_encodings(bridge, goals):
+    """The covariance that a viewer makes up is left out; the pose arrives on the topic of set poses."""
+    orientation = {"x": 0, "y": 0, "z": 0.6, "w": 0.8}
+    fields = {
+        "header": {"stamp": {"sec": 1, "nsec": 2}, "frame_id": "map"},
+        "pose": {"pose": {"position": {"x": 3, "y": 4.5, "z": 0}, "orientation": orientation}, "covariance": [0] * 36},
+    }
+    schema, expected = "geometry_msgs/PoseWithCovarianceStamped", SE3((3.0, 4.5, 0.0), (0.8, 0.0, 0.0, 0.6))
+    cdr = encode(m.PoseStamped(5, "map", expected)) + bytes(36 * 8)
+    with Viewer(bridge.port) as viewer:
+        for encoding, payload in (("json", json.dumps(fields).encode()), ("cdr", cdr)):
+            viewer.publish("/initialpose", encoding, schema, payload)
+            topic, pose = goals.get(timeout=TIMEOUT)
+            assert topic is topics.SET_POSE
+            assert (pose.frame, pose.pose) == ("map", expected)
+        viewer.publish("/initialpose", "cdr", "geometry_msgs/PoseStamped", encode(GOAL))
+        viewer.wait_for(lambda: viewer.warnings)
+        assert "PoseWithCovarianceStamped" in viewer.warnings[0]
+    assert goals.empty()
+
+
 NOT_FINITE = m.PoseStamped(1, "map", SE3((float("inf"), 0.0, 0.0)))
 NO_DIRECTION = m.PoseStamped(1, "map", SE3((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)))
 

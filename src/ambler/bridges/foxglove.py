@@ -1,4 +1,4 @@
-"""The live view for Foxglove and Lichtblick: what the bus delivers goes to viewers, a pose clicked there comes back as a goal.
+"""The live view for Foxglove and Lichtblick: what the bus delivers goes to viewers, a pose clicked there comes back as a goal or as the robot's place.
 
 The bridge is a tap of the executor. It never blocks the run: messages wait in one slot per topic, a thread of its own encodes
 what somebody subscribed to, at most as often as `view_rates` allows by the wall clock. The SDK's server listens on a private
@@ -19,7 +19,7 @@ from typing import Any
 import foxglove
 from foxglove.websocket import Capability, ClientChannel, StatusLevel
 
-from ambler.bridges.client_poses import pose_from_client
+from ambler.bridges.client_poses import ESTIMATE_SCHEMA, POSE_SCHEMA, pose_from_client
 from ambler.bridges.foxglove_front import FoxgloveFront
 from ambler.bridges.foxglove_listener import ViewerListener
 from ambler.bridges.view_rates import EVENTS, Counts, Outbox, Stamped
@@ -33,8 +33,12 @@ ClientCallback = Callable[[Topic[Any], Message], None]
 
 _TICK = 1.0 / 30.0
 _BACKLOG_FRAMES = 32
-# What viewers may publish; the 3-D panels of both families use one of these names for a clicked goal.
-CLIENT_TOPICS: Mapping[str, Topic[Any]] = {table.GOAL.ros_name: table.GOAL, "/move_base_simple/goal": table.GOAL}
+# What viewers may publish, and its type; the 3-D panels of both families use these names for a clicked goal and for where the robot is.
+CLIENT_TOPICS: Mapping[str, tuple[Topic[Any], str]] = {
+    table.GOAL.ros_name: (table.GOAL, POSE_SCHEMA),
+    "/move_base_simple/goal": (table.GOAL, POSE_SCHEMA),
+    "/initialpose": (table.SET_POSE, ESTIMATE_SCHEMA),
+}
 
 
 class FoxgloveBridge:
@@ -179,11 +183,12 @@ class FoxgloveBridge:
                 self._resend.append(name)
 
     def _on_client_data(self, channel: ClientChannel, data: bytes) -> None:
-        topic = CLIENT_TOPICS.get(channel.topic)
-        if topic is None or self._on_client_message is None:
+        known = CLIENT_TOPICS.get(channel.topic)
+        if known is None or self._on_client_message is None:
             return
+        topic, schema = known
         try:
-            pose = pose_from_client(channel.encoding, channel.schema_name, data, self._newest_ns)
+            pose = pose_from_client(channel.encoding, channel.schema_name, data, self._newest_ns, schema)
         except BadInputError as error:
             self._reports.append(f"{channel.topic} refused: {error}")
             return

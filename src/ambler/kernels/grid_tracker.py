@@ -146,14 +146,15 @@ def project(h, g, lever, min_ratio, min_weight, work, values, vectors):
     """Remove from H (4, 4) and g the pose directions that the points do not determine; returns how many remain (0 to 3).
 
     A direction stays when its eigenvalue (yaw counted as `lever` metres per radian) is at least `min_ratio` of the largest and
-    at least `min_weight` (weighted points). The depth is marginalized first, with a prior weight of one point.
+    at least `min_weight` (weighted points). The depth counts as known: how well a single wall tells the distance to it is limited
+    by the depth's own variance, which fusion takes into account, not by this test.
     """
     inverse = 1.0 / lever
     for a in range(3):
         sa = inverse if a == 2 else 1.0
         for b in range(3):
             sb = inverse if b == 2 else 1.0
-            work[a, b] = sa * sb * (h[a, b] - h[a, 3] * h[b, 3] / (h[3, 3] + 1.0))
+            work[a, b] = sa * sb * h[a, b]
     eigen3(work, values, vectors)
     floor = max(min_weight, min_ratio * values[2])
     kept = 0

@@ -300,13 +300,23 @@ class ParticleFilter:
             prior_covariance[:2, :2] += np.eye(2) * SE2.from_array(mean).distance_to(match.map_from_base) ** 2
             fusion = fuse(prior, prior_covariance, match)
         if novelty > 0.0:
-            self._depth, self._depth_variance = float(fusion.state[3]), float(fusion.covariance[3, 3])
+            self._learn_depth(match)
             self._matcher.learn(novelty)
         mode = Mode(match.determined)
         self._estimate = Estimate(
             stamp_ns, fusion.map_from_base, fusion.published, match.score, mode, fusion.surprise, True
         )
         return self._estimate
+
+    def _learn_depth(self, match: MatchResult) -> None:
+        """Take what the walls alone tell of the depth. The particles' spread must not: it comes from the same scans, and where only one
+        wall is seen it would slowly move the depth, and with it every pose."""
+        information = match.information()
+        pose = np.linalg.pinv(information[:3, :3], rcond=1e-9, hermitian=True)
+        told = max(0.0, float(information[3, 3] - information[3, :3] @ pose @ information[:3, 3]))
+        variance = 1.0 / (1.0 / self._depth_variance + told)
+        self._depth += variance * told * (float(match.state[3]) - self._depth)
+        self._depth_variance = max(variance, match.map_noise / 6.0)
 
     def _explains_more(self, pose: SE2, other: SE2, points: F32) -> bool:
         """Tell whether a pose makes the points clearly more likely than another does."""

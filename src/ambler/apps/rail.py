@@ -1,0 +1,115 @@
+"""Drives for measurements: a simulated robot follows a route by its true pose, as if on rails, while everything is recorded.
+
+So the drive does not depend on the localization that is measured with it, and one recording serves every method.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.bridges.recorder import Recorder
+from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.nodes.scan_merger import ScanMergerNode
+from ambler.nodes.simulator import SimulatorNode
+from ambler.perception.merger import MergerConfig
+from ambler.runtime.lockstep import LockstepExecutor
+from ambler.runtime.node import Node
+from ambler.runtime.stack import Stack
+from ambler.runtime.topics import IMU, MERGED_CLOUD, ODOMETRY, SCAN, TRUE_POSE, VELOCITY_COMMAND
+from ambler.sim.sim_robot import SimRobot
+from ambler.sim.simulation import Simulation, SimulationConfig, SimulationOutput
+from ambler.sim.solids import WorldSpec
+
+F64 = NDArray[np.float64]
+RECORDED = (SCAN, MERGED_CLOUD, ODOMETRY, IMU, TRUE_POSE)  # the raw scans are in the merged ones
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Way points (x, y) in the frame of the start pose, driven forward at `speed` m/s, curves and all, after standing for `rest` s. The
+    robot looks along its way; `turn` radians are turned in place (rad/s: `turn_rate`) before it leaves."""
+
+    points: tuple[tuple[float, float], ...] = ()
+    speed: float = 0.6
+    turn_rate: float = 0.6
+    turn: float = 0.0
+    rest: float = 1.0
+
+
+class Rail:
+    """Commands that keep a base on its route: pure pursuit of the true pose, slower in curves and before the end."""
+
+    def __init__(self, route: Route) -> None:
+        self._route = route
+        self._points = np.array(route.points, float).reshape(-1, 2)
+        self._next = 0
+        self._turned = 0.0
+        self._last_yaw: float | None = None
+
+    def compute_command(self, seconds: float, map_from_base: SE2) -> BodyVelocity:
+        """Return the command at `seconds` after the start of the drive."""
+        route = self._route
+        if seconds < route.rest:
+            return BodyVelocity()
+        if self._last_yaw is not None:
+            self._turned += wrap_angle(map_from_base.yaw - self._last_yaw)
+        self._last_yaw = map_from_base.yaw
+        left = route.turn - self._turned
+        if self._next == 0 and abs(left) > 0.05 and left * route.turn > 0.0:
+            return BodyVelocity(0.0, 0.0, math.copysign(route.turn_rate, left))
+        while self._next < len(self._points):
+            target = map_from_base.inverse().transform(self._points[self._next][None])[0]
+            distance = math.hypot(*target)
+            if distance > 0.25:
+                return self._towards(target, distance)
+            self._next += 1
+        return BodyVelocity()
+
+    def _towards(self, target: F64, distance: float) -> BodyVelocity:
+        route, bearing = self._route, math.atan2(target[1], target[0])
+        wz = max(-route.turn_rate, min(route.turn_rate, 2.0 * bearing))
+        if abs(bearing) > 0.5:
+            return BodyVelocity(0.0, 0.0, wz)
+        return BodyVelocity(min(route.speed, 0.15 + distance) * math.cos(bearing) ** 4, 0.0, wz)
+
+
+class RailedSimulation(Simulation):
+    """A simulation whose base follows a route; commands from outside are not expected."""
+
+    def __init__(self, world: WorldSpec, robot: SimRobot, config: SimulationConfig, route: Route) -> None:
+        super().__init__(world, robot, config)
+        self._rail = Rail(route)
+        self._began_ns = 0
+
+    def start_at(self, now_ns: int) -> None:
+        """Let the simulation begin at this instant; only before the first step."""
+        super().start_at(now_ns)
+        self._began_ns = now_ns
+
+    def step(self, until_ns: int) -> SimulationOutput:
+        """Command the base, then advance as any simulation does."""
+        seconds = (self.now_ns - self._began_ns) * 1e-9
+        self.command(self._rail.compute_command(seconds, self.map_from_base.to_se2()))
+        return super().step(until_ns)
+
+
+def record_drive(
+    folder: Path, world: WorldSpec, robot: SimRobot, route: Route, duration: float, config: SimulationConfig
+) -> Path:
+    """Drive `route` for `duration` seconds and record merged scan and cloud, odometry, IMU and truth into `folder`; returns it."""
+    nodes: list[Node] = [SimulatorNode(RailedSimulation(world, robot, config, route))]
+    if len(robot.model.scanners) > 1:
+        nodes.append(ScanMergerNode(MergerConfig.from_robot(robot.model)))
+    recorder = Recorder(folder)
+    executor = LockstepExecutor(Stack(nodes, external=(VELOCITY_COMMAND,)))
+    with executor:
+        executor.tap(lambda topic, *told: recorder.on_message(topic, *told) if topic in RECORDED else None)
+        executor.run(duration)
+    recorder.close()
+    return folder

@@ -1,0 +1,98 @@
+"""Short drives from random places of a world, recorded once for every campaign that needs a robot that is anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambler.apps.rail import Route, record_drive
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.sim.robots import robot_named
+from ambler.sim.simulation import SimulationConfig
+from ambler.sim.truth import truth_grid
+from ambler.sim.world import load_world
+
+MARGIN = 0.1
+LEG = (0.8, 3.5)
+DRIVE_TIME = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class RandomDrive:
+    """A recorded drive whose own map frame lies at `map_from_start` in the map of its world."""
+
+    world: str
+    recording: Path
+    map_from_start: SE2
+
+
+def record_random_drives(
+    world: str, robot: str, count: int, seed: int, out: Path, tell: Callable[[str], None]
+) -> list[RandomDrive]:
+    """Record `count` drives of 8 s from random poses of a world, those that are not there yet: half a second at rest, then straight
+    legs between random places that see each other. Raises BadInputError where the robot fits nowhere."""
+    sim_robot, home = robot_named(robot), load_world(world)
+    spec, occupancy = truth_grid(home, sim_robot.sensor_height, 0.05)
+    clear = _clear_cells(spec, occupancy, sim_robot.model.circumscribed_radius + MARGIN)
+    drives = []
+    for k in range(count):
+        rng = np.random.default_rng([seed, k, *world.encode()])
+        start, points = _random_route(spec, clear, rng)
+        folder = out / f"{Path(world).stem}-{robot}-random-{seed}-{k}"
+        if not folder.exists():
+            placed = load_world(world, home.world_from_start @ start)
+            local = tuple((float(x), float(y)) for x, y in start.inverse().transform(points))
+            route = Route(local, speed=0.5, turn_rate=0.7, rest=0.5)
+            record_drive(folder, placed, sim_robot, route, DRIVE_TIME, SimulationConfig(seed + k, physics="kinematic"))
+            if k % 10 == 9:
+                tell(f"{k + 1} of {count} drives in {world} are recorded")
+        drives.append(RandomDrive(world, folder, start))
+    return drives
+
+
+def _clear_cells(spec: GridSpec, occupancy: NDArray[np.int8], radius: float) -> NDArray[np.bool_]:
+    """Cells in which a disc of `radius` metres meets nothing but free ones, bool [iy, ix]."""
+    distance = ndimage.distance_transform_edt(occupancy == 0) * spec.resolution
+    return np.asarray(distance > radius)
+
+
+def _random_route(
+    spec: GridSpec, clear: NDArray[np.bool_], rng: np.random.Generator
+) -> tuple[SE2, NDArray[np.float64]]:
+    """Draw a start pose and way points (K, 2) joined by clear straight legs, all in the map frame."""
+    cells = np.argwhere(clear)
+    if len(cells) == 0:
+        raise BadInputError("the robot fits nowhere in this world")
+    here = _centre(spec, cells[rng.integers(len(cells))])
+    start = SE2(float(here[0]), float(here[1]), float(rng.uniform(-math.pi, math.pi)))
+    points = []
+    for _ in range(3):
+        for _ in range(200):
+            bearing, length = rng.uniform(-math.pi, math.pi), rng.uniform(*LEG)
+            there = here + length * np.array([math.cos(bearing), math.sin(bearing)])
+            if _is_clear(spec, clear, here, there):
+                points.append(there)
+                here = there
+                break
+    return start, np.array(points).reshape(-1, 2)
+
+
+def _centre(spec: GridSpec, cell: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.array(
+        [spec.origin_x + (cell[1] + 0.5) * spec.resolution, spec.origin_y + (cell[0] + 0.5) * spec.resolution]
+    )
+
+
+def _is_clear(spec: GridSpec, clear: NDArray[np.bool_], a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    steps = np.linspace(0.0, 1.0, 2 + int(np.hypot(*(b - a)) / spec.resolution))[:, None]
+    cells = spec.cells_of(a + steps * (b - a))
+    inside = (cells >= 0).all(axis=1) & (cells < np.array(clear.shape)).all(axis=1)
+    return bool(inside.all() and clear[cells[:, 0], cells[:, 1]].all())
