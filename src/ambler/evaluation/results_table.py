@@ -78,6 +78,13 @@ ROWS: Sequence[Row] = (
         "{search_1000_ms:.2f} ms; 4000² after a change {incremental_4000_ms:.2f} ms",
     ),
     Row("scan match", "≤ 3 ms", "bench_slam2d.json", "{match_ms:.2f} ms"),
+    Row(
+        "three scanners merged, at 1 m/s and 90°/s",
+        "≤ 1 cm, ≤ one scan, ≤ 2 ms per 100 thousand points",
+        "bench_merger.json",
+        "{scan_error_p99_m:.4f} m (99 %), {latency_max_ms:.0f} of {scan_period_ms:.0f} ms, "
+        "{merge_100k_points_median_cpu_ms:.2f} ms ({ratio_vs_numpy_merge_100k_points:.2f} of NumPy's)",
+    ),
 )
 
 
