@@ -73,7 +73,9 @@ def _world_cases() -> list[FaultCase]:
         FaultCase("people", "people", "amr_omni", FaultLimits(coverage=(0.85, MOST))),
         *(FaultCase("door_shut", "door:1", r, FaultLimits(coverage=(0.5, 0.7))) for r in ("diff", "amr_omni")),
         FaultCase("door_shuts_behind", "door:30", "diff", shut_out),
-        FaultCase("door_opens_again", "door:3:40", "diff", FaultLimits(coverage=(0.97, MOST))),
+        FaultCase(
+            "door_opens_again", "door:30:50", "diff", FaultLimits(coverage=(0.97, MOST), says=("the way home is shut",))
+        ),
         *(
             FaultCase("glass", "glass", f"{r}+ultrasonic", FaultLimits(coverage=(0.95, MOST)))
             for r in ("diff", "amr_omni")
