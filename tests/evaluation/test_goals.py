@@ -90,9 +90,17 @@ def test_a_goal_counts_only_when_the_truth_agrees() -> None:
     far, failed, unknown = near | {"error": 0.5}, near | {"code": "NO_VALID_PATH"}, near | {"error": math.nan}
     assert set(near) == set(Drive.__slots__)
     assert [is_reached(d) for d in (near, far, failed, unknown)] == [True, False, False, False]
-    journey = {"goals": 5, "collisions": 1, "sim_seconds": 40.0, "run_seconds": 10.0, "ended": "time_limit"}
+    journey = {
+        "goals": 5,
+        "collisions": 1,
+        "sim_seconds": 40.0,
+        "run_seconds": 10.0,
+        "cpu_seconds": 5.0,
+        "ended": "time_limit",
+    }
     fields = summarize([journey | {"drives": [near, far, failed, unknown]}])
     assert (fields["goals"], fields["reached"], fields["collisions"]) == (5, 1, 1)
     assert fields["failures"] == "NO_VALID_PATH,time_limit"
     assert fields["real_time_factor"] == pytest.approx(4.0)
+    assert fields["sim_seconds_per_cpu_second"] == pytest.approx(8.0)
     assert fields["drive_mean_s"] == pytest.approx(9.0)

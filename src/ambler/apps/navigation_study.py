@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 import statistics
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -54,7 +55,7 @@ def summarize(journeys: Sequence[dict[str, Any]]) -> dict[str, Any]:
     drives = [drive for journey in journeys for drive in journey["drives"]]
     reached = [d for d in drives if is_reached(d)]
     speeds = [d["speed"] for d in drives if d["speed"] is not None]
-    wall = sum(j["run_seconds"] for j in journeys)
+    simulated, wall, cpu = (sum(j[name] for j in journeys) for name in ("sim_seconds", "run_seconds", "cpu_seconds"))
     failed = sorted(
         {d["code"] for d in drives if d["code"] != "SUCCEEDED"} | {j["ended"] for j in journeys} - {"arrived"}
     )
@@ -68,8 +69,9 @@ def summarize(journeys: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "speed_median_mps": statistics.median(speeds) if speeds else None,
         "true_error_median_m": statistics.median(d["error"] for d in reached) if reached else None,
         "true_error_max_m": max((d["error"] for d in reached), default=None),
-        "sim_seconds": sum(j["sim_seconds"] for j in journeys),
-        "real_time_factor": sum(j["sim_seconds"] for j in journeys) / wall if wall > 0 else None,
+        "sim_seconds": simulated,
+        "real_time_factor": simulated / wall if wall > 0.0 else None,
+        "sim_seconds_per_cpu_second": simulated / cpu if cpu > 0.0 else None,
     }
 
 
@@ -97,10 +99,12 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
         time_limit=SECONDS_PER_GOAL * len(goals),
     )
     run = NavigationRun(options, folder)
+    began = time.process_time()
     try:
         run.run(options.time_limit)
     finally:
         run.close()
+    cpu_seconds = time.process_time() - began
     last_code = run.journey.outcomes[-1].code if run.journey is not None and run.journey.outcomes else None
     drives, collisions = judge_drives(folder.recording, goals, PilotNode.name, last_code)
     driven = [asdict(drive) for drive in drives]
@@ -111,6 +115,7 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
         "collisions": collisions,
         "sim_seconds": run.sim_seconds,
         "run_seconds": run.wall_seconds,
+        "cpu_seconds": cpu_seconds,
         "drives": driven,
     }
     reached = sum(is_reached(drive) for drive in driven)
