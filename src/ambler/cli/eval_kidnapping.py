@@ -34,7 +34,9 @@ def run(args: argparse.Namespace) -> int:
     from ambler.cli.eval_relocalization import campaign_command, time_fields
     from ambler.evaluation.proportions import wilson_interval
     from ambler.evaluation.results import write_results
+    from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
+    warm_up(imported_kernel_modules())  # else the first robot would wait for the compiler
     started, worlds = time.perf_counter(), args.worlds.split(",")
     noticed: list[float] = []
     recovered: list[float] = []

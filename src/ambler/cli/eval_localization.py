@@ -32,11 +32,13 @@ def run(args: argparse.Namespace) -> int:
     from ambler.core.errors import BadInputError
     from ambler.evaluation.localization_quality import draw_boxes
     from ambler.evaluation.results import write_results
+    from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
     names = args.places.split(",")
     places = tuple(p for p in PLACES if p.name in names)
     if len(places) != len(names):
         raise BadInputError(f"--places {args.places}: there are {', '.join(p.name for p in PLACES)}")
+    warm_up(imported_kernel_modules())
     started = time.perf_counter()
     study = LocalizationStudy(args.robot, places, seed=args.seed, runs=args.runs, resolution=args.resolution)
     args.out.mkdir(parents=True, exist_ok=True)

@@ -41,7 +41,9 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.random_drives import DRIVE_TIME, record_random_drives
     from ambler.evaluation.proportions import wilson_interval
     from ambler.evaluation.results import write_results
+    from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
+    warm_up(imported_kernel_modules())  # else the first robot would wait for the compiler
     started, worlds = time.perf_counter(), args.worlds.split(",")
     fields: dict[str, Any] = {}
     times: list[float] = []
