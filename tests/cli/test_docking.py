@@ -77,6 +77,7 @@ def test_a_summary_counts_what_happened() -> None:
     assert math.isclose(fields["attempts_mean"], 7 / 3)
     assert fields["approach_25m_s"] == 26.0
     assert "approach_9m_s" not in fields
+    assert math.isclose(fields["approach_position_error_max_m"], 0.0005)
     assert fields["docking_time_median_s"] == 7.0
     assert fields["fault_no_power_failures"] == "NO_CHARGE"
     assert fields["fault_no_power_docked"] == 0

@@ -92,6 +92,9 @@ def summarize(outcomes: Sequence[DockingOutcome]) -> dict[str, Any]:
         if runs:
             fields[f"approach_{distance:g}m_s"] = statistics.median(times) if times else None
             fields[f"source_approach_{distance:g}m_s"] = expected
+    errors = [o.error for o in outcomes if o.kind == "approach" and o.error is not None]
+    if errors:
+        fields["approach_position_error_max_m"] = max(errors)
     standard = [o for o in outcomes if o.kind in ("random", "approach")]
     times = [o.docking_seconds for o in standard if o.is_docked and o.docking_seconds is not None]
     if times:
