@@ -98,6 +98,30 @@ ROWS: Sequence[Row] = (
         "{maps_depot_diff_reached} of {maps_depot_diff_goals} reached, {maps_depot_diff_collisions} collisions, "
         "{maps_depot_diff_speed_median_mps:.2f} m/s",
     ),
+    Row(
+        "explore among glass, `diff` with an ultrasonic ring, 3 seeds",
+        "0 contacts",
+        "glass.json",
+        "{diff_with_layers_contacts} contacts in {diff_with_layers_runs} runs, coverage worst {diff_with_layers_coverage_ratio_worst:.1%}",
+    ),
+    Row(
+        "find a lost robot, office and warehouse (source: 1 of 3)",
+        "≥ 97 % within 5 s, 0 wrong",
+        "relocalization.json",
+        "{success_ratio:.0%} of {runs} ({success_interval_low:.1%} … {success_interval_high:.1%}), {wrong} wrong, median {time_median_s:.1f} s",
+    ),
+    Row(
+        "notice and recover from a kidnapping",
+        "≤ 2 s, ≤ 10 s in ≥ 95 %",
+        "kidnapping.json",
+        "{noticed_in_time} and {recovered_in_time} of {runs}; 95 % within {noticed_time_p95_s:.1f} s and {recovered_time_p95_s:.1f} s, {wrong} wrong",
+    ),
+    Row(
+        "dock from 1 m (source: 17 s); marker at 1 m, still and moving",
+        "≤ 8 s; ≤ 1 mm, ≤ 3 mm (95 %)",
+        "docking.json",
+        "{docking_time_median_s:.1f} s; {marker_still_p95_x_mm:.2f} mm, {marker_moving_p95_x_mm:.2f} mm; {collisions} collisions",
+    ),
 )
 
 
