@@ -3,7 +3,7 @@
 import math
 import re
 import struct
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import MERGED_FRAME, DriveKind
+from ambler.sim.camera import FRONT_CAMERA, PictureNoise
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.sensors import MEMS_IMU, SCANNER_360
 from ambler.sim.simulation import Simulation, SimulationConfig
@@ -181,3 +182,19 @@ def test_the_command_exports_and_shows(tmp_path: Path, capsys: pytest.CaptureFix
     assert "amr_omni: omni drive, 1.20 x 0.80 m, 150 kg" in capsys.readouterr().out
     assert main(["robot", "show", str(tmp_path / "none.urdf")]) == 2
     assert main(["robot", "export", "amr_omni", str(tmp_path / "no" / "folder.urdf")]) == 2
+
+
+def test_a_camera_has_its_own_lens_and_noise(tmp_path: Path) -> None:
+    camera = '<camera link="mast" width="320" fx="300" distortion="0 0 0 0 0" noise="1.5" rate_hz="10"/>'
+    robot = robot_named(str(write(tmp_path, INTEGRATOR.replace("<limits", camera + "<limits"))))
+    assert robot.camera is not None
+    assert robot.camera.model == replace(FRONT_CAMERA, width=320, fx=300.0, distortion=(0.0,) * 5)
+    assert robot.camera.picture == PictureNoise(noise=1.5)
+    assert robot.camera.rate_hz == 10.0
+
+
+@pytest.mark.parametrize("attribute", ['distortion="0 0"', 'zoom="2"', 'name="front"', 'rate_hz="fast"'])
+def test_a_camera_with_a_bad_attribute_is_refused(attribute: str, tmp_path: Path) -> None:
+    text = INTEGRATOR.replace("<limits", f'<camera link="mast" {attribute}/><limits')
+    with pytest.raises(BadInputError, match="<camera"):
+        robot_named(str(write(tmp_path, text)))

@@ -71,9 +71,9 @@ def test_a_background_job_is_pure_and_its_result_may_arrive_late() -> None:
     course, slam = ring(), Slam2d(short_submaps())
     n = len(course.truth)
     run(slam, course, with_odometry=True, last=n - 10, with_background=False)
-    work = slam.take_background_work(is_final=True)
+    work = next(slam.final_work(), None)
     assert work is not None
-    assert slam.take_background_work(is_final=True) is None  # one at a time
+    assert slam.take_background_work() is None  # one at a time
     poses = slam._back_end.graph.poses.copy()
     early = work()
     assert np.array_equal(slam._back_end.graph.poses, poses)

@@ -9,7 +9,20 @@ import sys
 
 from ambler import __version__
 
-VERBS = ("demo", "navigate", "dock", "undock", "slam2d", "replay", "robot", "tune", "calibrate", "eval", "bench", "warmup")
+VERBS = (
+    "demo",
+    "navigate",
+    "dock",
+    "undock",
+    "slam2d",
+    "replay",
+    "robot",
+    "tune",
+    "calibrate",
+    "eval",
+    "bench",
+    "warmup",
+)
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")

@@ -93,8 +93,21 @@ def known_box(cells, box):
 
 
 @jit
-def compose(cells, frame, pose, log_odds, target_frame, evidence, known):
+def _is_beside_occupied(cells, iy, ix, log_odds):
+    height, width = cells.shape
+    for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        ny, nx = iy + dy, ix + dx
+        if 0 <= ny < height and 0 <= nx < width and cells[ny, nx] != 0 and log_odds[cells[ny, nx]] > 0.0:
+            return True
+    return False
+
+
+@jit
+def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidence, known):
     """Add a submap's log odds to the global grid, each global cell reading the submap cell under its centre.
+
+    A free cell beside an occupied one counts `beside_occupied` times its log odds: submaps that place a wall one cell apart must not
+    wipe it out for each other.
 
     `cells` uint16 (h, w) with `frame` (resolution, x, y) in the submap frame; `pose` float64 (3,) map_from_submap;
     `log_odds` float32 (32768,); `target_frame` (resolution, x, y); `evidence` float32 (H, W), `known` uint8 (H, W).
@@ -132,7 +145,10 @@ def compose(cells, frame, pose, log_odds, target_frame, evidence, known):
                 if jx < w and jy < h:
                     value = cells[jy, jx]
                     if value != 0:
-                        evidence[iy, ix] += log_odds[value]
+                        added = log_odds[value]
+                        if added < 0.0 and _is_beside_occupied(cells, jy, jx, log_odds):
+                            added *= beside_occupied
+                        evidence[iy, ix] += added
                         known[iy, ix] = 1
 
 
@@ -161,5 +177,5 @@ def warm_up() -> None:
     known_box(cells, np.zeros(4, np.int64))
     evidence = np.zeros((4, 4), np.float32)
     known = np.zeros((4, 4), np.uint8)
-    compose(cells, frame, np.zeros(3), np.zeros(32768, np.float32), frame, evidence, known)
+    compose(cells, frame, np.zeros(3), np.zeros(32768, np.float32), 0.5, frame, evidence, known)
     to_occupancy(evidence, known, 0.0, 0.0, np.zeros((4, 4), np.int8))

@@ -12,6 +12,7 @@ from ambler.runtime.node import Node, TaskOutcome
 from ambler.runtime.tasks import (
     ARM,
     EXPLORE,
+    FINISH_MAP,
     SAVE_GLASS,
     SAVE_MAP,
     ExploreFeedback,
@@ -28,11 +29,11 @@ Outcome = TaskOutcome[ExploreResult]
 
 
 class OperatorNode(Node):
-    """Arms, explores, saves the map (and, when `saves_glass`, its glass) under `map_stem`, then calls `on_finished` with the outcome of the exploration."""
+    """Arms, explores, has the map finished, saves it (and, when `saves_glass`, its glass) under `map_stem`, then calls `on_finished` with the outcome of the exploration."""
 
     name = "operator"
     outputs = (STATUS,)
-    calls = (ARM, EXPLORE, SAVE_MAP)
+    calls = (ARM, EXPLORE, FINISH_MAP, SAVE_MAP)
     latency = 0.001
 
     def __init__(
@@ -74,6 +75,9 @@ class OperatorNode(Node):
 
     def _explored(self, outcome: Outcome) -> None:
         self._say(outcome.code, outcome.text or "exploration ended with proof")
+        self.ctx.send_goal(FINISH_MAP, Nothing(), lambda _: self._save(outcome))
+
+    def _save(self, outcome: Outcome) -> None:
         self.ctx.call(SAVE_MAP, SaveMapRequest(self._map_stem), lambda reply: self._saved(reply, outcome))
 
     def _saved(self, reply: Nothing | Exception, outcome: Outcome) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,8 +25,8 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
-from ambler.runtime.node import Node
-from ambler.runtime.tasks import SAVE_MAP, Nothing, SaveMapRequest
+from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.tasks import FINISH_MAP, SAVE_MAP, Nothing, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
     IMU,
@@ -38,9 +39,12 @@ from ambler.runtime.topics import (
     TRANSFORMS,
 )
 from ambler.safety.stuck_scan import StuckScan
+from ambler.slam2d.back_end import JobResult
 from ambler.slam2d.config import Slam2dConfig
 from ambler.slam2d.slam import Slam2d, Slam2dResult
 from ambler.wire.map_files import save_map
+
+Finishing = GoalHandle[Nothing, Nothing, Nothing]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ class Slam2dNode(Node):
     inputs = (SCAN, ODOMETRY)
     optional_inputs = (IMU,)
     outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
-    serves = (SAVE_MAP,)
+    serves = (SAVE_MAP, FINISH_MAP)
     latency = 0.01
 
     def __init__(self, robot: RobotModel, config: Slam2dNodeConfig | None = None) -> None:
@@ -77,6 +81,9 @@ class Slam2dNode(Node):
         self._newest_ns = -1
         self._repeats = StuckScan()
         self._odom_from_base = SE2()
+        self._has_job = False
+        self._finishing: Finishing | None = None
+        self._final_work: Iterator[Callable[[], JobResult]] = iter(())
 
     def start(self) -> None:
         """Subscribe to the sensors and publish the map when it has changed."""
@@ -87,6 +94,7 @@ class Slam2dNode(Node):
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(IMU, self._on_imu)
         self.ctx.serve(SAVE_MAP, self._save_map)
+        self.ctx.serve_task(FINISH_MAP, self._on_finish, self._on_finish_cancelled)
         self.ctx.timer(self._config.map_period, self._publish_map)
 
     def _on_odometry(self, message: Odometry) -> None:
@@ -129,9 +137,36 @@ class Slam2dNode(Node):
             self._publish_scan(scan, result)
         if self._published_version == 0:
             self._publish_map()
-        work = self.slam.take_background_work()
-        if work is not None:
-            self.ctx.background(work, self._config.background_duration, self.slam.commit)
+        if not self._has_job:
+            self._work(self.slam.take_background_work())
+
+    def _work(self, job: Callable[[], JobResult] | None) -> None:
+        self._has_job = job is not None
+        if job is not None:
+            self.ctx.background(job, self._config.background_duration, self._worked)
+
+    def _worked(self, result: JobResult) -> None:
+        self.slam.commit(result)
+        self._has_job = False
+        if self._finishing is not None:
+            self._go_on_finishing(self._finishing)
+
+    def _on_finish(self, handle: Finishing) -> None:
+        self._finishing = handle
+        self._final_work = self.slam.final_work()
+        if not self._has_job:
+            self._go_on_finishing(handle)
+
+    def _on_finish_cancelled(self, handle: Finishing) -> None:
+        if self._finishing is handle:
+            self._finishing = None
+
+    def _go_on_finishing(self, handle: Finishing) -> None:
+        self._work(next(self._final_work, None))
+        if not self._has_job:
+            self._finishing = None
+            self._publish_map()
+            handle.succeed(Nothing())
 
     def _publish_result(self, result: Slam2dResult) -> None:
         stamp = result.stamp_ns

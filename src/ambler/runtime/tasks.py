@@ -257,6 +257,8 @@ DOCK_FAILURES = (
 )
 DOCK = Task("dock", DockGoal, DockFeedback, DockReport, DOCK_FAILURES)
 UNDOCK = Task("undock", UndockGoal, DockFeedback, DockReport, DOCK_FAILURES)
+FINISH_MAP = Task("finish_map", Nothing, Nothing, Nothing, ())
+"""Search once more for loop closures among everything that is known, and optimize; before a map is saved, while the robot stands."""
 EXPLORE = Task("explore", ExploreGoal, ExploreFeedback, ExploreResult, ("STUCK", "LOST", "RETURN_FAILED"))
 
 CLICKED_GOAL_OVER = "CLICKED_GOAL_OVER"

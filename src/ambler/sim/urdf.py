@@ -20,6 +20,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ambler.core.errors import BadInputError
 from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
+from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sensors import (
     LEG_ODOMETRY,
     MEMS_IMU,
@@ -70,6 +71,7 @@ def load_urdf(path: Path) -> SimRobot:
     imu = extension.find("imu")
     odometry = extension.find("odometry")
     gait = extension.find("gait")
+    camera = extension.find("camera")
     mass = sum(link.mass for link in tree.links.values())
     if mass <= 0:
         raise BadInputError(f"{path}: no <link> has an <inertial> with a <mass>")
@@ -98,6 +100,7 @@ def load_urdf(path: Path) -> SimRobot:
         gait=_spec(tree, gait, GAITS, "trot") if gait is not None else None,
         watchdog=_scalar(tree, extension, "watchdog", 0.5),
         ultrasonics=ultrasonics,
+        camera=_camera(tree, camera) if camera is not None else None,
     )
 
 
@@ -231,6 +234,22 @@ def _mounts(
             SensorMount(name, "range", poses[name], _spec(tree, element, ULTRASONICS, "transducer_30").range_min)
         )
     return (*scans, *merged, *others, *cameras, *rangers)
+
+
+def _camera(tree: UrdfTree, element: Element) -> CameraSpec:
+    """Return the camera; values of its lens and of its picture's noise are attributes of the element, too."""
+    rest = Element(element.tag, element.attrib)
+
+    def taken(default: T) -> T:
+        names = {f.name for f in fields(default)} - {"name"}  # type: ignore[arg-type]
+        own = {key: rest.attrib.pop(key) for key in list(rest.attrib) if key in names}
+        return _override(tree, Element(element.tag, own), default)
+
+    try:
+        lens, noise = taken(FRONT_CAMERA), taken(PictureNoise())
+    except ValueError as error:
+        raise BadInputError(f"{tree.path}: {label(element)}: {error}") from None
+    return replace(_override(tree, rest, CameraSpec()), model=lens, picture=noise)
 
 
 def _spec(tree: UrdfTree, element: Element, known: Mapping[str, T], default: str) -> T:

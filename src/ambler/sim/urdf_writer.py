@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -14,6 +14,7 @@ import numpy as np
 
 from ambler.core.robot import MERGED_FRAME, VelocityLimits
 from ambler.core.se3 import SE3
+from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.urdf import GAITS, IMUS, LIDARS, ODOMETRIES, ULTRASONICS
 from ambler.wire.atomic_file import write_whole
@@ -122,10 +123,21 @@ def _extension(root: Element, robot: SimRobot) -> None:
         if mount.kind == "imu":
             SubElement(extension, "imu", {"link": mount.frame, **_nearest(robot.imu, IMUS)})
         elif mount.kind == "camera" and mount.frame != MERGED_FRAME:
-            SubElement(extension, "camera", link=mount.frame)
+            SubElement(extension, "camera", {"link": mount.frame, **_camera(robot.camera)})
     SubElement(extension, "odometry", _nearest(robot.odometry, ODOMETRIES))
     if robot.gait is not None:
         SubElement(extension, "gait", _nearest(robot.gait, GAITS))
+
+
+def _camera(spec: CameraSpec | None) -> dict[str, str]:
+    if spec is None:
+        return {}
+    lens, noise = replace(spec.model, name=FRONT_CAMERA.name), PictureNoise()
+    return {
+        **_differences(replace(spec, model=FRONT_CAMERA, picture=noise), CameraSpec()),
+        **_differences(lens, FRONT_CAMERA),
+        **_differences(spec.picture, noise),
+    }
 
 
 def _nearest(spec: Any, known: Mapping[str, Any]) -> dict[str, str]:

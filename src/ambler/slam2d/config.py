@@ -87,11 +87,13 @@ class GraphConfig:
 
 @dataclass(frozen=True, slots=True)
 class RenderConfig:
-    """The published map: cells whose summed log odds pass the thresholds."""
+    """The published map: cells whose summed log odds pass the thresholds. In each submap a free cell beside an occupied one counts
+    `beside_occupied` times its log odds only, so that walls on which submaps disagree by a cell keep no holes."""
 
     resolution: float = 0.05
     occupied_above: float = 0.0
     free_below: float = 0.0
+    beside_occupied: float = 0.3
     margin: float = 0.5
 
 

@@ -65,7 +65,8 @@ class MapRenderer:
     ) -> None:
         frame = np.array([spec.resolution, spec.origin_x, spec.origin_y])
         pose = p.map_from_submap.as_array()
-        kernels.compose(p.submap.grid.cells, p.submap.grid.frame, pose, self._log_odds, frame, evidence, known)
+        grid, beside = p.submap.grid, self._config.beside_occupied
+        kernels.compose(grid.cells, grid.frame, pose, self._log_odds, beside, frame, evidence, known)
 
     def _is_base_of(self, finished: list[PlacedSubmap]) -> bool:
         now = {p.submap.index: p.map_from_submap for p in finished}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,22 +115,26 @@ class Slam2d:
             local.finished.index if local.finished else None,
         )
 
-    def take_background_work(self, *, is_final: bool = False) -> Callable[[], JobResult] | None:
+    def take_background_work(self) -> Callable[[], JobResult] | None:
         """Return a pure job on snapshots when there is one; run it anywhere and `commit` its result. One at a time."""
-        return self._back_end.take_work(is_final=is_final)
+        return self._back_end.take_work()
 
     def commit(self, result: JobResult) -> None:
         """Apply the result of a background job."""
         self._back_end.commit(result)
         self.map_version += 1
 
-    def finish(self) -> None:
-        """Search what still waits and optimize until nothing new is found; for the end of a recording."""
+    def final_work(self) -> Iterator[Callable[[], JobResult]]:
+        """Yield the jobs that search what still waits, then many nodes once more; `commit` each result before the next is taken."""
         for is_again in (False, True):
             if is_again:
                 self._back_end.queue_final()
-            for work in iter(lambda: self._back_end.take_work(is_final=True), None):
-                self.commit(work())
+            yield from iter(lambda: self._back_end.take_work(is_final=True), None)
+
+    def finish(self) -> None:
+        """Do all final work at once; for the end of a recording."""
+        for work in self.final_work():
+            self.commit(work())
 
     def render_map(self) -> tuple[GridSpec, NDArray[np.int8]]:
         """Return the map's geometry and occupancy int8 [iy, ix] (-1 unknown, 0 free, 100 occupied)."""
