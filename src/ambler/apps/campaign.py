@@ -14,6 +14,7 @@ from ambler.apps.demo_process import DemoJob, run_demo
 
 WORST = {
     "coverage_ratio": min,
+    "reachable_coverage_ratio": min,
     "nne_cells": max,
     "nne_reverse_cells": max,
     "ssim": min,

@@ -54,6 +54,7 @@ class Demo(SimulatedRun):
         self.outcome: Outcome | None = None
         self.progress = ProgressLine()
         robot = robot_named(options.robot)
+        self.robot = robot.model
         self.world = load_world(options.world)
         self.config = explorer_config(options)
         save_resolved(folder.config, {"demo": as_values(options), "explorer": as_values(self.config)})

@@ -11,9 +11,10 @@ from rich.table import Table
 
 from ambler.apps.demo import Demo
 from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
 from ambler.evaluation.collisions import Collision, find_collisions
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
-from ambler.evaluation.map_quality import MapQuality, compare_maps
+from ambler.evaluation.map_quality import MapQuality, compare_maps, reachable_coverage
 from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, draw_series
 from ambler.evaluation.report import Picture, collision_table, frontier_table, write_report
 from ambler.evaluation.results import machine_class
@@ -49,6 +50,7 @@ def judge(demo: Demo) -> Verdict:
         "robot": demo.options.robot,
         "ended": demo.ended,
         "coverage_ratio": None if quality is None else quality.coverage_ratio,
+        "reachable_coverage_ratio": None if quality is None else _reachable(demo, record, quality),
         "false_free_ratio": None if quality is None else quality.false_free_ratio,
         "nne_cells": None if quality is None else quality.nne_cells,
         "nne_reverse_cells": None if quality is None else quality.nne_reverse_cells,
@@ -128,6 +130,14 @@ def print_result(fields: dict[str, Any], title: str = "exploration") -> None:
         text = "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
         table.add_row(name, text)
     Console(width=100).print(table)
+
+
+def _reachable(demo: Demo, record: ExplorationRecord, quality: MapQuality) -> float | None:
+    if len(record.true_poses) == 0:
+        return None
+    start, radius = SE2.from_array(record.true_poses[0]), demo.robot.inscribed_radius
+    built = load_map(demo.folder.map_stem.with_suffix(".yaml"))
+    return reachable_coverage(built, record.true_map, quality.truth_from_built, start, radius)
 
 
 def _map_quality(path: Path, record: ExplorationRecord) -> MapQuality | None:
