@@ -146,6 +146,27 @@ def test_no_path_clears_once_then_fails_with_its_name(script: Script, drive: Nav
     assert not script.recoveries
 
 
+def test_a_patient_drive_waits_for_a_way(script: Script) -> None:
+    drive = Navigation(NavigationConfig(blocked_patience=6.0), script, GOAL)
+    drive.start()
+    script.plans[-1](NoValidPathError("somebody stands in the door"))
+    script.clears[-1]()
+    for _ in range(2):
+        script.plans[-1](NoValidPathError("somebody stands in the door"))
+        assert script.texts[-1] == "wait because of somebody stands in the door"
+        rest(drive, 3.0)
+    script.plans[-1](plan_to(5.0))
+    assert drive.state is NavigationState.FOLLOWING
+    script.follows[-1][2](4.0)  # it drives, so its patience is fresh
+    fail_follow(script, "NO_VALID_CONTROL")
+    script.recoveries[-1][1]("SUCCEEDED", "")
+    for _ in range(2):
+        script.plans[-1](NoValidPathError("another one"))
+        rest(drive, 3.0)
+    script.plans[-1](NoValidPathError("a wall"))
+    assert script.ends == [("NO_VALID_PATH", "a wall")]
+
+
 def rest(drive: Navigation, seconds: float) -> None:
     """Tick until just before the end of a wait, then once more."""
     for _ in range(math.ceil(seconds / TICK_PERIOD)):

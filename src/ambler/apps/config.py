@@ -16,6 +16,7 @@ from ambler.costmap.local_costmap import LocalCostmapConfig
 from ambler.exploration.survey import SurveyConfig
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.missions.explore_commands import ExploreConfig
+from ambler.missions.navigate import NavigationConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
@@ -36,6 +37,7 @@ class ExplorerConfig:
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
+    navigation: NavigationConfig = field(default_factory=NavigationConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
     pursuit: PursuitConfig = field(default_factory=PursuitConfig)
     gate: GateConfig = field(default_factory=GateConfig)

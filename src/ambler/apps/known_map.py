@@ -16,6 +16,7 @@ from ambler.localization.particle_filter import ParticleFilter, ParticleFilterCo
 from ambler.localization.reflector_localizer import ReflectorConfig, ReflectorLocalizer
 from ambler.localization.reflectors import ReflectorMap
 from ambler.localization.surface_map import SurfaceMap
+from ambler.missions.navigate import NavigationConfig
 from ambler.nodes.localization import LocalizationNodeConfig
 
 
@@ -45,8 +46,9 @@ class KnownMapConfig:
 
 
 def known_map_config(robot: RobotModel) -> KnownMapConfig:
-    """Return the defaults for a robot: its motion model; the pursuit controller on an omnidirectional base with planar scanners."""
-    driving = for_robot(robot)
+    """Return the defaults for a robot: its motion model; patience where people may block the way; the pursuit controller on an
+    omnidirectional base with planar scanners."""
+    driving = replace(for_robot(robot), navigation=NavigationConfig(blocked_patience=30.0))
     is_omni = robot.drive is DriveKind.OMNI
     if is_omni and robot.scanners:
         driving = replace(driving, controller="pursuit")

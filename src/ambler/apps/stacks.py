@@ -79,7 +79,7 @@ def _driving_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
         ControllerNode(
             robot, _local_planner(robot, config), LocalCostmap(config.local_costmap, robot), config.slam2d.planar
         ),
-        NavigatorNode(),
+        NavigatorNode(config.navigation),
     ]
 
 

@@ -41,6 +41,7 @@ class NavigationState(enum.Enum):
 ENDS = (NavigationState.SUCCEEDED, NavigationState.FAILED, NavigationState.CANCELLED)
 MISSING = (TransformError.code, StaleInputError.code)
 TICK_PERIOD = 1.0
+BLOCKED_REST = 3.0
 HOPELESS = ("GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP")
 
 
@@ -69,12 +70,14 @@ class Driver(Protocol):
 @dataclass(frozen=True, slots=True)
 class NavigationConfig:
     """`keep_path` metres before the goal a path that is still free is kept; `plan_patience` replans in a row may fail while a
-    path is followed; after `wait_patience` ticks without pose or input the robot is lost. A substitute of an unreachable goal
-    counts as reached within `loose_tolerance` metres, at any heading."""
+    path is followed; after `wait_patience` ticks without pose or input the robot is lost. When nothing leads to the goal and
+    clearing did not help, a way is waited for `blocked_patience` seconds: whoever stands there may leave. A substitute of an
+    unreachable goal counts as reached within `loose_tolerance` metres, at any heading."""
 
     keep_path: float = 4.0
     plan_patience: int = 3
     wait_patience: int = 8
+    blocked_patience: float = 0.0
     loose_tolerance: float = 0.35
     recoveries: tuple[RecoveryStep, ...] = DEFAULT_SEQUENCE
 
@@ -94,6 +97,7 @@ class Navigation:
         self._failed_plans = 0
         self._waits = 0
         self._rest = 0.0
+        self._blocked = 0.0
         self._path: Path | None = None
         self._arrived_at: Path | None = None
         self.state = NavigationState.PLANNING
@@ -199,6 +203,7 @@ class Navigation:
     def _on_left(self, distance: float) -> None:
         if self.state is NavigationState.FOLLOWING:
             self._waits = 0
+            self._blocked = 0.0
             self.distance_remaining = distance
             self._recoveries.update(distance)
 
@@ -225,8 +230,14 @@ class Navigation:
 
     def _recover_or_fail(self, code: str, text: str) -> None:
         step = self._recoveries.peek()
-        # Moving does not open a way that the map denies, only forgetting obstacles may.
-        if step is None or (code == "NO_VALID_PATH" and step.action is not RecoveryAction.CLEAR):
+        # Moving does not open a way that the map denies; forgetting obstacles may, or whoever stands there leaves.
+        is_denied = code == "NO_VALID_PATH" and (step is None or step.action is not RecoveryAction.CLEAR)
+        if is_denied and self._blocked < self._config.blocked_patience:
+            self._blocked += BLOCKED_REST
+            self._enter(NavigationState.RECOVERING, f"{RecoveryAction.WAIT.value} because of {text}")
+            self._rest = BLOCKED_REST
+            return
+        if step is None or is_denied:
             self._fail(code, text)
             return
         self._recoveries.take()

@@ -1,0 +1,50 @@
+"""A robot in a known map: it arrives without being told where it starts, and a recorded drive is localized to the millimetre."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ambler.apps.localization_study import METHODS, LocalizationStudy, Place, run_study
+from ambler.apps.navigation import NavigationOptions, NavigationRun
+from ambler.apps.rail import Rail, Route
+from ambler.apps.run_folder import RunFolder
+from ambler.core.se2 import SE2
+
+
+def test_a_rail_leads_along_its_way_points() -> None:
+    rail, pose = Rail(Route(((2.0, 0.0), (2.0, 1.5)), speed=0.5, rest=0.1)), SE2()
+    assert rail.compute_command(0.05, pose).vx == 0.0
+    nearest = 9.0
+    for k in range(600):
+        command = rail.compute_command(0.1 + 0.02 * k, pose)
+        pose = pose @ SE2.exp(0.02 * np.array([command.vx, command.vy, command.wz]))
+        nearest = min(nearest, pose.distance_to(SE2(2.0, 0.0)))
+    assert nearest < 0.3
+    assert pose.distance_to(SE2(2.0, 1.5)) < 0.3
+    assert command.vx == command.wz == 0.0
+
+
+def test_a_lost_robot_finds_itself_and_arrives(tmp_path: Path) -> None:
+    options = NavigationOptions(
+        "lab_empty", goals=(SE2(3.0, 1.5, 0.0),), is_lost=True, may_turn=True, port=None, physics="kinematic"
+    )
+    run = NavigationRun(options, RunFolder(tmp_path / "run"))
+    try:
+        run.run(60.0)
+        fields = run.judge()
+    finally:
+        run.close()
+    assert fields["ended"] == "arrived"
+    assert fields["collisions"] == 0
+    assert fields["last_goal_error_m"] < 0.2
+
+
+def test_a_recorded_drive_is_localized_by_every_method(tmp_path: Path) -> None:
+    route = Route(((2.0, 0.5), (3.0, 2.0)), speed=0.5)
+    place = Place("lab", "lab_empty", route, 6.0, (SE2(2.0, 1.0, 1.0),), (0, 1, 2))
+    study = LocalizationStudy(places=(place,), methods=METHODS[2:], runs=1, stand_time=2.0)
+    results = run_study(study, tmp_path, lambda line: None)
+    for (_, method, is_moving), errors in results.items():
+        assert errors.rms[:2].max() < 0.015, (method, is_moving)
+        assert errors.nees.mean() < 4.0, (method, is_moving)
+    assert (tmp_path / "lab-amr_omni-drive-0" / "true_pose.csv").exists()
