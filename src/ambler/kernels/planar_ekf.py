@@ -102,6 +102,9 @@ def correct(x, p, kind, z, r, gate, work):
 
     `kind` TWIST: z = (vx, vy, wz); YAW_RATE: z[0] = wz + bias; POSE: z = (x, y, yaw). `r` float64 (3, 3) its covariance
     (YAW_RATE: r[0, 0]). `work` float64 (4, 7, 7) is scratch.
+
+    What a velocity tells of the gyroscope's bias does not move the pose: the bias turned all of the way behind, and odometry must
+    not jump. The Joseph form keeps the covariance right for such a gain, too.
     """
     size = 1 if kind == YAW_RATE else 3
     first = 0 if kind == POSE else 3
@@ -126,6 +129,11 @@ def correct(x, p, kind, z, r, gate, work):
             nu2 = math.atan2(math.sin(nu2), math.cos(nu2))
     if not _invert(s, size, inverse):
         return -1.0
+    if kind != POSE and p[6, 6] > 0.0:
+        for i in range(3):
+            by_bias = p[i, 6] / p[6, 6]
+            for a in range(size):
+                ph[i, a] -= by_bias * ph[6, a]
     distance = inverse[0, 0] * nu0 * nu0
     if size == 3:
         distance += inverse[1, 1] * nu1 * nu1 + inverse[2, 2] * nu2 * nu2
