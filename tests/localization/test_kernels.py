@@ -142,6 +142,22 @@ def test_projection_removes_only_the_undetermined(seed: int) -> None:
     np.testing.assert_allclose(g, gradient, atol=1e-6)
 
 
+def test_an_undetermined_direction_tells_nothing_of_the_depth() -> None:
+    """A long wall along x and two points on its end: while x is unknown they must not tell where surfaces really lie."""
+    rng = np.random.default_rng(2)
+    wall = np.column_stack([np.zeros(50), np.ones(50), rng.uniform(-5, 5, 50), np.ones(50)])
+    end = np.array([[1.0, 0.0, 0.3, 1.0], [1.0, 0.0, -0.2, 1.0]])
+    h, g = np.zeros((4, 4)), np.zeros(4)
+    for j, r in ((wall, np.full(50, 0.01)), (end, np.full(2, 0.3))):
+        h += j.T @ j
+        g += j.T @ r
+    kept = grid_tracker.project(h, g, 3.0, 0.01, 3.0, np.empty((3, 3)), np.empty(3), np.empty((3, 3)))
+    assert kept == 2
+    depth = h[3, 3] - h[3, 1:3] @ np.linalg.solve(h[1:3, 1:3], h[1:3, 3])
+    assert abs(depth) < 0.01
+    assert g[3] - h[3, 1:3] @ np.linalg.solve(h[1:3, 1:3], g[1:3]) == pytest.approx(0.0, abs=0.01)
+
+
 @given(st.integers(0, 10_000))
 @settings(max_examples=20, deadline=None)
 def test_solve4_solves(seed: int) -> None:

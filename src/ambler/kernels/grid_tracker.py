@@ -145,6 +145,9 @@ def eigen3(m, values, vectors):
 def project(h, g, lever, min_ratio, min_weight, work, values, vectors):
     """Remove from H (4, 4) and g the pose directions that the points do not determine; returns how many remain (0 to 3).
 
+    Such a direction is unknown, not known: what its few points say together with the depth says nothing of the depth alone, so it is
+    eliminated (Schur complement) before it is removed.
+
     A direction stays when its eigenvalue (yaw counted as `lever` metres per radian) is at least `min_ratio` of the largest and
     at least `min_weight` (weighted points). The depth counts as known: how well a single wall tells the distance to it is limited
     by the depth's own variance, which fusion takes into account, not by this test.
@@ -166,6 +169,10 @@ def project(h, g, lever, min_ratio, min_weight, work, values, vectors):
         v0, v1, v2 = vectors[0, k], vectors[1, k], vectors[2, k]
         d0, d1, d2 = v0, v1, v2 * inverse
         e0, e1, e2 = v0, v1, v2 * lever
+        shared = d0 * h[0, 3] + d1 * h[1, 3] + d2 * h[2, 3]
+        if values[k] > 1e-9 * values[2]:
+            h[3, 3] -= shared * shared / values[k]
+            g[3] -= shared * (d0 * g[0] + d1 * g[1] + d2 * g[2]) / values[k]
         for b in range(4):
             dot = d0 * h[0, b] + d1 * h[1, b] + d2 * h[2, b]
             h[0, b] -= e0 * dot

@@ -66,8 +66,18 @@ class MatchResult:
         """Return the information float64 (4, 4) of the solution, none in the undetermined directions."""
         spread = self.noise * self.full + self.map_noise * self.shared
         spread += (1e-9 * np.trace(spread) + 1e-15) * np.eye(4)
-        information = self.normal @ np.linalg.solve(spread, self.normal)
+        information = self.full @ np.linalg.solve(spread, self.full)
+        for unknown in self._undetermined():
+            told = information @ unknown
+            information -= np.outer(told, told) / max(float(unknown @ told), 1e-12)
         return np.asarray(0.5 * (information + information.T))
+
+    def _undetermined(self) -> list[F64]:
+        """Return the directions float64 (4,) of the state that `normal` lacks."""
+        scale = np.array([1.0, 1.0, self.lever])
+        values, vectors = np.linalg.eigh(self.normal[:3, :3] / np.outer(scale, scale))
+        floor = 1e-9 * max(float(values[-1]), 1e-12)
+        return [np.append(v / scale, 0.0) for value, v in zip(values, vectors.T, strict=True) if value <= floor]
 
     def map_covariance(self) -> F64:
         """Return the covariance float64 (4, 4) that the map's errors cause; more scans from the same place do not lessen it."""
