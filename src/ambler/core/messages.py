@@ -135,6 +135,18 @@ class Imu(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class GnssFix(Message):
+    """A position by satellites: WGS 84 latitude, longitude (deg), altitude (m), NaN without a fix; `variance` east, north, up (m²)."""
+
+    stamp_ns: int
+    frame: str
+    latitude: float
+    longitude: float
+    altitude: float
+    variance: Vector3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Image(Message):
     """A grey picture in a camera's optical frame, uint8 (height, width), row 0 at the top."""
 

@@ -99,6 +99,23 @@ def draw_overlay(quality: MapQuality, path: Path) -> Path:
     return _save(figure, path)
 
 
+def draw_tracks(path: Path, tracks: Mapping[str, F64]) -> Path:
+    """Draw named tracks float64 (N, 2), metres, into one plan."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.6, 7.6), dpi=DPI)
+    axes = figure.add_subplot()
+    for k, (label, track) in enumerate(tracks.items()):
+        axes.plot(track[:, 0], track[:, 1], color=COLOURS[k % len(COLOURS)], lw=1.6, label=label)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)", color=INK)
+    axes.set_ylabel("y (m)", color=INK)
+    axes.grid(color=GRID, lw=0.8)
+    axes.set_axisbelow(True)
+    _legend(axes)
+    return _save(figure, path)
+
+
 def draw_series(path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Curve, Curve]]) -> Path:
     """Draw named curves (x values, y values) into one plot; a single curve needs no legend."""
     from matplotlib.figure import Figure

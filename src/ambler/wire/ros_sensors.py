@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -162,6 +163,19 @@ def imu_to_ros(message: m.Imu) -> Any:
         _NO_COVARIANCE,
         vector_to_ros(message.linear_acceleration),
         _NO_COVARIANCE,
+    )
+
+
+def gnss_from_ros(record: Any) -> m.GnssFix:
+    has_fix = record.status.status >= 0
+    covariance = record.position_covariance
+    return m.GnssFix(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        record.latitude if has_fix else math.nan,
+        record.longitude if has_fix else math.nan,
+        record.altitude if has_fix else math.nan,
+        (float(covariance[0]), float(covariance[4]), float(covariance[8])),
     )
 
 
