@@ -17,7 +17,7 @@ class PursuitConfig:
     lateral_gain       yaw rate per metre beside the path and metre per second (a differential base)
     pos_gain           of the position error near the goal
     pos_y_gain         of the distance to the path (an omnidirectional base)
-    cost_gain          sideways velocity away from near obstacles, m/s at contact; of it `cost_yaw_share` turns a differential base
+    cost_gain, cost_yaw_gain   away from near obstacles: sideways velocity (m/s at contact), yaw rate of a differential base
     curve_speed        speed at which the robot may turn by one radian within the lookahead, m/s
     goal_distance      metres of path before the goal from which the robot moves holonomically
     near, near_speed   clearance below which the speed falls, to `near_speed` m/s at none
@@ -26,8 +26,7 @@ class PursuitConfig:
     brake_share        share of the deceleration limits used on purpose
     xy_tolerance, yaw_tolerance   where the goal is reached: no command any more
     creep, creep_yaw   slowest motion commanded while the goal is not reached, m/s and rad/s
-    arrive_radius, pass_radius   of a differential base, as in the rollout
-    stuck_time         seconds of free arc below which the robot says that it is blocked
+    arrive_radius, pass_radius, arrive_yaw   of a differential base, as in the rollout
     """
 
     reaction_time: float = 0.1
@@ -56,4 +55,3 @@ class PursuitConfig:
     arrive_radius: float = 0.03
     pass_radius: float = 0.12
     arrive_yaw: float = math.radians(1.1)
-    stuck_time: float = 0.15
