@@ -43,7 +43,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--resolution", type=float, default=0.0625, help="metres per pixel")
     parser.add_argument("--every", type=int, default=1, help="take each n-th plan only")
     parser.add_argument(
-        "--worlds", default="office,lab_empty,lab_obstacle", help="built-in worlds, separated by commas"
+        "--worlds",
+        default="office,lab_empty,lab_obstacle,warehouse,maze,corridor,building",
+        help="built-in worlds, separated by commas",
     )
     parser.add_argument("--plan-range", type=float, default=5.0, help="how far the scanner sees in plans, metres")
     parser.add_argument("--world-range", type=float, default=20.0, help="how far the scanner sees in worlds, metres")
