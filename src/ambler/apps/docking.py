@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,14 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import BatteryState, Contact, Odometry
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.database import DockDatabase
-from ambler.docking.dock import Dock, DockKind, DockMarker
+from ambler.docking.dock import Dock, DockKind, DockMarker, VShape
 from ambler.evaluation.collisions import find_collisions
 from ambler.nodes.dock_pilot import DockPilotNode, DockRounds, Errand
 from ambler.nodes.docking import DockingNode, DockingNodeConfig
 from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime.topics import BATTERY, CONTACT, GOAL, SET_POSE, TELEOP_REQUEST, TRUE_POSE
 from ambler.settings.profiles import as_values, save_resolved
-from ambler.sim.dock_body import CONTACTS, PANEL_DEPTH
+from ambler.sim.dock_body import CONTACTS, FILM, PANEL_DEPTH, PAPER
 from ambler.sim.faults import Fault
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
@@ -63,10 +63,17 @@ def _drawn(dock: SimDock) -> Dock:
     side = 0.5 * dock.width + RIM
     near, far = dock.front - RIM, dock.panel + PANEL_DEPTH + RIM
     outline = np.array([[near, -side], [far, -side], [far, side], [near, side]])
+    plain = Dock(dock.name, DockKind.MARKERS, dock.map_from_dock, outline)
+    if dock.v_shape is not None:
+        v = dock.v_shape
+        return replace(plain, kind=DockKind.V_SHAPE, v_shape=VShape(v.angle, v.leg, SE2(v.x, 0.0, 0.0)))
+    if dock.reflectors:
+        strips = np.array([[dock.panel - FILM, strip.y] for strip in dock.reflectors])
+        return replace(plain, kind=DockKind.REFLECTORS, reflectors=strips)
     markers = tuple(
-        DockMarker(MarkerSpec(m.dictionary, m.number, m.size), dock.panel - 0.001, m.y, m.z) for m in dock.markers
+        DockMarker(MarkerSpec(m.dictionary, m.number, m.size), dock.panel - PAPER, m.y, m.z) for m in dock.markers
     )
-    return Dock(dock.name, DockKind.MARKERS, dock.map_from_dock, outline, markers=markers)
+    return replace(plain, markers=markers)
 
 
 def world_of(options: DockingOptions) -> WorldSpec:
@@ -74,7 +81,7 @@ def world_of(options: DockingOptions) -> WorldSpec:
     name = options.navigation.world
     world = load_world(name, options.start)
     if not world.docks:
-        raise BadInputError(f"world {name} has no docks; dock_room and dock_hall have")
+        raise BadInputError(f"world {name} has no docks; dock_room, dock_shapes and dock_hall have")
     if options.starts_docked is None:
         return world
     for dock in world.docks:

@@ -19,7 +19,8 @@ class DockObservation:
     """What a detector may look at; a field is None when there is nothing new of it.
 
     image        uint8 (H, W), grey
-    points_base  float64 (N, 2) of a scan in the base frame of the stamp, in the order of the beams; `intensities` (N,) or None
+    points_base  float64 (N, 2) of a scan in the base frame of the stamp, in the order of the beams, scanner after scanner; `intensities` (N,)
+                 of the points, or None
     """
 
     stamp_ns: int

@@ -1,7 +1,7 @@
 """A dock by a V in the laser scan: two straight legs that meet in a corner, a notch or a wedge.
 
-Corners are found by splitting the scan where it leaves straight lines (Ramer 1972); each is refined by fitting a line to the points of
-either leg. The corner is where the lines meet, the dock's direction halves their angle; the covariance follows from the lines'.
+Corners are found by splitting the scan where it leaves straight lines (Ramer 1972), and where the dock is expected: near a notch, no scanner
+at the side of a robot sees both legs. Each is refined by fitting a line to the points of either leg, whichever scanner took them. The corner is where the lines meet, the dock's direction halves their angle; the covariance follows from the lines'.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ F64 = NDArray[np.float64]
 class VShapeConfig:
     """`gap`: distance between neighbours that belong to different things (m). `split`: distance from a straight line at which it is
     split (m). `angle`, `leg`: how far angle (rad) and length (share) may differ. `noise`: least standard deviation of a
-    point (m). `bias`: systematic error of position and yaw (m, rad). `reach`: how far from a prior corners are looked at (m, rad)."""
+    point (m). `bias`: systematic error of position and yaw (m, rad). `reach`: how far from a prior corners are looked at (m, rad). `bands`: of each round of fitting, how far from the leg points
+    may lie at the corner (m) and more per metre."""
 
     gap: float = 0.15
     split: float = 0.025
@@ -35,6 +36,16 @@ class VShapeConfig:
     noise: float = 0.002
     bias: tuple[float, float] = (0.0015, math.radians(0.1))
     reach: tuple[float, float] = (0.5, math.radians(25.0))
+    bands: tuple[tuple[float, float], ...] = ((0.04, 0.1), (0.03, 0.05), (0.03, 0.03))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corner:
+    """Where a V may be: its corner and the unit directions of its legs, float64 (2,)."""
+
+    at: F64
+    one: F64
+    two: F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,17 +74,19 @@ class VShapeDockDetector:
         points = observation.points_base
         if points is None or not require_numbers(observation):
             return None
+        to_dock = self._v.dock_from_corner.inverse() @ self._dock.offset
+        corners = [] if prior is None else [self._expected(prior @ to_dock.inverse())]
+        if prior is not None:
+            points = points[np.hypot(*(points - corners[0].at).T) < self._config.reach[0] + 1.5 * self._v.leg]
         found: list[tuple[SE2, F64]] = []
-        for corner in self._corners(points):
+        for corner in [*corners, *self._corners(points)]:
             fit = self._fit(points, corner)
             if fit is None or any(fit[0].distance_to(f[0]) < 0.05 for f in found):
                 continue
-            base_from_dock = fit[0] @ self._v.dock_from_corner.inverse() @ self._dock.offset
-            if prior is None or self._is_near(prior, base_from_dock):
+            if prior is None or self._is_near(prior, fit[0] @ to_dock):
                 found.append(fit)
         if not found or (prior is None and len(found) > 1):
             return None
-        to_dock = self._v.dock_from_corner.inverse() @ self._dock.offset
         pose, covariance = min(found, key=lambda f: 0.0 if prior is None else prior.distance_to(f[0] @ to_dock))
         return DockSighting(observation.stamp_ns, "v_shape", pose @ to_dock, through_offset(covariance, to_dock), 2)
 
@@ -81,47 +94,58 @@ class VShapeDockDetector:
         d = difference(prior, pose)
         return math.hypot(d[0], d[1]) < self._config.reach[0] and abs(d[2]) < self._config.reach[1]
 
-    def _corners(self, points: F64) -> list[F64]:
-        """Return points (2,) at which the scan bends."""
+    def _expected(self, base_from_corner: SE2) -> Corner:
+        """Return the corner with its legs where a prior has them."""
+        half = math.pi - 0.5 * self._v.angle
+        yaws = (base_from_corner.yaw + half, base_from_corner.yaw - half)
+        one, two = (np.array([math.cos(yaw), math.sin(yaw)]) for yaw in yaws)
+        return Corner(np.array([base_from_corner.x, base_from_corner.y]), one, two)
+
+    def _corners(self, points: F64) -> list[Corner]:
+        """Return where the scans bend; each scanner by itself."""
         step = np.hypot(*np.diff(points, axis=0).T)
         groups = np.split(np.arange(len(points)), np.flatnonzero(step > self._config.gap) + 1)
         corners = []
         for group in groups:
-            if len(group) >= 2 * self._config.points:
-                corners += [points[k] for k in _bends(points, int(group[0]), int(group[-1]), self._config.split)]
+            if len(group) < 2 * self._config.points:
+                continue
+            run = points[group]
+            bends = (self._sides(run, k) for k in _bends(run, 0, len(run) - 1, self._config.split))
+            corners += [corner for corner in bends if corner is not None]
         return corners
 
-    def _fit(self, points: F64, corner: F64) -> tuple[SE2, F64] | None:
+    def _fit(self, points: F64, corner: Corner) -> tuple[SE2, F64] | None:
         """Return `base_from_corner` and its covariance (3, 3), or None when the legs are not those of the dock."""
-        sides = self._sides(points, corner)
+        at, sides = corner.at, (corner.one, corner.two)
         legs: tuple[Leg, Leg] | None = None
-        for _ in range(3):
-            if sides is None:
-                return None
-            one, two = self._leg(points, corner, sides[0]), self._leg(points, corner, sides[1])
+        for band in self._config.bands:
+            one, two = (self._leg(points, at, side, band) for side in sides)
             if one is None or two is None:
                 return None
             cross = float(one.direction[0] * two.direction[1] - one.direction[1] * two.direction[0])
             if abs(cross) < 0.1:
                 return None
-            legs, corner, sides = (one, two), _meet(one, two), (one.direction, two.direction)
-        return None if legs is None else self._judge(*legs, corner)
+            legs, at, sides = (one, two), _meet(one, two), (one.direction, two.direction)
+        return None if legs is None else self._judge(*legs, at)
 
-    def _sides(self, points: F64, corner: F64) -> tuple[F64, F64] | None:
-        """Return first directions of the legs: to the mean of the points before and after the corner in the order of the beams."""
-        away = np.hypot(*(points - corner).T)
+    def _sides(self, run: F64, k: int) -> Corner | None:
+        """Return the corner at a bend with first directions of its legs: to the mean of the points before and after it in the order of the
+        beams."""
+        corner = run[k]
+        away = np.hypot(*(run - corner).T)
         near = np.flatnonzero((away < self._v.leg) & (away > 0.15 * self._v.leg))
-        middle = int(np.argmin(away))
-        before, after = near[near < middle], near[near > middle]
+        before, after = near[near < k], near[near > k]
         if min(len(before), len(after)) < self._config.points // 2:
             return None
-        a, b = points[before].mean(axis=0) - corner, points[after].mean(axis=0) - corner
-        return a / np.hypot(*a), b / np.hypot(*b)
+        a, b = run[before].mean(axis=0) - corner, run[after].mean(axis=0) - corner
+        return Corner(corner, a / np.hypot(*a), b / np.hypot(*b))
 
-    def _leg(self, points: F64, corner: F64, direction: F64) -> Leg | None:
+    def _leg(self, points: F64, corner: F64, direction: F64, band: tuple[float, float]) -> Leg | None:
         d = points - corner
         along, across = d @ direction, direction[0] * d[:, 1] - direction[1] * d[:, 0]
-        keep = (along > 0.12 * self._v.leg) & (along < 0.92 * self._v.leg) & (np.abs(across) < 0.04 + 0.1 * along)
+        keep = (
+            (along > 0.12 * self._v.leg) & (along < 0.92 * self._v.leg) & (np.abs(across) < band[0] + band[1] * along)
+        )
         if int(keep.sum()) < self._config.points:
             return None
         for _ in range(2):

@@ -1,4 +1,8 @@
-"""What a docking robot sees of its dock: odometry, and pictures or scans through the dock's detector into the tracker."""
+"""What a docking robot sees of its dock: odometry, and pictures or scans through the dock's detector into the tracker.
+
+Several scanners are looked at as their merged cloud, not the merged scan: it holds every return of every scanner, each moved from its own
+instant to the stamp, and so both legs of a V of which, near the dock, no scanner sees more than one.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ import numpy as np
 
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError, StaleInputError
-from ambler.core.messages import Image, LaserScan, Odometry
+from ambler.core.messages import Image, LaserScan, Odometry, PointCloud
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
@@ -78,6 +82,11 @@ class DockSight:
         """Whether pictures tell anything about the dock looked for."""
         return self._kind is DockKind.MARKERS
 
+    @property
+    def wants_scans(self) -> bool:
+        """Whether scans tell anything about the dock looked for."""
+        return self._kind in (DockKind.V_SHAPE, DockKind.REFLECTORS)
+
     def begin(self, dock: Dock, detector: DockDetector) -> None:
         """Look for a dock, with everything forgotten."""
         self._detector, self._kind = detector, dock.kind
@@ -114,8 +123,9 @@ class DockSight:
         return self._look(self._detector, DockObservation(image.stamp_ns, image.data), map_prior)
 
     def look_at_scan(self, scan: LaserScan, map_prior: SE2 | None) -> Look | None:
-        """The same for a scan, of the base frame or of a mounted scanner."""
-        if self._detector is None or self._kind is DockKind.MARKERS:
+        """The same for a scan, of the base frame or of a mounted scanner. Other than markers, shapes and strips bear no name: nobody looks
+        for them who does not know where to expect the dock."""
+        if self._detector is None or not self.wants_scans:
             return None
         mount = SE3() if scan.frame == "base" else self._robot.sensor(scan.frame).base_from_sensor
         v = self.velocity
@@ -129,6 +139,13 @@ class DockSight:
             bright = None
         observation = DockObservation(scan.stamp_ns, None, points.astype(np.float64), bright)
         return self._look(self._detector, observation, map_prior)
+
+    def look_at_cloud(self, cloud: PointCloud, map_prior: SE2 | None) -> Look | None:
+        """The same for the merged cloud of several planar scanners, in the base frame at its stamp."""
+        if self._detector is None or not self.wants_scans:
+            return None
+        points = cloud.points[:, :2].astype(np.float64)
+        return self._look(self._detector, DockObservation(cloud.stamp_ns, None, points, cloud.intensity), map_prior)
 
     def take(self, sighting: DockSighting, now_ns: int) -> bool:
         """Take what a look found; False when the tracker refused it or odometry does not reach back."""
@@ -144,4 +161,6 @@ class DockSight:
         except StaleInputError:
             return None
         prior = expected if expected is not None else map_prior
+        if prior is None and self.wants_scans:
+            return None
         return lambda: detector.detect(observation, prior)

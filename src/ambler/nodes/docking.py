@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field
 
 from ambler.core.errors import BadInputError, StaleInputError
-from ambler.core.messages import Image, LaserScan, PoseStamped, Status
+from ambler.core.messages import Image, LaserScan, PointCloud, PoseStamped, Status
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
@@ -48,6 +48,7 @@ from ambler.runtime.topics import (
     DOCKING_REQUEST,
     GATE_STATUS,
     IMAGE,
+    MERGED_CLOUD,
     ODOMETRY,
     SCAN,
     STATUS,
@@ -64,7 +65,7 @@ FROM_DOCK = 0.3  # metres from a dock's pose at which a robot without contact do
 
 @dataclass(frozen=True, slots=True)
 class DockingNodeConfig:
-    """`sight`: metres to the dock's pose, by the map, from which pictures are taken while the robot still drives to the staging pose.
+    """`sight`: metres to the dock's pose, by the map, from which the dock is looked for while the robot still drives to the staging pose.
     `refines`: whether each docking moves the dock's pose in the database a little."""
 
     mission: DockConfig = field(default_factory=DockConfig)
@@ -78,7 +79,7 @@ class DockingNode(Node):
 
     name = "docking"
     inputs = (ODOMETRY, TRANSFORMS, SCAN)
-    optional_inputs = (IMAGE, CAMERA_INFO, BATTERY, GATE_STATUS)
+    optional_inputs = (IMAGE, CAMERA_INFO, BATTERY, GATE_STATUS, MERGED_CLOUD)
     outputs = (DOCKING_REQUEST, DOCK_POSE, STATUS)
     serves = (DOCK, UNDOCK, TEACH_DOCK)
     calls = (NAVIGATE, PERMIT_APPROACH, REVOKE_APPROACH, STOP_CHARGING)
@@ -108,6 +109,7 @@ class DockingNode(Node):
         self.ctx.subscribe(TRANSFORMS, self._state.take_transforms)
         self.ctx.subscribe(IMAGE, self._on_image)
         self.ctx.subscribe(SCAN, self._on_scan)
+        self.ctx.subscribe(MERGED_CLOUD, self._on_cloud)
         self.ctx.subscribe(CAMERA_INFO, self._state.take_camera)
         self.ctx.subscribe(BATTERY, self._state.take_battery)
         self.ctx.subscribe(GATE_STATUS, self._state.take_gate)
@@ -128,7 +130,13 @@ class DockingNode(Node):
         self._look(self._sight.look_at_picture(image, self._base_from_dock()))
 
     def _on_scan(self, scan: LaserScan) -> None:
-        self._look(self._sight.look_at_scan(scan, self._base_from_dock()))
+        """Take the scan of a single scanner; several are looked at as their merged cloud."""
+        if len(self._robot.scanners) <= 1 and self._may_see():
+            self._look(self._sight.look_at_scan(scan, self._base_from_dock()))
+
+    def _on_cloud(self, cloud: PointCloud) -> None:
+        if self._may_see():
+            self._look(self._sight.look_at_cloud(cloud, self._base_from_dock()))
 
     def _look(self, look: Look | None) -> None:
         """Look in the background, one at a time; what comes meanwhile is not looked at."""
@@ -222,7 +230,7 @@ class DockingNode(Node):
         if not self.mission.is_active or pose is None:
             return
         now_ns, state = self.ctx.now_ns, self._state
-        if self._may_see():
+        if self._sight.wants_pictures and self._may_see():
             self._carrier.lease_pictures()
         view = DockView(
             now_ns,
@@ -246,9 +254,7 @@ class DockingNode(Node):
         return is_known and self._sight.is_fresh(self.ctx.now_ns)
 
     def _may_see(self) -> bool:
-        """Say whether pictures can show the dock; on the way to it only from near."""
-        if not self._sight.wants_pictures:
-            return False
+        """Say whether pictures or scans can show the dock; on the way to it only from near."""
         if self.mission.state is not DockState.STAGING:
             return True
         dock = self._base_from_dock()

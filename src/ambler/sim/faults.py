@@ -11,6 +11,7 @@ shadow           a shadow's edge wanders over the picture
 blur             the camera's lens is out of focus
 occlusion        a board hides half of a dock's first marker
 marker_missing   a dock's first marker is not there
+unmarked         docks have lost all that they are recognized by: no markers, no V shape, dull reflectors; from the start to the end
 no_power         docks have contact but no current
 glass            two panels of wall become glass, which light passes and robots do not; from the start to the end of the run
 """
@@ -28,6 +29,7 @@ import numpy as np
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, PointCloud, Range
 from ambler.core.se2 import SE2
+from ambler.sim.dock_body import without_marks
 from ambler.sim.sensors import named_generator
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
 from ambler.sim.truth import reachable_cells
@@ -58,10 +60,12 @@ class FaultKind(enum.Enum):
     BLUR = "blur"
     OCCLUSION = "occlusion"
     MARKER_MISSING = "marker_missing"
+    UNMARKED = "unmarked"
     NO_POWER = "no_power"
 
 
 TARGETED = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS, FaultKind.DOOR)
+LASTING = (FaultKind.GLASS, FaultKind.UNMARKED)
 Measurement = LaserScan | PointCloud | Range
 
 
@@ -93,8 +97,8 @@ class Fault:
             raise BadInputError(f"fault {text!r}: it must be kind[@target][:begin[:end]] with 0 <= begin < end")
         if target and kind not in TARGETED:
             raise BadInputError(f"fault {text!r}: {name} has no target")
-        if kind is FaultKind.GLASS and times:
-            raise BadInputError(f"fault {text!r}: panels are glass from the start to the end, without times")
+        if kind in LASTING and times:
+            raise BadInputError(f"fault {text!r}: {name} lasts from the start to the end, without times")
         return cls(kind, begin, end, target)
 
     def is_on(self, seconds: float) -> bool:
@@ -179,10 +183,13 @@ def _find_door(world: WorldSpec, name: str) -> Door:
 
 
 def world_with_faults(world: WorldSpec, faults: Sequence[Fault], seed: int) -> WorldSpec:
-    """Return the world with its glass panels and with more people; only doors that a fault closes can move."""
+    """Return the world with its glass panels, without the marks of its docks, and with more people; only doors that a fault closes can move."""
     kinds = {f.kind for f in faults}
     if FaultKind.GLASS in kinds:
         world = replace(world, solids=_with_panels(world, seed))
+    if FaultKind.UNMARKED in kinds:
+        docks = tuple(replace(dock, markers=(), v_shape=None, reflectors=()) for dock in world.docks)
+        world = replace(world, solids=without_marks(world.solids, world.docks), docks=docks)
     if FaultKind.PEOPLE in kinds:
         world = replace(world, people=world.people + _people(world, seed))
     closing = {_find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}

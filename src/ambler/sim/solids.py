@@ -25,7 +25,8 @@ class Shape(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """An upright solid: planar pose of its centre in the map frame, full sizes (box) or diameters (cylinder), height range.
+    """An upright solid: planar pose of its centre in the map frame, full sizes (box) or diameters (cylinder), height range. `albedo`: 1 is
+    white paint; retro-reflecting film has hundreds.
 
     A laser passes a box of glass unless it meets it almost squarely; bodies do not.
     """
@@ -78,16 +79,37 @@ class SimMarker:
 
 
 @dataclass(frozen=True, slots=True)
+class SimVShape:
+    """Two plates of `leg` metres at the height of safety scanners, which meet `x` metres ahead of the docked base at `angle` as seen from
+    there: below pi a notch, above a wedge."""
+
+    angle: float
+    leg: float
+    x: float
+
+
+@dataclass(frozen=True, slots=True)
+class SimReflector:
+    """An upright strip of retro-reflecting film on a dock's panel: its middle `y` to the left of the dock's line, metres."""
+
+    y: float
+    width: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
 class SimDock:
     """A charging dock. `map_from_dock` is where the base stands when docked, x into the dock; the robot's front is then `front` metres
-    ahead, the lip with the contacts just beyond it, and the panel with the markers `panel` metres ahead of the base."""
+    ahead, the lip with the contacts just beyond it, and the panel `panel` metres ahead of the base. Markers or reflectors hang on
+    the panel, a V shape stands before it."""
 
     name: str
     map_from_dock: SE2
     front: float
     width: float
     panel: float
-    markers: tuple[SimMarker, ...]
+    markers: tuple[SimMarker, ...] = ()
+    v_shape: SimVShape | None = None
+    reflectors: tuple[SimReflector, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

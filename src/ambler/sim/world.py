@@ -10,45 +10,36 @@ from dataclasses import replace
 from pathlib import Path
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.sim.dock_body import dock_solids
+from ambler.sim.dock_entry import DockEntry, Entry, PoseEntry, sim_dock
 from ambler.sim.floorplan import world_from_floor_plan, world_from_picture
-from ambler.sim.solids import Door, Person, Shape, SimDock, SimMarker, Solid, WorldSpec, to_map_frame
+from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec, to_map_frame
 
 WORLDS = Path(__file__).parent / "worlds"
 SUFFIXES = (".yaml", ".yml")
 PICTURES = (".png",)
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", populate_by_name=True, allow_inf_nan=False)
-
-
-class _Pose(_Entry):
-    x: float
-    y: float
-    yaw_deg: float = 0.0
-
-
-class _Door(_Entry):
+class _Door(Entry):
     at: float = Field(gt=0)
     width: float = Field(default=0.9, gt=0)
 
 
-class _Wall(_Entry):
+class _Wall(Entry):
     start: tuple[float, float] = Field(alias="from")
     end: tuple[float, float] = Field(alias="to")
     thickness: float = Field(default=0.12, gt=0)
     height: float | None = Field(default=None, gt=0)
     albedo: float = Field(default=0.7, ge=0, le=1)
-    doors: list[_Door] = []
+    doors: tuple[_Door, ...] = ()
     glass: bool = False
 
 
-class _Box(_Entry):
+class _Box(Entry):
     center: tuple[float, float]
     size: tuple[float, float, float]
     yaw_deg: float = 0.0
@@ -58,7 +49,7 @@ class _Box(_Entry):
     glass: bool = False
 
 
-class _Cylinder(_Entry):
+class _Cylinder(Entry):
     center: tuple[float, float]
     radius: float = Field(gt=0)
     height: float = Field(gt=0)
@@ -67,7 +58,7 @@ class _Cylinder(_Entry):
     albedo: float = Field(default=0.5, ge=0, le=1)
 
 
-class _Rack(_Entry):
+class _Rack(Entry):
     corner: tuple[float, float]
     yaw_deg: float = 0.0
     bays: str = Field(pattern="^[01]+$")
@@ -78,7 +69,7 @@ class _Rack(_Entry):
     name: str = "rack"
 
 
-class _Person(_Entry):
+class _Person(Entry):
     way: list[tuple[float, float]] = Field(min_length=2)
     speed: float = Field(default=1.1, gt=0, le=3)
     radius: float = Field(default=0.25, gt=0)
@@ -86,37 +77,20 @@ class _Person(_Entry):
     name: str | None = None
 
 
-class _Marker(_Entry):
-    dictionary: str = "4X4_50"
-    id: int = Field(ge=0)
-    size: float = Field(default=0.12, gt=0)
-    y: float = 0.0
-    z: float = Field(default=0.34, gt=0)
-
-
-class _Dock(_Entry):
-    name: str
-    pose: _Pose
-    front: float = Field(default=0.6, gt=0)
-    width: float = Field(default=0.6, gt=0)
-    panel: float = Field(default=0.95, gt=0)
-    markers: list[_Marker] = Field(min_length=1)
-
-
-class _World(_Entry):
+class _World(Entry):
     extends: str | None = None
     size: tuple[float, float] | None = None
-    start: _Pose | None = None
+    start: PoseEntry | None = None
     ceiling: float | None = Field(default=None, gt=0)
     wall_height: float = Field(default=2.5, gt=0)
     door_height: float = Field(default=2.1, gt=0)
     friction: float = Field(default=0.8, gt=0)
-    walls: list[_Wall] = []
-    boxes: list[_Box] = []
-    cylinders: list[_Cylinder] = []
-    racks: list[_Rack] = []
-    people: list[_Person] = []
-    docks: list[_Dock] = []
+    walls: tuple[_Wall, ...] = ()
+    boxes: tuple[_Box, ...] = ()
+    cylinders: tuple[_Cylinder, ...] = ()
+    racks: tuple[_Rack, ...] = ()
+    people: tuple[_Person, ...] = ()
+    docks: tuple[DockEntry, ...] = ()
 
 
 LISTS = ("walls", "boxes", "cylinders", "racks", "people", "docks")
@@ -144,7 +118,7 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
         raise BadInputError(f"{path}: start: is missing, give the robot's start pose as {{x, y, yaw_deg}}")
     if start is None:
         assert entry.start is not None
-        start = SE2(entry.start.x, entry.start.y, math.radians(entry.start.yaw_deg))
+        start = entry.start.to_se2()
     ceiling = entry.ceiling if entry.ceiling is not None else math.inf
     people = tuple(
         Person(
@@ -157,15 +131,9 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
         for k, p in enumerate(entry.people)
     )
     doors = tuple(_to_map_door(d, start) for k, w in enumerate(entry.walls) for d in _doors(k, w, entry))
-    docks = tuple(_dock(d, start) for d in entry.docks)
+    docks = tuple(sim_dock(f"{path}: docks.{k}", d, start) for k, d in enumerate(entry.docks))
     in_map = to_map_frame(solids, start) + tuple(solid for dock in docks for solid in dock_solids(dock))
     return WorldSpec(path.stem, in_map, start, ceiling, entry.friction, people=people, doors=doors, docks=docks)
-
-
-def _dock(entry: _Dock, start: SE2) -> SimDock:
-    pose = SE2(entry.pose.x, entry.pose.y, math.radians(entry.pose.yaw_deg))
-    markers = tuple(SimMarker(k.dictionary, k.id, k.size, k.y, k.z) for k in entry.markers)
-    return SimDock(entry.name, start.inverse() @ pose, entry.front, entry.width, entry.panel, markers)
 
 
 def _to_map(x: float, y: float, start: SE2) -> tuple[float, float]:
