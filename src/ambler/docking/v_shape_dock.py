@@ -36,7 +36,7 @@ class VShapeConfig:
     noise: float = 0.002
     bias: tuple[float, float] = (0.0015, math.radians(0.1))
     reach: tuple[float, float] = (0.5, math.radians(25.0))
-    bands: tuple[tuple[float, float], ...] = ((0.04, 0.1), (0.03, 0.05), (0.03, 0.03))
+    bands: tuple[tuple[float, float], ...] = ((0.04, 0.05), (0.03, 0.03), (0.03, 0.03))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

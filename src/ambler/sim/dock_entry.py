@@ -11,7 +11,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.sim.solids import SimDock, SimMarker, SimReflector, SimVShape
 
-V_GAP = 0.04  # metres between the front of a docked robot and the foremost edges of a V shape
+V_GAP = 0.10  # metres between the front of a docked robot and the foremost edges of a V shape
 MARKS = ("markers", "v_shape", "reflectors")
 REFLECTORS_APART = 0.15  # metres from middle to middle that scanners tell apart
 
