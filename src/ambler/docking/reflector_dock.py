@@ -22,13 +22,14 @@ F64 = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class ReflectorDockConfig:
     """`match`: how far a reflector may lie from where the others say (m). `sigma`: error of one reflector's place (m). `bias`: what no
-    alignment is better than (m, rad). `reach`: how far from a prior the dock may be (m, rad)."""
+    alignment is better than (m, rad). `reach`: how far from a prior the dock may be (m, rad). `beyond`: how far beyond its docked pose a robot can be at most (m); one farther in would read the pattern from behind."""
 
     detector: DetectorConfig = field(default_factory=lambda: DetectorConfig(width=0.05))
     match: float = 0.03
     sigma: float = 0.002
     bias: tuple[float, float] = (0.0015, math.radians(0.1))
     reach: tuple[float, float] = (0.5, math.radians(25.0))
+    beyond: float = 0.1
 
 
 class ReflectorDockDetector:
@@ -74,7 +75,7 @@ class ReflectorDockDetector:
                     continue
                 pose, _ = align(seen[[i, j]], known[[a, b]], np.ones(2))
                 pairs = self._pairs(seen, pose)
-                if len(pairs) < needed or pose.inverse().x > 0.0 or not self._is_near(expected, pose):
+                if len(pairs) < needed or pose.inverse().x > self._config.beyond or not self._is_near(expected, pose):
                     continue
                 if all(f.distance_to(pose) > 0.1 or abs(wrap_angle(f.yaw - pose.yaw)) > 0.2 for f, _ in found):
                     found.append((pose, pairs))

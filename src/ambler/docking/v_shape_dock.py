@@ -26,7 +26,7 @@ class VShapeConfig:
     """`gap`: distance between neighbours that belong to different things (m). `split`: distance from a straight line at which it is
     split (m). `angle`, `leg`: how far angle (rad) and length (share) may differ. `noise`: least standard deviation of a
     point (m). `bias`: systematic error of position and yaw (m, rad). `reach`: how far from a prior corners are looked at (m, rad). `bands`: of each round of fitting, how far from the leg points
-    may lie at the corner (m) and more per metre."""
+    may lie at the corner (m) and more per metre. `same`: corners nearer than this are one (m)."""
 
     gap: float = 0.15
     split: float = 0.025
@@ -37,6 +37,7 @@ class VShapeConfig:
     bias: tuple[float, float] = (0.0015, math.radians(0.1))
     reach: tuple[float, float] = (0.5, math.radians(25.0))
     bands: tuple[tuple[float, float], ...] = ((0.04, 0.05), (0.03, 0.03), (0.03, 0.03))
+    same: float = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,20 +76,26 @@ class VShapeDockDetector:
         if points is None or not require_numbers(observation):
             return None
         to_dock = self._v.dock_from_corner.inverse() @ self._dock.offset
-        corners = [] if prior is None else [self._expected(prior @ to_dock.inverse())]
         if prior is not None:
-            points = points[np.hypot(*(points - corners[0].at).T) < self._config.reach[0] + 1.5 * self._v.leg]
+            at = (prior @ to_dock.inverse()).as_array()[:2]
+            points = points[np.hypot(*(points - at).T) < self._config.reach[0] + 1.5 * self._v.leg]
+            fit = self._fit(points, self._expected(prior @ to_dock.inverse()))
+            if fit is not None and prior.distance_to(fit[0] @ to_dock) < self._config.same:
+                return self._sighting(observation.stamp_ns, fit, to_dock)
         found: list[tuple[SE2, F64]] = []
-        for corner in [*corners, *self._corners(points)]:
+        for corner in self._corners(points):
             fit = self._fit(points, corner)
-            if fit is None or any(fit[0].distance_to(f[0]) < 0.05 for f in found):
+            if fit is None or any(fit[0].distance_to(f[0]) < self._config.same for f in found):
                 continue
             if prior is None or self._is_near(prior, fit[0] @ to_dock):
                 found.append(fit)
         if not found or (prior is None and len(found) > 1):
             return None
-        pose, covariance = min(found, key=lambda f: 0.0 if prior is None else prior.distance_to(f[0] @ to_dock))
-        return DockSighting(observation.stamp_ns, "v_shape", pose @ to_dock, through_offset(covariance, to_dock), 2)
+        best = min(found, key=lambda f: 0.0 if prior is None else prior.distance_to(f[0] @ to_dock))
+        return self._sighting(observation.stamp_ns, best, to_dock)
+
+    def _sighting(self, stamp_ns: int, fit: tuple[SE2, F64], to_dock: SE2) -> DockSighting:
+        return DockSighting(stamp_ns, "v_shape", fit[0] @ to_dock, through_offset(fit[1], to_dock), 2)
 
     def _is_near(self, prior: SE2, pose: SE2) -> bool:
         d = difference(prior, pose)
