@@ -157,6 +157,29 @@ def test_other_corners_are_no_v_shape() -> None:
     assert detector.detect(DockObservation(0)) is None
 
 
+def test_two_scanners_that_see_one_leg_each_show_a_notch() -> None:
+    """Docked, a scanner at either front corner of the robot may look past the leg on its side: neither scan has a corner in it."""
+    rng, detector = np.random.default_rng(10), VShapeDockDetector(NOTCH)
+    assert NOTCH.v_shape is not None
+    half, errors, turns = 0.5 * NOTCH.v_shape.angle, [], []
+    for _ in range(30):
+        truth = SE2(rng.uniform(-0.005, 0.02), rng.uniform(-0.01, 0.01), rng.uniform(-0.01, 0.01))
+        legs = []
+        for side in (1.0, -1.0):
+            along = np.linspace(0.2, 0.98, 60)[:, None] * NOTCH.v_shape.leg
+            leg = np.array([[0.8, 0.0]]) + along * np.array([[-math.cos(half), side * math.sin(half)]])
+            legs.append(truth.transform(leg) + rng.normal(0.0, 0.006, (60, 2)))
+        observation = DockObservation(0, None, np.concatenate(legs))
+        found = detector.detect(observation, truth @ SE2(0.01, -0.005, 0.01))
+        assert found is not None
+        errors.append(found.base_from_dock.distance_to(truth))
+        turns.append(abs(found.base_from_dock.yaw - truth.yaw))
+        alone = DockObservation(0, None, legs[0])
+        assert detector.detect(alone, truth) is None, "one leg tells no corner"
+    assert np.percentile(turns, 95) < math.radians(1.5)
+    assert np.percentile(errors, 95) < 0.003 + 0.8 * math.radians(1.5)
+
+
 def bright(points: np.ndarray, strips: np.ndarray) -> np.ndarray:
     away = np.hypot(*(points[:, None] - strips[None]).transpose(2, 0, 1)).min(axis=1)
     return np.where(away < 0.03, 240.0, 60.0)
@@ -179,6 +202,16 @@ def test_reflectors_are_found_and_recognized() -> None:
     assert np.percentile(errors, 95) < 0.008
     assert np.percentile(turns, 95) < math.radians(1.0)
     assert 0.05 < np.mean(surprises) < 2.0
+
+
+def test_reflectors_are_seen_beyond_the_docked_pose_but_not_from_behind() -> None:
+    rng, detector = np.random.default_rng(11), ReflectorDockDetector(REFLECTORS)
+    for truth, is_seen in ((SE2(-0.008, 0.0, 0.0), True), (SE2(-1.9, 0.0, 0.0), False)):
+        a, b = truth.transform(np.array([[0.7, -0.5], [0.7, 0.5]]))
+        scan = scan_of(np.array([[*a, *b]]), rng, step=math.radians(0.17))
+        shining = bright(scan, truth.transform(REFLECTORS.reflectors))
+        found = detector.detect(DockObservation(0, None, scan, shining), truth)
+        assert (found is not None) is is_seen
 
 
 def test_strange_or_missing_reflectors_are_no_dock() -> None:

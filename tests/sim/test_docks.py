@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,14 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import PowerSupply
 from ambler.core.se2 import SE2
 from ambler.perception.fiducials import FiducialDetector
+from ambler.perception.planar import PlanarConfig, scan_to_points
+from ambler.registration.reflectors import DetectorConfig
 from ambler.sim.battery import Battery, BatterySpec
-from ambler.sim.dock_body import CONTACTS, LIP_GAP, marker_poses
+from ambler.sim.dock_body import CONTACTS, FILM, LIP_GAP, marker_poses
 from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
-from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.sim.solids import Shape, SimDock, Solid, WorldSpec
 from ambler.sim.world import load_world
 
 ROOM = load_world("dock_room")
@@ -163,3 +166,88 @@ def test_a_dock_without_markers_is_refused(tmp_path) -> None:
     with pytest.raises(BadInputError, match=r"docks\.0\.markers"):
         load_world(path)
     assert isinstance(ROOM, WorldSpec)
+
+
+def returns_at(
+    path: str | Path, dock: SimDock, dock_from_base: SE2, *faults: str
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Points (N, 2) in the dock's frame and intensities (N,) of one turn of each front scanner, without noise."""
+    config = SimulationConfig(is_perfect=True, physics="kinematic", faults=tuple(Fault.parse(f) for f in faults))
+    start = load_world(path).world_from_start @ dock.map_from_dock @ dock_from_base
+    sim = Simulation(load_world(path, start), robot_named("amr_omni"), config)
+    newest = {scan.frame: scan for scan in sim.step(200_000_000).scans}
+    out = []
+    for frame in ("front_left", "front_right"):
+        scan, mount = newest[frame], sim.robot.model.sensor(frame).base_from_sensor
+        points = dock_from_base.transform(scan_to_points(scan, mount, np.zeros(3), PlanarConfig()).points)
+        out.append((points, scan.intensities[(scan.ranges >= 0.1) & (scan.ranges <= 30.0)]))
+    return out
+
+
+@pytest.mark.parametrize("angle_deg", [120.0, 150.0, 240.0])
+def test_a_v_shape_stands_where_its_survey_says(angle_deg: float, tmp_path: Path) -> None:
+    path = tmp_path / "v.yaml"
+    leg = 0.3 if angle_deg == 150.0 else 0.34
+    mark = f"{{angle_deg: {angle_deg:g}, leg: {leg:g}}}"
+    path.write_text(f"extends: dock_room\ndocks: [{{name: v, pose: {{x: 3, y: 3}}, v_shape: {mark}}}]\n")
+    dock = load_world(path).docks[-1]
+    assert dock.v_shape is not None
+    v, half = dock.v_shape, math.radians(0.5 * angle_deg)
+    for x in (-0.8, 0.0):
+        seen = [0, 0]
+        for points, _ in returns_at(path, dock, SE2(x, 0.0, 0.0)):
+            for k, side in enumerate((1.0, -1.0)):
+                way = np.array([-math.cos(half), side * math.sin(half)])
+                off = points - np.array([v.x, 0.0])
+                along, across = off @ way, off @ np.array([-way[1], way[0]])
+                on = (along > 0.1 * leg) & (along < 0.9 * leg) & (np.abs(across) < 0.015)
+                assert np.abs(across[on]).max(initial=0.0) < 1e-4
+                seen[k] += int(on.sum())
+        assert min(seen) >= 25, "each leg is seen by one of the scanners, docked too"
+    assert v.x - v.leg * min(0.0, math.cos(half)) > dock.front + LIP_GAP + 0.03, "the robot cannot touch it"
+
+
+def test_only_reflectors_shine() -> None:
+    dock = next(d for d in load_world("dock_shapes").docks if d.reflectors)
+    least = DetectorConfig().intensity_min
+    for x in (-0.9, 0.0):
+        seen = returns_at("dock_shapes", dock, SE2(x, 0.0, 0.0))
+        points, bright = (np.concatenate(part) for part in zip(*seen, strict=True))
+        assert bright[bright < least].max() <= 1.0
+        shining = points[bright >= least]
+        assert np.abs(shining[:, 0] - (dock.panel - 0.5 * FILM)).max() < 0.51 * FILM
+        for strip in dock.reflectors:
+            on = np.abs(shining[:, 1] - strip.y) <= 0.5 * strip.width + 1e-4
+            assert int(on.sum()) >= 6
+            shining = shining[~on]
+        assert len(shining) == 0
+    for _, dull in returns_at("dock_shapes", dock, SE2(-0.9, 0.0, 0.0), "unmarked"):
+        assert dull.max() <= 1.0
+    assert not simulation(SE2(-0.5, 0.0, 0.0), "unmarked").world.docks[0].markers
+
+
+@pytest.mark.parametrize(
+    ("dock", "word"),
+    [
+        ("v_shape: {angle_deg: 175}", "angle_deg must be 60 to 160"),
+        ("v_shape: {angle_deg: 20}", "angle_deg"),
+        ("v_shape: {leg: 0.6}", "0.520 m aside"),
+        ("v_shape: {leg: .nan}", "finite"),
+        ("v_shape: {corner: 3}", "corner"),
+        ("reflectors: [{y: 0.1}]", "at least 2"),
+        ("reflectors: [{y: 0.1}, {y: 0.2}]", "nearer than 0.15 m"),
+        ("reflectors: [{y: 0.1}, {y: 0.29}]", "does not fit"),
+        ("reflectors: [{y: 0.1}, {x: 0.1}]", "reflectors"),
+        ("front: 0.6", "exactly one of markers, v_shape, reflectors"),
+        ("v_shape: {}, reflectors: [{y: 0.1}, {y: -0.1}]", "exactly one of"),
+    ],
+)
+def test_bad_marks_are_refused_in_one_line(dock: str, word: str, tmp_path: Path) -> None:
+    path = tmp_path / "w.yaml"
+    path.write_text(f"start: {{x: 1, y: 1}}\ndocks: [{{name: d, pose: {{x: 1, y: 1}}, {dock}}}]\n")
+    with pytest.raises(BadInputError) as caught:
+        load_world(path)
+    text = str(caught.value)
+    assert word in text
+    assert "docks.0" in text
+    assert "\n" not in text

@@ -1,0 +1,76 @@
+"""The whole robot docks by what its scanners see: a V-shaped notch, strips of retro-reflecting film; nothing moves on when they are gone."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from ambler.apps.docking import DockingOptions
+from ambler.apps.navigation import NavigationOptions
+from ambler.core.messages import Status
+from ambler.core.se2 import SE2
+from ambler.docking.database import DockDatabase
+from ambler.docking.dock import DockKind
+from ambler.missions.dock_commands import DockConfig
+from ambler.nodes.dock_pilot import Errand, ErrandKind
+from ambler.nodes.docking import DockingNodeConfig
+from ambler.runtime.topics import DOCK_POSE, IMAGE, STATUS
+from ambler.sim.world import load_world
+from ambler.wire.mcap_reader import read_recording
+from tests.scenarios.test_docking import go
+
+AWAY = SE2(-1.6, 0.25, -0.15)
+WORLD = load_world("dock_shapes")
+KINDS = {"charger_v": DockKind.V_SHAPE, "charger_r": DockKind.REFLECTORS}
+DOCKS = {dock.name: dock.map_from_dock for dock in WORLD.docks}
+
+
+def options(
+    name: str, *kinds: ErrandKind, before: SE2 = AWAY, faults: tuple[str, ...] = (), **changes: object
+) -> DockingOptions:
+    """The errands at one dock, from a place `before` it in its frame."""
+    navigation = NavigationOptions(world="dock_shapes", port=None, seed=3, faults=faults)
+    start = WORLD.world_from_start @ DOCKS[name] @ before
+    return DockingOptions(navigation, tuple(Errand(kind, name) for kind in kinds), start=start, **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_it_docks_by_its_scanners(name: str, tmp_path: Path) -> None:
+    run, fields = go(tmp_path / "run", options(name, ErrandKind.DOCK, ErrandKind.TEACH))
+    assert fields["ended"] == "done"
+    assert fields["collisions"] == 0
+    assert fields["dock_attempts"] == 1
+    assert fields["battery_supply"] == "charging"
+    assert float(str(fields["dock_error_m"])) < 0.005
+    assert abs(float(str(fields["dock_error_yaw_deg"]))) < 0.2
+    assert float(str(fields["dock_final_seconds"])) < 12.0
+    taught = DockDatabase.load(run.folder.root / "docks.yaml").dock(name)
+    assert taught.kind is KINDS[name]
+    true_pose = next(dock.map_from_dock for dock in run.world.docks if dock.name == name)
+    assert taught.map_from_dock.distance_to(true_pose) < 0.03
+    topics = [r.topic for r in read_recording(run.folder.recording, [IMAGE.ros_name, DOCK_POSE.ros_name])]
+    assert topics.count(DOCK_POSE.ros_name) > 50, "it is seen in nearly every cloud, down to the last centimetres"
+    assert IMAGE.ros_name not in topics, "nobody asks the camera"
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_dock_that_lost_its_marks_is_a_named_failure(name: str, tmp_path: Path) -> None:
+    brief = DockingNodeConfig(mission=DockConfig(stagings=1, search_turns=(0.0, 0.35), search_moves=()))
+    run, fields = go(tmp_path / "run", options(name, ErrandKind.DOCK, faults=("unmarked",), docking=brief))
+    assert fields["ended"] == "dock_not_seen"
+    assert name in str(fields["dock_text"])
+    assert fields["collisions"] == 0
+    assert float(str(fields["dock_error_x_m"])) < -0.9, "it has not gone in"
+    said = [r.decode_as(Status).code for r in read_recording(run.folder.recording, [STATUS.ros_name])]
+    assert "APPROACHING" not in said
+
+
+def test_it_leaves_a_notch(tmp_path: Path) -> None:
+    _, fields = go(tmp_path / "run", options("charger_v", ErrandKind.UNDOCK, before=SE2()), 30.0)
+    assert fields["ended"] == "done"
+    assert fields["collisions"] == 0
+    assert fields["battery_supply"] == "discharging"
+    assert math.isclose(float(str(fields["dock_error_x_m"])), -1.0, abs_tol=0.08)
+    assert abs(float(str(fields["dock_error_y_m"]))) < 0.03
