@@ -59,6 +59,14 @@ def scan(
     )
 
 
+def test_retro_reflectors_are_no_glass() -> None:
+    """Film on a thing before a far wall has the form of a peak; nothing but its brightness tells it from a pane."""
+    glass = scan(SE2(), pane_ends=(-0.3, 0.3))
+    assert len(SpecularDetector().detect(glass)) == 1
+    film = replace(glass, intensities=np.where(glass.intensities > 1.0, np.float32(500.0), glass.intensities))
+    assert SpecularDetector().detect(film) == ()
+
+
 @pytest.mark.parametrize("yaw_deg", [0.0, 0.2, 37.3, 179.9])
 @pytest.mark.parametrize("x", [-2.0, 0.0, 1.5])
 def test_a_pane_shows_its_normal_and_its_distance(x: float, yaw_deg: float) -> None:

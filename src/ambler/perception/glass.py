@@ -23,11 +23,12 @@ FLATTEST = 1.4  # radians off the normal up to which the line of a pane is follo
 @dataclass(frozen=True, slots=True)
 class SpecularConfig:
     """`intensity_min` is what no painted surface reaches: the unit is that of white paint met squarely (1 in the simulator; measure it for a
-    real scanner). Returns count as on the pane within `tolerance` (m) of its line and as behind it from `behind` (m) on. At least
+    real scanner); above `intensity_max` shines retro-reflecting film, not glass. Returns count as on the pane within `tolerance` (m) of its line and as behind it from `behind` (m) on. At least
     `near_points` returns within `near` (rad) of the peak must lie on the line, `near_share` of all there; beams between `sides` (rad) on
     at least one side must pass, `through_share` of all there. `pane_angle` is the farthest from the normal at which panes reflect."""
 
     intensity_min: float = 1.5
+    intensity_max: float = 30.0
     tolerance: float = 0.04
     behind: float = 0.25
     near: float = math.radians(2.5)
@@ -65,7 +66,8 @@ class SpecularDetector:
         ranges = np.asarray(scan.ranges, np.float64)
         intensities = np.asarray(scan.intensities, np.float64)
         angles: F64 = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
-        bright = np.isfinite(ranges) & (intensities >= self.config.intensity_min) & (ranges <= self.config.range_max)
+        is_glass = (intensities >= self.config.intensity_min) & (intensities <= self.config.intensity_max)
+        bright = np.isfinite(ranges) & is_glass & (ranges <= self.config.range_max)
         found = (self._judge(k, ranges, intensities, angles) for k in _peaks(bright, intensities))
         peaks: list[SpecularPeak] = []
         for peak in found:  # the beams of one pane may lie on both sides of the scan's seam
