@@ -35,6 +35,9 @@ GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -
         (["calibrate", "camera", "missing.png", "--out", "c.yaml"], "missing.png"),
         (["calibrate", "camera", "--simulated", "--board", "7by5", "--out", "c.yaml"], "7by5"),
         (["eval", "docking", "--runs", "0"], "positive"),
+        (["eval", "docking", "--world", "dock_shapes", "--dock", "bay"], "no dock 'bay'"),
+        (["eval", "docking", "--world", "dock_shapes", "--dock", "charger_v", "--only", "faults"], "sights, random"),
+        (["eval", "docking", "--world", "dock_room", "--only", "sights"], "--only random"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -126,7 +129,7 @@ def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[int] = []
 
-    def pretend(case: docking_study.DockingCase, folder: Path, world: str) -> DockingOutcome:
+    def pretend(case: docking_study.DockingCase, folder: Path, world: str, name: str) -> DockingOutcome:
         ran.append(case.seed)
         return replace(GOOD, seed=case.seed)
 

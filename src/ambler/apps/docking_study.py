@@ -18,6 +18,7 @@ import numpy as np
 from ambler.apps.docking import DockingOptions, DockingRun, docks_of_world
 from ambler.apps.navigation import NavigationOptions
 from ambler.apps.run_folder import RunFolder
+from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockObservation
@@ -59,20 +60,21 @@ class DockingCase:
     distance: float
 
 
-def random_cases(runs: int, seed: int, world_name: str = WORLD) -> list[DockingCase]:
+def random_cases(runs: int, seed: int, world_name: str = WORLD, name: str = NAME) -> list[DockingCase]:
     """Return starts anywhere in the world that the robot can stand in, with any heading."""
     world = load_world(world_name)
     rng = named_generator(seed, "docking starts")
     spec, is_clear = reachable_cells(world, ROOM, 0.1, 0.2)
     cells = np.argwhere(is_clear)
-    staging = world.docks[0].map_from_dock @ SE2(-1.0, 0.0, 0.0)
+    map_from_dock = _dock_of(world, name).map_from_dock
+    staging = map_from_dock @ SE2(-1.0, 0.0, 0.0)
     cases = []
     for k in range(runs):
         iy, ix = cells[int(rng.integers(len(cells)))]
         x, y = spec.center_of(int(iy), int(ix))
         start = SE2(x, y, float(rng.uniform(-math.pi, math.pi)))
         distance = math.hypot(x - staging.x, y - staging.y)
-        cases.append(DockingCase("random", seed + k, world.docks[0].map_from_dock.inverse() @ start, distance))
+        cases.append(DockingCase("random", seed + k, map_from_dock.inverse() @ start, distance))
     return cases
 
 
@@ -92,7 +94,9 @@ def fault_cases(runs: int, seed: int) -> list[DockingCase]:
     return out
 
 
-def run_cases(cases: Sequence[DockingCase], results: Path, world: str = WORLD) -> Iterator[DockingOutcome]:
+def run_cases(
+    cases: Sequence[DockingCase], results: Path, world: str = WORLD, name: str = NAME
+) -> Iterator[DockingOutcome]:
     """Yield the outcome of every case; those already in `results` are not run again."""
     known: dict[tuple[str, int], DockingOutcome] = {}
     if results.exists():
@@ -103,19 +107,19 @@ def run_cases(cases: Sequence[DockingCase], results: Path, world: str = WORLD) -
     for case in cases:
         outcome = known.get((case.kind, case.seed))
         if outcome is None:
-            outcome = run_case(case, results.parent / f"{case.kind}-{case.seed}", world)
+            outcome = run_case(case, results.parent / f"{case.kind}-{case.seed}", world, name)
             with results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(outcome.to_dict()) + "\n")
         yield outcome
 
 
-def run_case(case: DockingCase, folder: Path, world: str = WORLD) -> DockingOutcome:
+def run_case(case: DockingCase, folder: Path, world: str = WORLD, name: str = NAME) -> DockingOutcome:
     """Run one docking and judge it by its recording, which is deleted when the robot docked without a collision."""
     plan = load_world(world)
-    start = plan.world_from_start @ plan.docks[0].map_from_dock @ case.start
+    start = plan.world_from_start @ _dock_of(plan, name).map_from_dock @ case.start
     faults = (case.kind,) if case.kind in FAULTS else ()
     navigation = NavigationOptions(world=world, robot=ROBOT, seed=case.seed, port=None, faults=faults)
-    options = DockingOptions(navigation, (Errand(ErrandKind.DOCK, NAME),), start=start)
+    options = DockingOptions(navigation, (Errand(ErrandKind.DOCK, name),), start=start)
     run = DockingRun(options, RunFolder(folder))
     try:
         run.run(TIME_LIMIT)
@@ -150,6 +154,11 @@ def _outcome(case: DockingCase, run: DockingRun, fields: dict[str, float | int |
         fields["dock_error_yaw_deg"] if is_docked else None,
         int(fields["collisions"] or 0),
     )
+
+
+def is_marked(world: str, name: str) -> bool:
+    """Say whether a camera recognizes the dock; scanners recognize the others."""
+    return bool(_dock_of(load_world(world), name).markers)
 
 
 def measure_sights(seed: int, pictures: int = PICTURES, world: str = WORLD) -> list[SightErrors]:
@@ -212,5 +221,9 @@ class _Look:
         return along_across, [-1e3 * away.x, -1e3 * away.y, -math.degrees(wrap_angle(away.yaw))]
 
 
-def _dock_of(world: WorldSpec) -> SimDock:
-    return next(dock for dock in world.docks if dock.name == NAME)
+def _dock_of(world: WorldSpec, name: str = NAME) -> SimDock:
+    for dock in world.docks:
+        if dock.name == name:
+            return dock
+    known = ", ".join(dock.name for dock in world.docks) or "none"
+    raise BadInputError(f"world {world.name} has no dock {name!r}; there are {known}")

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 PARTS = ("sights", "approach", "random", "faults")
+WORLD, DOCK = "dock_hall", "charger_1"
+OUT = "runs/docking"
 
 
 def add_parser(subparsers: Any) -> None:
@@ -15,9 +17,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--runs", type=int, default=20, help="random starts (default: 20; 60 before a release)")
     parser.add_argument("--fault-runs", type=int, default=2, help="runs per fault (default: 2; 20 before a release)")
     parser.add_argument("--looks", type=int, default=100, help="pictures per series of looks (default: 100)")
+    parser.add_argument("--world", default=WORLD, help=f"a world with docks (default: {WORLD})")
+    parser.add_argument(
+        "--dock", default=DOCK, help=f"the dock; only {DOCK} has approaches and faults (default: {DOCK})"
+    )
     parser.add_argument("--only", choices=PARTS, action="append", help="only this part; may be repeated")
     parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
-    parser.add_argument("--out", type=Path, default=Path("runs/docking"), help="results of every run, pictures")
+    parser.add_argument("--out", type=Path, help=f"results of every run, pictures (default: {OUT}, or {OUT}_DOCK)")
     parser.add_argument("--pictures", type=Path, help="where box plots go (default: --out)")
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
@@ -28,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps import docking_study as study
+    from ambler.apps.docking_scans import measure_scan_sights
     from ambler.core.errors import BadInputError
     from ambler.evaluation import docking, docking_pictures
     from ambler.evaluation.results import write_results
@@ -35,24 +42,37 @@ def run(args: argparse.Namespace) -> int:
 
     if min(args.runs, args.fault_runs, args.looks) < 1:
         raise BadInputError("--runs, --fault-runs and --looks must be positive")
-    parts = tuple(args.only) if args.only else PARTS
+    is_standard = (args.world, args.dock) == (WORLD, DOCK)
+    all_parts = PARTS if is_standard else ("sights", "random")
+    parts = tuple(args.only) if args.only else all_parts
+    if not set(parts) <= set(all_parts):
+        raise BadInputError(
+            f"approaches and faults are those of {DOCK} in {WORLD}; other docks have {', '.join(all_parts)}"
+        )
+    is_marked = study.is_marked(args.world, args.dock)
+    if is_marked and not is_standard and "sights" in parts:
+        raise BadInputError(f"looks at markers are those at {DOCK} in {WORLD}: choose --only random")
+    out = args.out if args.out is not None else Path(OUT if is_standard else f"{OUT}_{args.dock}")
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
     cases = []
     if "approach" in parts:
         cases += study.approach_cases(args.seed)
     if "random" in parts:
-        cases += study.random_cases(args.runs, args.seed)
+        cases += study.random_cases(args.runs, args.seed, args.world, args.dock)
     if "faults" in parts:
         cases += study.fault_cases(args.fault_runs, args.seed)
     outcomes = []
-    for outcome in study.run_cases(cases, args.out / "outcomes.jsonl"):
+    for outcome in study.run_cases(cases, out / "outcomes.jsonl", args.world, args.dock):
         outcomes.append(outcome)
         print(_line(outcome), flush=True)
     fields: dict[str, Any] = docking.summarize(outcomes)
-    pictures = args.pictures if args.pictures is not None else args.out
+    pictures = args.pictures if args.pictures is not None else out
     if "sights" in parts:
-        sights = study.measure_sights(args.seed, args.looks)
+        if is_marked:
+            sights = study.measure_sights(args.seed, args.looks)
+        else:
+            sights = measure_scan_sights(args.seed, args.looks, args.world, study.ROBOT, args.dock)
         for series in sights:
             fields |= series.summary()
         docking_pictures.draw_sights(pictures / "docking_sights.png", sights)
@@ -63,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         only = "".join(f" --only {part}" for part in args.only or ())
         counts = f"--runs {args.runs} --fault-runs {args.fault_runs} --looks {args.looks}"
-        command = f"ambler eval docking {counts} --seed {args.seed}{only}"
+        place = "" if is_standard else f"--world {args.world} --dock {args.dock} "
+        command = f"ambler eval docking {place}{counts} --seed {args.seed}{only}"
         write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
     return 0 if all(_is_good(o) for o in outcomes) else 1
 
