@@ -25,7 +25,7 @@ def test_composition_reads_the_cell_under_each_centre(seed: int) -> None:
     evidence, known = rng.normal(size=spec.shape).astype(np.float32), np.zeros(spec.shape, np.uint8)
     before, table = evidence.copy(), log_odds_table()
     target = np.array([spec.resolution, spec.origin_x, spec.origin_y])
-    kernels.compose(cells, frame, map_from_submap.as_array(), table, target, evidence, known)
+    kernels.compose(cells, frame, map_from_submap.as_array(), table, 1.0, target, evidence, known)
 
     iy, ix = (a.ravel() for a in np.indices(spec.shape))
     at = (map_from_submap.inverse().transform(spec.centers_of(np.column_stack((iy, ix)))) - frame[1:]) / frame[0]
@@ -44,8 +44,23 @@ def test_submaps_add_their_evidence() -> None:
     frame = np.array([0.05, 0.0, 0.0])
     evidence, known = np.zeros((4, 4), np.float32), np.zeros((4, 4), np.uint8)
     for _ in range(3):
-        kernels.compose(cells, frame, np.zeros(3), log_odds_table(), frame, evidence, known)
+        kernels.compose(cells, frame, np.zeros(3), log_odds_table(), 0.3, frame, evidence, known)
     assert evidence == pytest.approx(np.full((4, 4), 3.0 * math.log(9.0)), abs=1e-5)
+
+
+def test_walls_a_cell_apart_do_not_wipe_each_other_out() -> None:
+    """Two submaps see the same wall from one side, in cells 2 and 3: both cells stay, free space stays free."""
+    free, wall = np.uint16(1), np.uint16(32767)
+    frame = np.array([0.05, 0.0, 0.0])
+    known, occupancy = np.zeros((3, 6), np.uint8), np.empty((3, 6), np.int8)
+    for beside, expected in ((1.0, [0, 0, -1, 100, -1, -1]), (0.3, [0, 0, 100, 100, -1, -1])):
+        evidence = np.zeros((3, 6), np.float32)
+        for at in (2, 3):
+            cells = np.zeros((3, 6), np.uint16)
+            cells[:, :at], cells[:, at] = free, wall
+            kernels.compose(cells, frame, np.zeros(3), log_odds_table(), beside, frame, evidence, known)
+        kernels.to_occupancy(evidence, known, 0.0, 0.0, occupancy)
+        assert occupancy[1].tolist() == expected
 
 
 def test_thresholds_leave_a_band_undecided() -> None:

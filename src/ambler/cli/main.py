@@ -15,6 +15,7 @@ VERBS = (
     "dock",
     "undock",
     "slam2d",
+    "localize",
     "replay",
     "robot",
     "tune",

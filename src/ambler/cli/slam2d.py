@@ -9,9 +9,11 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ambler.cli.recording_choices import add_choices, choices_of
+
 if TYPE_CHECKING:
     from ambler.slam2d.offline import OfflineResult
-    from ambler.slam2d.recordings import Choices, ScanRecording
+    from ambler.slam2d.recordings import ScanRecording
 
 FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
 
@@ -27,21 +29,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="LOG",
         help="CARMEN log (plain, .gz, .bz2), Wean Hall log, ROS 1 bag, or ROS 2 bag (folder, .db3, .mcap)",
     )
-    parser.add_argument("--scan-topic", metavar="NAME", help="bags: topic of the scans, where there are several")
-    parser.add_argument(
-        "--odom-topic", metavar="NAME", help="bags: topic of the odometry, where there are several; `none` maps without"
-    )
-    parser.add_argument(
-        "--mount",
-        metavar="X,Y,YAW",
-        help="bags: the scanner in the base frame, m and deg, where the transforms lack it",
-    )
-    parser.add_argument(
-        "--sweep",
-        choices=("auto", "forward", "backward", "none"),
-        default="auto",
-        help="bags: order of a scan's beams in time; auto asks the recording (default)",
-    )
+    add_choices(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
     parser.add_argument("--relations", type=Path, metavar="FILE", help="SLAM-benchmark relations to compare with")
     parser.add_argument(
@@ -69,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     warm_up(imported_kernel_modules())
     cpu = time.process_time()
     relations = load_relations(args.relations) if args.relations else None
-    recording = open_recording(args.log, _choices(args))
+    recording = open_recording(args.log, choices_of(args))
     for note in recording.notes:
         print(note)
     stamps = list(recording.stamps)
@@ -94,26 +82,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         write_results(args.json, f"ambler slam2d {args.log}", args.seed, time.perf_counter() - begin, fields)
     return 0
-
-
-def _choices(args: argparse.Namespace) -> Choices:
-    import math
-
-    from ambler.core.errors import BadInputError
-    from ambler.core.se2 import SE2
-    from ambler.slam2d.recordings import Choices
-    from ambler.slam2d.sweep import Sweep
-
-    mount = None
-    if args.mount is not None:
-        try:
-            x, y, yaw_deg = (float(part) for part in args.mount.split(","))
-        except ValueError:
-            raise BadInputError(f"--mount {args.mount}: is not X,Y,YAW (metres and degrees)") from None
-        if not math.isfinite(x + y + yaw_deg):
-            raise BadInputError(f"--mount {args.mount}: a value is not finite")
-        mount = SE2(x, y, math.radians(yaw_deg))
-    return Choices(args.scan_topic, args.odom_topic, mount, Sweep(args.sweep))
 
 
 def _map(recording: ScanRecording) -> OfflineResult:

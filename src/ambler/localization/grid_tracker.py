@@ -24,6 +24,8 @@ from ambler.localization.surface_map import SurfaceMap
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+WIDEST = 25.0  # m²: a pose as uncertain as this is not made more uncertain by scans that it does not believe
+
 
 @dataclass(frozen=True, slots=True)
 class GridTrackerConfig:
@@ -144,7 +146,8 @@ class GridTracker:
         prior = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
         fusion = fuse(prior, self._covariance, result)
         if fusion.surprise > config.gate:
-            self._covariance[:3, :3] *= 3.0
+            if np.trace(self._covariance[:2, :2]) < WIDEST:
+                self._covariance[:3, :3] *= 3.0
             self._is_locked = False
             return self._carried(stamp_ns, predicted, result.score, fusion.surprise)
         self._covariance = fusion.covariance

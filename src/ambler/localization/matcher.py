@@ -69,7 +69,9 @@ class MatchResult:
         information = self.full @ np.linalg.solve(spread, self.full)
         for unknown in self._undetermined():
             told = information @ unknown
-            information -= np.outer(told, told) / max(float(unknown @ told), 1e-12)
+            worth = float(unknown @ told)
+            if worth > 1e-9 * np.trace(information):
+                information -= np.outer(told, told) / worth
         return np.asarray(0.5 * (information + information.T))
 
     def _undetermined(self) -> list[F64]:

@@ -89,6 +89,10 @@ class OdometryBuffer:
         seconds = (stamp_ns - self._times[k]) * 1e-9
         return self._poses[k] @ SE2.exp(self._twists[k] * seconds)
 
+    def twist(self) -> F64:
+        """Return the newest velocity (vx, vy, wz) of the base, float64 (3,); zero before there are two poses."""
+        return self._twists[-1].copy() if self._twists else np.zeros(3)
+
     def knots(self, begin_ns: int, end_ns: int, reference_ns: int) -> OdometryKnots:
         """Return the knots that cover an interval, relative to an instant; raises StaleInputError when they do not."""
         for stamp_ns in (begin_ns, end_ns):

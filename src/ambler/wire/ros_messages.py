@@ -61,6 +61,7 @@ _CODECS: dict[type[m.Message], Codec] = {
     m.GlassWalls: Codec("visualization_msgs/msg/Marker", ros_glass.glass_to_ros, ros_glass.glass_from_ros),
     m.PointCloud: Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
     m.Imu: Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
+    m.GnssFix: Codec("sensor_msgs/msg/NavSatFix", ros_sensors.gnss_to_ros, ros_sensors.gnss_from_ros),
     m.Image: Codec("sensor_msgs/msg/Image", ros_camera.image_to_ros, ros_camera.image_from_ros),
     m.CameraInfo: Codec("sensor_msgs/msg/CameraInfo", ros_camera.camera_info_to_ros, ros_camera.camera_info_from_ros),
     m.BatteryState: Codec("sensor_msgs/msg/BatteryState", ros_status.battery_to_ros, ros_status.battery_from_ros),

@@ -16,6 +16,8 @@ _LaserScan = record_class("sensor_msgs/msg/LaserScan")
 _PointCloud2 = record_class("sensor_msgs/msg/PointCloud2")
 _PointField = record_class("sensor_msgs/msg/PointField")
 _Imu = record_class("sensor_msgs/msg/Imu")
+_NavSatFix = record_class("sensor_msgs/msg/NavSatFix")
+_NavSatStatus = record_class("sensor_msgs/msg/NavSatStatus")
 _Range = record_class("sensor_msgs/msg/Range")
 _Quaternion = record_class("geometry_msgs/msg/Quaternion")
 
@@ -163,6 +165,20 @@ def imu_to_ros(message: m.Imu) -> Any:
         _NO_COVARIANCE,
         vector_to_ros(message.linear_acceleration),
         _NO_COVARIANCE,
+    )
+
+
+def gnss_to_ros(message: m.GnssFix) -> Any:
+    """A position that is not finite becomes STATUS_NO_FIX; the covariance has a known diagonal."""
+    has_fix = math.isfinite(message.latitude + message.longitude)
+    return _NavSatFix(
+        header_to_ros(message.stamp_ns, message.frame),
+        _NavSatStatus(0 if has_fix else -1, 1),
+        message.latitude,
+        message.longitude,
+        message.altitude,
+        np.diag(message.variance).ravel(),
+        2,
     )
 
 

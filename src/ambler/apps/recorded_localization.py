@@ -1,0 +1,107 @@
+"""Localizes a recorded drive in a known map, from a given pose or from nothing, and says how well map and scans agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError, StaleInputError
+from ambler.core.grid import OCC_OCCUPIED, GridSpec
+from ambler.core.se2 import SE2
+from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Localizer, Observation
+from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
+from ambler.localization.supervisor import LocalizationState, Supervisor, SupervisorConfig
+from ambler.localization.surface_map import SurfaceMap
+from ambler.perception.odometry_buffer import OdometryBuffer
+from ambler.slam2d.log_scans import LogScan
+from ambler.slam2d.offline import points_on_walls
+
+BELIEVED = (LocalizationState.TRACKING, LocalizationState.DEGRADED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedLocalization:
+    """`stamps_ns` int64 (N,) and `poses` float64 (N, 3), map_from_base, of the scans whose pose was believed, of `scans` in all. `found_after`
+    is the time of the first (s after the first scan; None: never); `times_lost` how often a believed pose was given up;
+    `points_on_walls_ratio` the share of returns within one cell of the map's walls; `largest_correction` the longest step (m) away from
+    what odometry says, once found."""
+
+    scans: int
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    found_after: float | None
+    times_lost: int
+    points_on_walls_ratio: float
+    largest_correction: float
+    is_found_at_the_end: bool
+
+
+def localize_recording(
+    scans: Iterable[LogScan],
+    spec: GridSpec,
+    occupancy: NDArray[np.int8],
+    make_localizer: Callable[[SurfaceMap], Localizer],
+    map_from_start: SE2 | None = None,
+    *,
+    is_supervised: bool = True,
+) -> RecordedLocalization:
+    """Localize every scan in the map `occupancy` int8 [iy, ix], from a pose or from nothing. Without supervision, which needs a pose, it
+    is believed to the end: for maps so old that they contradict every scan. Raises BadInputError without odometry."""
+    surfaces = SurfaceMap.from_occupancy(occupancy, spec)
+    localizer = make_localizer(surfaces)
+    supervisor: Supervisor | None = None
+    odometry = OdometryBuffer(span=5.0, max_extrapolation=0.5)
+    believed: list[tuple[int, SE2, SE2]] = []
+    planar = []
+    count = times_lost = 0
+    first_ns, was_believed, correction = 0, False, 0.0
+    for scan in scans:
+        count += 1
+        for stamp_ns, odom_from_base in scan.odometry:
+            odometry.add_pose(stamp_ns, odom_from_base)
+        try:
+            odom_from_base = odometry.pose_at(scan.stamp_ns)
+        except StaleInputError:
+            continue
+        if supervisor is None:
+            first_ns = scan.stamp_ns
+            if map_from_start is not None:
+                localizer.set_pose(scan.stamp_ns, odom_from_base, map_from_start, INITIAL_COVARIANCE)
+            relocalizer = Relocalizer(surfaces, RelocalizerConfig())
+            supervisor = Supervisor(surfaces, localizer, relocalizer, SupervisorConfig())
+        points = scan.to_planar(odometry.twist())
+        observation = Observation(scan.stamp_ns, odom_from_base, points.points)
+        estimate = _supervised(supervisor, observation) if is_supervised else localizer.update(observation)
+        if estimate is not None:
+            pose = estimate.map_from_base
+            if was_believed:
+                _, map_from_last, odom_from_last = believed[-1]
+                expected = map_from_last @ odom_from_last.inverse() @ odom_from_base
+                correction = max(correction, pose.distance_to(expected))
+            believed.append((scan.stamp_ns, pose, odom_from_base))
+            planar.append(points)
+        times_lost += was_believed and estimate is None
+        was_believed = estimate is not None
+    if supervisor is None:
+        raise BadInputError("there is no odometry for any scan of the recording: a robot is localized by both")
+    poses = np.array([pose.as_array() for _, pose, _ in believed]).reshape(-1, 3)
+    walls = np.where(occupancy > OCC_OCCUPIED // 2, OCC_OCCUPIED, 0).astype(np.int8)
+    return RecordedLocalization(
+        count,
+        np.array([stamp for stamp, _, _ in believed], np.int64),
+        poses,
+        (believed[0][0] - first_ns) * 1e-9 if believed else None,
+        times_lost,
+        points_on_walls(planar, poses, spec, walls),
+        correction,
+        was_believed,
+    )
+
+
+def _supervised(supervisor: Supervisor, observation: Observation) -> Estimate | None:
+    """Return the estimate when it may be believed."""
+    seen = supervisor.update(observation)
+    return seen.estimate if seen.state in BELIEVED else None
