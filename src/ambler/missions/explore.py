@@ -61,6 +61,7 @@ class ExploreMission:
         self._has_swept = False
         self._has_pardoned = False
         self._returns = 0
+        self._pause_until_ns = 0
         self._resumes = 0
         self._failures = 0
         self._failed_from = SE2()
@@ -215,7 +216,8 @@ class ExploreMission:
     def _looking(self, view: ExploreView) -> list[Command]:
         if self._drive_code is not None and not self._arrived:
             self._drive_code = None
-            self._look_until_ns = min(self._look_until_ns, view.now_ns + int(self.config.look_time * 1e9))
+            soon = max(self._pause_until_ns, view.now_ns + int(self.config.look_time * 1e9))
+            self._look_until_ns = min(self._look_until_ns, soon)
         if view.now_ns < self._look_until_ns:
             return []
         if self._arrived:
@@ -237,8 +239,10 @@ class ExploreMission:
         if code is None:
             return []
         if self._returns < self.config.return_attempts:
-            self._wait(view, self.config.return_pause, f"the way home is shut ({code}), waiting")
-            return [ClearCosts()]
+            self._next_drive()
+            self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
+            self._wait(view, 3.0 * self.config.return_pause, f"the way home is shut ({code}), waiting")
+            return [ClearCosts(), TurnAround(self._drive, 2.0 * math.pi)]  # a map renews itself only where scans move
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
 
     # Steps that several states share.

@@ -39,7 +39,7 @@ class ExploreConfig:
     stuck_failures: int = 8
     stuck_distance: float = 0.5
     min_reachable_area: float = 0.5
-    return_attempts: int = 3
+    return_attempts: int = 4
     return_pause: float = 8.0
     held_timeout: float = 10.0
     max_resumes: int = 5
