@@ -117,7 +117,7 @@ def test_a_door_that_closes_leaves_a_room_out_and_the_end_is_proved(tmp_path: Pa
     fields = judge(demo).fields
     assert fields["collisions"] == 0
     assert demo.ended == "finished"
-    assert 0.5 < fields["coverage_ratio"] < 0.7, "the second room stays unknown, the first one is known"
+    assert 0.5 < fields["coverage_ratio"] < 0.8, "the first room, and what was seen through the door before it shut"
     assert fields["is_home"]
     assert x_over_time(demo)[1].max() < DOOR - 0.25, "it never stood in the doorway"
 

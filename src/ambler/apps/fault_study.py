@@ -71,7 +71,7 @@ def _world_cases() -> list[FaultCase]:
     return [
         FaultCase("people", "people", "diff", FaultLimits(coverage=(0.95, MOST))),
         FaultCase("people", "people", "amr_omni", FaultLimits(coverage=(0.85, MOST))),
-        *(FaultCase("door_shut", "door:1", r, FaultLimits(coverage=(0.5, 0.7))) for r in ("diff", "amr_omni")),
+        *(FaultCase("door_shut", "door:1", r, FaultLimits(coverage=(0.5, 0.8))) for r in ("diff", "amr_omni")),
         FaultCase("door_shuts_behind", "door:30", "diff", shut_out),
         FaultCase(
             "door_opens_again", "door:30:45", "diff", FaultLimits(coverage=(0.97, MOST), says=("the way home is shut",))
