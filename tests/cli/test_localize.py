@@ -1,0 +1,109 @@
+"""`ambler localize` on a drive whose truth is known, on a recorded one, and on bad input."""
+
+import json
+import math
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.apps.recorded_localization import localize_recording
+from ambler.cli.main import main
+from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
+from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
+from ambler.slam2d.log_scans import LogScan, planar_matrix
+from tests.localization import rooms
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+BEAMS = 360
+
+
+def recorded() -> tuple[list[LogScan], list[SE2]]:
+    """The first 12 s of the drive through the office, as a log holds it."""
+    room, scans, truth = rooms.office(), [], []
+    rng = np.random.default_rng(4)
+    angles = np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
+    beam, limits = np.array([angles[0], angles[1] - angles[0], 0.0]), np.array([0.05, 30.0, 5.0])
+    for step in islice(rooms.drive(room, rooms.ROUTES["office"], rng, beams=4), 120):
+        ranges = (room.cast(step.truth, angles) + 0.01 * rng.standard_normal(BEAMS)).astype(np.float32)
+        odometry = ((step.stamp_ns, step.odom_from_base),)
+        scans.append(LogScan(step.stamp_ns, ranges, beam, limits, planar_matrix(SE2()), odometry))
+        truth.append(step.truth)
+    return scans, truth
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_drive_is_found_in_its_map(is_told: bool) -> None:
+    scans, truth = recorded()
+    occupancy, spec = rooms.office().occupancy()
+    start = truth[0] @ SE2(0.1, -0.05, 0.03) if is_told else None
+    result = localize_recording(scans, spec, occupancy, lambda m: GridTracker(m, GridTrackerConfig()), start)
+    assert result.is_found_at_the_end
+    assert result.times_lost == 0
+    assert result.found_after is not None
+    assert result.found_after < (0.01 if is_told else 5.0)
+    assert result.points_on_walls_ratio > 0.95
+    by_stamp = {scan.stamp_ns: pose for scan, pose in zip(scans, truth, strict=True)}
+    errors = [
+        SE2.from_array(p).distance_to(by_stamp[s]) for s, p in zip(result.stamps_ns.tolist(), result.poses, strict=True)
+    ]
+    assert np.median(errors) < 0.02
+    assert max(errors[10:]) < 0.06
+
+
+def test_a_wrong_pose_is_given_up_unless_nobody_watches() -> None:
+    scans, truth = recorded()
+    occupancy, spec = rooms.office().occupancy()
+    wrong = truth[0] @ SE2(3.0, 1.0, 2.0)
+
+    def localize(*, is_supervised: bool) -> float:
+        result = localize_recording(
+            scans[:40],
+            spec,
+            occupancy,
+            lambda m: GridTracker(m, GridTrackerConfig()),
+            wrong,
+            is_supervised=is_supervised,
+        )
+        return len(result.poses) / result.scans
+
+    assert localize(is_supervised=True) < 0.8
+    assert localize(is_supervised=False) > 0.97  # the first scan has no odometry before it
+
+
+def test_without_odometry_nothing_is_localized() -> None:
+    scans, _ = recorded()
+    occupancy, spec = rooms.office().occupancy()
+    bare = [LogScan(s.stamp_ns, s.ranges, s.beam, s.limits, s.base_from_laser, ()) for s in scans[:5]]
+    with pytest.raises(BadInputError, match="odometry"):
+        localize_recording(bare, spec, occupancy, lambda m: GridTracker(m, GridTrackerConfig()))
+
+
+@pytest.mark.skipif(not (DATA / "turtlebot4").exists(), reason=f"recorded data is absent: {DATA / 'turtlebot4'}")
+def test_the_turtlebot_finds_itself_in_its_map(tmp_path: Path) -> None:
+    folder = DATA / "turtlebot4"
+    arguments = ["--json", str(tmp_path / "r.json"), "--out", str(tmp_path / "out")]
+    bag, known = folder / "macfirst_floor_take_2", folder / "mac_1st_floor_final.yaml"
+    assert main(["localize", str(bag), "--map", str(known), *arguments]) == 0
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["points_on_walls_ratio"] > 0.7
+    assert result["times_lost"] == 0
+    assert (tmp_path / "out" / "map.png").stat().st_size > 5000
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) > 200
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nothing.log", "--map", "nothing.yaml"], "nothing.yaml: there is no such map"),
+        (["nothing.log", "--map", "nothing.yaml", "--pose", "1,2"], "--pose 1,2: is not X,Y,YAW"),
+        (["nothing.log", "--map", "nothing.yaml", "--pose", "1,nan,2"], "not finite"),
+        (["nothing.log", "--map", "nothing.yaml", "--unsupervised"], "--unsupervised needs --pose"),
+    ],
+)
+def test_bad_input_is_one_clear_line(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["localize", *arguments]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert says in line
