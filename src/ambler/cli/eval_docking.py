@@ -16,6 +16,7 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser("docking", help="precision, success and times of docking")
     parser.add_argument("--runs", type=int, default=20, help="random starts (default: 20; 60 before a release)")
     parser.add_argument("--fault-runs", type=int, default=2, help="runs per fault (default: 2; 20 before a release)")
+    parser.add_argument("--fault", action="append", metavar="NAME", help="only this fault; may be repeated")
     parser.add_argument("--looks", type=int, default=100, help="pictures per series of looks (default: 100)")
     parser.add_argument("--world", default=WORLD, help=f"a world with docks (default: {WORLD})")
     parser.add_argument(
@@ -61,7 +62,10 @@ def run(args: argparse.Namespace) -> int:
     if "random" in parts:
         cases += study.random_cases(args.runs, args.seed, args.world, args.dock)
     if "faults" in parts:
-        cases += study.fault_cases(args.fault_runs, args.seed)
+        wanted = args.fault or study.FAULTS
+        if unknown := set(wanted) - set(study.FAULTS):
+            raise BadInputError(f"no fault {min(unknown)!r}; there are {', '.join(study.FAULTS)}")
+        cases += [case for case in study.fault_cases(args.fault_runs, args.seed) if case.kind in wanted]
     outcomes = []
     for outcome in study.run_cases(cases, out / "outcomes.jsonl", args.world, args.dock):
         outcomes.append(outcome)
@@ -82,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     print(docking.table(fields))
     if args.json:
         only = "".join(f" --only {part}" for part in args.only or ())
+        only += "".join(f" --fault {name}" for name in args.fault or ())
         counts = f"--runs {args.runs} --fault-runs {args.fault_runs} --looks {args.looks}"
         place = "" if is_standard else f"--world {args.world} --dock {args.dock} "
         command = f"ambler eval docking {place}{counts} --seed {args.seed}{only}"
