@@ -137,7 +137,8 @@ ROWS: Sequence[Row] = (
         "explore among glass, `diff` with an ultrasonic ring, 3 seeds",
         "0 contacts",
         "glass.json",
-        "{diff_with_layers_contacts} contacts in {diff_with_layers_runs} runs, coverage worst {diff_with_layers_coverage_ratio_worst:.1%}",
+        "{diff_with_layers_contacts} contacts in {diff_with_layers_runs} runs, coverage worst "
+        "{diff_with_layers_coverage_ratio_worst:.1%}; without the layers {diff_without_layers_contacts} contacts",
     ),
     Row(
         "find a lost robot, office and warehouse (source: 1 of 3)",
@@ -182,6 +183,15 @@ ROWS: Sequence[Row] = (
         "≤ 3 mm, ≤ 0.1° (95 %), worst ≤ 8 mm; 60 of 60 within two attempts",
         "docking.json",
         "{within_two_attempts} of {runs}; {position_error_p95_m:.4f} m, {yaw_error_p95_deg:.3f}° (95 %), worst {position_error_max_m:.4f} m",
+    ),
+    *(
+        Row(
+            f"dock by {what} that scanners see, random places",
+            "(as above)",
+            f"docking_{name}.json",
+            "{within_two_attempts} of {runs}; {position_error_p95_m:.4f} m, {yaw_error_p95_deg:.3f}° (95 %), docking {docking_time_median_s:.1f} s",
+        )
+        for what, name in (("a V shape", "v_shape"), ("reflectors", "reflectors"))
     ),
     Row(
         "dock from 1 m (source: 17 s); marker at 1 m, still and moving",
