@@ -21,7 +21,7 @@ F64 = NDArray[np.float64]
 MAP_PRIOR = 3.0  # stretches of wall that the belief about the map's errors is worth before anything was seen
 MAP_MEMORY = 100.0  # stretches of wall that are remembered
 MAP_NOISE_LEAST = 0.0005  # metres
-MAP_DOUBT = 2.2  # walls of one map err together (all drawn too thick, say) by more than residuals can show
+MAP_DOUBT = 2.1  # walls of one map err together (all drawn too thick, say) by more than residuals can show
 
 
 @dataclass(frozen=True, slots=True)
