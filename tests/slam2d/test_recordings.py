@@ -189,6 +189,15 @@ def test_several_scan_topics_must_be_chosen_from(tmp_path: Path) -> None:
         open_recording(bag, Choices("/front"))
 
 
+def test_the_truth_of_a_simulation_is_no_choice(tmp_path: Path) -> None:
+    recorded = drive()
+    recorded += [("/ground_truth/pose", x, n) for t, x, n in recorded if t == "/odom"]
+    bag = write_ros2(tmp_path / "bag", sorted(recorded, key=lambda entry: entry[2]))
+    assert any(note.startswith("odometry: /odom,") for note in open_recording(bag).notes)
+    chosen = open_recording(bag, Choices(odom_topic="/ground_truth/pose")).notes
+    assert any(note.startswith("odometry: /ground_truth/pose,") for note in chosen)
+
+
 def write_foreign(path: Path) -> Path:
     path.write_bytes(bytes(range(256)) * 8)
     return path

@@ -28,6 +28,7 @@ NO_TOPIC = "none"
 _BAG_MAGIC = (b"#ROSBAG", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 _BASE_FRAMES = ("base_link", "base_footprint", "base")
+_TRUTH = "/ground_truth/"
 _ODOM_FRAME = "odom"
 _HISTORY = 1e9
 # Many drivers report range_max, not more, where nothing came back.
@@ -121,9 +122,12 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig) -> ScanRe
 
 
 def _choose(bag: BagReader, kind: type[Message], name: str | None, option: str) -> str | None:
-    """Return the topic of a kind that is wanted, or the only one with messages; None without any."""
+    """Return the topic of a kind that is wanted, or the only one with messages; None without any. What a simulation recorded of the truth
+    is no choice unless it is named."""
     found = sorted(t.name for t in bag.topics() if t.message_class is kind and t.count > 0)
-    if name is not None:
+    if name is None:
+        found = [topic for topic in found if not topic.startswith(_TRUTH)]
+    else:
         if name not in found:
             raise BadInputError(
                 f"{bag.path}: {option} {name}: no {kind.__name__} there, only on {', '.join(found) or 'no topic'}"
