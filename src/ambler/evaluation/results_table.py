@@ -104,10 +104,11 @@ ROWS: Sequence[Row] = (
         "{within_bars} of {runs}; worst {position_error_max_mm:.1f} mm, {yaw_error_max_deg:.3f}°, {offset_error_max_ms:.2f} ms",
     ),
     Row(
-        "depot, `diff`: random goals of a known map",
+        "depot and a floor plan, `diff`: random goals of known maps",
         "all reached, 0 collisions",
         "navigation.json",
-        "{maps_depot_diff_reached} of {maps_depot_diff_goals} reached, {maps_depot_diff_collisions} collisions, "
+        "{maps_depot_diff_reached} of {maps_depot_diff_goals} and {medium_img_13_diff_reached} of {medium_img_13_diff_goals} reached, "
+        "{maps_depot_diff_collisions} and {medium_img_13_diff_collisions} collisions, "
         "{maps_depot_diff_speed_median_mps:.2f} m/s",
     ),
     *(
