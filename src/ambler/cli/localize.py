@@ -93,7 +93,9 @@ def run(args: argparse.Namespace) -> int:
         write_tum(args.out / "trajectory.tum", (result.stamps_ns * 1e-9).astype(np.float64), result.poses)
         draw_map_with_trajectory(args.out / "map.png", spec, occupancy, {"localized": result.poses})
     if args.json:
-        command = f"localize {args.recording.name} --map {args.map.name}"
+        command = f"localize {args.recording.name} --map {args.map.name} --localizer {args.localizer}"
+        command += f" --pose {args.pose}" if args.pose else ""
+        command += " --unsupervised" if args.unsupervised else ""
         write_results(args.json, command, args.seed, time.perf_counter() - begin, fields)
     return 0 if result.is_found_at_the_end else 1
 
