@@ -31,6 +31,12 @@ class StackError(AmblerError):
     code = "STACK_INVALID"
 
 
+class DeviceError(AmblerError):
+    """A device cannot be opened, or is none of the kind that was expected."""
+
+    code = "DEVICE_FAILED"
+
+
 class PlanningError(AmblerError):
     """No path can be given; subclasses name the reason."""
 

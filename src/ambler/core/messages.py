@@ -218,6 +218,16 @@ class VelocityCommand(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class JoystickState(Message):
+    """What a person holds: axes float32 (N,) in -1..1, and buttons uint8 (M,), 1 while pressed."""
+
+    stamp_ns: int
+    frame: str
+    axes: F32
+    buttons: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TransformStamped(Message):
     """One edge of the transform tree."""
 

@@ -30,7 +30,7 @@ from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.nodes.local_view import LocalView
 from ambler.perception.planar import PlanarConfig
-from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import (
     CLEAR_LOCAL_COSTMAP,
     FOLLOW_PATH,
@@ -72,7 +72,7 @@ class ControllerNode(Node):
     """Follows paths with any LocalPlanner and recovers, both on the local costmap."""
 
     name = "controller"
-    inputs = (SCAN, ODOMETRY, TRANSFORMS)
+    inputs: Topics = (SCAN, ODOMETRY, TRANSFORMS)
     optional_inputs = (PATH, GATE_STATUS, GLASS)
     outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
@@ -86,7 +86,7 @@ class ControllerNode(Node):
         self._view = LocalView(robot, costmap, planar)
         self._has_ranges = bool(robot.rangers)
         ranges = (RANGES,) if self._has_ranges else ()
-        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS, *ranges)  # type: ignore[misc]
+        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS, *ranges)
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None

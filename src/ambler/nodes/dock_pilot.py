@@ -68,7 +68,7 @@ class DockPilotNode(PilotNode):
     """Runs errands, one after the other until one fails, and calls `on_finished` with what came of them."""
 
     name = "pilot"
-    calls = (ARM, RECOVER, DOCK, UNDOCK, TEACH_DOCK)  # type: ignore[assignment]
+    calls = (ARM, RECOVER, DOCK, UNDOCK, TEACH_DOCK)
 
     def __init__(
         self, errands: tuple[Errand, ...], on_finished: Callable[[DockRounds], None], config: PilotConfig | None = None

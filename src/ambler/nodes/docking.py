@@ -24,7 +24,7 @@ from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, Dock
 from ambler.nodes.dock_carrier import DockCarrier
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
 from ambler.nodes.dock_state import RobotState
-from ambler.runtime.node import GoalHandle, Node, TaskOutcome
+from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome
 from ambler.runtime.tasks import (
     CAMERA_PICTURES,
     DOCK,
@@ -82,7 +82,7 @@ class DockingNode(Node):
     optional_inputs = (IMAGE, CAMERA_INFO, BATTERY, GATE_STATUS, MERGED_CLOUD)
     outputs = (DOCKING_REQUEST, DOCK_POSE, STATUS)
     serves = (DOCK, UNDOCK, TEACH_DOCK)
-    calls = (NAVIGATE, PERMIT_APPROACH, REVOKE_APPROACH, STOP_CHARGING)
+    calls: Offers = (NAVIGATE, PERMIT_APPROACH, REVOKE_APPROACH, STOP_CHARGING)
     latency = 0.002
 
     def __init__(self, robot: RobotModel, database: DockDatabase, config: DockingNodeConfig | None = None) -> None:
@@ -90,7 +90,7 @@ class DockingNode(Node):
         self._database = database
         self._config = config if config is not None else DockingNodeConfig()
         if robot.camera is not None:
-            self.calls = (*type(self).calls, CAMERA_PICTURES)  # type: ignore[assignment, misc]
+            self.calls = (*type(self).calls, CAMERA_PICTURES)
         self.mission = DockMission(self._config.mission)
         self._sight = DockSight(robot, self._config.tracker)
         self._state = RobotState()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, ClassVar
+from typing import Any
 
 from ambler.core.errors import TransformError
 from ambler.core.messages import CostGrid, Frontiers, GateState, GateStatus, OccupancyGrid, Status, Transforms
@@ -45,13 +45,13 @@ Handle = GoalHandle[ExploreGoal, ExploreFeedback, ExploreResult]
 class ExplorerNode(Node):
     """Serves EXPLORE by driving with NAVIGATE; between goals it is silent."""
 
-    name: ClassVar[str] = "explorer"
-    inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
-    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATUS, GATE_STATUS)
-    outputs: ClassVar[tuple[Topic[Any], ...]] = (FRONTIERS, STATUS)
-    serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (EXPLORE,)
-    calls: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
-    latency: ClassVar[float] = 0.05
+    name: str = "explorer"
+    inputs: tuple[Topic[Any], ...] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
+    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS)
+    outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
+    serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
+    calls: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
+    latency: float = 0.05
 
     def __init__(self, config: ExploreConfig, survey: FrontierSurvey, strategy: Strategy, period: float = 1.0) -> None:
         self._mission = ExploreMission(config, survey, strategy)

@@ -26,7 +26,7 @@ from ambler.core.transforms import TransformTree
 from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
-from ambler.runtime.node import Node
+from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import (
     ARM,
     EMERGENCY_STOP,
@@ -76,7 +76,7 @@ class GateNode(Node):
     """
 
     name = "gate"
-    inputs = (VELOCITY_REQUEST, ODOMETRY, SCAN)
+    inputs: Topics = (VELOCITY_REQUEST, ODOMETRY, SCAN)
     optional_inputs = (TELEOP_REQUEST, DOCKING_REQUEST)
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
     serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, PERMIT_APPROACH, REVOKE_APPROACH)
@@ -108,7 +108,7 @@ class GateNode(Node):
         ring = sorted(self._rangers, key=lambda m: m.base_from_sensor.to_se2().yaw)
         self._neighbours = {m.frame: (ring[k - 1].frame, ring[(k + 1) % len(ring)].frame) for k, m in enumerate(ring)}
         ranges = (RANGES,) if self._rangers else ()
-        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners, *ranges)  # type: ignore[misc]
+        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners, *ranges)
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,12 @@ PERIOD = 0.5
 class GlassMapperNode(Node):
     """Publishes GLASS when what it believes has changed; serves SAVE_GLASS."""
 
-    name: ClassVar[str] = "glass_mapper"
-    inputs: ClassVar[tuple[Topic[Any], ...]] = (SCAN, ODOMETRY, TRANSFORMS)
-    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP,)
-    outputs: ClassVar[tuple[Topic[Any], ...]] = (GLASS,)
-    serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (SAVE_GLASS,)
-    latency: ClassVar[float] = 0.01
+    name: str = "glass_mapper"
+    inputs: tuple[Topic[Any], ...] = (SCAN, ODOMETRY, TRANSFORMS)
+    optional_inputs: tuple[Topic[Any], ...] = (MAP,)
+    outputs: tuple[Topic[Any], ...] = (GLASS,)
+    serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (SAVE_GLASS,)
+    latency: float = 0.01
 
     def __init__(
         self, robot: RobotModel, specular: SpecularConfig | None = None, config: GlassMapConfig | None = None
@@ -47,7 +47,7 @@ class GlassMapperNode(Node):
         self._newest_ns = 0
         self._scan_topic = SCAN if len(robot.scanners) <= 1 else SCANNERS
         ranges = (RANGES,) if robot.rangers else ()
-        self.inputs = (self._scan_topic, ODOMETRY, TRANSFORMS, *ranges)  # type: ignore[misc]
+        self.inputs = (self._scan_topic, ODOMETRY, TRANSFORMS, *ranges)
 
     def start(self) -> None:
         """Subscribe, serve, and tell twice a second what changed."""

@@ -34,7 +34,7 @@ from ambler.localization.supervisor import LocalizationState, Supervision, Super
 from ambler.localization.surface_map import SurfaceMap
 from ambler.perception.odometry_buffer import OdometryBuffer
 from ambler.perception.planar import PlanarConfig, scan_duration, scan_to_points
-from ambler.runtime.node import Node
+from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import RELOCALIZE, Nothing
 from ambler.runtime.topics import (
     IMU,
@@ -77,7 +77,7 @@ class LocalizationNode(Node):
     """
 
     name = "localization"
-    inputs = (MAP, ODOMETRY)
+    inputs: Topics = (MAP, ODOMETRY)
     optional_inputs = (IMU, SET_POSE)
     outputs = (TRANSFORMS, LOCALIZED_POSE, STATUS)
     serves = (RELOCALIZE,)
@@ -92,8 +92,8 @@ class LocalizationNode(Node):
         self._robot = robot
         self._make_localizer = make_localizer
         self._config = config or LocalizationNodeConfig()
-        wanted = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}[self._config.source]
-        self.inputs = (MAP, ODOMETRY, *wanted)  # type: ignore[assignment, misc]
+        wanted: Topics = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}[self._config.source]
+        self.inputs = (MAP, ODOMETRY, *wanted)
         self._wheels = OdometryBuffer()
         self._ekf = PlanarEkf(self._config.ekf)
         self._fused = OdometryBuffer()

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ambler.core.messages import Status
-from ambler.runtime.node import Node, TaskOutcome
+from ambler.runtime.node import Node, Offers, TaskOutcome
 from ambler.runtime.tasks import (
     ARM,
     EXPLORE,
@@ -33,7 +33,7 @@ class OperatorNode(Node):
 
     name = "operator"
     outputs = (STATUS,)
-    calls = (ARM, EXPLORE, FINISH_MAP, SAVE_MAP)
+    calls: Offers = (ARM, EXPLORE, FINISH_MAP, SAVE_MAP)
     latency = 0.001
 
     def __init__(
@@ -47,7 +47,7 @@ class OperatorNode(Node):
     ) -> None:
         self._saves_glass = saves_glass
         if saves_glass:
-            self.calls = (*type(self).calls, SAVE_GLASS)  # type: ignore[assignment, misc]
+            self.calls = (*type(self).calls, SAVE_GLASS)
         self._map_stem = map_stem
         self._on_finished = on_finished
         self._on_feedback = on_feedback

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ambler.core.messages import Odometry, Status
 from ambler.core.se2 import SE2
-from ambler.runtime.node import Node, TaskOutcome
+from ambler.runtime.node import Node, Offers, TaskOutcome
 from ambler.runtime.tasks import (
     ARM,
     NAVIGATE,
@@ -60,7 +60,7 @@ class PilotNode(Node):
     name = "pilot"
     inputs = (LOCALIZED_POSE,)
     outputs = (STATUS,)
-    calls = (ARM, NAVIGATE, RECOVER)
+    calls: Offers = (ARM, NAVIGATE, RECOVER)
     latency = 0.001
 
     def __init__(self, config: PilotConfig, on_finished: Callable[[Journey], None]) -> None:

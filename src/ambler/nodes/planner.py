@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from ambler.core.errors import NoValidPathError
 from ambler.core.messages import CostGrid, GlassWalls, LaserScan, OccupancyGrid, Odometry, Path, Range, Transforms
@@ -37,12 +37,12 @@ class GlobalPlannerNode(Node):
     Given a robot with ultrasonic transducers and planar scanners, it also keeps their range layer; glass is drawn wherever it comes from.
     """
 
-    name: ClassVar[str] = "planner"
-    inputs: ClassVar[tuple[Topic[Any], ...]] = (MAP, TRANSFORMS)
-    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = (STATIC_TRANSFORMS, GLASS)
-    outputs: ClassVar[tuple[Topic[Any], ...]] = (GLOBAL_COSTMAP,)
-    serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = (COMPUTE_PATH, CLEAR_GLOBAL_COSTMAP)
-    latency: ClassVar[float] = 0.02
+    name: str = "planner"
+    inputs: tuple[Topic[Any], ...] = (MAP, TRANSFORMS)
+    optional_inputs: tuple[Topic[Any], ...] = (STATIC_TRANSFORMS, GLASS)
+    outputs: tuple[Topic[Any], ...] = (GLOBAL_COSTMAP,)
+    serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (COMPUTE_PATH, CLEAR_GLOBAL_COSTMAP)
+    latency: float = 0.02
 
     def __init__(
         self, costmap: GlobalCostmap, planner: GlobalPlanner, period: float = 0.5, robot: RobotModel | None = None
@@ -58,7 +58,7 @@ class GlobalPlannerNode(Node):
         self._cones: list[RangeCone] = []
         self._ranges = RangeView(robot) if robot is not None and robot.rangers and robot.scanners else None
         if self._ranges is not None:
-            self.inputs = (MAP, TRANSFORMS, RANGES, SCAN, ODOMETRY)  # type: ignore[misc]
+            self.inputs = (MAP, TRANSFORMS, RANGES, SCAN, ODOMETRY)
 
     def start(self) -> None:
         """Subscribe and serve."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import ClassVar
 
 from ambler.core.errors import StaleInputError
 from ambler.core.messages import LaserScan, Odometry, Status
@@ -27,8 +26,8 @@ class ScanMergerNode(Node):
     name = "scan_merger"
     inputs = (topics.SCANNERS, topics.ODOMETRY)
     outputs = (topics.SCAN, topics.MERGED_CLOUD, topics.STATUS)
-    latency: ClassVar[float] = 0.002
-    check_period: ClassVar[float] = 0.01
+    latency: float = 0.002
+    check_period: float = 0.01
 
     def __init__(self, config: MergerConfig) -> None:
         self._merger = ScanMerger(config)

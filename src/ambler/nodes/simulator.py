@@ -51,9 +51,9 @@ class SimulatorNode(Node):
         camera = (topics.IMAGE, topics.CAMERA_INFO) if simulation.camera is not None else ()
         battery = (topics.BATTERY,) if simulation.battery is not None else ()
         sensors = tuple(self._scan_topic if t is topics.SCAN else t for t in type(self).outputs)
-        self.outputs = (*sensors, *camera, *battery)  # type: ignore[misc]
+        self.outputs = (*sensors, *camera, *battery)
         pictures = (CAMERA_PICTURES,) if camera else ()
-        self.serves = (*pictures, *((STOP_CHARGING,) if battery else ()))  # type: ignore[misc]
+        self.serves = (*pictures, *((STOP_CHARGING,) if battery else ()))
         self._pictures_until_ns = self._next_picture_ns = 0
 
     def start(self) -> None:

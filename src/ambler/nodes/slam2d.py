@@ -25,7 +25,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
-from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import FINISH_MAP, SAVE_MAP, Nothing, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
@@ -64,7 +64,7 @@ class Slam2dNode(Node):
     """Runs `Slam2d` on the robot's scanner."""
 
     name = "slam2d"
-    inputs = (SCAN, ODOMETRY)
+    inputs: Topics = (SCAN, ODOMETRY)
     optional_inputs = (IMU,)
     outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
     serves = (SAVE_MAP, FINISH_MAP)
@@ -74,7 +74,7 @@ class Slam2dNode(Node):
         self._robot = robot
         self._config = config or Slam2dNodeConfig()
         if self._config.uses_cloud:
-            self.inputs = (CLOUD, ODOMETRY)  # type: ignore[assignment, misc]
+            self.inputs = (CLOUD, ODOMETRY)
         self.slam = Slam2d(self._config.slam)
         self._published_version = 0
         self._tilt = (0.0, 0.0)

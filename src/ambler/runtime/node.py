@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from ambler.core.messages import Message
 from ambler.runtime.topics import Topic
@@ -52,6 +52,10 @@ class TaskOutcome(Generic[R]):
     @property
     def is_success(self) -> bool:
         return self.code == "SUCCEEDED"
+
+
+Topics = tuple[Topic[Any], ...]
+Offers = tuple[Service[Any, Any] | Task[Any, Any, Any], ...]
 
 
 class GoalHandle(Generic[G, F, R]):
@@ -164,15 +168,16 @@ class Context(Protocol):
 
 
 class Node:
-    """Base class. Subclasses set the declarations and override `start`; `stop` is called once at the end."""
+    """Base class. Subclasses set the declarations, for the class or for one instance, and override `start`; `stop` is called once at
+    the end."""
 
-    name: ClassVar[str] = ""
-    inputs: ClassVar[tuple[Topic[Any], ...]] = ()
-    optional_inputs: ClassVar[tuple[Topic[Any], ...]] = ()
-    outputs: ClassVar[tuple[Topic[Any], ...]] = ()
-    serves: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = ()
-    calls: ClassVar[tuple[Service[Any, Any] | Task[Any, Any, Any], ...]] = ()
-    latency: ClassVar[float] = 0.001
+    name: str = ""
+    inputs: Topics = ()
+    optional_inputs: Topics = ()
+    outputs: Topics = ()
+    serves: Offers = ()
+    calls: Offers = ()
+    latency: float = 0.001
     ctx: Context
 
     def start(self) -> None:

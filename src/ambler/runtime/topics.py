@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Literal, TypeVar
 
 from ambler.core import messages as m
@@ -14,7 +14,7 @@ Delivery = Literal["latest", "queue", "latched"]
 
 @dataclass(frozen=True, slots=True)
 class Topic(Generic[M]):
-    """A typed stream. `max_age` is the age in seconds after which the newest message must not be used (None: never stale).
+    """A typed stream; `instance` tells several devices of one kind apart (`of`). `max_age` is the age in seconds after which the newest message must not be used (None: never stale).
 
     A topic has one writer unless `has_many_writers`; `is_truth` marks the simulator's ground truth.
     """
@@ -27,6 +27,17 @@ class Topic(Generic[M]):
     max_age: float | None = None
     is_truth: bool = False
     has_many_writers: bool = False
+    instance: str = ""
+
+    def of(self, instance: str) -> Topic[M]:
+        """Return the same stream of one of several devices, told apart by its frame: `imu` of `rear_imu` is /imu/rear_imu."""
+        name, ros_name = f"{self.name}.{instance}", f"{self.ros_name}/{instance}"
+        return replace(self, name=name, ros_name=ros_name, instance=instance)
+
+    @property
+    def table_name(self) -> str:
+        """The name under which the table declares it, without the instance."""
+        return self.name.removesuffix(f".{self.instance}") if self.instance else self.name
 
 
 _TABLE: dict[str, Topic[Any]] = {}
@@ -54,10 +65,12 @@ MERGED_CLOUD = _topic("merged_cloud", m.PointCloud, "/merged_points", depth=2, m
 RANGES = _topic("ranges", m.Range, "/ultrasonic", depth=50, max_age=0.5)
 CLOUD = _topic("cloud", m.PointCloud, "/points", max_age=0.5)
 IMU = _topic("imu", m.Imu, "/imu", depth=200, max_age=0.2)
+WHEEL_ODOMETRY = _topic("wheel_odometry", m.Odometry, "/wheel_odom", depth=100, max_age=0.3)
 ODOMETRY = _topic("odometry", m.Odometry, "/odom", depth=100, max_age=0.3)
 IMAGE = _topic("image", m.Image, "/camera/image", depth=2, max_age=0.5)
 CAMERA_INFO = _topic("camera_info", m.CameraInfo, "/camera/camera_info", "latched", 1)
 BATTERY = _topic("battery", m.BatteryState, "/battery_state", depth=10, max_age=2.0)
+JOYSTICK = _topic("joystick", m.JoystickState, "/joy", "latest", 1, max_age=0.4)
 # Transforms
 TRANSFORMS = _topic("transforms", m.Transforms, "/tf", depth=200, has_many_writers=True)
 STATIC_TRANSFORMS = _topic("static_transforms", m.Transforms, "/tf_static", "latched", 1)
@@ -88,6 +101,7 @@ STATUS = _topic("status", m.Status, "/status", depth=50, has_many_writers=True)
 DOCK_POSE = _topic("dock_pose", m.PoseStamped, "/dock_pose", depth=20)
 # Ground truth, in simulation only; no algorithm may subscribe to it
 TRUE_POSE = _topic("true_pose", m.Odometry, "/ground_truth/pose", depth=100, is_truth=True)
+TRUE_START = _topic("true_start", m.PoseStamped, "/ground_truth/start", "latched", 1, is_truth=True)
 CONTACT = _topic("contact", m.Contact, "/ground_truth/contacts", depth=100, is_truth=True)
 TRUE_MAP = _topic("true_map", m.OccupancyGrid, "/ground_truth/map", "latched", 1, is_truth=True)
 
@@ -98,10 +112,14 @@ def all_topics() -> tuple[Topic[Any], ...]:
 
 
 def topic_named(name: str) -> Topic[Any]:
-    """Return a topic by its name or its ROS name; raises KeyError."""
+    """Return a topic, or an instance of one, by its name or its ROS name; raises KeyError."""
     if name in _TABLE:
         return _TABLE[name]
     for topic in _TABLE.values():
         if topic.ros_name == name:
             return topic
+    separator = "/" if name.startswith("/") else "."
+    plain, _, instance = name.rpartition(separator)
+    if plain and instance:
+        return topic_named(plain).of(instance)
     raise KeyError(f"no topic {name!r}")

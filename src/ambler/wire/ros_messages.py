@@ -68,6 +68,7 @@ _CODECS: dict[type[m.Message], Codec] = {
     m.Odometry: Codec(
         "nav_msgs/msg/Odometry", ros_geometry.odometry_to_ros, ros_geometry.odometry_from_ros, ros_fast.encode_odometry
     ),
+    m.JoystickState: Codec("sensor_msgs/msg/Joy", ros_sensors.joystick_to_ros, ros_sensors.joystick_from_ros),
     m.VelocityCommand: Codec(
         "geometry_msgs/msg/TwistStamped",
         ros_geometry.velocity_to_ros,

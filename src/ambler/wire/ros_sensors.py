@@ -20,6 +20,7 @@ _NavSatFix = record_class("sensor_msgs/msg/NavSatFix")
 _NavSatStatus = record_class("sensor_msgs/msg/NavSatStatus")
 _Range = record_class("sensor_msgs/msg/Range")
 _Quaternion = record_class("geometry_msgs/msg/Quaternion")
+_Joy = record_class("sensor_msgs/msg/Joy")
 
 # The layout that Velodyne's drivers publish: packed, 22 bytes per point.
 _POINT = np.dtype(
@@ -202,3 +203,13 @@ def imu_from_ros(record: Any) -> m.Imu:
         vector_from_ros(record.angular_velocity),
         vector_from_ros(record.linear_acceleration),
     )
+
+
+def joystick_to_ros(message: m.JoystickState) -> Any:
+    header = header_to_ros(message.stamp_ns, message.frame)
+    return _Joy(header, message.axes, message.buttons.astype(np.int32))
+
+
+def joystick_from_ros(record: Any) -> m.JoystickState:
+    axes, buttons = np.array(record.axes, np.float32), np.array(record.buttons, np.int32).astype(np.uint8)
+    return m.JoystickState(stamp_from_ros(record.header), record.header.frame_id, axes, buttons)
