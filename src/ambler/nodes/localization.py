@@ -92,8 +92,8 @@ class LocalizationNode(Node):
         self._robot = robot
         self._make_localizer = make_localizer
         self._config = config or LocalizationNodeConfig()
-        wanted: Topics = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}[self._config.source]
-        self.inputs = (MAP, ODOMETRY, *wanted)
+        wanted: dict[Source, Topics] = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}
+        self.inputs = (MAP, ODOMETRY, *wanted[self._config.source])
         self._wheels = OdometryBuffer()
         self._ekf = PlanarEkf(self._config.ekf)
         self._fused = OdometryBuffer()
