@@ -76,6 +76,14 @@ class ApproachRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class EndProgramRequest:
+    """Ask whoever carries out a program of steps to end it: `code` and one sentence say why, and become those of the program."""
+
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class TeachDockRequest:
     """Save where the robot stands now as the docked pose of a known dock."""
 
@@ -102,6 +110,7 @@ CAMERA_PICTURES = Service("camera_pictures", PicturesRequest, Nothing)
 STOP_CHARGING = Service("stop_charging", Nothing, Nothing)
 PERMIT_APPROACH = Service("permit_approach", ApproachRequest, GateReply)
 REVOKE_APPROACH = Service("revoke_approach", Nothing, Nothing)
+END_PROGRAM = Service("end_program", EndProgramRequest, Nothing)
 TEACH_DOCK = Service("teach_dock", TeachDockRequest, TeachDockReply)
 RELOCALIZE = Service("relocalize", Nothing, Nothing)
 
