@@ -196,6 +196,10 @@ class SimulatedRun(RobotRun):
         ended = super().ended
         return "finished" if ended == "succeeded" and self.options.steps == (ExploreStep(),) else ended
 
+    def run(self, time_limit: float | None = None) -> None:
+        """Run as any run does; the time limit is that of the options unless another is given."""
+        super().run(self.options.time_limit if time_limit is None else time_limit)
+
     def _device_nodes(self) -> list[Node]:
         options = self.options
         config = SimulationConfig(options.seed, options.is_perfect, options.physics, self.scene.faults)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,6 +53,9 @@ def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
         verdict = judge(run)
         report = write_run_report(run, verdict)
         print_result(verdict.fields, args.verb)
+        if run.options.is_lost and run.end is not None and run.end.where is not None:
+            x, y, yaw = run.end.where.as_array()
+            print(f"the robot found itself at {x:.2f}, {y:.2f} m, {math.degrees(yaw):.0f} degrees", flush=True)
         if run.text:
             print(f"{run.ended}: {run.text}", flush=True)
         if run.folder.map_stem.with_suffix(".yaml").exists():
