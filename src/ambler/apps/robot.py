@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.apps.config import RobotConfig
-from ambler.control.dynamic_window import local_planner
+from ambler.control.dynamic_window import local_planner as rollout_planner
 from ambler.control.omni_pursuit import OmniPursuit
 from ambler.core.grid import GridSpec
-from ambler.core.protocols import LocalPlanner
+from ambler.core.protocols import GlobalPlanner, LocalPlanner
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.local_costmap import LocalCostmap
@@ -48,9 +48,22 @@ class Site:
     docks: DockDatabase | None = None
 
 
-def robot_nodes(robot: RobotModel, config: RobotConfig, site: Site, seed: int = 0) -> list[Node]:
+@dataclass(frozen=True)
+class Parts:
+    """What an integrator brings along: in place of what the configuration would build (None: as configured), and nodes beside the rest."""
+
+    local_planner: LocalPlanner | None = None
+    global_planner: GlobalPlanner | None = None
+    strategy: Strategy | None = None
+    nodes: tuple[Node, ...] = ()
+
+
+def robot_nodes(
+    robot: RobotModel, config: RobotConfig, site: Site, seed: int = 0, parts: Parts | None = None
+) -> list[Node]:
     """Return everything between the sensors and the base: where it is (SLAM, or localization in a map), planning, control, exploration
-    where there is no map, docking where there are docks, and the gate. Who gives it tasks comes on top."""
+    where there is no map, docking where there are docks, the nodes of `parts`, and the gate. Who gives it tasks comes on top."""
+    parts = parts if parts is not None else Parts()
     robot = calibrated_robot(robot, config.scanners)
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
     nodes: list[Node] = []
@@ -61,13 +74,13 @@ def robot_nodes(robot: RobotModel, config: RobotConfig, site: Site, seed: int = 
     else:
         localizer = partial(config.make_localizer, seed=seed)
         nodes += [MapServerNode(*site.grid), LocalizationNode(robot, localizer, config.localization)]
-    nodes += _driving_nodes(robot, config)
+    nodes += _driving_nodes(robot, config, parts)
     if site.grid is None:
         survey = FrontierSurvey(config.survey, distances)
-        nodes.append(ExplorerNode(config.explore, survey, _strategy(config, distances)))
+        nodes.append(ExplorerNode(config.explore, survey, parts.strategy or _strategy(config, distances)))
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
-    return [*nodes, GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners))]
+    return [*nodes, *parts.nodes, GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners))]
 
 
 def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
@@ -75,13 +88,13 @@ def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
     return [*glass, Slam2dNode(robot, config.slam2d)]
 
 
-def _driving_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
+def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
     """Global planner, controller and navigator."""
+    global_planner = parts.global_planner or GridPlanner(config.planner)
+    local_planner = parts.local_planner or _local_planner(robot, config)
     return [
-        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner), robot=robot),
-        ControllerNode(
-            robot, _local_planner(robot, config), LocalCostmap(config.local_costmap, robot), config.slam2d.planar
-        ),
+        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), global_planner, robot=robot),
+        ControllerNode(robot, local_planner, LocalCostmap(config.local_costmap, robot), config.slam2d.planar),
         NavigatorNode(config.navigation),
     ]
 
@@ -89,7 +102,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
 def _local_planner(robot: RobotModel, config: RobotConfig) -> LocalPlanner:
     if config.controller == "pursuit":
         return OmniPursuit(config.pursuit, robot)
-    return local_planner(config.controller, config.rollout, robot)
+    return rollout_planner(config.controller, config.rollout, robot)
 
 
 def _strategy(config: RobotConfig, distances: DistanceField) -> Strategy:

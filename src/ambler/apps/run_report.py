@@ -14,7 +14,7 @@ from ambler.core.messages import Frontier
 from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, draw_series
 from ambler.evaluation.report import Picture, Table, collision_table, frontier_table, write_report
 from ambler.evaluation.results import machine_class
-from ambler.nodes.steps import ExploreStep, NavigateStep, Step, name_of
+from ambler.nodes.steps import ExploreStep, NavigateStep, Step, TaskStep, name_of
 from ambler.wire.glass_files import SUFFIX, load_glass
 from ambler.wire.map_files import load_map
 
@@ -77,6 +77,8 @@ def _title(step: Step) -> str:
     if isinstance(step, NavigateStep):
         x, y, _ = step.map_from_goal.as_array()
         return f"drive to {x:.2f}, {y:.2f} m"
+    if isinstance(step, TaskStep):
+        return f"task {step.task.name}"
     return f"{name_of(step)} {step.dock}"
 
 

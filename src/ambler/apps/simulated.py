@@ -11,7 +11,7 @@ from typing import Any, Literal
 from ambler.apps.config import RobotConfig, robot_config
 from ambler.apps.docks import dock_of_world, docks_of_world
 from ambler.apps.programs import steps_to_values
-from ambler.apps.robot import MapGrid, Site, robot_nodes
+from ambler.apps.robot import MapGrid, Parts, Site, robot_nodes
 from ambler.apps.run import RobotRun, ViewOptions, wall_clock
 from ambler.apps.run_folder import RunFolder
 from ambler.core.camera import CameraModel
@@ -176,14 +176,17 @@ def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None
 class SimulatedRun(RobotRun):
     """One program of a simulated robot in one folder."""
 
-    def __init__(self, options: RunOptions, folder: RunFolder, scene: Scene | None = None) -> None:
+    def __init__(
+        self, options: RunOptions, folder: RunFolder, scene: Scene | None = None, parts: Parts | None = None
+    ) -> None:
+        """`scene`: the options as they were checked before; `parts`: what is brought along in place of what is configured."""
         self.options = options
         self.scene = scene = scene if scene is not None else checked_scene(options)
         self.robot, self.config, self.world = scene.robot.model, scene.config, scene.world
         site = Site(self._map(folder), self._docks(folder))
         saved = {"run": _plain(options), "steps": steps_to_values(options.steps)}
         save_resolved(folder.config, {**saved, "robot": as_values(self.config)})
-        nodes = [*self._device_nodes(), *robot_nodes(self.robot, self.config, site, options.seed)]
+        nodes = [*self._device_nodes(), *robot_nodes(self.robot, self.config, site, options.seed, parts)]
         view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
         clock = wall_clock(is_simulated=True) if options.is_realtime else None
         super().__init__(

@@ -19,6 +19,7 @@ from ambler.nodes.steps import (
     ProgramEnd,
     Step,
     StepEnd,
+    TaskStep,
     TeachStep,
     UndockStep,
     name_of,
@@ -119,7 +120,8 @@ class OperatorNode(Node):
             UndockStep: UNDOCK,
             TeachStep: TEACH_DOCK,
         }
-        steps = tuple(dict.fromkeys(wanted[type(step)] for step in self._steps))
+        named = (step.task if isinstance(step, TaskStep) else wanted[type(step)] for step in self._steps)
+        steps = tuple(dict.fromkeys(named))
         saving: Offers = (FINISH_MAP, SAVE_MAP) if self._makes_map else (RECOVER,)
         return (ARM, *steps, *saving, *((SAVE_GLASS,) if self._config.saves_glass else ()))
 
@@ -181,6 +183,8 @@ class OperatorNode(Node):
                 self._ticket = self.ctx.send_goal(DOCK, DockGoal(step.dock), self._ended, self._tell_docking)
             case UndockStep():
                 self._ticket = self.ctx.send_goal(UNDOCK, UndockGoal(step.dock), self._ended, self._tell_docking)
+            case TaskStep():
+                self._ticket = self.ctx.send_goal(step.task, step.goal, self._ended, self._tell_task)
             case TeachStep():
                 self._ticket = None
                 self.ctx.call(TEACH_DOCK, TeachDockRequest(step.dock), self._taught)
@@ -277,6 +281,9 @@ class OperatorNode(Node):
             self._states.append((self.ctx.now_ns, feedback.state))
         away = "dock not seen" if feedback.distance is None else f"{feedback.distance:6.3f} m to the docked pose"
         self._show(f"{feedback.state:<9}  {away}  {feedback.attempts:2d} failed approaches")
+
+    def _tell_task(self, feedback: Any) -> None:
+        self._show(str(feedback))
 
     def _show(self, text: str) -> None:
         if self._on_progress is not None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ambler.core.se2 import SE2
+from ambler.runtime.node import Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +44,22 @@ class TeachStep:
     dock: str
 
 
-Step = ExploreStep | NavigateStep | DockStep | UndockStep | TeachStep
+@dataclass(frozen=True, slots=True)
+class TaskStep:
+    """Send a goal of any task that some node serves: a mission of one's own."""
+
+    task: Task[Any, Any, Any]
+    goal: Any
+
+
+Step = ExploreStep | NavigateStep | DockStep | UndockStep | TeachStep | TaskStep
 NAMES: dict[type[Any], str] = {
     ExploreStep: "explore",
     NavigateStep: "navigate",
     DockStep: "dock",
     UndockStep: "undock",
     TeachStep: "teach",
+    TaskStep: "task",
 }
 
 
