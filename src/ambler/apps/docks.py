@@ -19,7 +19,7 @@ RIM = 0.02  # metres by which a drawn outline is larger than the dock
 
 
 def docks_of_world(world: WorldSpec, path: Path) -> DockDatabase:
-    """Return the docks of a world, to be kept in `path`."""
+    """Return the docks of a world, in the frame in which it is given (`WorldSpec.seen_from`), to be kept in `path`."""
     return DockDatabase(path, {dock.name: _drawn(dock) for dock in world.docks})
 
 
@@ -36,7 +36,7 @@ def _drawn(dock: SimDock) -> Dock:
     side = 0.5 * dock.width + RIM
     near, far = dock.front - RIM, dock.panel + PANEL_DEPTH + RIM
     outline = np.array([[near, -side], [far, -side], [far, side], [near, side]])
-    plain = Dock(dock.name, DockKind.MARKERS, dock.map_from_dock, outline)
+    plain = Dock(dock.name, DockKind.MARKERS, dock.world_from_dock, outline)
     if dock.v_shape is not None:
         v = dock.v_shape
         return replace(plain, kind=DockKind.V_SHAPE, v_shape=VShape(v.angle, v.leg, SE2(v.x, 0.0, 0.0)))

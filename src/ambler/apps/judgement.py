@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from ambler.apps.docks import dock_of_world
-from ambler.apps.simulated import SimulatedRun
+from ambler.apps.simulated import SimulatedRobot, SimulatedRun
 from ambler.core.errors import BadInputError
 from ambler.core.messages import BatteryState
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.collisions import Collision, find_collisions
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps, reachable_coverage
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
 from ambler.nodes.steps import DockStep, NavigateStep, StepEnd, TeachStep, UndockStep, name_of
 from ambler.runtime.topics import BATTERY
@@ -36,52 +37,53 @@ class Verdict:
     collisions: tuple[Collision, ...]
 
 
-def judge(run: SimulatedRun) -> Verdict:
-    """Compare what the robot believed with the ground truth of its recording."""
-    record = read_exploration(run.folder.recording)
-    save_map(run.folder.truth_stem, *record.true_map)
-    quality = _map_quality(run, record)
+def judge(run: SimulatedRun, robot: SimulatedRobot | None = None) -> Verdict:
+    """Compare what a robot (None: the first) believed with the ground truth of its recording, told in the frame of its map."""
+    robot = robot if robot is not None else run.robot
+    record = read_exploration(robot.folder.recording, TruthFrame(robot.world_from_map))
+    save_map(robot.folder.truth_stem, *record.true_map)
+    quality = _map_quality(robot, record)
     trajectory = None
     if len(record.stamps_ns) > 1:
         trajectory = trajectory_error(record.stamps_ns, record.poses, record.true_stamps_ns, record.true_poses)
-    allowed = frozenset(dock.name + CONTACTS for dock in run.world.docks)
+    allowed = frozenset(dock.name + CONTACTS for dock in robot.scene.world.docks)
     collisions = tuple(find_collisions(record.contacts, allowed=allowed))
     fields: dict[str, Any] = {
-        "world": run.world.name,
-        "robot": run.options.robot,
-        "ended": run.ended,
-        "text": run.text or None,
+        "world": robot.scene.world.name,
+        "robot": robot.options.robot,
+        "ended": run.ended_of(robot),
+        "text": run.text_of(robot) or None,
     }
-    if run.options.makes_map:
-        fields |= _exploration(run, record, quality, trajectory)
+    if robot.options.makes_map:
+        fields |= _exploration(robot, record, quality, trajectory)
     else:
-        fields |= {"localizer": run.config.localizer, "source": run.config.localization.source}
+        fields |= {"localizer": robot.config.localizer, "source": robot.config.localization.source}
     fields |= {"collisions": len(collisions), "path_length_m": record.path_length}
-    fields |= _drives(run, record)
-    if run.options.docks_wanted:
-        fields |= _docking(run, record)
+    fields |= _drives(robot, record)
+    if robot.options.docks_wanted:
+        fields |= _docking(robot, record)
     fields |= {
-        "sim_seconds": run.sim_seconds,
+        "sim_seconds": run.run_seconds,
         "run_seconds": run.wall_seconds,
-        "real_time_factor": run.sim_seconds / run.wall_seconds,
+        "real_time_factor": run.run_seconds / run.wall_seconds,
         "peak_memory_mb": _peak_memory(),
-        "recording": str(run.folder.recording),
+        "recording": str(robot.folder.recording),
     }
     return Verdict(fields, record, quality, trajectory, collisions)
 
 
-def is_good(run: SimulatedRun, verdict: Verdict) -> bool:
-    """Say whether the run did all that it was asked, without a collision."""
-    return run.ended in ("finished", "succeeded") and verdict.fields["collisions"] == 0
+def is_good(verdict: Verdict) -> bool:
+    """Say whether a robot did all that it was asked, without a collision."""
+    return verdict.fields["ended"] in ("finished", "succeeded") and verdict.fields["collisions"] == 0
 
 
 def _exploration(
-    run: SimulatedRun, record: ExplorationRecord, quality: MapQuality | None, trajectory: TrajectoryError | None
+    robot: SimulatedRobot, record: ExplorationRecord, quality: MapQuality | None, trajectory: TrajectoryError | None
 ) -> dict[str, Any]:
-    result = next((end.result for end in _ends(run) if name_of(end.step) == "explore"), None)
+    result = next((end.result for end in _ends(robot) if name_of(end.step) == "explore"), None)
     return {
         "coverage_ratio": None if quality is None else quality.coverage_ratio,
-        "reachable_coverage_ratio": None if quality is None else _reachable(run, record, quality),
+        "reachable_coverage_ratio": None if quality is None else _reachable(robot, record, quality),
         "false_free_ratio": None if quality is None else quality.false_free_ratio,
         "nne_cells": None if quality is None else quality.nne_cells,
         "nne_reverse_cells": None if quality is None else quality.nne_reverse_cells,
@@ -94,13 +96,13 @@ def _exploration(
     }
 
 
-def _drives(run: SimulatedRun, record: ExplorationRecord) -> dict[str, Any]:
+def _drives(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]:
     """How the drives to goals went; errors are those of the true pose when the robot said that it had arrived."""
-    wanted = sum(isinstance(step, NavigateStep) for step in run.steps)
+    wanted = sum(isinstance(step, NavigateStep) for step in robot.steps)
     if not wanted:
         return {}
     errors, reached = [], 0
-    for end in _ends(run):
+    for end in _ends(robot):
         if isinstance(end.step, NavigateStep) and end.is_success:
             reached += 1
             pose = true_pose_at(record, end.ended_ns)
@@ -109,14 +111,15 @@ def _drives(run: SimulatedRun, record: ExplorationRecord) -> dict[str, Any]:
     return {"goals": wanted, "goals_reached": reached, "worst_goal_error_m": max(errors, default=None)}
 
 
-def _docking(run: SimulatedRun, record: ExplorationRecord) -> dict[str, Any]:
+def _docking(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]:
     """How docking went, kind by kind (the last of each), and where the robot truly stood in the wanted dock's frame at its end."""
     fields: dict[str, Any] = {
         "dock_error_m": None,
         "dock_error_deg": None,
-        "battery_supply": _supply(run.folder.recording),
+        "battery_supply": _supply(robot.folder.recording),
     }
-    for end in _ends(run):
+    world = robot.scene.world.seen_from(robot.world_from_map)
+    for end in _ends(robot):
         if not isinstance(end.step, DockStep | UndockStep | TeachStep):
             continue
         kind = name_of(end.step)
@@ -129,7 +132,7 @@ def _docking(run: SimulatedRun, record: ExplorationRecord) -> dict[str, Any]:
             }
         pose = true_pose_at(record, end.ended_ns)
         if pose is not None:
-            away = dock_of_world(run.world, end.step.dock).map_from_dock.inverse() @ pose
+            away = dock_of_world(world, end.step.dock).world_from_dock.inverse() @ pose
             angle = math.degrees(wrap_angle(away.yaw))
             fields |= {"dock_error_x_m": away.x, "dock_error_y_m": away.y, "dock_error_yaw_deg": angle}
             fields |= {"dock_error_m": math.hypot(away.x, away.y), "dock_error_deg": abs(angle)}
@@ -144,20 +147,20 @@ def true_pose_at(record: ExplorationRecord, stamp_ns: int) -> SE2 | None:
     return SE2.from_array(record.true_poses[k])
 
 
-def _ends(run: SimulatedRun) -> tuple[StepEnd, ...]:
-    return () if run.end is None else run.end.ends
+def _ends(robot: SimulatedRobot) -> tuple[StepEnd, ...]:
+    return () if robot.end is None else robot.end.ends
 
 
-def _reachable(run: SimulatedRun, record: ExplorationRecord, quality: MapQuality) -> float | None:
+def _reachable(robot: SimulatedRobot, record: ExplorationRecord, quality: MapQuality) -> float | None:
     if len(record.true_poses) == 0:
         return None
-    start, radius = SE2.from_array(record.true_poses[0]), run.robot.inscribed_radius
-    built = load_map(run.folder.map_stem.with_suffix(".yaml"))
+    start, radius = SE2.from_array(record.true_poses[0]), robot.model.inscribed_radius
+    built = load_map(robot.folder.map_stem.with_suffix(".yaml"))
     return reachable_coverage(built, record.true_map, quality.truth_from_built, start, radius)
 
 
-def _map_quality(run: SimulatedRun, record: ExplorationRecord) -> MapQuality | None:
-    path = run.folder.map_stem.with_suffix(".yaml")
+def _map_quality(robot: SimulatedRobot, record: ExplorationRecord) -> MapQuality | None:
+    path = robot.folder.map_stem.with_suffix(".yaml")
     if not path.exists():
         return None
     try:

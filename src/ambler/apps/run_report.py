@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table as TerminalTable
 
 from ambler.apps.judgement import Verdict, is_good
-from ambler.apps.simulated import SimulatedRun
+from ambler.apps.simulated import SimulatedRobot
 from ambler.core.messages import Frontier
 from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, draw_series
 from ambler.evaluation.report import Picture, Table, collision_table, frontier_table, write_report
@@ -19,22 +19,22 @@ from ambler.wire.glass_files import SUFFIX, load_glass
 from ambler.wire.map_files import load_map
 
 
-def write_run_report(run: SimulatedRun, verdict: Verdict) -> Path:
-    """Draw the run and write `report.html` and `report.json` into its folder; returns the page."""
-    frontiers = _frontiers(run)
-    tables = [_steps(run), collision_table(verdict.collisions)]
+def write_run_report(robot: SimulatedRobot, verdict: Verdict) -> Path:
+    """Draw what a robot did and write `report.html` and `report.json` into its folder; returns the page."""
+    frontiers = _frontiers(robot)
+    tables = [_steps(robot), collision_table(verdict.collisions)]
     if frontiers is not None:
         tables.append(frontier_table(frontiers))
-    steps = ", ".join(dict.fromkeys(name_of(step) for step in run.steps)) or "nothing to do"
+    steps = ", ".join(dict.fromkeys(name_of(step) for step in robot.steps)) or "nothing to do"
     return write_report(
-        run.folder.root,
-        f"{run.options.robot} in {run.world.name}: {steps}",
+        robot.folder.root,
+        f"{robot.options.robot} in {robot.scene.world.name}: {steps}",
         verdict.fields,
-        _pictures(run, verdict, frontiers or ()),
+        _pictures(robot, verdict, frontiers or ()),
         tables,
-        subtitle=f"seed {run.options.seed}, {machine_class()}",
-        configuration=run.folder.config.read_text(encoding="utf-8"),
-        passed={"ended": is_good(run, verdict), "collisions": not verdict.collisions},
+        subtitle=f"seed {robot.options.seed}, {machine_class()}",
+        configuration=robot.folder.config.read_text(encoding="utf-8"),
+        passed={"ended": is_good(verdict), "collisions": not verdict.collisions},
     )
 
 
@@ -47,17 +47,17 @@ def print_result(fields: dict[str, Any], title: str) -> None:
     Console(width=100).print(table)
 
 
-def _frontiers(run: SimulatedRun) -> tuple[Frontier, ...] | None:
+def _frontiers(robot: SimulatedRobot) -> tuple[Frontier, ...] | None:
     """The frontiers that an exploration left, None when it was not over: then nothing is known of them."""
-    for end in () if run.end is None else run.end.ends:
+    for end in () if robot.end is None else robot.end.ends:
         if isinstance(end.step, ExploreStep) and end.result is not None:
             remaining: tuple[Frontier, ...] = end.result.remaining
             return remaining
     return None
 
 
-def _steps(run: SimulatedRun) -> Table:
-    ends = () if run.end is None else run.end.ends
+def _steps(robot: SimulatedRobot) -> Table:
+    ends = () if robot.end is None else robot.end.ends
     rows = tuple(
         (
             k + 1,
@@ -82,17 +82,17 @@ def _title(step: Step) -> str:
     return f"{name_of(step)} {step.dock}"
 
 
-def _pictures(run: SimulatedRun, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
-    folder, record = run.folder, verdict.record
+def _pictures(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
+    folder, record = robot.folder, verdict.record
     pictures: list[Picture] = []
-    stem = folder.map_stem if run.options.makes_map else folder.known_map_stem
+    stem = folder.map_stem if robot.options.makes_map else folder.known_map_stem
     if stem.with_suffix(".yaml").exists():
         spec, occupancy = load_map(stem.with_suffix(".yaml"))
         paths = {"estimated": record.poses, "true": record.true_poses}
         glass_file = stem.with_name(stem.name + SUFFIX)
         glass = load_glass(glass_file).segments if glass_file.exists() else None
         path = draw_map_with_trajectory(folder.root / "map.png", spec, occupancy, paths, frontiers, glass)
-        what = "The map as it was built" if run.options.makes_map else "The known map"
+        what = "The map as it was built" if robot.options.makes_map else "The known map"
         pictures.append(Picture(f"{what}, with the estimated and the true path", path))
     if verdict.quality is not None:
         path = draw_overlay(verdict.quality, folder.root / "overlay.png")

@@ -12,8 +12,9 @@ from ambler.apps.config import RobotConfig, robot_config
 from ambler.apps.docks import dock_of_world, docks_of_world
 from ambler.apps.programs import steps_to_values
 from ambler.apps.robot import MapGrid, Parts, Site, robot_nodes
-from ambler.apps.run import RobotRun, ViewOptions, wall_clock
+from ambler.apps.run import RobotInRun, Run, ViewOptions
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.simulated_robot import simulated_nodes
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
@@ -21,20 +22,20 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
 from ambler.nodes.operator import OperatorConfig
-from ambler.nodes.simulator import SimulatorNode
-from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, TeachStep, UndockStep
-from ambler.runtime.node import Node
+from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, ProgramEnd, Step, TeachStep, UndockStep
+from ambler.runtime.clock import SystemClock
 from ambler.settings.profiles import as_values, save_resolved
 from ambler.sim.faults import Fault
 from ambler.sim.robots import SimRobot, robot_named
-from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world import BodySpec, SimulationConfig, World
+from ambler.sim.world_file import load_world
 from ambler.wire.camera_info import load_camera_info
 from ambler.wire.map_files import load_map, save_map
 
 DRAWN_RESOLUTION = 0.05
+FIRST = "robot"  # the name of the first robot in its world
 DOCKING_STEPS = (DockStep, UndockStep, TeachStep)
 
 
@@ -80,11 +81,13 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class Scene:
-    """What the options mean, checked: the robot, its configuration, its world, and the map that it knows (None: it makes one)."""
+    """What the options mean, checked: the robot, its configuration, its world, where it starts in the world's frame, and the map that
+    it knows (None: it makes one)."""
 
     robot: SimRobot
     config: RobotConfig
     world: WorldSpec
+    start: SE2
     grid: MapGrid | None
     faults: tuple[Fault, ...]
     camera: CameraModel | None
@@ -93,11 +96,13 @@ class Scene:
 def checked_scene(options: RunOptions) -> Scene:
     """Load and check everything that options name, before anything runs; raises BadInputError with one sentence."""
     robot = robot_named(options.robot)
-    config = _config(robot.model, options)
-    world = _world(options)
+    world = load_world(options.world)
+    start = _start(options, world)
+    config = _config(robot.model, options, world.start.inverse() @ start)
     faults = tuple(Fault.parse(text) for text in options.faults)
     _check_steps(options, robot, world)
-    grid = _grid(options, robot)
+    truth_grid(replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION)  # raises where it lies in a solid
+    grid = _grid(options, robot, world)
     if grid is not None:
         _check_map(options, config, grid)
     if options.docks_file is not None:
@@ -105,17 +110,16 @@ def checked_scene(options: RunOptions) -> Scene:
         for name in options.docks_wanted:
             known.dock(name)
     camera = None if options.camera_file is None else load_camera_info(options.camera_file)
-    truth_grid(world, robot.sensor_height, DRAWN_RESOLUTION)  # raises where the start lies in a solid
-    return Scene(robot, config, world, grid, faults, camera)
+    return Scene(robot, config, world, start, grid, faults, camera)
 
 
-def _grid(options: RunOptions, robot: SimRobot) -> MapGrid | None:
-    """The known map: a file, or drawn from the world's plan; None when the robot makes one."""
+def _grid(options: RunOptions, robot: SimRobot, world: WorldSpec) -> MapGrid | None:
+    """The known map: a file, or drawn from the world's plan in the frame of its own start; None when the robot makes one."""
     if options.makes_map:
         return None
     if options.map_file is not None:
         return load_map(options.map_file)
-    return truth_grid(load_world(options.world), robot.sensor_height, DRAWN_RESOLUTION)
+    return truth_grid(world.from_start(), robot.sensor_height, DRAWN_RESOLUTION)
 
 
 def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
@@ -135,25 +139,20 @@ def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
             raise BadInputError(f"{name}: the goal {goal.x:g}, {goal.y:g} m lies outside of it")
 
 
-def _config(robot: RobotModel, options: RunOptions) -> RobotConfig:
-    profile = dict(options.profile)
-    config = robot_config(robot, profile, has_map=not options.makes_map)
+def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2) -> RobotConfig:
+    config = robot_config(robot, options.profile, has_map=not options.makes_map)
     if not options.makes_map:
         config.check_localizer()
         if not options.is_lost and config.localization.initial_pose is None:
-            start = options.start if options.start is not None else SE2()
-            if options.starts_docked is not None:
-                start = dock_of_world(load_world(options.world), options.starts_docked).map_from_dock
-            config = replace(config, localization=replace(config.localization, initial_pose=start))
+            config = replace(config, localization=replace(config.localization, initial_pose=map_from_start))
     return config
 
 
-def _world(options: RunOptions) -> WorldSpec:
-    world = load_world(options.world)
-    start = options.start
+def _start(options: RunOptions, world: WorldSpec) -> SE2:
+    """Where the robot starts, in the world's frame."""
     if options.starts_docked is not None:
-        start = dock_of_world(world, options.starts_docked).map_from_dock
-    return world if start is None else load_world(options.world, world.world_from_start @ start)
+        return dock_of_world(world, options.starts_docked).world_from_dock
+    return world.start if options.start is None else world.start @ options.start
 
 
 def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None:
@@ -173,40 +172,26 @@ def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None
         raise BadInputError(f"robot {options.robot} cannot dock: it has no planar scanner")
 
 
-class SimulatedRun(RobotRun):
-    """One program of a simulated robot in one folder."""
+class SimulatedRobot(RobotInRun):
+    """One robot of a world: its options as they were checked, its map and docks, and its stack of nodes."""
 
     def __init__(
-        self, options: RunOptions, folder: RunFolder, scene: Scene | None = None, parts: Parts | None = None
+        self, options: RunOptions, scene: Scene, folder: RunFolder, world: World, name: str, prefix: str, parts: Parts | None
     ) -> None:
-        """`scene`: the options as they were checked before; `parts`: what is brought along in place of what is configured."""
         self.options = options
-        self.scene = scene = scene if scene is not None else checked_scene(options)
-        self.robot, self.config, self.world = scene.robot.model, scene.config, scene.world
+        self.scene = scene
+        self.model, self.config = scene.robot.model, scene.config
         site = Site(self._map(folder), self._docks(folder))
         saved = {"run": _plain(options), "steps": steps_to_values(options.steps)}
         save_resolved(folder.config, {**saved, "robot": as_values(self.config)})
-        nodes = [*self._device_nodes(), *robot_nodes(self.robot, self.config, site, options.seed, parts)]
-        view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
-        clock = wall_clock(is_simulated=True) if options.is_realtime else None
-        super().__init__(
-            folder, nodes, options.steps, operator_config(options, self.config, self.robot, folder), view, clock
-        )
+        devices = simulated_nodes(world, name, scene.camera)
+        nodes = [*devices, *robot_nodes(self.model, self.config, site, options.seed, parts)]
+        super().__init__(folder, nodes, options.steps, operator_config(options, self.config, self.model, folder), prefix)
 
     @property
-    def ended(self) -> str:
-        """As of any run; a program that only explores ends as `finished`, with the proof."""
-        ended = super().ended
-        return "finished" if ended == "succeeded" and self.options.steps == (ExploreStep(),) else ended
-
-    def run(self, time_limit: float | None = None) -> None:
-        """Run as any run does; the time limit is that of the options unless another is given."""
-        super().run(self.options.time_limit if time_limit is None else time_limit)
-
-    def _device_nodes(self) -> list[Node]:
-        options = self.options
-        config = SimulationConfig(options.seed, options.is_perfect, options.physics, self.scene.faults)
-        return [SimulatorNode(Simulation(self.world, self.scene.robot, config), self.scene.camera)]
+    def world_from_map(self) -> SE2:
+        """Where the frame of the robot's map lies: at its start when it made the map, else at the world's own start."""
+        return self.scene.start if self.options.makes_map else self.scene.world.start
 
     def _map(self, folder: RunFolder) -> MapGrid | None:
         """The known map, kept in the folder; None when the robot makes one."""
@@ -217,17 +202,71 @@ class SimulatedRun(RobotRun):
 
     def _docks(self, folder: RunFolder) -> DockDatabase | None:
         """The docks that the robot knows, in the frame of its map; the file at the run's start is kept for its replay."""
-        if not self.world.docks or not self.robot.scanners:
+        if not self.scene.world.docks or not self.model.scanners:
             return None
         if self.options.docks_file is not None:
             shutil.copyfile(self.options.docks_file, folder.first_docks)
             return DockDatabase.load(self.options.docks_file)
-        database = docks_of_world(
-            self.world if self.options.makes_map else load_world(self.options.world), folder.docks
-        )
+        database = docks_of_world(self.scene.world.seen_from(self.world_from_map), folder.docks)
         database.save()
         shutil.copyfile(folder.docks, folder.first_docks)
         return database
+
+
+class SimulatedRun(Run):
+    """Programs of one simulated robot, or of several in one world. `robot` is the first, with everything in `folder` itself; further ones,
+    `mates` by their names, have folders of their own in it. World, physics, view, clock and time limit are the first one's."""
+
+    def __init__(
+        self,
+        options: RunOptions,
+        folder: RunFolder,
+        scene: Scene | None = None,
+        parts: Parts | None = None,
+        mates: Mapping[str, RunOptions] | None = None,
+    ) -> None:
+        """`scene`: the options as they were checked before; `parts`: what is brought along in place of what is configured. Raises
+        BadInputError."""
+        self.options = options
+        self.scene = scene = scene if scene is not None else checked_scene(options)
+        others = {name: (mate, checked_scene(mate)) for name, mate in (mates or {}).items()}
+        config = SimulationConfig(options.seed, options.is_perfect, options.physics, scene.faults)
+        bodies = [BodySpec(FIRST, scene.robot, scene.start)]
+        bodies += [BodySpec(name, other.robot, other.start, mate.seed) for name, (mate, other) in others.items()]
+        world = World(scene.world, bodies, config)
+        self.robot = SimulatedRobot(options, scene, folder, world, FIRST, "", parts)
+        team = [self.robot]
+        for name, (mate, other) in others.items():
+            own = RunFolder(folder.root / name)
+            team.append(SimulatedRobot(mate, other, own, world, name, name, None))
+        self.team = tuple(team)
+        view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
+        clock = SystemClock(from_zero=True) if options.is_realtime else None
+        super().__init__(folder, team, view, clock)
+
+    @property
+    def end(self) -> ProgramEnd | None:
+        """How the first robot's program ended, None while it goes on."""
+        return self.robot.end
+
+    @property
+    def ended(self) -> str:
+        """How the first robot's program ended, in one word."""
+        return self.ended_of(self.robot)
+
+    @property
+    def text(self) -> str:
+        """Why it ended, empty when all went well."""
+        return self.text_of(self.robot)
+
+    def ended_of(self, robot: RobotInRun) -> str:
+        """As of any run; a program that only explores ends as `finished`, with the proof."""
+        ended = super().ended_of(robot)
+        return "finished" if ended == "succeeded" and robot.steps == (ExploreStep(),) else ended
+
+    def run(self, time_limit: float | None = None) -> None:
+        """Run as any run does; the time limit is that of the options unless another is given."""
+        super().run(self.options.time_limit if time_limit is None else time_limit)
 
 
 def operator_config(options: RunOptions, config: RobotConfig, robot: RobotModel, folder: RunFolder) -> OperatorConfig:

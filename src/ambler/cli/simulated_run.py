@@ -31,7 +31,7 @@ def run_program(args: argparse.Namespace, options: RunOptions) -> int:
         folder.link_latest()
         if run.view is not None:
             print(f"live view: Foxglove on ws://{options.host}:{run.view.port}  (docs/live_view.md)", flush=True)
-        print(f"{args.robot} in {run.world.name}, seed {args.seed}; everything goes to {folder.root}", flush=True)
+        print(f"{args.robot} in {run.scene.world.name}, seed {args.seed}; everything goes to {folder.root}", flush=True)
         run.run(options.time_limit)
         code = _conclude(args, run)
         if is_kept_alive(args, run):
@@ -51,7 +51,7 @@ def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
 
     with on_interrupt(lambda: print("writing the report; once more ends at once", flush=True)):
         verdict = judge(run)
-        report = write_run_report(run, verdict)
+        report = write_run_report(run.robot, verdict)
         print_result(verdict.fields, args.verb)
         if run.options.is_lost and run.end is not None and run.end.where is not None:
             x, y, yaw = run.end.where.as_array()
@@ -65,7 +65,7 @@ def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
             write_results(args.json, args.command_line, args.seed, run.wall_seconds, verdict.fields)
     if run.is_interrupted:
         return INTERRUPTED
-    return 0 if is_good(run, verdict) else 1
+    return 0 if is_good(verdict) else 1
 
 
 def is_kept_alive(args: argparse.Namespace, run: SimulatedRun) -> bool:
