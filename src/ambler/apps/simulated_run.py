@@ -54,7 +54,7 @@ class SimulatedRun:
             self.executor = LiveExecutor(stack, log=self.log, on_failure=self._stop_robot)
         else:
             self.executor = LockstepExecutor(stack, SimulatedClock(), self.log, self._stop_robot)
-        self.recorder = Recorder(folder.recording)
+        self.recorder = Recorder(folder.recording, self.executor.troubles.note, is_lossy=is_realtime)
         self._remove_recorder = self.executor.tap(self.recorder.on_message)
 
     def run(self, time_limit: float) -> None:
@@ -88,7 +88,7 @@ class SimulatedRun:
         self.log.close()
 
     def _stop_robot(self, reason: str) -> None:
-        gate = self.executor.stack.node("gate")
+        context = self.executor.context_of(GateNode.name)
+        gate = context.node
         assert isinstance(gate, GateNode)
-        index = self.executor.stack.nodes.index(gate)
-        self.executor.post(self.executor.contexts[index], 0, lambda: gate.stop_now(reason))
+        self.executor.post(context, 0, lambda: gate.stop_now(reason))
