@@ -117,6 +117,9 @@ MESSAGES = {
     ),
     m.Contact: st.builds(m.Contact, stamps, words, words, vectors, float64s, float64s),
     m.GateStatus: st.builds(m.GateStatus, stamps, st.sampled_from(m.GateState), words, words),
+    m.OutsideCall: st.builds(
+        m.OutsideCall, stamps, st.sampled_from(m.OutsideKind), words, st.integers(0, 2**32 - 1), st.binary(max_size=40)
+    ),
     m.Status: st.builds(m.Status, stamps, words, words, words, words),
 }
 

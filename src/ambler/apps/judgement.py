@@ -17,8 +17,8 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.collisions import Collision, find_collisions
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps, reachable_coverage
-from ambler.evaluation.truth_frame import TruthFrame
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.steps import DockStep, NavigateStep, StepEnd, TeachStep, UndockStep, name_of
 from ambler.runtime.topics import BATTERY
 from ambler.sim.dock_body import CONTACTS

@@ -115,13 +115,13 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
         "ended": run.ended,
         "goals": len(goals),
         "collisions": collisions,
-        "sim_seconds": run.sim_seconds,
+        "sim_seconds": run.run_seconds,
         "run_seconds": run.wall_seconds,
         "cpu_seconds": cpu_seconds,
         "drives": driven,
     }
     reached = sum(is_reached(drive) for drive in driven)
-    print(f"{label}: {reached}/{len(goals)} reached, {collisions} collisions, {run.sim_seconds:.0f} s", flush=True)
+    print(f"{label}: {reached}/{len(goals)} reached, {collisions} collisions, {run.run_seconds:.0f} s", flush=True)
     if reached == len(goals) and collisions == 0:
         shutil.rmtree(folder.root)
     part = file.with_suffix(".part")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -44,18 +44,27 @@ def outside_topics(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:
     return tuple(topic for topic in (GOAL, SET_POSE, TELEOP_REQUEST) if topic not in written)
 
 
+def _nothing() -> None:
+    """Nobody waits for the end."""
+
+
 class RobotInRun:
     """One robot of a run: its nodes and operator as a stack, and where its recording and map go. `prefix` tells several robots apart."""
 
     def __init__(
-        self, folder: RunFolder, nodes: Sequence[Node], steps: tuple[Step, ...], operator: OperatorConfig, prefix: str = ""
+        self,
+        folder: RunFolder,
+        nodes: Sequence[Node],
+        steps: tuple[Step, ...],
+        operator: OperatorConfig,
+        prefix: str = "",
     ) -> None:
         self.folder = folder
         self.steps = steps
         self.prefix = prefix
         self.progress = ProgressLine()
         self.end: ProgramEnd | None = None
-        self.on_end = lambda: None
+        self.on_end: Callable[[], None] = _nothing
         self.stack = Stack(
             [*nodes, OperatorNode(steps, operator, self._finish, self.progress.show)],
             external=outside_topics(nodes),
@@ -92,7 +101,10 @@ class Run:
             self.executor = LockstepExecutor(stacks, SimulatedClock(), self.log, self._stop_robots)
         else:
             self.executor = LiveExecutor(stacks, clock, self.log, self._stop_robots)
-        self.recorders = [Recorder(robot.folder.recording) for robot in robots]
+        self.recorders = [
+            Recorder(robot.folder.recording, self.executor.troubles.note, is_lossy=clock is not None)
+            for robot in robots
+        ]
         self._ends_of_taps = [
             self.executor.tap(recorder.on_message, robot.prefix)
             for recorder, robot in zip(self.recorders, robots, strict=True)

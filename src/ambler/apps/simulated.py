@@ -176,7 +176,14 @@ class SimulatedRobot(RobotInRun):
     """One robot of a world: its options as they were checked, its map and docks, and its stack of nodes."""
 
     def __init__(
-        self, options: RunOptions, scene: Scene, folder: RunFolder, world: World, name: str, prefix: str, parts: Parts | None
+        self,
+        options: RunOptions,
+        scene: Scene,
+        folder: RunFolder,
+        world: World,
+        name: str,
+        prefix: str,
+        parts: Parts | None,
     ) -> None:
         self.options = options
         self.scene = scene
@@ -186,7 +193,9 @@ class SimulatedRobot(RobotInRun):
         save_resolved(folder.config, {**saved, "robot": as_values(self.config)})
         devices = simulated_nodes(world, name, scene.camera)
         nodes = [*devices, *robot_nodes(self.model, self.config, site, options.seed, parts)]
-        super().__init__(folder, nodes, options.steps, operator_config(options, self.config, self.model, folder), prefix)
+        super().__init__(
+            folder, nodes, options.steps, operator_config(options, self.config, self.model, folder), prefix
+        )
 
     @property
     def world_from_map(self) -> SE2:

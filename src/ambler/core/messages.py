@@ -388,3 +388,23 @@ class Status(Message):
     code: str
     text: str
     fields_json: str = "{}"
+
+
+class OutsideKind(enum.IntEnum):
+    """What came through the outside door."""
+
+    CALL = 0
+    GOAL = 1
+    CANCEL = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutsideCall(Message):
+    """A service called, a goal sent or cancelled from outside the stack. `name` is that of the table, `number` counts the calls of
+    one stack (a CANCEL carries the number of its goal), `data` is the request or goal as CDR."""
+
+    stamp_ns: int
+    kind: OutsideKind
+    name: str
+    number: int
+    data: bytes = b""

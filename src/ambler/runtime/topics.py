@@ -97,6 +97,8 @@ DOCKING_REQUEST = _topic("docking_request", m.VelocityCommand, "/cmd_vel_docking
 VELOCITY_COMMAND = _topic("velocity_command", m.VelocityCommand, "/cmd_vel", "latest", 1, max_age=0.5)
 GATE_STATUS = _topic("gate_status", m.GateStatus, "/gate_status", "latched", 1)
 STATUS = _topic("status", m.Status, "/status", depth=50, has_many_writers=True)
+# What came through the outside door (runtime.door); written by the executor itself, so that a replay can repeat it
+OUTSIDE_CALLS = _topic("outside_calls", m.OutsideCall, "/outside_calls", depth=100)
 # Docking
 DOCK_POSE = _topic("dock_pose", m.PoseStamped, "/dock_pose", depth=20)
 # Ground truth, in simulation only; no algorithm may subscribe to it
