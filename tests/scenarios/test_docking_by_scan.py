@@ -15,7 +15,7 @@ from ambler.docking.database import DockDatabase
 from ambler.docking.dock import DockKind
 from ambler.nodes.steps import DockStep, Step, TeachStep, UndockStep
 from ambler.runtime.topics import DOCK_POSE, IMAGE, STATUS
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.wire.mcap_reader import read_recording
 from tests.scenarios.test_docking import go
 

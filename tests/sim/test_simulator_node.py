@@ -7,14 +7,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from ambler.nodes.simulator import SimulatorNode
 
 from ambler.core import messages as m
-from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime import topics
 from ambler.runtime.topics import Topic
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 
 class HandMadeContext:

@@ -18,9 +18,10 @@ from ambler.apps.run_folder import RunFolder
 from ambler.apps.simulated import RunOptions, SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.evaluation.goals import DriveSpan, draw_goals, judge_drives
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.steps import NavigateStep
 from ambler.sim.robots import robot_named
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 SECONDS_PER_GOAL = 300.0
 TOLERANCE = 0.15  # metres from a goal at which it is reached
@@ -108,7 +109,7 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
     cpu_seconds = time.process_time() - began
     ends = () if run.end is None else run.end.ends
     spans = [DriveSpan(goal, e.code, e.begun_ns, e.ended_ns) for goal, e in zip(goals, ends, strict=False)]
-    drives, collisions = judge_drives(folder.recording, spans)
+    drives, collisions = judge_drives(folder.recording, spans, TruthFrame(run.robot.world_from_map))
     driven = [asdict(drive) for drive in drives]
     result: dict[str, Any] = {
         "world": world,

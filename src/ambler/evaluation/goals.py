@@ -14,6 +14,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import Contact, Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.runtime.topics import CONTACT, TRUE_POSE
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import WorldSpec
@@ -26,10 +27,10 @@ MOVING = 0.05
 
 
 def draw_goals(world: WorldSpec, robot: SimRobot, count: int, rng: np.random.Generator) -> tuple[SE2, ...]:
-    """Draw poses of the map frame, uniformly over the places that the robot's circumscribed circle and 5 cm more can get to from the
+    """Draw poses of the drawn map, uniformly over the places that the robot's circumscribed circle and 5 cm more can get to from the
     start, with any heading; fewer goals are the first of more. Raises BadInputError if there is none."""
     radius = robot.model.circumscribed_radius + MARGIN
-    spec, reachable = reachable_cells(world, radius, RESOLUTION, robot.sensor_height)
+    spec, reachable = reachable_cells(world.from_start(), radius, RESOLUTION, robot.sensor_height)
     cells = np.argwhere(reachable)
     if len(cells) == 0:
         raise BadInputError(f"world {world.name}: {robot.model.name} cannot get anywhere from its start")
@@ -61,14 +62,16 @@ class Drive:
     error: float
 
 
-def judge_drives(recording: Path, spans: Sequence[DriveSpan]) -> tuple[list[Drive], int]:
-    """Return what truly became of each drive, and the number of collisions; raises BadInputError if the recording cannot be read."""
+def judge_drives(recording: Path, spans: Sequence[DriveSpan], frame: TruthFrame) -> tuple[list[Drive], int]:
+    """Return what truly became of each drive, and the number of collisions; `frame` is that of the goals. Raises BadInputError if the
+    recording cannot be read."""
     truth: list[tuple[int, float, float]] = []
     contacts: list[Contact] = []
     for recorded in read_recording(recording, [TRUE_POSE.ros_name, CONTACT.ros_name]):
         if recorded.topic == TRUE_POSE.ros_name:
             message = recorded.decode_as(Odometry)
-            truth.append((message.stamp_ns, message.pose.translation[0], message.pose.translation[1]))
+            pose = frame.pose(message.pose.to_se2())
+            truth.append((message.stamp_ns, pose.x, pose.y))
         else:
             contacts.append(recorded.decode_as(Contact))
     rows = np.array(truth).reshape(-1, 3)
