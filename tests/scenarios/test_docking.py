@@ -112,7 +112,7 @@ def test_it_is_taught_and_leaves(tmp_path: Path) -> None:
     assert fields["ended"] == "succeeded"
     assert fields["collisions"] == 0
     assert fields["battery_supply"] == "discharging"
-    assert abs(float(str(fields["dock_error_x_m"])) + 1.0) < 0.08, "it stands at the staging pose"
+    assert abs(fields["undock_x_m"] + 1.0) < 0.08, "it stands at the staging pose"
     taught = DockDatabase.load(run.folder.root / "docks.yaml").dock(NAME)
     assert taught.map_from_dock.distance_to(run.world.docks[0].map_from_dock) < 0.03
 

@@ -67,5 +67,5 @@ def test_it_leaves_a_notch(tmp_path: Path) -> None:
     assert fields["ended"] == "succeeded"
     assert fields["collisions"] == 0
     assert fields["battery_supply"] == "discharging"
-    assert math.isclose(float(str(fields["dock_error_x_m"])), -1.0, abs_tol=0.08)
-    assert abs(float(str(fields["dock_error_y_m"]))) < 0.03
+    assert math.isclose(fields["undock_x_m"], -1.0, abs_tol=0.08)
+    assert abs(fields["undock_y_m"]) < 0.03

@@ -112,7 +112,7 @@ def _drives(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]:
 
 
 def _docking(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]:
-    """How docking went, kind by kind (the last of each), and where the robot truly stood in the wanted dock's frame at its end."""
+    """How docking went, kind by kind (the last of each), and where the robot truly stood in that dock's frame at its end."""
     fields: dict[str, Any] = {
         "dock_error_m": None,
         "dock_error_deg": None,
@@ -131,11 +131,15 @@ def _docking(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]
                 f"{kind}_final_seconds": end.result.docking_seconds,
             }
         pose = true_pose_at(record, end.ended_ns)
-        if pose is not None:
-            away = dock_of_world(world, end.step.dock).world_from_dock.inverse() @ pose
-            angle = math.degrees(wrap_angle(away.yaw))
-            fields |= {"dock_error_x_m": away.x, "dock_error_y_m": away.y, "dock_error_yaw_deg": angle}
-            fields |= {"dock_error_m": math.hypot(away.x, away.y), "dock_error_deg": abs(angle)}
+        if pose is None:
+            continue
+        away = dock_of_world(world, end.step.dock).world_from_dock.inverse() @ pose
+        if isinstance(end.step, UndockStep):
+            fields |= {"undock_x_m": away.x, "undock_y_m": away.y}
+            continue
+        angle = math.degrees(wrap_angle(away.yaw))
+        fields |= {"dock_error_x_m": away.x, "dock_error_y_m": away.y, "dock_error_yaw_deg": angle}
+        fields |= {"dock_error_m": math.hypot(away.x, away.y), "dock_error_deg": abs(angle)}
     return fields
 
 
