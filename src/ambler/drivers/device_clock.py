@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +144,7 @@ class DeviceClock:
         if len(points) < 4:
             return
         middle = (points[0][0] + points[-1][0]) / 2
-        for (x0, y0), (x1, y1) in zip(hull, hull[1:], strict=False):
+        for (x0, y0), (x1, y1) in pairwise(hull):
             if x0 <= middle <= x1:
                 limit = self._config.drift_max
                 self._slope = min(max((y1 - y0) / (x1 - x0), -limit), limit)
@@ -161,7 +162,7 @@ class DeviceStamps:
     estimate of the clock does in between. A stamp repeated by the device is repeated."""
 
     def __init__(self, clock: DeviceClock) -> None:
-        self._clock = clock
+        self.clock = clock
         self._ticks: int | None = None
         self._last_ns: int | None = None
 
@@ -169,7 +170,7 @@ class DeviceStamps:
         """Return the host's instant of a device stamp of a message that arrived at `arrival_ns`."""
         if ticks == self._ticks and self._last_ns is not None:
             return self._last_ns
-        stamp_ns = min(self._clock.to_host(ticks), arrival_ns)
+        stamp_ns = min(self.clock.to_host(ticks), arrival_ns)
         if self._last_ns is not None:
             stamp_ns = max(stamp_ns, self._last_ns + 1)
         self._ticks, self._last_ns = ticks, stamp_ns
