@@ -94,7 +94,7 @@ class SerialBase:
         self._link.open(self)
 
     def health(self) -> DeviceHealth:
-        return self._link.health(self, self._messages, self._dropped)
+        return self._link.health(self, self._messages, self._dropped + self._link.reader.lost)
 
     def close(self) -> None:
         if self._link.is_open(self):
@@ -184,7 +184,7 @@ class SerialBattery:
         self._link.open(self)
 
     def health(self) -> DeviceHealth:
-        return self._link.health(self, self._messages, self._dropped)
+        return self._link.health(self, self._messages, self._dropped + self._link.reader.lost)
 
     def close(self) -> None:
         self._link.close(self)

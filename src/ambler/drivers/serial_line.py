@@ -12,12 +12,9 @@ import tty
 from pathlib import Path
 
 from ambler.core.errors import DeviceError
+from ambler.drivers.shared_link import LinkBrokenError
 
 CHUNK = 4096
-
-
-class LineBrokenError(OSError):
-    """The other end is gone: hung up, unplugged."""
 
 
 class SerialLine:
@@ -32,25 +29,25 @@ class SerialLine:
         return bool(select.select((self._fd,), (), (), seconds)[0])
 
     def read(self) -> bytes:
-        """Return the bytes that have come, empty when there are none; raises LineBrokenError."""
+        """Return the bytes that have come, empty when there are none; raises LinkBrokenError."""
         try:
             data = os.read(self._fd, CHUNK)
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise LineBrokenError(os.strerror(error.errno or 0)) from error
+            raise LinkBrokenError(os.strerror(error.errno or 0)) from error
         if not data:
-            raise LineBrokenError("hung up")
+            raise LinkBrokenError("hung up")
         return data
 
     def write(self, data: bytes) -> bool:
-        """Hand bytes to the line; returns False when it did not take all of them at once. Raises LineBrokenError."""
+        """Hand bytes to the line; returns False when it did not take all of them at once. Raises LinkBrokenError."""
         try:
             return os.write(self._fd, data) == len(data)
         except BlockingIOError:
             return False
         except OSError as error:
-            raise LineBrokenError(os.strerror(error.errno or 0)) from error
+            raise LinkBrokenError(os.strerror(error.errno or 0)) from error
 
     def close(self) -> None:
         """Give the line back."""
