@@ -15,7 +15,7 @@ from ambler.cli.main import main
 from ambler.evaluation.docking import DockingOutcome, SightErrors, lower_bound, summarize, table
 from ambler.evaluation.docking_pictures import draw_final_errors, draw_sights, draw_times
 from ambler.sim.camera import FRONT_CAMERA
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.wire.camera_info import load_camera_info
 
 GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -0.0004, 0.01, 0)

@@ -20,7 +20,7 @@ from ambler.core.messages import (
     VelocityCommand,
 )
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel, SensorMount
+from ambler.core.robot import RobotModel, SensorKind, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.runtime.node import Node, TaskOutcome
@@ -42,7 +42,7 @@ from ambler.runtime.topics import GATE_STATUS, GOAL, ODOMETRY, SCAN, TRANSFORMS,
 from tests.control.closed_loop import DIFF, line, step_velocity
 
 ROBOT = RobotModel(
-    "toy", DIFF.drive, DIFF.footprint, DIFF.limits, (SensorMount("laser", "scan", SE3((0.1, 0.0, 0.3))),)
+    "toy", DIFF.drive, DIFF.footprint, DIFF.limits, (SensorMount("laser", SensorKind.SCAN, SE3((0.1, 0.0, 0.3))),)
 )
 MAP_FROM_ODOM = SE2(1.0, -2.0, math.pi / 2)  # the map frame is elsewhere, so that a mix-up cannot go unnoticed
 ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)

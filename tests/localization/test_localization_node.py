@@ -11,7 +11,7 @@ import pytest
 
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, LaserScan, Message, OccupancyGrid, Odometry, PoseStamped, Status, Transforms
-from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
@@ -26,7 +26,7 @@ ROBOT = RobotModel(
     DriveKind.DIFFERENTIAL,
     np.array([[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]]),
     VelocityLimits(),
-    (SensorMount("laser", "scan", MOUNT), SensorMount("imu", "imu", SE3())),
+    (SensorMount("laser", SensorKind.SCAN, MOUNT), SensorMount("imu", SensorKind.IMU, SE3())),
 )
 
 

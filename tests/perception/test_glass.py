@@ -9,7 +9,7 @@ import pytest
 from ambler.core.grid import GridSpec
 from ambler.core.messages import LaserScan, Range
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.echoes import Echo, EchoFilter
@@ -204,7 +204,7 @@ ROBOT = RobotModel(
     DriveKind.OMNI,
     np.array([[0.2, -0.2], [0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]]),
     VelocityLimits(),
-    (SensorMount("sonar_0", "range", SE3((0.2, 0.0, 0.2)), 0.03),),
+    (SensorMount("sonar_0", SensorKind.RANGE, SE3((0.2, 0.0, 0.2)), 0.03),),
 )
 
 

@@ -17,7 +17,7 @@ from ambler.missions.dock_commands import DockConfig
 from ambler.nodes.dock_pilot import Errand, ErrandKind
 from ambler.nodes.docking import DockingNodeConfig
 from ambler.runtime.topics import DOCK_POSE, IMAGE, STATUS
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.wire.mcap_reader import read_recording
 from tests.scenarios.test_docking import go
 

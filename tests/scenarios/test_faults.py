@@ -8,7 +8,7 @@ import pytest
 from ambler.apps.demo import Demo, DemoOptions
 from ambler.apps.demo_report import judge
 from ambler.evaluation.exploration_run import read_exploration
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from tests.scenarios.conftest import explore
 
 DOOR = 3.5  # metres, x of the door of `two_rooms` in the map frame

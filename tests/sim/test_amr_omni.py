@@ -16,7 +16,7 @@ from ambler.sim.robots import robot_named
 from ambler.sim.sensors import SAFETY_270
 from ambler.sim.simulation import Simulation, SimulationConfig, SimulationOutput
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 SCANNERS = ("front_right", "front_left", "rear_left")
 

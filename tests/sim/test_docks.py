@@ -22,7 +22,7 @@ from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, SimDock, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 ROOM = load_world("dock_room")
 DOCK = ROOM.docks[0]

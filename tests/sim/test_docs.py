@@ -7,7 +7,7 @@ import pytest
 
 from ambler.sim.faults import FaultKind
 from ambler.sim.robots import robot_named
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 PAGE = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text()
 

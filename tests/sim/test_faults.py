@@ -19,7 +19,7 @@ from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from tests.sim.test_movers import gap_to_solids
 
 

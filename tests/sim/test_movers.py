@@ -15,7 +15,7 @@ from ambler.sim.movers import DT, PERSON_GAP, Crowd, SlidingDoor, Walker, distan
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Person, Shape, Solid, WorldSpec
-from ambler.sim.world import load_world, world_names
+from ambler.sim.world_file import load_world, world_names
 
 FAR = np.array([[90.0, 0], [91, 0], [91, 1], [90, 1]])
 LANE = Person("person_0", ((4.0, 0.0), (-4.0, 0.0)), speed=1.0)

@@ -17,7 +17,7 @@ from ambler.sim.scene import RayScene, build_scene
 from ambler.sim.sensors import SCANNER_360, VLP_16
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.truth import reachable_cells
-from ambler.sim.world import load_world, world_names
+from ambler.sim.world_file import load_world, world_names
 
 F64 = NDArray[np.float64]
 

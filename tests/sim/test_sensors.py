@@ -17,7 +17,7 @@ from ambler.sim.scene import build_scene
 from ambler.sim.sensors import MEMS_IMU, SCANNER_360, VLP_16, LidarSpec, named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 STILL = (np.array([0.0, 0.1]), np.array([[0.0, 0, 0.5]] * 2), np.array([[1.0, 0, 0, 0]] * 2))
 

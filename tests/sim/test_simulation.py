@@ -11,7 +11,7 @@ from ambler.core.se2 import SE2
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.simulation import Simulation, SimulationConfig, SimulationOutput
 from ambler.sim.solids import WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 
 def run(robot: str, seed: int, step_ns: int = 10_000_000, mode: str = "contact") -> SimulationOutput:

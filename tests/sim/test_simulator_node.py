@@ -14,7 +14,7 @@ from ambler.runtime import topics
 from ambler.runtime.topics import Topic
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 
 class HandMadeContext:

@@ -10,7 +10,7 @@ from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.scene import build_scene
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world, world_names
+from ambler.sim.world_file import load_world, world_names
 
 
 def box(x: float, y: float, size_x: float, size_y: float, z_max: float = 2.0) -> Solid:

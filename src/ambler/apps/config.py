@@ -9,7 +9,7 @@ from typing import Literal
 
 from ambler.control.config import RolloutConfig
 from ambler.control.pursuit_config import PursuitConfig
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
@@ -66,14 +66,14 @@ PADDING = 0.05  # metres that the controller keeps around the footprint; the pla
 
 def looks_around(robot: RobotModel) -> bool:
     """Whether the robot sees on all sides, so that it may look at a frontier with any heading."""
-    scans = [mount for mount in robot.sensors if mount.kind == "scan"]
+    scans = [mount for mount in robot.sensors if mount.kind is SensorKind.SCAN]
     is_full = any(mount.azimuth[1] - mount.azimuth[0] > 2.0 * math.pi - 0.1 for mount in scans)
-    return is_full or len(scans) > 1 or any(mount.kind == "cloud" for mount in robot.sensors)
+    return is_full or len(scans) > 1 or any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
 
 
 def for_robot(robot: RobotModel) -> ExplorerConfig:
     """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts."""
-    uses_cloud = any(mount.kind == "cloud" for mount in robot.sensors)
+    uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
     planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)

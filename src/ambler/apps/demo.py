@@ -9,16 +9,16 @@ from typing import Any, Literal
 from ambler.apps.config import ExplorerConfig, for_robot
 from ambler.apps.console import ProgressLine
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.simulated_robot import lone_robot_nodes
 from ambler.apps.simulated_run import SimulatedRun, ViewOptions
 from ambler.apps.stacks import explorer_nodes
 from ambler.nodes.operator import OperatorNode, Outcome
-from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime.topics import GOAL, TELEOP_REQUEST
 from ambler.settings.profiles import as_values, build, merge, save_resolved
 from ambler.sim.faults import Fault
 from ambler.sim.robots import robot_named
-from ambler.sim.simulation import Simulation, SimulationConfig
-from ambler.sim.world import load_world
+from ambler.sim.world import SimulationConfig
+from ambler.sim.world_file import load_world
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +66,7 @@ class Demo(SimulatedRun):
             self.progress.show,
             saves_glass=self.config.maps_glass(robot.model),
         )
-        simulator = SimulatorNode(Simulation(self.world, robot, config))
-        nodes = [simulator, *explorer_nodes(robot.model, self.config), operator]
+        nodes = [*lone_robot_nodes(self.world, robot, config), *explorer_nodes(robot.model, self.config), operator]
         view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
         super().__init__(folder, nodes, (GOAL, TELEOP_REQUEST), view, is_realtime=options.is_realtime)
 

@@ -12,6 +12,7 @@ import numpy as np
 from ambler.apps.known_map import KnownMapConfig
 from ambler.apps.navigation import DRAWN_RESOLUTION, NavigationOptions, navigation_config
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.simulated_robot import lone_robot_nodes
 from ambler.apps.simulated_run import SimulatedRun, ViewOptions
 from ambler.apps.stacks import known_map_nodes
 from ambler.core.camera import CameraModel, MarkerSpec
@@ -23,16 +24,15 @@ from ambler.docking.dock import Dock, DockKind, DockMarker, VShape
 from ambler.evaluation.collisions import find_collisions
 from ambler.nodes.dock_pilot import DockPilotNode, DockRounds, Errand
 from ambler.nodes.docking import DockingNode, DockingNodeConfig
-from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime.topics import BATTERY, CONTACT, GOAL, SET_POSE, TELEOP_REQUEST, TRUE_POSE
 from ambler.settings.profiles import as_values, save_resolved
 from ambler.sim.dock_body import CONTACTS, FILM, PANEL_DEPTH, PAPER
 from ambler.sim.faults import Fault
 from ambler.sim.robots import robot_named
-from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import SimDock, WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world import SimulationConfig
+from ambler.sim.world_file import load_world
 from ambler.wire.map_files import load_map, save_map
 from ambler.wire.mcap_reader import read_recording
 
@@ -41,8 +41,7 @@ RIM = 0.02  # metres by which a drawn outline is larger than the dock
 
 @dataclass(frozen=True, slots=True)
 class DockingOptions:
-    """What to run: a navigation without goals, and `errands` in its place. `start` in the world file's coordinates overrides the world's
-    start; `starts_docked` names a dock to start in instead. `docks_file` None draws the docks from the world's plan.
+    """What to run: a navigation without goals, and `errands` in its place. `start` in the map overrides that of the navigation; `starts_docked` names a dock to start in instead. `docks_file` None draws the docks from the world's plan.
     `camera` replaces the calibration that the camera tells."""
 
     navigation: NavigationOptions
@@ -55,15 +54,16 @@ class DockingOptions:
 
 
 def docks_of_world(world: WorldSpec, path: Path) -> DockDatabase:
-    """Return the docks of a world as a surveyor would have entered them, to be kept in `path`."""
-    return DockDatabase(path, {dock.name: _drawn(dock) for dock in world.docks})
+    """Return the docks of a world as a surveyor would have entered them into its drawn map, to be kept in `path`."""
+    return DockDatabase(path, {dock.name: _drawn(dock) for dock in world.from_start().docks})
 
 
 def _drawn(dock: SimDock) -> Dock:
+    """Return a dock of a world whose frame is that of the drawn map."""
     side = 0.5 * dock.width + RIM
     near, far = dock.front - RIM, dock.panel + PANEL_DEPTH + RIM
     outline = np.array([[near, -side], [far, -side], [far, side], [near, side]])
-    plain = Dock(dock.name, DockKind.MARKERS, dock.map_from_dock, outline)
+    plain = Dock(dock.name, DockKind.MARKERS, dock.world_from_dock, outline)
     if dock.v_shape is not None:
         v = dock.v_shape
         return replace(plain, kind=DockKind.V_SHAPE, v_shape=VShape(v.angle, v.leg, SE2(v.x, 0.0, 0.0)))
@@ -76,19 +76,17 @@ def _drawn(dock: SimDock) -> Dock:
     return replace(plain, markers=markers)
 
 
-def world_of(options: DockingOptions) -> WorldSpec:
-    """Load the world with the wanted start; raises BadInputError when there is no dock, or not the one to start in."""
-    name = options.navigation.world
-    world = load_world(name, options.start)
+def start_of(options: DockingOptions, world: WorldSpec) -> SE2:
+    """Return where in the map the robot begins; raises BadInputError when there is no dock, or not the one to start in."""
     if not world.docks:
-        raise BadInputError(f"world {name} has no docks; dock_room, dock_shapes and dock_hall have")
+        raise BadInputError(f"world {world.name} has no docks; dock_room, dock_shapes and dock_hall have")
     if options.starts_docked is None:
-        return world
-    for dock in world.docks:
+        return options.start if options.start is not None else options.navigation.start
+    for dock in world.from_start().docks:
         if dock.name == options.starts_docked:
-            return load_world(name, world.world_from_start @ dock.map_from_dock)
+            return dock.world_from_dock
     known = ", ".join(dock.name for dock in world.docks)
-    raise BadInputError(f"world {name} has no dock {options.starts_docked!r}; there are {known}")
+    raise BadInputError(f"world {world.name} has no dock {options.starts_docked!r}; there are {known}")
 
 
 class DockingRun(SimulatedRun):
@@ -98,22 +96,22 @@ class DockingRun(SimulatedRun):
         self.options = options
         self.rounds: DockRounds | None = None
         navigation = options.navigation
+        robot, self.world = robot_named(navigation.robot), load_world(navigation.world)
+        navigation = replace(navigation, start=start_of(options, self.world))
         self.config: KnownMapConfig = navigation_config(navigation)
-        robot, self.world = robot_named(navigation.robot), world_of(options)
         if navigation.map_file is None:
-            save_map(folder.map_stem, *truth_grid(self.world, robot.sensor_height, DRAWN_RESOLUTION))
+            save_map(folder.map_stem, *truth_grid(self.world.from_start(), robot.sensor_height, DRAWN_RESOLUTION))
         grid = load_map(navigation.map_file or folder.map_stem.with_suffix(".yaml"))
         database = self._database(folder)
         for errand in options.errands:
             database.dock(errand.dock)
         save_resolved(folder.config, {"docking": as_values(options.docking), "robot": as_values(self.config)})
         faults = tuple(Fault.parse(text) for text in navigation.faults)
-        simulation = Simulation(
-            self.world, robot, SimulationConfig(navigation.seed, physics=navigation.physics, faults=faults)
-        )
+        config = SimulationConfig(navigation.seed, physics=navigation.physics, faults=faults)
+        start = self.world.start @ navigation.start
         pilot = DockPilotNode(options.errands, self._finish)
         nodes = [
-            SimulatorNode(simulation, options.camera),
+            *lone_robot_nodes(self.world, robot, config, start, options.camera),
             *known_map_nodes(robot.model, self.config, *grid),
             DockingNode(robot.model, database, options.docking),
             pilot,
@@ -167,7 +165,7 @@ class DockingRun(SimulatedRun):
         if truth is None:
             return dict.fromkeys(names)
         base = truth.pose.to_se2()
-        away = [dock.map_from_dock.inverse() @ base for dock in self.world.docks]
+        away = [dock.world_from_dock.inverse() @ base for dock in self.world.docks]
         error = min(away, key=lambda pose: math.hypot(pose.x, pose.y))
         values = (error.x, error.y, math.hypot(error.x, error.y), math.degrees(wrap_angle(error.yaw)))
         return dict(zip(names, values, strict=True))

@@ -22,6 +22,7 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import Message, Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.localization_quality import AXES, LocalizationErrors, localization_errors
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.localization import LocalizationNode, Source
 from ambler.nodes.map_server import MapServerNode
 from ambler.runtime.clock import ReplayClock
@@ -38,9 +39,9 @@ from ambler.runtime.topics import (
     topic_named,
 )
 from ambler.sim.robots import robot_named
-from ambler.sim.simulation import SimulationConfig
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world import SimulationConfig
+from ambler.sim.world_file import load_world
 from ambler.wire.csv_files import recording_to_csv
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
@@ -110,10 +111,11 @@ PLACES = (
 
 @dataclass(frozen=True, slots=True)
 class Take:
-    """One recorded drive, and where the robot's start lies in the map."""
+    """One recorded drive, where the robot's start lies in the map, and where that map lies in the world."""
 
     recording: Path
     map_from_start: SE2
+    truth: TruthFrame
     is_moving: bool
 
 
@@ -158,18 +160,18 @@ def record_takes(study: LocalizationStudy, place: Place, out: Path) -> Iterator[
         folder = out / f"{place.name}-{study.robot}-drive-{seed}"
         if not folder.exists():
             record_drive(folder, home, robot, place.route, place.drive_time, SimulationConfig(seed))
-        yield Take(folder, SE2(), is_moving=True)
+        yield Take(folder, SE2(), TruthFrame(home.start), is_moving=True)
     for k, stand in enumerate(place.stands):
         folder = out / f"{place.name}-{study.robot}-stand-{study.seed}-{k}"
         if not folder.exists():
-            world = load_world(place.world, home.world_from_start @ stand)
-            record_drive(folder, world, robot, Route(), study.stand_time, SimulationConfig(study.seed + 100 + k))
-        yield Take(folder, stand, is_moving=False)
+            config = SimulationConfig(study.seed + 100 + k)
+            record_drive(folder, home, robot, Route(), study.stand_time, config, home.start @ stand)
+        yield Take(folder, stand, TruthFrame(home.start), is_moving=False)
 
 
 def drawn_map(world: str, robot: str, resolution: float) -> MapGrid:
     """Draw the map of a world from its plan at the height of the robot's scanners; its frame is that of the world's start."""
-    return truth_grid(load_world(world), robot_named(robot).sensor_height, resolution)
+    return truth_grid(load_world(world).from_start(), robot_named(robot).sensor_height, resolution)
 
 
 def localize(recording: Path, config: KnownMapConfig, robot: str, grid: MapGrid, out: Path) -> Path:
@@ -213,4 +215,4 @@ def _measure(study: LocalizationStudy, method: Method, take: Take, grid: MapGrid
     recording_to_csv(out, LOCALIZED_POSE.ros_name, Odometry, estimates)
     if not truth.exists():
         recording_to_csv(take.recording, TRUE_POSE.ros_name, Odometry, truth)
-    return localization_errors(estimates, truth, take.map_from_start)
+    return localization_errors(estimates, truth, take.truth.world_from_map.inverse())

@@ -130,7 +130,7 @@ def _truth(drive: RandomDrive) -> list[tuple[int, SE2]]:
     rows = []
     for recorded in read_recording(drive.recording, [TRUE_POSE.ros_name]):
         message = recorded.decode_as(Odometry)
-        rows.append((message.stamp_ns, drive.map_from_start @ message.pose.to_se2()))
+        rows.append((message.stamp_ns, drive.truth.pose(message.pose.to_se2())))
     return rows
 
 

@@ -11,21 +11,22 @@ import numpy as np
 
 from ambler.apps.known_map import KnownMapConfig, known_map_config
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.simulated_robot import lone_robot_nodes
 from ambler.apps.simulated_run import SimulatedRun, ViewOptions
 from ambler.apps.stacks import known_map_nodes
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.pilot import Journey, PilotConfig, PilotNode
-from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime.topics import CONTACT, GOAL, SET_POSE, TELEOP_REQUEST, TRUE_POSE
 from ambler.settings.profiles import as_values, build, merge, save_resolved
 from ambler.sim.faults import Fault
 from ambler.sim.robots import robot_named
-from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world import SimulationConfig
+from ambler.sim.world_file import load_world
 from ambler.wire.map_files import load_map, save_map
 from ambler.wire.mcap_reader import read_recording
 
@@ -34,13 +35,15 @@ DRAWN_RESOLUTION = 0.05
 
 @dataclass(frozen=True, slots=True)
 class NavigationOptions:
-    """What to run. `map_file` None draws the map from the world's plan. `is_lost`: the robot is not told where it starts. `may_turn`: it
+    """What to run. `map_file` None draws the map from the world's plan, with the world's start as its origin; `start` is where in the map
+    the robot begins. `is_lost`: the robot is not told where it starts. `may_turn`: it
     may turn in place to find out. `profile` overrides the robot's defaults (`apps.known_map.KnownMapConfig`)."""
 
     world: str = "office"
     robot: str = "amr_omni"
     map_file: Path | None = None
     goals: tuple[SE2, ...] = ()
+    start: SE2 = field(default_factory=SE2)
     seed: int = 0
     is_lost: bool = False
     may_turn: bool = False
@@ -58,7 +61,7 @@ def navigation_config(options: NavigationOptions) -> KnownMapConfig:
     """Return the robot's configuration with the options' profile laid over it; raises BadInputError for anything wrong."""
     base = as_values(known_map_config(robot_named(options.robot).model))
     if not options.is_lost:
-        base = merge(base, {"localization": {"initial_pose": {"x": 0.0, "y": 0.0, "yaw": 0.0}}})
+        base = merge(base, {"localization": {"initial_pose": as_values(options.start)}})
     return build(KnownMapConfig, merge(base, options.profile))
 
 
@@ -70,14 +73,16 @@ class NavigationRun(SimulatedRun):
         self.journey: Journey | None = None
         self.config = navigation_config(options)
         robot, world = robot_named(options.robot), load_world(options.world)
+        self.truth = TruthFrame(world.start)
         save_resolved(folder.config, {"navigation": _plain(options), "robot": as_values(self.config)})
         if options.map_file is None:
-            save_map(folder.map_stem, *truth_grid(world, robot.sensor_height, DRAWN_RESOLUTION))
+            save_map(folder.map_stem, *truth_grid(world.from_start(), robot.sensor_height, DRAWN_RESOLUTION))
         grid = load_map(options.map_file or folder.map_stem.with_suffix(".yaml"))
         faults = tuple(Fault.parse(text) for text in options.faults)
-        simulation = Simulation(world, robot, SimulationConfig(options.seed, physics=options.physics, faults=faults))
+        config = SimulationConfig(options.seed, physics=options.physics, faults=faults)
+        devices = lone_robot_nodes(world, robot, config, world.start @ options.start)
         pilot = PilotNode(PilotConfig(options.goals, may_turn=options.may_turn), self._finish)
-        nodes = [SimulatorNode(simulation), *known_map_nodes(robot.model, self.config, *grid), pilot]
+        nodes = [*devices, *known_map_nodes(robot.model, self.config, *grid), pilot]
         view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
         super().__init__(folder, nodes, (GOAL, SET_POSE, TELEOP_REQUEST), view, is_realtime=options.is_realtime)
 
@@ -119,10 +124,10 @@ class NavigationRun(SimulatedRun):
         }
 
     def _goal_error(self, truth: Odometry | None) -> float | None:
-        """Distance from the true pose at the end to the last goal, in the world's map frame."""
+        """Distance from the true pose at the end to the last goal, in the drawn map's frame."""
         if truth is None or not self.options.goals or self.options.map_file is not None:
             return None
-        return truth.pose.to_se2().distance_to(self.options.goals[-1])
+        return self.truth.pose(truth.pose.to_se2()).distance_to(self.options.goals[-1])
 
     def _finish(self, journey: Journey) -> None:
         self.journey = journey

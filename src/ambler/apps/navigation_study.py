@@ -20,7 +20,7 @@ from ambler.core.se2 import SE2
 from ambler.evaluation.goals import draw_goals, judge_drives
 from ambler.nodes.pilot import PilotConfig, PilotNode
 from ambler.sim.robots import robot_named
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 SECONDS_PER_GOAL = 300.0
 SLACK = 0.1  # metres by which the truth may exceed the tolerance: the localization's own error
@@ -106,7 +106,7 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
         run.close()
     cpu_seconds = time.process_time() - began
     last_code = run.journey.outcomes[-1].code if run.journey is not None and run.journey.outcomes else None
-    drives, collisions = judge_drives(folder.recording, goals, PilotNode.name, last_code)
+    drives, collisions = judge_drives(folder.recording, goals, PilotNode.name, last_code, run.truth)
     driven = [asdict(drive) for drive in drives]
     result: dict[str, Any] = {
         "world": world,

@@ -12,8 +12,8 @@ from ambler.apps.stacks import explorer_nodes
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
 from ambler.evaluation.recording_compare import RecordingComparison, ReplayComparison
+from ambler.nodes.devices.table import device_names
 from ambler.nodes.operator import OperatorNode
-from ambler.nodes.simulator import SimulatorNode
 from ambler.runtime.clock import ReplayClock
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
@@ -36,7 +36,6 @@ from ambler.sim.robots import robot_named
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
-BASE = SimulatorNode.name
 INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
 MERGED_INPUTS = (SCANNERS, *INPUTS[1:])  # of a robot whose scan is merged
 
@@ -65,7 +64,7 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     executor = LockstepExecutor(stack, ReplayClock(rate=rate), RunLog())
     with executor:
         executor.tap(comparison.on_message)
-        executor.run(feed=_feed(folder.recording, inputs))
+        executor.run(feed=_feed(folder.recording, inputs, device_names(robot)))
     return comparison.result()
 
 
@@ -74,9 +73,11 @@ def _outputs(inputs: tuple[Topic[Any], ...]) -> list[str]:
     return [t.ros_name for t in all_topics() if t.ros_name not in names and not t.is_truth]
 
 
-def _feed(recording: Path, inputs: tuple[Topic[Any], ...]) -> Iterator[tuple[Topic[Any], Message, int]]:
-    """The messages that the nodes do not make themselves; of the transforms those that the base wrote."""
+def _feed(
+    recording: Path, inputs: tuple[Topic[Any], ...], devices: frozenset[str]
+) -> Iterator[tuple[Topic[Any], Message, int]]:
+    """The messages that the nodes do not make themselves; of what many write only what devices wrote."""
     for recorded in read_recording(recording, [t.ros_name for t in inputs]):
         topic = topic_named(recorded.topic)
-        if not topic.has_many_writers or recorded.writer == BASE:
+        if not topic.has_many_writers or recorded.writer in devices:
             yield topic, decode(topic.type, recorded.data), recorded.log_time_ns

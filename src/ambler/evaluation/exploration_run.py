@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.grid import OCC_FREE, GridSpec
 from ambler.core.messages import Contact, OccupancyGrid, Odometry, PoseStamped
+from ambler.evaluation.truth_frame import start_frame
 from ambler.runtime import topics
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
@@ -19,7 +20,7 @@ _TOPICS = (topics.TRUE_POSE, topics.SLAM_POSE, topics.MAP, topics.TRUE_MAP, topi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorationRecord:
-    """What a recording says. Poses float64 (N, 3) in the map frame with stamps int64 (N,); `speeds` float64 (N,) m/s of the
+    """What a recording says. Poses float64 (N, 3) in the map frame, which begins at the start pose, with stamps int64 (N,); `speeds` float64 (N,) m/s of the
     truth; `coverage` float64 (K, 2) of seconds and the share of the truly free cells known as free; maps as (spec, int8)."""
 
     true_stamps_ns: NDArray[np.int64]
@@ -38,16 +39,17 @@ class ExplorationRecord:
 
 
 def read_exploration(recording: Path) -> ExplorationRecord:
-    """Read the record of an exploration; raises BadInputError if the recording cannot be read."""
+    """Read the record of an exploration; raises BadInputError if the recording cannot be read, or tells no start pose."""
     truth: list[tuple[int, float, float, float, float]] = []
     estimate: list[tuple[int, float, float, float]] = []
     coverage: list[tuple[float, float]] = []
     contacts: list[Contact] = []
     true_map: tuple[GridSpec, NDArray[np.int8]] | None = None
+    frame = start_frame(recording)
     for recorded in read_recording(recording, [t.ros_name for t in _TOPICS]):
         message = decode(topics.topic_named(recorded.topic).type, recorded.data)
         if isinstance(message, Odometry):
-            pose = message.pose.to_se2()
+            pose = frame.pose(message.pose.to_se2())
             truth.append((message.stamp_ns, pose.x, pose.y, pose.yaw, float(np.hypot(*message.linear[:2]))))
         elif isinstance(message, PoseStamped):
             pose = message.pose.to_se2()
@@ -55,7 +57,7 @@ def read_exploration(recording: Path) -> ExplorationRecord:
         elif isinstance(message, Contact):
             contacts.append(message)
         elif isinstance(message, OccupancyGrid) and recorded.topic == topics.TRUE_MAP.ros_name:
-            true_map = (message.spec, message.data)
+            true_map = frame.grid(message)
         elif isinstance(message, OccupancyGrid) and true_map is not None:
             coverage.append((recorded.log_time_ns * 1e-9, known_share((message.spec, message.data), true_map)))
     if true_map is None:

@@ -13,6 +13,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import Contact, Odometry, Status
 from ambler.core.se2 import SE2
 from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.runtime.topics import CONTACT, STATUS, TRUE_POSE
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import WorldSpec
@@ -26,10 +27,10 @@ BEGUN = "DRIVING"
 
 
 def draw_goals(world: WorldSpec, robot: SimRobot, count: int, rng: np.random.Generator) -> tuple[SE2, ...]:
-    """Draw poses of the map frame, uniformly over the places that the robot's circumscribed circle and 5 cm more can get to from the
+    """Draw poses of the drawn map, uniformly over the places that the robot's circumscribed circle and 5 cm more can get to from the
     start, with any heading; fewer goals are the first of more. Raises BadInputError if there is none."""
     radius = robot.model.circumscribed_radius + MARGIN
-    spec, reachable = reachable_cells(world, radius, RESOLUTION, robot.sensor_height)
+    spec, reachable = reachable_cells(world.from_start(), radius, RESOLUTION, robot.sensor_height)
     cells = np.argwhere(reachable)
     if len(cells) == 0:
         raise BadInputError(f"world {world.name}: {robot.model.name} cannot get anywhere from its start")
@@ -51,11 +52,13 @@ class Drive:
     error: float
 
 
-def judge_drives(recording: Path, goals: tuple[SE2, ...], pilot: str, last_code: str | None) -> tuple[list[Drive], int]:
+def judge_drives(
+    recording: Path, goals: tuple[SE2, ...], pilot: str, last_code: str | None, frame: TruthFrame
+) -> tuple[list[Drive], int]:
     """Return what became of each goal that was begun and ended, and the number of collisions.
 
     `pilot` is the node that sent the goals. `last_code`: how the drive to the last goal ended, which stops the run before it is
-    recorded; None if it did not end.
+    recorded; None if it did not end. `frame` is that of the goals.
     Raises BadInputError if the recording cannot be read.
     """
     truth: list[tuple[int, float, float]] = []
@@ -65,7 +68,8 @@ def judge_drives(recording: Path, goals: tuple[SE2, ...], pilot: str, last_code:
     for recorded in read_recording(recording, [TRUE_POSE.ros_name, CONTACT.ros_name, STATUS.ros_name]):
         if recorded.topic == TRUE_POSE.ros_name:
             message = recorded.decode_as(Odometry)
-            truth.append((message.stamp_ns, message.pose.translation[0], message.pose.translation[1]))
+            pose = frame.pose(message.pose.to_se2())
+            truth.append((message.stamp_ns, pose.x, pose.y))
         elif recorded.topic == CONTACT.ros_name:
             contacts.append(recorded.decode_as(Contact))
         else:

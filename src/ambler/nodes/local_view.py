@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import TransformError
 from ambler.core.messages import GlassWalls, LaserScan, Odometry, Path, PointCloud, Range, Transforms
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.costmap.local_costmap import LocalCostmap
@@ -36,7 +36,7 @@ class LocalView:
 
     def __init__(self, robot: RobotModel, costmap: LocalCostmap, planar: PlanarConfig | None = None) -> None:
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
-        self.uses_cloud = any(m.kind == "cloud" for m in robot.sensors)
+        self.uses_cloud = any(m.kind is SensorKind.CLOUD for m in robot.sensors)
         self.costmap = costmap
         self.stamp_ns: int | None = None
         self._planar = planar if planar is not None else default_planar(robot)

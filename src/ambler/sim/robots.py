@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ambler.core.errors import BadInputError
-from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.sim.camera import CameraSpec
 from ambler.sim.sensors import (
@@ -72,15 +72,15 @@ def _diff() -> SimRobot:
         footprint=np.array(footprint),
         limits=VelocityLimits(vx_max=0.8, vx_min=-0.3, wz_max=1.5, ax_max=1.0, az_max=2.5, ax_brake=1.5),
         sensors=(
-            SensorMount("laser", "scan", SE3((0.08, 0.0, 0.28)), range_min=SCANNER_360.range_min),
-            SensorMount("imu", "imu", SE3((-0.05, 0.0, 0.12))),
+            SensorMount("laser", SensorKind.SCAN, SE3((0.08, 0.0, 0.28)), range_min=SCANNER_360.range_min),
+            SensorMount("imu", SensorKind.IMU, SE3((-0.05, 0.0, 0.12))),
         ),
         body_height=0.25,
     )
     return SimRobot(
         model,
         lidars={"laser": SCANNER_360},
-        imu=MEMS_IMU,
+        imus={"imu": MEMS_IMU},
         odometry=WHEEL_ODOMETRY,
         mass=30.0,
         body_bottom=0.05,
@@ -108,19 +108,19 @@ def _spot() -> SimRobot:
         sensors=(
             SensorMount(
                 "velodyne",
-                "cloud",
+                SensorKind.CLOUD,
                 SE3((-0.10, 0.0, 0.78)),
                 range_min=VLP_16.range_min,
                 elevation=(VLP_16.elevations[0], VLP_16.elevations[-1]),
             ),
-            SensorMount("imu", "imu", SE3((0.0, 0.0, 0.50))),
+            SensorMount("imu", SensorKind.IMU, SE3((0.0, 0.0, 0.50))),
         ),
         body_height=0.65,
     )
     return SimRobot(
         model,
         lidars={"velodyne": VLP_16},
-        imu=MEMS_IMU,
+        imus={"imu": MEMS_IMU},
         odometry=LEG_ODOMETRY,
         mass=35.0,
         body_bottom=0.08,
@@ -140,7 +140,7 @@ def _amr_omni() -> SimRobot:
     scanners = (
         SensorMount(
             frame,
-            "scan",
+            SensorKind.SCAN,
             SE3.from_rpy((x, y, 0.18), 0.0, 0.0, math.radians(yaw)),
             range_min=SAFETY_270.range_min,
             azimuth=window,
@@ -164,9 +164,11 @@ def _amr_omni() -> SimRobot:
         ),
         sensors=(
             *scanners,
-            SensorMount(MERGED_FRAME, "scan", SE3((0.0, 0.0, 0.18))),
-            SensorMount("imu", "imu", SE3((0.0, 0.0, 0.15))),
-            SensorMount("camera", "camera", SE3.from_rpy((0.58, 0.0, 0.32), -0.5 * math.pi, 0.0, -0.5 * math.pi)),
+            SensorMount(MERGED_FRAME, SensorKind.SCAN, SE3((0.0, 0.0, 0.18))),
+            SensorMount("imu", SensorKind.IMU, SE3((0.0, 0.0, 0.15))),
+            SensorMount(
+                "camera", SensorKind.CAMERA, SE3.from_rpy((0.58, 0.0, 0.32), -0.5 * math.pi, 0.0, -0.5 * math.pi)
+            ),
         ),
         body_height=0.35,
     )
@@ -175,7 +177,7 @@ def _amr_omni() -> SimRobot:
     return SimRobot(
         model,
         lidars={frame: replace(SAFETY_270, phase=phase) for frame, phase in phases.items()},
-        imu=MEMS_IMU_200,
+        imus={"imu": MEMS_IMU_200},
         odometry=WHEEL_ODOMETRY,
         mass=150.0,
         body_bottom=0.04,
@@ -183,5 +185,5 @@ def _amr_omni() -> SimRobot:
         track=0.6,
         wheel_base=0.8,
         strafe_loss=0.03,
-        camera=CameraSpec(rate_hz=12.5, exposure=0.005, samples=2),
+        cameras={"camera": CameraSpec(rate_hz=12.5, exposure=0.005, samples=2)},
     )

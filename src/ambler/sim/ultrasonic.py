@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Range
-from ambler.core.robot import SensorMount
+from ambler.core.robot import SensorKind, SensorMount
 from ambler.core.se3 import SE3
 from ambler.kernels import raycast
 from ambler.sim.lidar import NO_MOVERS, Movers
@@ -45,10 +45,10 @@ class UltrasonicSensor:
             np.zeros(self._directions.shape[:2], np.float32) for _ in range(3)
         )
 
-    def measure(self, map_from_sensor: SE3, stamp_ns: int, movers: Movers = NO_MOVERS) -> Range:
+    def measure(self, world_from_sensor: SE3, stamp_ns: int, movers: Movers = NO_MOVERS) -> Range:
         """Return the echo of a pulse that is sent now from this pose."""
         spec = self.spec
-        distance = self._nearest(map_from_sensor, movers)
+        distance = self._nearest(world_from_sensor, movers)
         noise, chance, other = self._rng.standard_normal(), self._rng.random(), self._rng.random()
         if chance < spec.dropout:
             distance = math.inf
@@ -61,9 +61,9 @@ class UltrasonicSensor:
             distance = -math.inf
         return Range(stamp_ns, self.frame, spec.field_of_view, spec.range_min, spec.range_max, distance)
 
-    def _nearest(self, map_from_sensor: SE3, movers: Movers) -> float:
+    def _nearest(self, world_from_sensor: SE3, movers: Movers) -> float:
         """Distance to the nearest surface of the cone that sends an echo; inf without one."""
-        position, rotation = np.array(map_from_sensor.translation), np.array(map_from_sensor.rotation)
+        position, rotation = np.array(world_from_sensor.translation), np.array(world_from_sensor.rotation)
         raycast.sweep(
             *(*self._hierarchy, *self._surfaces, *movers),
             *(np.array([0.0, 1.0]), np.stack([position] * 2), np.stack([rotation] * 2), np.zeros(1)),
@@ -85,7 +85,7 @@ def with_ultrasonic_ring(robot: SimRobot, count: int = RING, spec: UltrasonicSpe
         reach = _to_outline(model.footprint, yaw)
         position = (reach * math.cos(yaw), reach * math.sin(yaw), height)
         mount = SE3.from_rpy(position, 0.0, 0.0, yaw)
-        mounts.append(SensorMount(f"sonar_{k}", "range", mount, spec.range_min))
+        mounts.append(SensorMount(f"sonar_{k}", SensorKind.RANGE, mount, spec.range_min))
         ultrasonics[f"sonar_{k}"] = replace(spec, phase=(k % GROUPS) * spec.period / GROUPS)
     return replace(robot, model=replace(model, sensors=(*model.sensors, *mounts)), ultrasonics=ultrasonics)
 

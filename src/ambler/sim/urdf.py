@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ambler.core.errors import BadInputError
-from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sensors import (
@@ -68,10 +68,9 @@ def load_urdf(path: Path) -> SimRobot:
     ultrasonics = {
         e.get("link", ""): _spec(tree, e, ULTRASONICS, "transducer_30") for e in extension.findall("ultrasonic")
     }
-    imu = extension.find("imu")
+    imus = extension.findall("imu") or [Element("imu", link="imu")]
     odometry = extension.find("odometry")
     gait = extension.find("gait")
-    camera = extension.find("camera")
     mass = sum(link.mass for link in tree.links.values())
     if mass <= 0:
         raise BadInputError(f"{path}: no <link> has an <inertial> with a <mass>")
@@ -86,7 +85,7 @@ def load_urdf(path: Path) -> SimRobot:
     return SimRobot(
         model,
         lidars,
-        _spec(tree, imu if imu is not None else Element("imu"), IMUS, "mems"),
+        {e.get("link", ""): _spec(tree, e, IMUS, "mems") for e in imus},
         _spec(
             tree,
             odometry if odometry is not None else Element("odometry"),
@@ -100,7 +99,7 @@ def load_urdf(path: Path) -> SimRobot:
         gait=_spec(tree, gait, GAITS, "trot") if gait is not None else None,
         watchdog=_scalar(tree, extension, "watchdog", 0.5),
         ultrasonics=ultrasonics,
-        camera=_camera(tree, camera) if camera is not None else None,
+        cameras={e.get("link", ""): _camera(tree, e) for e in extension.findall("camera")},
     )
 
 
@@ -214,24 +213,27 @@ def _mounts(
         azimuth = (window[0], window[1]) if "window" in element.attrib else sector
         if len(spec.elevations) == 1:
             azimuth = (-math.pi, math.pi) if azimuth == sector and spec.is_full_turn else azimuth
-            scans.append(SensorMount(name, "scan", poses[name], spec.range_min, azimuth=azimuth))
+            scans.append(SensorMount(name, SensorKind.SCAN, poses[name], spec.range_min, azimuth=azimuth))
         else:
             ends = (spec.elevations[0], spec.elevations[-1])
-            others.append(SensorMount(name, "cloud", poses[name], spec.range_min, elevation=ends))
+            others.append(SensorMount(name, SensorKind.CLOUD, poses[name], spec.range_min, elevation=ends))
     if len(scans) > 1 and MERGED_FRAME not in poses:
         poses[MERGED_FRAME] = SE3((0.0, 0.0, float(np.mean([m.base_from_sensor.translation[2] for m in scans]))))
-    merged = [SensorMount(MERGED_FRAME, "scan", poses[MERGED_FRAME])] if len(scans) > 1 else []
-    imu = extension.find("imu")
-    if imu is None:
-        others.append(SensorMount("imu", "imu", SE3()))
-    else:
-        others.append(SensorMount(imu.get("link", ""), "imu", poses[imu.get("link", "")]))
-    cameras = [SensorMount(e.get("link", ""), "camera", poses[e.get("link", "")]) for e in extension.findall("camera")]
+    merged = [SensorMount(MERGED_FRAME, SensorKind.SCAN, poses[MERGED_FRAME])] if len(scans) > 1 else []
+    imus = [e.get("link", "") for e in extension.findall("imu")]
+    others += [SensorMount(name, SensorKind.IMU, poses[name]) for name in imus]
+    if not imus:
+        others.append(SensorMount("imu", SensorKind.IMU, SE3()))
+    cameras = [
+        SensorMount(e.get("link", ""), SensorKind.CAMERA, poses[e.get("link", "")]) for e in extension.findall("camera")
+    ]
     rangers = []
     for element in extension.findall("ultrasonic"):
         name = element.get("link", "")
         rangers.append(
-            SensorMount(name, "range", poses[name], _spec(tree, element, ULTRASONICS, "transducer_30").range_min)
+            SensorMount(
+                name, SensorKind.RANGE, poses[name], _spec(tree, element, ULTRASONICS, "transducer_30").range_min
+            )
         )
     return (*scans, *merged, *others, *cameras, *rangers)
 

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from ambler.core.robot import MERGED_FRAME, VelocityLimits
+from ambler.core.robot import SensorKind, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sim_robot import SimRobot
@@ -115,23 +115,21 @@ def _extension(root: Element, robot: SimRobot) -> None:
     SubElement(extension, "limits", _differences(model.limits, VelocityLimits(), every=True))
     for frame, spec in robot.lidars.items():
         element = SubElement(extension, "lidar", {"link": frame, **_nearest(spec, LIDARS)})
-        if model.sensor(frame).kind == "scan" and model.sensor(frame).azimuth != (-math.pi, math.pi):
+        if model.sensor(frame).kind is SensorKind.SCAN and model.sensor(frame).azimuth != (-math.pi, math.pi):
             element.set("window", _text(*model.sensor(frame).azimuth))
     for frame, transducer in robot.ultrasonics.items():
         SubElement(extension, "ultrasonic", {"link": frame, **_nearest(transducer, ULTRASONICS)})
     for mount in model.sensors:
-        if mount.kind == "imu":
-            SubElement(extension, "imu", {"link": mount.frame, **_nearest(robot.imu, IMUS)})
-        elif mount.kind == "camera" and mount.frame != MERGED_FRAME:
-            SubElement(extension, "camera", {"link": mount.frame, **_camera(robot.camera)})
+        if mount.kind is SensorKind.IMU:
+            SubElement(extension, "imu", {"link": mount.frame, **_nearest(robot.imus[mount.frame], IMUS)})
+        elif mount.kind is SensorKind.CAMERA:
+            SubElement(extension, "camera", {"link": mount.frame, **_camera(robot.cameras[mount.frame])})
     SubElement(extension, "odometry", _nearest(robot.odometry, ODOMETRIES))
     if robot.gait is not None:
         SubElement(extension, "gait", _nearest(robot.gait, GAITS))
 
 
-def _camera(spec: CameraSpec | None) -> dict[str, str]:
-    if spec is None:
-        return {}
+def _camera(spec: CameraSpec) -> dict[str, str]:
     lens, noise = replace(spec.model, name=FRONT_CAMERA.name), PictureNoise()
     return {
         **_differences(replace(spec, model=FRONT_CAMERA, picture=noise), CameraSpec()),

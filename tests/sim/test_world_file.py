@@ -15,7 +15,7 @@ from ambler.sim.floorplan import merge_cells
 from ambler.sim.kinematic_physics import FootprintCollider
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.truth import reachable_cells
-from ambler.sim.world import load_world, world_names
+from ambler.sim.world_file import load_world, world_names
 from ambler.wire.map_files import save_map
 
 # The middle of each of the ten rooms of `office`, in the author's coordinates.
