@@ -8,8 +8,9 @@ import os
 import socket
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from ambler.core.devices import Battery, Camera
 from ambler.core.errors import BadInputError, DeviceError
@@ -77,9 +78,8 @@ class _Client:
 
 
 class StreamServer:
-    """Serves devices, told apart by their names, at an address (see `socket_of`; `tcp:0` chooses a port). `device_ns` tells the
-    device's clock for an instant of the steps' one; the messages' stamps must be of the same. Raises DeviceError when the address is
-    taken."""
+    """Serves devices, told apart by their names, at an address (see `socket_of`; `tcp:0` chooses a port). `clock` maps
+    instants to those of a clock that the devices are to have: stamps, too, are told in it. Raises DeviceError when the address is taken."""
 
     def __init__(
         self,
@@ -87,12 +87,12 @@ class StreamServer:
         sensors: Sequence[ReadableDevice] = (),
         cameras: Sequence[Camera] = (),
         batteries: Sequence[Battery] = (),
-        device_ns: Callable[[int], int] = lambda now_ns: now_ns,
+        clock: Callable[[int], int] | None = None,
     ) -> None:
         self._cameras = {camera.name: camera for camera in cameras}
         self._batteries = {battery.name: battery for battery in batteries}
         self._devices = {device.name: device for device in (*sensors, *cameras, *batteries)}
-        self._device_ns = device_ns
+        self._clock = clock
         self._sequences = dict.fromkeys(self._devices, 0)
         self._socket, self._path = _listen(address)
         self.address = address if self._path is not None else f"tcp:{self._socket.getsockname()[1]}"
@@ -141,9 +141,14 @@ class StreamServer:
     def _publish(self, name: str, message: Message, now_ns: int) -> None:
         self._sequences[name] = (self._sequences[name] + 1) & 0xFFFFFFFF
         if self._clients:
+            told: Any = message
+            if self._clock is not None:
+                told = replace(told, stamp_ns=self._clock(told.stamp_ns))
             ros_type, sent_ns = ros_type_of(type(message)), self._device_ns(now_ns)
-            frame = StreamFrame(StreamKind.MESSAGE, name, ros_type, self._sequences[name], sent_ns, encode(message))
-            self._put(frame)
+            self._put(StreamFrame(StreamKind.MESSAGE, name, ros_type, self._sequences[name], sent_ns, encode(told)))
+
+    def _device_ns(self, now_ns: int) -> int:
+        return now_ns if self._clock is None else self._clock(now_ns)
 
     def _put(self, frame: StreamFrame) -> None:
         data = frame.encode()
