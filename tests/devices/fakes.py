@@ -37,7 +37,8 @@ class FakeBase:
 
     def open(self) -> None: ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self.command(BodyVelocity())
 
     def health(self) -> DeviceHealth:
         return DeviceHealth(DeviceState.OPEN)
@@ -111,3 +112,28 @@ class Stepper:
     def __exit__(self, *_: object) -> None:
         self._stopped.set()
         self._thread.join()
+
+
+class FakeImu:
+    """An inertial unit whose samples differ; one every `period` s."""
+
+    poll_period = 0.005
+
+    def __init__(self, name: str, period: float = 0.01) -> None:
+        self.name = self.frame = name
+        self.sent: list[m.Imu] = []
+        self._period_ns, self._next_ns = round(period * 1e9), 0
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def health(self) -> DeviceHealth:
+        return DeviceHealth(DeviceState.OPEN)
+
+    def read(self, now_ns: int) -> Sequence[m.Imu]:
+        if now_ns < self._next_ns:
+            return ()
+        self._next_ns = now_ns + self._period_ns
+        self.sent.append(m.Imu(now_ns, self.frame, (0.1 * len(self.sent), 1 / 3, -0.2), (0.0, 0.1, 9.81)))
+        return self.sent[-1:]

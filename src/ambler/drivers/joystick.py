@@ -88,7 +88,7 @@ class EvdevJoystick:
             self._forget()
         except OSError as error:
             os.close(self._fd)
-            raise DeviceError(f"{self._path} is no input device: {os.strerror(error.errno or 0)}") from error
+            raise DeviceError(f"{self._path} is no input device: {error.strerror or error}") from error
         self._clock = DeviceClock(tick_ns=1000)
         self._stamps = DeviceStamps(self._clock)
         self._rest, self._is_skipping = b"", False
@@ -192,7 +192,7 @@ def _open(path: Path) -> int:
     try:
         return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except OSError as error:
-        raise DeviceError(f"{path} cannot be opened: {os.strerror(error.errno or 0)}") from error
+        raise DeviceError(f"{path} cannot be opened: {error.strerror or error}") from error
 
 
 def _request(direction: int, number: int, size: int) -> int:

@@ -44,6 +44,10 @@ class EmulatorConfig:
     clock_offset: float = 0.0
     clock_drift: float = 0.0
 
+    def device_ns(self, now_ns: int) -> int:
+        """Return what its clock says at an instant."""
+        return now_ns + round(self.clock_offset * 1e9) + round(self.clock_drift * now_ns)
+
 
 class SerialEmulator:
     """Gives what comes over the line to `base` and `battery`, and what they read back onto it. With `link`, a symbolic link leads to
@@ -161,9 +165,7 @@ class SerialEmulator:
             self._send(FrameKind.BATTERY, payload, now_ns)
 
     def _device_us(self, now_ns: int) -> int:
-        config = self.config
-        device_ns = now_ns + round(config.clock_offset * 1e9) + round(config.clock_drift * now_ns)
-        return (device_ns // 1000) & STAMP_MASK
+        return (self.config.device_ns(now_ns) // 1000) & STAMP_MASK
 
     def _send(self, kind: FrameKind, payload: bytes, now_ns: int) -> None:
         if self._ends is None:

@@ -35,7 +35,7 @@ class SerialLine:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise LinkBrokenError(os.strerror(error.errno or 0)) from error
+            raise LinkBrokenError(error.strerror or str(error)) from error
         if not data:
             raise LinkBrokenError("hung up")
         return data
@@ -47,7 +47,7 @@ class SerialLine:
         except BlockingIOError:
             return False
         except OSError as error:
-            raise LinkBrokenError(os.strerror(error.errno or 0)) from error
+            raise LinkBrokenError(error.strerror or str(error)) from error
 
     def close(self) -> None:
         """Give the line back."""
@@ -61,7 +61,7 @@ def _open(path: Path, baud: int) -> int:
     try:
         fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:
-        raise DeviceError(f"{path} cannot be opened: {os.strerror(error.errno or 0)}") from error
+        raise DeviceError(f"{path} cannot be opened: {error.strerror or error}") from error
     with contextlib.ExitStack() as undo:
         undo.callback(os.close, fd)
         try:

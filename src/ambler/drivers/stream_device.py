@@ -7,7 +7,6 @@ long a sensor takes to measure does not count as an offset of its clock.
 from __future__ import annotations
 
 import json
-import os
 import select
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -62,7 +61,7 @@ class SensorStream(SharedLink):
             self._socket.connect(place)
         except OSError as error:
             self._socket.close()
-            raise DeviceError(f"{self.place} cannot be reached: {os.strerror(error.errno or 0)}") from error
+            raise DeviceError(f"{self.place} cannot be reached: {error.strerror or error}") from error
         self._socket.setblocking(False)
 
     def _disconnect(self) -> None:
@@ -77,7 +76,7 @@ class SensorStream(SharedLink):
         except BlockingIOError:
             return False
         except OSError as error:
-            raise LinkBrokenError(os.strerror(error.errno or 0)) from error
+            raise LinkBrokenError(error.strerror or str(error)) from error
 
     def _turn(self) -> bool:
         if not select.select((self._socket,), (), (), WAKE_PERIOD)[0]:
@@ -85,7 +84,7 @@ class SensorStream(SharedLink):
         try:
             data = self._socket.recv(_CHUNK)
         except OSError as error:
-            raise LinkBrokenError(os.strerror(error.errno or 0)) from error
+            raise LinkBrokenError(error.strerror or str(error)) from error
         if not data:
             raise LinkBrokenError("closed by the server")
         arrival_ns, is_any = self.now_ns(), False

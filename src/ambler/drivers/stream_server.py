@@ -4,7 +4,6 @@ calls `step`, which never waits; what a slow client does not fetch is dropped, t
 from __future__ import annotations
 
 import json
-import os
 import socket
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -190,7 +189,7 @@ def _listen(address: str) -> tuple[socket.socket, Path | None]:
         server.bind(place)
     except OSError as error:
         server.close()
-        raise DeviceError(f"{address} cannot be served: {os.strerror(error.errno or 0)}") from error
+        raise DeviceError(f"{address} cannot be served: {error.strerror or error}") from error
     server.listen()
     server.setblocking(False)
     return server, Path(place) if isinstance(place, str) else None
