@@ -19,6 +19,7 @@ ROWS = [
         *("perception", "slam2d", "lio", "localization", "maps", "costmap", "planning", "control"),
         *("safety", "exploration", "docking", "drivers", "sim"),
     },
+    {"recordings", "robots"},
     {"grids", "registration", "posegraph"},
     {"wire", "kernels"},
     {"core"},

@@ -1,0 +1,1 @@
+"""Recordings as sources: recorded devices behind the Protocols of `core/devices.py`."""
