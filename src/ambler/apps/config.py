@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from ambler.control.config import RolloutConfig
+from ambler.control.local_planners import Controller
 from ambler.control.pursuit_config import PursuitConfig
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmapConfig
@@ -32,7 +33,7 @@ class ExplorerConfig:
     """Everything that the exploring robot can be told; the defaults come from `for_robot`."""
 
     strategy: str = "tour"
-    controller: Literal["rollout", "dwa", "pursuit"] = "rollout"
+    controller: Controller = "rollout"
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)

@@ -9,16 +9,15 @@ from numpy.typing import NDArray
 
 from ambler.apps.config import ExplorerConfig
 from ambler.apps.known_map import KnownMapConfig
-from ambler.control.dynamic_window import local_planner
-from ambler.control.omni_pursuit import OmniPursuit
+from ambler.control.local_planners import local_planner
 from ambler.core.grid import GridSpec
-from ambler.core.protocols import LocalPlanner
 from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.exploration.strategies import strategy_named
 from ambler.exploration.survey import FrontierSurvey
 from ambler.nodes.controller import ControllerNode
+from ambler.nodes.echoes import EchoNode
 from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.glass_mapper import GlassMapperNode
@@ -73,17 +72,15 @@ def _mergers(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
 
 
 def _driving_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
-    """Global planner, controller and navigator."""
+    """What judges echoes, global planner, controller and navigator."""
     return [
-        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner), robot=robot),
+        *([EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []),
+        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), GridPlanner(config.planner)),
         ControllerNode(
-            robot, _local_planner(robot, config), LocalCostmap(config.local_costmap, robot), config.slam2d.planar
+            robot,
+            local_planner(config.controller, robot, config.rollout, config.pursuit),
+            LocalCostmap(config.local_costmap, robot),
+            config.slam2d.planar,
         ),
         NavigatorNode(config.navigation),
     ]
-
-
-def _local_planner(robot: RobotModel, config: ExplorerConfig) -> LocalPlanner:
-    if config.controller == "pursuit":
-        return OmniPursuit(config.pursuit, robot)
-    return local_planner(config.controller, config.rollout, robot)
