@@ -94,6 +94,7 @@ MESSAGES = {
         m.LaserScan, stamps, words, *[float32s] * 6, any_float32(st.integers(0, 50)), any_float32(st.integers(0, 50))
     ),
     m.Range: st.builds(m.Range, stamps, words, *[float32s] * 4),
+    m.JudgedEcho: st.builds(m.JudgedEcho, stamps, words, words, poses, *[float64s] * 3, st.booleans()),
     m.GlassWalls: glass_walls(),
     m.PointCloud: clouds(),
     m.Image: st.builds(m.Image, stamps, words, arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))),

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ambler.control.config import RolloutConfig
+from ambler.control.local_planners import Controller
 from ambler.control.pursuit_config import PursuitConfig
 from ambler.core.errors import BadInputError
 from ambler.core.robot import DriveKind, RobotModel, SensorKind
@@ -50,7 +51,7 @@ class RobotConfig:
     """
 
     strategy: Literal["tour", "nearest", "greedy"] = "tour"
-    controller: Literal["rollout", "dwa", "pursuit"] = "rollout"
+    controller: Controller = "rollout"
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)

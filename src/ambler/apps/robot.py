@@ -4,27 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.apps.config import RobotConfig
-from ambler.control.dynamic_window import local_planner as rollout_planner
-from ambler.control.omni_pursuit import OmniPursuit
+from ambler.control.local_planners import local_planner
 from ambler.core.grid import GridSpec
 from ambler.core.protocols import GlobalPlanner, LocalPlanner
 from ambler.core.robot import RobotModel
-from ambler.costmap.global_costmap import GlobalCostmap
-from ambler.costmap.local_costmap import LocalCostmap
+from ambler.costmap.global_costmap import GlobalCostmap, global_layers
+from ambler.costmap.layer import Layer
+from ambler.costmap.local_costmap import LocalCostmap, local_layers
 from ambler.docking.database import DockDatabase
 from ambler.exploration.strategies import NearestStrategy, Strategy
 from ambler.exploration.survey import DistanceField, FrontierSurvey
 from ambler.exploration.tour import TourStrategy
 from ambler.nodes.controller import ControllerNode
 from ambler.nodes.docking import DockingNode
+from ambler.nodes.echoes import EchoNode
 from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.glass_mapper import GlassMapperNode
+from ambler.nodes.layer_inputs import LayerInput
 from ambler.nodes.localization import LocalizationNode
 from ambler.nodes.map_server import MapServerNode
 from ambler.nodes.navigator import NavigatorNode
@@ -50,11 +53,16 @@ class Site:
 
 @dataclass(frozen=True)
 class Parts:
-    """What an integrator brings along: in place of what the configuration would build (None: as configured), and nodes beside the rest."""
+    """What an integrator brings along: in place of what the configuration would build (None: as configured), layers drawn over
+    the usual ones with what feeds them, and nodes beside the rest. A layer serves one costmap."""
 
     local_planner: LocalPlanner | None = None
     global_planner: GlobalPlanner | None = None
     strategy: Strategy | None = None
+    global_layers: tuple[Layer, ...] = ()
+    local_layers: tuple[Layer, ...] = ()
+    global_inputs: tuple[LayerInput[Any], ...] = ()
+    local_inputs: tuple[LayerInput[Any], ...] = ()
     nodes: tuple[Node, ...] = ()
 
 
@@ -89,20 +97,18 @@ def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
 
 
 def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
-    """Global planner, controller and navigator."""
+    """What judges echoes, global planner, controller and navigator."""
     global_planner = parts.global_planner or GridPlanner(config.planner)
-    local_planner = parts.local_planner or _local_planner(robot, config)
+    controller = parts.local_planner or local_planner(config.controller, robot, config.rollout, config.pursuit)
+    wide = GlobalCostmap(config.global_costmap, robot, (*global_layers(config.global_costmap), *parts.global_layers))
+    near = LocalCostmap(config.local_costmap, robot, (*local_layers(config.local_costmap), *parts.local_layers))
+    echoes = [EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []
     return [
-        GlobalPlannerNode(GlobalCostmap(config.global_costmap, robot), global_planner, robot=robot),
-        ControllerNode(robot, local_planner, LocalCostmap(config.local_costmap, robot), config.slam2d.planar),
+        *echoes,
+        GlobalPlannerNode(wide, global_planner, layer_inputs=parts.global_inputs),
+        ControllerNode(robot, controller, near, config.slam2d.planar, layer_inputs=parts.local_inputs),
         NavigatorNode(config.navigation),
     ]
-
-
-def _local_planner(robot: RobotModel, config: RobotConfig) -> LocalPlanner:
-    if config.controller == "pursuit":
-        return OmniPursuit(config.pursuit, robot)
-    return rollout_planner(config.controller, config.rollout, robot)
 
 
 def _strategy(config: RobotConfig, distances: DistanceField) -> Strategy:

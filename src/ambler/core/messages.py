@@ -101,6 +101,22 @@ class Range(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class JudgedEcho(Message):
+    """What one measurement of the transducer `sensor` says beside what light sees. `pose` is that of the transducer in `frame` at the
+    stamp; it looks along its x axis into a cone of `half_angle` (rad). `distance` is metres to the surface (inf: nothing within range);
+    the cone is proved free up to `free`. `is_unexplained`: confirmed by an echo before, and no light comes from there."""
+
+    stamp_ns: int
+    frame: str
+    sensor: str
+    pose: SE3
+    half_angle: float
+    distance: float
+    free: float
+    is_unexplained: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class GlassWalls(Message):
     """What is believed to be glass: segments float32 (N, 4) of (x0, y0, x1, y1) in `frame` and the confidence of each, float32 (N,)."""
 

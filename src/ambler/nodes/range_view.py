@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,6 @@ from ambler.core.messages import LaserScan, Odometry, Range
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
-from ambler.costmap.range_layer import RangeCone
 from ambler.perception.echoes import Echo, EchoFilter
 from ambler.perception.glass import SpecularDetector
 from ambler.perception.planar import PlanarConfig, scan_to_points
@@ -77,10 +75,3 @@ class RangeView:
         laser_base = [base_from_odom.transform(points) for points in self._points.values()]
         echo = self._filter.update(measured, odom_from_base, laser_base)
         return None if echo is None else PlacedEcho(echo, odom_from_base)
-
-
-def cone_of(echo: Echo, frame_from_base: SE2) -> RangeCone:
-    """Return the cone of an echo for a range layer in some frame."""
-    pose = frame_from_base @ echo.base_from_sensor
-    distance = echo.distance if echo.is_unexplained else math.inf
-    return RangeCone(pose.x, pose.y, pose.yaw, echo.half_angle, echo.free - 0.05, distance)

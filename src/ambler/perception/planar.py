@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
+from ambler.core.robot import RobotModel
 from ambler.core.se3 import SE3
 from ambler.kernels import scan_points
 from ambler.registration.planar_scan import PlanarScan
@@ -29,6 +30,20 @@ class PlanarConfig:
     height_max: float = 0.6
     azimuth_bins: int = 900
     surface_depth: float = 0.06
+
+
+def default_planar(robot: RobotModel) -> PlanarConfig:
+    """Return a height band from above the floor to above the robot and its scanners: a wall close by is hit only by beams that
+    are still high, so a band that ends below the scanner would lose it."""
+    top = max([robot.body_height, *(m.base_from_sensor.translation[2] for m in robot.sensors)])
+    return PlanarConfig(height_max=top + 0.1, range_max=10.0)
+
+
+def lean_of(odom_from_base: SE3) -> tuple[float, float]:
+    """Return roll and pitch of a pose, as `level` wants them."""
+    w, x, y, z = odom_from_base.rotation
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return roll, math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
 
 
 def _matrix(base_from_sensor: SE3) -> F64:

@@ -17,6 +17,7 @@ from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.wire import (
     ros_camera,
+    ros_echoes,
     ros_fast,
     ros_geometry,
     ros_glass,
@@ -58,6 +59,7 @@ class Codec:
 _CODECS: dict[type[m.Message], Codec] = {
     m.LaserScan: Codec("sensor_msgs/msg/LaserScan", ros_sensors.laser_scan_to_ros, ros_sensors.laser_scan_from_ros),
     m.Range: Codec("sensor_msgs/msg/Range", ros_sensors.range_to_ros, ros_sensors.range_from_ros),
+    m.JudgedEcho: Codec("ambler_msgs/msg/JudgedEcho", ros_echoes.echo_to_ros, ros_echoes.echo_from_ros),
     m.GlassWalls: Codec("visualization_msgs/msg/Marker", ros_glass.glass_to_ros, ros_glass.glass_from_ros),
     m.PointCloud: Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
     m.Imu: Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
