@@ -10,7 +10,8 @@ from pathlib import Path
 from ambler.apps.judgement import judge
 from ambler.apps.robot import Parts
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import TaskStep
 from ambler.runtime.node import GoalHandle, GoalTicket, Node, Task, TaskOutcome

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
 

@@ -6,7 +6,8 @@ import pytest
 
 from ambler.apps.judgement import judge
 from ambler.apps.replay import replay_run
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from tests.scenarios.conftest import explore
 
 

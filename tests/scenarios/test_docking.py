@@ -11,7 +11,8 @@ import pytest
 
 from ambler.apps.judgement import judge
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun, checked_scene
+from ambler.apps.scene import RunOptions, checked_scene
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.errors import BadInputError
 from ambler.core.messages import BatteryState, PowerSupply, Status, VelocityCommand
 from ambler.core.se2 import SE2

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from ambler.apps.simulated import RunOptions
+from ambler.apps.scene import RunOptions
 from ambler.core.messages import Status
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase

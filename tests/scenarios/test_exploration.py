@@ -9,7 +9,8 @@ from ambler.apps.judgement import judge
 from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.run_report import write_run_report
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.errors import BadInputError
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.recording_compare import compare_recordings

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ambler.apps.judgement import judge
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.sim.world_file import load_world
 from tests.scenarios.conftest import explore

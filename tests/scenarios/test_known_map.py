@@ -8,7 +8,8 @@ from ambler.apps.judgement import judge
 from ambler.apps.localization_study import METHODS, LocalizationStudy, Place, run_study
 from ambler.apps.rail import Rail, Route
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import NavigateStep
 

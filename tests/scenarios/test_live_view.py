@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.messages import Odometry, PoseStamped
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3

@@ -19,7 +19,8 @@ import numpy as np
 from ambler.apps.docks import dock_of_world, docks_of_world
 from ambler.apps.judgement import judge
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3

@@ -40,7 +40,9 @@ class Verdict:
 def judge(run: SimulatedRun, robot: SimulatedRobot | None = None) -> Verdict:
     """Compare what a robot (None: the first) believed with the ground truth of its recording, told in the frame of its map."""
     robot = robot if robot is not None else run.robot
-    record = read_exploration(robot.folder.recording, TruthFrame(robot.world_from_map))
+    record = read_exploration(
+        robot.folder.recording, TruthFrame(robot.world_from_map), robot.truth if robot.options.is_apart else None
+    )
     save_map(robot.folder.truth_stem, *record.true_map)
     quality = _map_quality(robot, record)
     trajectory = None

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.simulated import RunOptions, SimulatedRun
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.evaluation.goals import DriveSpan, draw_goals, judge_drives
 from ambler.evaluation.truth_frame import TruthFrame

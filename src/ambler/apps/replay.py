@@ -80,7 +80,7 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     saved = load_profile(folder.config)
     try:
         nodes = _nodes(saved, folder, out)
-        is_live = bool(saved["run"]["is_realtime"])
+        is_live = bool(saved["run"]["is_realtime"] or saved["run"]["is_apart"])
     except (KeyError, TypeError) as error:
         raise BadInputError(f"{folder.config} is not the configuration of a run: {error}") from error
     operator, finish = _operator(saved, nodes, out)
@@ -89,7 +89,8 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     outputs = [topic.ros_name for topic in dict.fromkeys(t for node in stack.nodes for t in node.outputs)]
     comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
     poses: list[tuple[int, PoseStamped | Odometry]] = []
-    executor = LockstepExecutor(stack, ReplayClock(rate=rate), RunLog())
+    begin_ns = _first_time(folder.recording) if saved["run"]["is_apart"] else 0
+    executor = LockstepExecutor(stack, ReplayClock(begin_ns, rate), RunLog())
     finish.append(executor.stop)
 
     def watch(topic: Topic[Any], message: Message, time_ns: int, writer: str) -> None:
@@ -132,6 +133,12 @@ def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[
             callback()
 
     return OperatorNode(steps, config, finish), called
+
+
+def _first_time(recording: Path) -> int:
+    """When a live robot's recording begins, by the system's clock."""
+    first = next(iter(read_recording(recording)), None)
+    return 0 if first is None else first.log_time_ns
 
 
 def _inputs(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:

@@ -61,6 +61,11 @@ class RunFolder:
         return self.root / "known_map"
 
     @property
+    def simulator(self) -> Path:
+        """The folder of a simulator that ran in a process of its own."""
+        return self.root / "simulator"
+
+    @property
     def docks(self) -> Path:
         """The docks of the place, refined while docking."""
         return self.root / "docks.yaml"

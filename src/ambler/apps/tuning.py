@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from ambler.apps.simulated import RunOptions, checked_scene
+from ambler.apps.scene import RunOptions, checked_scene
 from ambler.core.errors import AmblerError, BadInputError
 from ambler.evaluation.tuning_space import Case, TuningSpace
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ambler.apps.simulated import RunOptions
+    from ambler.apps.scene import RunOptions
     from ambler.core.se2 import SE2
     from ambler.nodes.steps import Step
 
@@ -100,7 +100,7 @@ FAULTS = (
 
 def options_of(args: argparse.Namespace, steps: tuple[Step, ...], starts_docked: str | None = None) -> RunOptions:
     """Read and check the command line; raises BadInputError with one sentence."""
-    from ambler.apps.simulated import RunOptions
+    from ambler.apps.scene import RunOptions
 
     _check_numbers(args)
     profile, faults = profile_of(args)
@@ -118,6 +118,7 @@ def options_of(args: argparse.Namespace, steps: tuple[Step, ...], starts_docked:
         is_lost=named.get("lost", False),
         may_turn=named.get("may_turn", False),
         is_realtime=args.realtime,
+        is_apart=args.apart,
         is_perfect=args.perfect,
         physics="kinematic" if args.kinematic else "contact",
         port=None if args.no_view else args.port,

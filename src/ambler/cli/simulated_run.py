@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ambler.apps.simulated import RunOptions, SimulatedRun
+    from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 
 INTERRUPTED = 130
 
@@ -16,7 +17,8 @@ INTERRUPTED = 130
 def run_program(args: argparse.Namespace, options: RunOptions) -> int:
     """Run a program of steps. 0: all was done, without a collision; 1: something fell short; 130: interrupted."""
     from ambler.apps.run_folder import RunFolder
-    from ambler.apps.simulated import SimulatedRun, checked_scene
+    from ambler.apps.scene import checked_scene
+    from ambler.apps.simulated import SimulatedRun
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
     scene = checked_scene(options)

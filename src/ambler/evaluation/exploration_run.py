@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -38,16 +39,22 @@ class ExplorationRecord:
         return float(np.sum(np.hypot(*np.diff(self.true_poses[::10, :2], axis=0).T)))
 
 
-def read_exploration(recording: Path, frame: TruthFrame | None = None) -> ExplorationRecord:
-    """Read the record of a run; truth is told in the map `frame` (None: the one that begins at the start pose). Raises BadInputError if
-    the recording cannot be read, or tells no start pose."""
-    frame = frame if frame is not None else start_frame(recording)
+def read_exploration(
+    recording: Path, frame: TruthFrame | None = None, truth_in: Path | None = None
+) -> ExplorationRecord:
+    """Read the record of a run; truth is told in the map `frame` (None: the one that begins at the start pose). `truth_in` is the recording
+    that holds the ground truth, where it is another one. Raises BadInputError if a recording cannot be read, or tells no start pose."""
+    source = truth_in if truth_in is not None else recording
+    frame = frame if frame is not None else start_frame(source)
+    told = read_recording(recording, [t.ros_name for t in _TOPICS])
+    if truth_in is not None:
+        told = chain(read_recording(truth_in, [t.ros_name for t in _TOPICS if t.is_truth]), told)
     truth: list[tuple[int, float, float, float, float]] = []
     estimate: list[tuple[int, float, float, float]] = []
     coverage: list[tuple[float, float]] = []
     contacts: list[Contact] = []
     true_map: tuple[GridSpec, NDArray[np.int8]] | None = None
-    for recorded in read_recording(recording, [t.ros_name for t in _TOPICS]):
+    for recorded in told:
         topic = topics.topic_named(recorded.topic)
         message = decode(topic.type, recorded.data)
         if topic is topics.TRUE_POSE and isinstance(message, Odometry):
@@ -61,7 +68,10 @@ def read_exploration(recording: Path, frame: TruthFrame | None = None) -> Explor
         elif topic is topics.TRUE_MAP and isinstance(message, OccupancyGrid):
             true_map = frame.grid(message)
         elif isinstance(message, OccupancyGrid) and true_map is not None:
-            coverage.append((recorded.log_time_ns * 1e-9, known_share((message.spec, message.data), true_map)))
+            begun_ns = truth[0][0] if truth else recorded.log_time_ns
+            coverage.append(
+                ((recorded.log_time_ns - begun_ns) * 1e-9, known_share((message.spec, message.data), true_map))
+            )
     if true_map is None:
         true_map = (GridSpec(0.05, 0, 0, 0.0, 0.0), np.zeros((0, 0), np.int8))
     true_rows, rows = np.array(truth).reshape(-1, 5), np.array(estimate).reshape(-1, 4)
