@@ -26,6 +26,7 @@ GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -
     [
         (["dock", "bay_7"], "no dock 'bay_7'"),
         (["dock", "charger_1", "--world", "two_rooms"], "no docks"),
+        (["dock", "charger_1", "--start", "0,0,north"], "x,y,degrees"),
         (["dock", "charger_1", "--docks", "nowhere.yaml"], "nowhere.yaml"),
         (["dock", "charger_1", "--teach"], "--docks"),
         (["dock", "charger_1", "--fault", "darkness"], "darkness"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.apps.docking import docks_of_world
+from ambler.apps.docks import docks_of_world
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockDetector, DockObservation

@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ambler.apps.known_map import KnownMapConfig, known_map_config
+from ambler.apps.config import RobotConfig, default_config
 from ambler.apps.rail import Route, record_drive
+from ambler.apps.robot import MapGrid
 from ambler.bridges.recorder import Recorder
-from ambler.core.grid import GridSpec
 from ambler.core.messages import Message, Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.localization_quality import AXES, LocalizationErrors, localization_errors
@@ -47,7 +47,6 @@ from ambler.wire.ros_messages import decode
 
 SENSORS: tuple[Topic[Any], ...] = (SCAN, MERGED_CLOUD, ODOMETRY, IMU)
 SET_VARIANCES = (0.01, 0.01, 0.003)  # of the pose that is set at the start (x, y, yaw), m² and rad²
-MapGrid = tuple[GridSpec, NDArray[np.int8]]
 Feed = Iterator[tuple[Topic[Any], Message, int]]
 
 
@@ -69,7 +68,7 @@ class Method:
     """A localizer and what it looks at."""
 
     name: str
-    localizer: str
+    localizer: Literal["tracker", "particles", "reflectors"]
     source: Source
 
 
@@ -172,9 +171,9 @@ def drawn_map(world: str, robot: str, resolution: float) -> MapGrid:
     return truth_grid(load_world(world), robot_named(robot).sensor_height, resolution)
 
 
-def localize(recording: Path, config: KnownMapConfig, robot: str, grid: MapGrid, out: Path) -> Path:
+def localize(recording: Path, config: RobotConfig, robot: str, grid: MapGrid, out: Path, seed: int = 0) -> Path:
     """Replay the sensors of a recording into a localization in the map `grid` and record what it tells into `out`."""
-    executor, recorder = localization_executor(config, robot, grid), Recorder(out)
+    executor, recorder = localization_executor(config, robot, grid, seed), Recorder(out)
     with executor:
         executor.tap(recorder.on_message)
         executor.run(feed=sensor_feed(recording))
@@ -182,9 +181,10 @@ def localize(recording: Path, config: KnownMapConfig, robot: str, grid: MapGrid,
     return out
 
 
-def localization_executor(config: KnownMapConfig, robot: str, grid: MapGrid) -> LockstepExecutor:
+def localization_executor(config: RobotConfig, robot: str, grid: MapGrid, seed: int = 0) -> LockstepExecutor:
     """Return an executor of map server and localization alone, fed from outside by `sensor_feed`."""
-    node = LocalizationNode(robot_named(robot).model, config.make_localizer, config.localization)
+    localizer = partial(config.make_localizer, seed=seed)
+    node = LocalizationNode(robot_named(robot).model, localizer, config.localization)
     return LockstepExecutor(Stack([MapServerNode(*grid), node], external=SENSORS), ReplayClock())
 
 
@@ -195,20 +195,20 @@ def sensor_feed(recording: Path) -> Feed:
         yield topic, decode(topic.type, recorded.data), recorded.log_time_ns
 
 
-def study_config(study: LocalizationStudy, method: Method, take: Take) -> KnownMapConfig:
+def study_config(study: LocalizationStudy, method: Method, take: Take) -> RobotConfig:
     """Return the robot's configuration for a method that is told where it starts, as wrong as a person's click is."""
-    config = known_map_config(robot_named(study.robot).model)
+    config = default_config(robot_named(study.robot).model, has_map=True)
     rng = np.random.default_rng([study.seed, *take.recording.name.encode()])
     error = SE2.from_array(np.sqrt(SET_VARIANCES) * rng.standard_normal(3))
     pose = SE2.from_array(take.map_from_start.as_array() + error.as_array())
     localization = replace(config.localization, source=method.source, initial_pose=pose, covariance=SET_VARIANCES)
-    return replace(config, localizer=method.localizer, localization=localization, seed=study.seed)  # type: ignore[arg-type]
+    return replace(config, localizer=method.localizer, localization=localization)
 
 
 def _measure(study: LocalizationStudy, method: Method, take: Take, grid: MapGrid) -> LocalizationErrors:
     out = take.recording.with_name(f"{take.recording.name}.{method.name}-{study.resolution:g}")
     if not out.exists():
-        localize(take.recording, study_config(study, method, take), study.robot, grid, out)
+        localize(take.recording, study_config(study, method, take), study.robot, grid, out, study.seed)
     estimates, truth = out / "localized_pose.csv", take.recording / "true_pose.csv"
     recording_to_csv(out, LOCALIZED_POSE.ros_name, Odometry, estimates)
     if not truth.exists():

@@ -95,6 +95,14 @@ class ApproachRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class EndProgramRequest:
+    """Ask whoever carries out a program of steps to end it: `code` and one sentence say why, and become those of the program."""
+
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class TeachDockRequest:
     """Save where the robot stands now as the docked pose of a known dock."""
 

@@ -13,6 +13,7 @@ from ambler.core.requests import (
     DockFeedback,
     DockGoal,
     DockReport,
+    EndProgramRequest,
     ExploreFeedback,
     ExploreGoal,
     ExploreResult,
@@ -48,6 +49,7 @@ __all__ = [
     "DOCK",
     "DOCK_FAILURES",
     "EMERGENCY_STOP",
+    "END_PROGRAM",
     "EXPLORE",
     "FINISH_MAP",
     "FOLLOW_PATH",
@@ -67,6 +69,7 @@ __all__ = [
     "DockFeedback",
     "DockGoal",
     "DockReport",
+    "EndProgramRequest",
     "ExploreFeedback",
     "ExploreGoal",
     "ExploreResult",
@@ -159,6 +162,7 @@ STOP_CHARGING = _service("stop_charging", Nothing, Nothing, TRIGGER, is_outside=
 PERMIT_APPROACH = _service("permit_approach", ApproachRequest, GateReply, "ambler_msgs/srv/PermitApproach")
 REVOKE_APPROACH = _service("revoke_approach", Nothing, Nothing, TRIGGER)
 TEACH_DOCK = _service("teach_dock", TeachDockRequest, TeachDockReply, "ambler_msgs/srv/TeachDock", is_outside=True)
+END_PROGRAM = _service("end_program", EndProgramRequest, Nothing, "ambler_msgs/srv/EndProgram", is_outside=True)
 RELOCALIZE = _service("relocalize", Nothing, Nothing, TRIGGER, is_outside=True)
 
 
