@@ -138,7 +138,7 @@ def _check_finite(name: str, record: Any) -> None:
 def _encode(name: str, values: dict[str, Any]) -> bytes:
     try:
         return bytes(STORE.serialize_cdr(record_class(name)(**values, **_filler(name)), name))
-    except DAMAGE as error:
+    except (*DAMAGE, AttributeError) as error:
         raise BadInputError(f"these values do not fit into {name}: {error}") from error
 
 
