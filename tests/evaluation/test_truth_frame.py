@@ -57,7 +57,7 @@ def test_any_other_angle_agrees_with_a_map_that_was_drawn_there() -> None:
     assert (cells[index[:, 0], index[:, 1]] == 0).mean() > 0.97
     walls = np.argwhere(cells == 100)
     back = drawn.cells_of(turned.centers_of(walls))
-    near = np.array([(wanted[y - 1 : y + 2, x - 1 : x + 2] == 100).any() for y, x in back])
+    near = np.array([(wanted[y - 2 : y + 3, x - 2 : x + 3] == 100).any() for y, x in back])
     assert near.all()
     assert 0.8 < len(walls) / np.count_nonzero(wanted == 100) < 1.25
 
