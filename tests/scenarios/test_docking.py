@@ -20,7 +20,7 @@ from ambler.docking.database import DockDatabase
 from ambler.nodes.steps import DockStep, Step, TeachStep, UndockStep
 from ambler.runtime.topics import BATTERY, IMAGE, STATUS, VELOCITY_COMMAND
 from ambler.safety.approach_permit import SPEED
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.wire.mcap_reader import read_recording
 
 NAME = "charger_1"
@@ -28,7 +28,7 @@ NEAR = SE2(-1.9, -0.1, 0.1)  # 0.9 m before the staging pose, in the dock's fram
 
 
 def options(*steps: Step, start: SE2 | None = None, **changes: Any) -> RunOptions:
-    near = load_world("dock_room").docks[0].map_from_dock @ NEAR
+    near = load_world("dock_room").from_start().docks[0].world_from_dock @ NEAR
     start = None if "starts_docked" in changes else near if start is None else start
     return RunOptions(steps, "dock_room", "amr_omni", 3, start=start, port=None, **changes)
 
@@ -104,7 +104,7 @@ def test_each_docking_refines_the_database(docked: tuple[SimulatedRun, dict[str,
     run, _ = docked
     dock = DockDatabase.load(run.folder.root / "docks.yaml").dock(NAME)
     assert dock.dockings == 1
-    assert dock.map_from_dock.distance_to(run.world.docks[0].map_from_dock) < 0.03
+    assert dock.map_from_dock.distance_to(run.world.from_start().docks[0].world_from_dock) < 0.03
 
 
 def test_it_is_taught_and_leaves(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_it_is_taught_and_leaves(tmp_path: Path) -> None:
     assert fields["battery_supply"] == "discharging"
     assert abs(fields["undock_x_m"] + 1.0) < 0.08, "it stands at the staging pose"
     taught = DockDatabase.load(run.folder.root / "docks.yaml").dock(NAME)
-    assert taught.map_from_dock.distance_to(run.world.docks[0].map_from_dock) < 0.03
+    assert taught.map_from_dock.distance_to(run.world.from_start().docks[0].world_from_dock) < 0.03
 
 
 def test_a_charger_without_power_is_left_with_a_named_failure(tmp_path: Path) -> None:

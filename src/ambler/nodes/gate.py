@@ -19,11 +19,12 @@ from ambler.core.messages import (
     VelocityCommand,
 )
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 from ambler.kernels.footprint import footprint_edges
+from ambler.nodes.devices.table import topics_of_kind
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
 from ambler.runtime.node import Node, Topics
@@ -40,13 +41,11 @@ from ambler.runtime.tasks import (
     Nothing,
 )
 from ambler.runtime.topics import (
-    CLOUD,
     DOCKING_REQUEST,
     GATE_STATUS,
     ODOMETRY,
     RANGES,
     SCAN,
-    SCANNERS,
     TELEOP_REQUEST,
     VELOCITY_COMMAND,
     VELOCITY_REQUEST,
@@ -97,18 +96,18 @@ class GateNode(Node):
         self._repeats: dict[str, StuckScan] = {}
         self._stuck: set[str] = set()
         self._radius, self._edges = robot.circumscribed_radius, footprint_edges(robot.footprint, 0.0)
-        kinds = {m.kind for m in robot.sensors}
         self._planar = robot.scanners
         self._has_many = len(self._planar) > 1
-        scan = SCANNERS if self._has_many else SCAN
-        self._scanners = tuple(topic for kind, topic in (("scan", scan), ("cloud", CLOUD)) if kind in kinds)
+        self._clouds = robot.clouds
+        self._scan_topics = topics_of_kind(robot, SensorKind.SCAN)
+        self._cloud_topics = topics_of_kind(robot, SensorKind.CLOUD)
         self._rangers = robot.rangers
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
         ring = sorted(self._rangers, key=lambda m: m.base_from_sensor.to_se2().yaw)
         self._neighbours = {m.frame: (ring[k - 1].frame, ring[(k + 1) % len(ring)].frame) for k, m in enumerate(ring)}
         ranges = (RANGES,) if self._rangers else ()
-        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners, *ranges)
+        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scan_topics, *self._cloud_topics, *ranges)
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0
@@ -124,14 +123,14 @@ class GateNode(Node):
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         if self._rangers:
             self.ctx.subscribe(RANGES, self._on_range)
-        known = (*(self._planar if self._has_many else ()), *self._rangers)
+        scanners = (*self._planar, *self._clouds)
+        known = (*(scanners if len(scanners) > 1 else ()), *self._rangers)
         for mount in known:  # known from the start, so that one that never sends anything is missed
             self.gate.update_points(mount.frame, NEVER_NS, np.empty((0, 2)), SE2())
-        for topic in (SCAN, SCANNERS):
-            if topic in self._scanners:
-                self.ctx.subscribe(topic, self._on_scan)
-        if CLOUD in self._scanners:
-            self.ctx.subscribe(CLOUD, self._on_cloud)
+        for topic in self._scan_topics:
+            self.ctx.subscribe(topic, self._on_scan)
+        for topic in self._cloud_topics:
+            self.ctx.subscribe(topic, self._on_cloud)
         self.ctx.serve(ARM, self._on_arm)
         self.ctx.serve(PAUSE, self._on_pause)
         self.ctx.serve(EMERGENCY_STOP, self._on_emergency_stop)

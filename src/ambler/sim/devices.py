@@ -30,6 +30,7 @@ M = TypeVar("M", bound=m.Message)
 READ_NS = 10_000_000  # how often what has no transport latency is read
 SLOWEST_READ_NS = 20_000_000
 CAMERA_LATENCY_NS = 40_000_000
+NEVER_NS = -(1 << 62)
 
 
 class SimulatedDevice(Generic[M]):
@@ -224,7 +225,7 @@ class SimulatedCamera(SimulatedDevice[m.Image]):
             spec, body.robot.model.sensor(frame), world.spec.docks, world.scene, body.faults, body.seed
         )
         self._rate_ns, self._exposure_ns = round(1e9 / spec.rate_hz), round(spec.exposure * 1e9)
-        self._wanted_until_ns = self._next_ns = 0
+        self._wanted_until_ns = self._next_ns = NEVER_NS
 
     @property
     def model(self) -> CameraModel:

@@ -11,20 +11,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import BadInputError
 from ambler.core.messages import Range
-from ambler.core.robot import SensorKind, SensorMount
 from ambler.core.se3 import SE3
 from ambler.kernels import raycast
+from ambler.robots.ring import RING, with_transducer_ring
 from ambler.sim.lidar import NO_MOVERS, Movers
 from ambler.sim.scene import RayScene
 from ambler.sim.sensors import TRANSDUCER_30, UltrasonicSpec, named_generator
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape
 
-RING = 12
 GROUPS = 4  # transducers of one group fire together, far apart from each other
-RING_HEIGHT = 0.2  # metres above the floor, or below the top of a lower body
 
 F64 = NDArray[np.float64]
 
@@ -74,26 +71,7 @@ class UltrasonicSensor:
 
 
 def with_ultrasonic_ring(robot: SimRobot, count: int = RING, spec: UltrasonicSpec = TRANSDUCER_30) -> SimRobot:
-    """Return the robot with `count` transducers `sonar_0 ...` on its outline, evenly spaced by angle, the first one ahead."""
-    if robot.ultrasonics:
-        raise BadInputError(f"robot {robot.model.name} has ultrasonic transducers already")
-    model = robot.model
-    height = min(RING_HEIGHT, model.body_height - 0.03)
-    mounts, ultrasonics = [], {}
-    for k in range(count):
-        yaw = math.remainder(2.0 * math.pi * k / count, 2.0 * math.pi)
-        reach = _to_outline(model.footprint, yaw)
-        position = (reach * math.cos(yaw), reach * math.sin(yaw), height)
-        mount = SE3.from_rpy(position, 0.0, 0.0, yaw)
-        mounts.append(SensorMount(f"sonar_{k}", SensorKind.RANGE, mount, spec.range_min))
-        ultrasonics[f"sonar_{k}"] = replace(spec, phase=(k % GROUPS) * spec.period / GROUPS)
-    return replace(robot, model=replace(model, sensors=(*model.sensors, *mounts)), ultrasonics=ultrasonics)
-
-
-def _to_outline(footprint: F64, yaw: float) -> float:
-    """Distance from the base's origin to the convex footprint's edge in a direction."""
-    edge = np.roll(footprint, -1, axis=0) - footprint
-    normals = np.column_stack((edge[:, 1], -edge[:, 0]))
-    along = normals @ np.array([math.cos(yaw), math.sin(yaw)])
-    offset = np.sum(normals * footprint, axis=1)
-    return float(np.min(offset[along > 1e-12] / along[along > 1e-12]))
+    """Return the robot with `count` transducers `sonar_0 ...` on its outline, which fire in four groups; see `robots.ring`."""
+    model = with_transducer_ring(robot.model, count, spec)
+    phases = {mount.frame: (k % GROUPS) * spec.period / GROUPS for k, mount in enumerate(model.rangers)}
+    return replace(robot, model=model, ultrasonics={f: replace(spec, phase=phase) for f, phase in phases.items()})
