@@ -10,6 +10,7 @@ import pytest
 
 from ambler.bridges.recorder import Recorder
 from ambler.core.messages import VelocityCommand
+from ambler.runtime.clock import SystemClock
 from ambler.runtime.executor import Executor, NodeFailedError
 from ambler.runtime.live import LiveExecutor
 from ambler.runtime.lockstep import LockstepExecutor
@@ -125,7 +126,7 @@ def test_a_tap_that_stalls_delays_no_delivery_live() -> None:
     runner = threading.Thread(target=lambda: executor.run(1.0))
     started = time.monotonic()
     runner.start()
-    while source.sent < 15:
+    while getattr(source, "sent", 0) < 15:
         time.sleep(0.01)
         assert time.monotonic() - started < 20.0
     ages = [t for t, _ in heard.heard]
@@ -324,3 +325,22 @@ def test_a_live_timer_does_not_drift_and_leaves_out_what_it_missed() -> None:
     assert 18 <= len(node.ticks) <= 26, "some six were missed, and are not made up for in a burst"
     gaps = [b - a for a, b in zip(node.ticks, node.ticks[1:], strict=False)]
     assert max(gaps) > 100_000_000
+
+
+def test_a_live_run_keeps_its_time_when_the_time_of_day_jumps_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    true_time, jump = time.time_ns, [0]
+    monkeypatch.setattr("ambler.runtime.clock.time.time_ns", lambda: true_time() + jump[0])
+
+    class Setter(Restless):
+        def start(self) -> None:
+            super().start()
+            self.ctx.after(0.3, lambda: jump.__setitem__(0, 3_600_000_000_000))
+
+    node = Setter()
+    executor = LiveExecutor(Stack([node]), SystemClock(from_zero=False))
+    assert abs(executor.now_ns - true_time()) < 1_000_000_000
+    executor.run(1.3)
+    executor.close()
+    assert executor.troubles.counts == {"CLOCK_JUMPED": 1}
+    assert "moved by +3600.0" in executor.troubles.texts["CLOCK_JUMPED"]
+    assert node.ticks[-1] - node.ticks[0] < 3_000_000_000

@@ -6,9 +6,11 @@ Nothing of a run waits for who watches it: messages are delivered first; a threa
 from __future__ import annotations
 
 import gc
+import math
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
@@ -34,6 +36,7 @@ _PATIENCE = 5.0
 _TAP_CAPACITY = 20_000
 _SWITCH_INTERVAL = 0.0005
 _PRIORITY = -10
+_CLOCK_JUMP = 0.1
 _Shown = tuple[Bus, Topic[Any], Message, int, str]
 
 
@@ -95,13 +98,28 @@ class LiveExecutor(Executor):
         for thread in threads:
             thread.start()
         try:
-            self._stopped.wait(duration)
+            self._wait(duration)
         finally:
             self._stopped.set()
             for box in self._mailboxes.values():
                 box.close()
             for thread in threads:
                 thread.join()
+
+    def _wait(self, duration: float | None) -> None:
+        """Wait for the end, and look after the clock meanwhile."""
+        end = math.inf if duration is None else time.monotonic() + duration
+        drift = self._drift()
+        while not self._stopped.wait(max(0.0, min(1.0, end - time.monotonic()))) and time.monotonic() < end:
+            moved = self._drift() - drift
+            if abs(moved) > _CLOCK_JUMP:
+                drift += moved
+                self.troubles.note(
+                    "CLOCK_JUMPED", f"the system's time of day moved by {moved:+.3f} s; this run keeps its own"
+                )
+
+    def _drift(self) -> float:
+        return self.clock.drift if isinstance(self.clock, SystemClock) else 0.0
 
     def close(self) -> None:
         if self._grace is not None:
