@@ -119,7 +119,7 @@ def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
     assert max(c.distance for c in cases) > 15.0
     world = load_world(docking_study.WORLD)
     for case in [*cases, *docking_study.approach_cases(0), *docking_study.fault_cases(1, 0)]:
-        place = world.docks[0].map_from_dock @ case.start
+        place = world.docks[0].world_from_dock @ case.start
         for solid in world.solids:
             if solid.z_min < 0.35:
                 inside = solid.map_from_solid.inverse() @ place

@@ -15,6 +15,7 @@ from ambler.core.messages import Contact, Odometry, Status
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.evaluation.goals import MARGIN, Drive, draw_goals, judge_drives
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.runtime.topics import CONTACT, STATUS, TRUE_POSE
 from ambler.sim.robots import robot_named
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -54,13 +55,17 @@ def test_a_robot_that_is_walled_in_has_no_goal() -> None:
         draw_goals(walled(0.35), robot_named("amr_omni"), 3, np.random.default_rng(0))
 
 
+START = SE2(3.0, -2.0, 2.5)  # of the drawn map in the world
+
+
 def record(folder: Path, *, finished: bool) -> Path:
-    """Drive 2 m along x within 4 s to each of two goals, touching something at 0.5 m/s in between."""
+    """Drive 2 m along x of the drawn map within 4 s to each of two goals, touching something at 0.5 m/s in between."""
     recorder = Recorder(folder)
     recorder.on_message(STATUS, Status(0, "pilot", "DRIVING", ""), 0)
     for k in range(81):
         stamp_ns = k * 100_000_000
-        pose = Odometry(stamp_ns, "map", "base", SE3((0.05 * k, 0.0, 0.0)), (0.5, 0.0, 0.0), (0.0,) * 3, *UNKNOWN)
+        true_pose = SE3.from_se2(START @ SE2(0.05 * k, 0.0, 0.0))
+        pose = Odometry(stamp_ns, "world", "base", true_pose, (0.5, 0.0, 0.0), (0.0,) * 3, *UNKNOWN)
         recorder.on_message(TRUE_POSE, pose, stamp_ns)
         if k == 40:
             recorder.on_message(STATUS, Status(stamp_ns, "pilot", "SUCCEEDED", ""), stamp_ns)
@@ -76,7 +81,9 @@ def record(folder: Path, *, finished: bool) -> Path:
 @pytest.mark.parametrize("finished", [True, False])
 def test_drives_are_judged_by_the_truth(tmp_path: Path, finished: bool) -> None:
     goals = (SE2(2.05, 0.0, 0.0), SE2(4.0, 0.5, 0.0))
-    drives, collisions = judge_drives(record(tmp_path / "r", finished=finished), goals, "pilot", "SUCCEEDED")
+    drives, collisions = judge_drives(
+        record(tmp_path / "r", finished=finished), goals, "pilot", "SUCCEEDED", TruthFrame(START)
+    )
     assert collisions == 1
     assert [d.code for d in drives] == ["SUCCEEDED", "SUCCEEDED"]
     assert [d.path_length for d in drives] == pytest.approx([2.0, 2.0])

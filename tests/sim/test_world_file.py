@@ -62,8 +62,7 @@ def test_racks_stand_on_posts_and_their_empty_bays_can_be_passed() -> None:
     assert names.count("rack_a_post") == 14
     assert names.count("rack_a_pallet") == 5
     spec, reached = reachable_cells(world, 0.5, 0.1, 0.25)
-    bay = world.world_from_start.inverse() @ SE2(6.0 + 3.5 * 2.7, 3.35, 0.0)
-    assert reached[spec.cell_of(bay.x, bay.y)]
+    assert reached[spec.cell_of(6.0 + 3.5 * 2.7, 3.35)]
 
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -76,12 +75,12 @@ def test_pictures_of_the_exploration_benchmark_are_worlds(name: str) -> None:
         pytest.skip(f"{path} is not there")
     world = load_world(path)
     collider = FootprintCollider(world, robot_named("amr_omni"))
-    assert all(not collider.overlapping(SE2(0.0, 0.0, 0.1 * k)) for k in range(63))
+    assert all(not collider.overlapping(world.start @ SE2(0.0, 0.0, 0.1 * k)) for k in range(63))
     _, reached = reachable_cells(world, 0.5, 0.1, 0.25)
     assert reached.sum() * 0.01 > 200.0
     # The block that marks the start is where the robot starts.
     pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[::-1]
-    start = world.world_from_start
+    start = world.start
     assert abs(int(pixels[int(start.y / 0.1), int(start.x / 0.1)]) - 203) <= 2
 
 
@@ -92,7 +91,7 @@ def test_public_maps_are_worlds(name: str) -> None:
         pytest.skip(f"{path} is not there")
     world = load_world(path)
     collider = FootprintCollider(world, robot_named("diff"))
-    assert not collider.overlapping(SE2())
+    assert not collider.overlapping(world.start)
     _, reached = reachable_cells(world, 0.3, 0.05, 0.25)
     assert reached.sum() * 0.0025 > {"depot": 100.0, "ac109_3": 0.9}[name]
 
@@ -103,7 +102,7 @@ def test_a_picture_without_a_start_begins_in_the_widest_place(tmp_path: Path) ->
     pixels[20:24, 30:70] = 194
     cv2.imwrite(str(tmp_path / "p.png"), pixels)
     world = load_world(tmp_path / "p.png")
-    assert world.world_from_start.distance_to(SE2(2.0, 4.0, 0.0)) < 0.2
+    assert world.start.distance_to(SE2(2.0, 4.0, 0.0)) < 0.2
     with pytest.raises(BadInputError, match="not on a free cell"):
         load_world(tmp_path / "p.png", start=SE2(0.5, 0.5, 0.0))
     (tmp_path / "broken.png").write_text("no picture")
@@ -114,9 +113,10 @@ def test_a_picture_without_a_start_begins_in_the_widest_place(tmp_path: Path) ->
 @pytest.mark.parametrize("robot", robot_names())
 @pytest.mark.parametrize("name", world_names())
 def test_robots_start_free_and_can_turn_around(name: str, robot: str) -> None:
-    collider = FootprintCollider(load_world(name), robot_named(robot))
+    world = load_world(name)
+    collider = FootprintCollider(world, robot_named(robot))
     for k in range(36):
-        assert not collider.overlapping(SE2(0.0, 0.0, math.radians(10 * k)))
+        assert not collider.overlapping(world.start @ SE2(0.0, 0.0, math.radians(10 * k)))
 
 
 @pytest.mark.parametrize("robot", ["diff", "spot"])  # the doors are too narrow for amr_omni
@@ -125,8 +125,7 @@ def test_every_room_of_the_office_can_be_reached(robot: str) -> None:
     model = robot_named(robot).model
     spec, reached = reachable_cells(world, model.inscribed_radius + 0.1, 0.05, 0.5)
     for x, y in ROOMS:
-        place = world.world_from_start.inverse() @ SE2(x, y, 0.0)
-        assert reached[spec.cell_of(place.x, place.y)], (x, y)
+        assert reached[spec.cell_of(x, y)], (x, y)
 
 
 def test_office_doors_are_as_wide_as_said_and_rooms_need_them() -> None:
@@ -134,8 +133,7 @@ def test_office_doors_are_as_wide_as_said_and_rooms_need_them() -> None:
     world = load_world("office")
     for radius, passes in ((0.40, True), (0.47, False)):
         spec, reached = reachable_cells(world, radius, 0.025, 0.5)
-        start = world.world_from_start.inverse()
-        rooms = [spec.cell_of((start @ SE2(x, y, 0.0)).x, (start @ SE2(x, y, 0.0)).y) for x, y in ROOMS]
+        rooms = [spec.cell_of(x, y) for x, y in ROOMS]
         assert [bool(reached[c]) for c in rooms] == [passes] * 10
 
 
@@ -150,16 +148,33 @@ def test_the_obstacle_stands_free() -> None:
 def test_a_wall_is_cut_by_its_door(tmp_path: Path) -> None:
     path = write(tmp_path, "start: {x: 1, y: 1}\nwalls: [{from: [0, 0], to: [4, 0], doors: [{at: 2.0}]}]")
     pieces = [s for s in load_world(path).solids if s.z_min == 0.0]
-    ends = sorted(float(v) for s in pieces for v in s.corners()[:, 0].round(9) + 1.0)
+    ends = sorted(float(v) for s in pieces for v in s.corners()[:, 0].round(9))
     assert ends == pytest.approx([-0.06, -0.06, 1.55, 1.55, 2.45, 2.45, 4.06, 4.06])
     (lintel,) = [s for s in load_world(path).solids if s.z_min > 0.0]
     assert (lintel.z_min, lintel.z_max, lintel.size_x) == (2.1, 2.5, pytest.approx(0.9))
 
 
-def test_the_map_frame_begins_at_the_start_pose(tmp_path: Path) -> None:
-    text = "start: {x: 2, y: 3, yaw_deg: 90}\nboxes: [{center: [2, 5], size: [1, 1, 1]}]"
-    (box,) = load_world(write(tmp_path, text)).solids
+def test_a_world_keeps_its_own_coordinates_and_can_be_seen_from_its_start(tmp_path: Path) -> None:
+    text = (
+        "start: {x: 2, y: 3, yaw_deg: 90}\nboxes: [{center: [2, 5], size: [1, 1, 1]}]\n"
+        "walls: [{from: [0, 0], to: [6, 0], doors: [{at: 2.0, width: 1.2}]}]\n"
+        "people: [{way: [[2, 7], [3, 7]]}]\n"
+        "docks: [{name: d, pose: {x: 4, y: 3, yaw_deg: 180}, markers: [{id: 1}]}]"
+    )
+    world = load_world(write(tmp_path, text))
+    box = next(s for s in world.solids if s.name == "box")
+    assert (box.map_from_solid.x, box.map_from_solid.y) == (2.0, 5.0)
+    assert world.start == SE2(2.0, 3.0, math.pi / 2)
+    seen = world.from_start()
+    assert seen.start.distance_to(SE2()) < 1e-12
+    box = next(s for s in seen.solids if s.name == "box")
     assert (box.map_from_solid.x, box.map_from_solid.y) == pytest.approx((2.0, 0.0))
+    assert seen.people[0].way[1] == pytest.approx((4.0, -1.0))
+    assert seen.docks[0].world_from_dock.as_array() == pytest.approx([0.0, -2.0, math.pi / 2])
+    (x, y), (u, v) = world.doors[0].slide, seen.doors[0].slide
+    assert (u, v) == pytest.approx((y, -x))
+    back = seen.seen_from(world.start.inverse())
+    assert back.solids[0].map_from_solid.as_array() == pytest.approx(world.solids[0].map_from_solid.as_array())
 
 
 @pytest.mark.parametrize(
@@ -220,7 +235,7 @@ def test_a_floor_plan_becomes_a_world(tmp_path: Path) -> None:
     save_map(tmp_path / "plan", spec, plan)
     world = load_world(tmp_path / "plan.yaml")
     assert len(world.solids) == 5
-    start = world.world_from_start
+    start = world.start
     area = sum(s.size_x * s.size_y for s in world.solids)
     assert area == pytest.approx(np.count_nonzero(plan == 100) * 0.01)
     assert plan[spec.cell_of(start.x, start.y)] == 0
