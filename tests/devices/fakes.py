@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -137,3 +138,26 @@ class FakeImu:
         self._next_ns = now_ns + self._period_ns
         self.sent.append(m.Imu(now_ns, self.frame, (0.1 * len(self.sent), 1 / 3, -0.2), (0.0, 0.1, 9.81)))
         return self.sent[-1:]
+
+
+class FakeSensor:
+    """Sends what `make` builds for an instant, every `period` s: a sensor, a camera, or a battery."""
+
+    poll_period, frame = 0.005, "fake"
+
+    def __init__(self, name: str, make: Callable[[int], Any], period: float = 0.01) -> None:
+        self.name, self._make = name, make
+        self._period_ns, self._next_ns = round(period * 1e9), 0
+        self.stops = self.wanted_ns = 0
+
+    def request(self, until_ns: int) -> None:
+        self.wanted_ns = until_ns
+
+    def stop_charging(self) -> None:
+        self.stops += 1
+
+    def read(self, now_ns: int) -> Sequence[Any]:
+        if now_ns < self._next_ns:
+            return ()
+        self._next_ns = now_ns + self._period_ns
+        return [self._make(now_ns)]

@@ -121,7 +121,9 @@ class SimulatedBase(SimulatedDevice[m.Odometry]):
         return self._body.robot.watchdog
 
     def command(self, velocity: BodyVelocity) -> None:
-        """Take a velocity in the base frame."""
+        """Take a velocity in the base frame; a base that is closed takes none."""
+        if self._state is not DeviceState.OPEN:
+            return
         with self._world.lock:
             self._body.controller.command(velocity, self._world.elapsed_ns)
 
