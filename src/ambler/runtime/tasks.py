@@ -157,7 +157,7 @@ class NavigateFeedback:
 
 @dataclass(frozen=True, slots=True)
 class NavigateResult:
-    """Where the robot ended, and how far from the wanted goal a substitute lay."""
+    """Where the robot ended, and how far from the wanted goal (m)."""
 
     map_from_base: SE2 | None
     goal_distance: float
@@ -233,12 +233,17 @@ FOLLOW_PATH = Task(
     ("INVALID_PATH", "TRANSFORM_MISSING", "STALE_INPUT", "NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS"),
 )
 RECOVER = Task("recover", RecoverGoal, Nothing, Nothing, ("COLLISION_AHEAD", "TIMEOUT", "STALE_INPUT"))
+NEAREST_REACHED = "NEAREST_REACHED"
+"""The goal of a drive cannot be reached, and the robot stands as near to it as it can."""
 NAVIGATE = Task(
     "navigate",
     NavigateGoal,
     NavigateFeedback,
     NavigateResult,
-    ("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+    (
+        NEAREST_REACHED,
+        *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+    ),
 )
 DOCK_FAILURES = (
     "UNKNOWN_DOCK",
