@@ -114,7 +114,7 @@ class ToyBase(Node):
 
 
 class ToyPlanner(Node):
-    """Answers with a straight line from the robot to the goal, or with `failure`."""
+    """Answers with a straight line from the robot to the goal, or to the `nearest` place to it, or with `failure`."""
 
     name = "planner"
     inputs = (TRANSFORMS,)
@@ -123,6 +123,7 @@ class ToyPlanner(Node):
     def __init__(self, base: ToyBase) -> None:
         self._base = base
         self.failure: PlanningError | None = None
+        self.nearest: SE2 | None = None
         self.cleared = 0
 
     def start(self) -> None:
@@ -132,7 +133,8 @@ class ToyPlanner(Node):
     def _plan(self, request: PlanRequest) -> PlanReply:
         if self.failure is not None:
             raise self.failure
-        return PlanReply(straight_path(self._base.pose, request.map_from_goal), 1.0, 0.0)
+        end = request.map_from_goal if self.nearest is None else self.nearest
+        return PlanReply(straight_path(self._base.pose, end), 1.0, end.distance_to(request.map_from_goal))
 
     def _clear(self, request: Nothing) -> Nothing:
         self.cleared += 1

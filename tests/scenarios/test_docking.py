@@ -104,7 +104,7 @@ def test_each_docking_refines_the_database(docked: tuple[SimulatedRun, dict[str,
     run, _ = docked
     dock = DockDatabase.load(run.folder.root / "docks.yaml").dock(NAME)
     assert dock.dockings == 1
-    assert dock.map_from_dock.distance_to(run.world.from_start().docks[0].world_from_dock) < 0.03
+    assert dock.map_from_dock.distance_to(run.scene.world.from_start().docks[0].world_from_dock) < 0.03
 
 
 def test_it_is_taught_and_leaves(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_it_is_taught_and_leaves(tmp_path: Path) -> None:
     assert fields["battery_supply"] == "discharging"
     assert abs(fields["undock_x_m"] + 1.0) < 0.08, "it stands at the staging pose"
     taught = DockDatabase.load(run.folder.root / "docks.yaml").dock(NAME)
-    assert taught.map_from_dock.distance_to(run.world.from_start().docks[0].world_from_dock) < 0.03
+    assert taught.map_from_dock.distance_to(run.scene.world.from_start().docks[0].world_from_dock) < 0.03
 
 
 def test_a_charger_without_power_is_left_with_a_named_failure(tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ class NavigateFeedback:
 
 @dataclass(frozen=True, slots=True)
 class NavigateResult:
-    """Where the robot ended, and how far from the wanted goal a substitute lay."""
+    """Where the robot ended, and how far from the wanted goal (m)."""
 
     map_from_base: SE2 | None
     goal_distance: float

@@ -54,6 +54,7 @@ __all__ = [
     "FINISH_MAP",
     "FOLLOW_PATH",
     "NAVIGATE",
+    "NEAREST_REACHED",
     "PAUSE",
     "PERMIT_APPROACH",
     "RECOVER",
@@ -182,12 +183,17 @@ RECOVER = _task(
     ("COLLISION_AHEAD", "TIMEOUT", "STALE_INPUT"),
     "ambler_msgs/action/Recover",
 )
+NEAREST_REACHED = "NEAREST_REACHED"
+"""The goal of a drive cannot be reached, and the robot stands as near to it as it can."""
 NAVIGATE = _task(
     "navigate",
     NavigateGoal,
     NavigateFeedback,
     NavigateResult,
-    ("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+    (
+        NEAREST_REACHED,
+        *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+    ),
     "ambler_msgs/action/Navigate",
     is_outside=True,
 )
