@@ -16,7 +16,7 @@ from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
 from ambler.localization.supervisor import LocalizationState, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
 from ambler.perception.odometry_buffer import OdometryBuffer
-from ambler.slam2d.log_scans import LogScan
+from ambler.recordings.log_scans import LogScan
 from ambler.slam2d.offline import points_on_walls
 
 BELIEVED = (LocalizationState.TRACKING, LocalizationState.DEGRADED)

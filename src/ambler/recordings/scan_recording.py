@@ -1,4 +1,4 @@
-"""Opens whatever holds planar scans for 2-D SLAM: CARMEN logs, the Wean Hall log, ROS 1 bags and ROS 2 bags.
+"""Opens whatever holds planar scans: CARMEN logs, the Wean Hall log, ROS 1 bags and ROS 2 bags.
 
 What a bag offers is chosen by what is unambiguous, and every choice is told: the scan topic, the odometry (a topic, else the transform
 odom -> base), the base frame (the odometry's child) and the scanner's mount (from the transforms).
@@ -14,12 +14,20 @@ from pathlib import Path
 import numpy as np
 
 from ambler.core.errors import BadInputError, TransformError
-from ambler.core.messages import LaserScan, Message, Odometry, Transforms
+from ambler.core.messages import LaserScan, Odometry, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.core.transforms import TransformTree
-from ambler.slam2d.log_scans import F64, LogScan, LogScanConfig, planar_matrix, scans_of
-from ambler.slam2d.sweep import Sweep, find_sweep, swept
+from ambler.recordings.bag_content import (
+    BASE_FRAMES,
+    ODOM_FRAME,
+    RecordedFrames,
+    Track,
+    choose_topic,
+    listed_topics,
+    plain_frame,
+)
+from ambler.recordings.log_scans import F64, LogScan, LogScanConfig, planar_matrix, scans_of
+from ambler.recordings.sweep import Sweep, SweepFinder, swept
 from ambler.wire.bags import BagReader, open_bag
 from ambler.wire.carmen import load_carmen
 from ambler.wire.wean import read_wean_log
@@ -27,14 +35,8 @@ from ambler.wire.wean import read_wean_log
 NO_TOPIC = "none"
 _BAG_MAGIC = (b"#ROSBAG", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _BAG_SUFFIXES = (".bag", ".mcap", ".db3")
-_BASE_FRAMES = ("base_link", "base_footprint", "base")
-_TRUTH = "/ground_truth/"
-_ODOM_FRAME = "odom"
-_HISTORY = 1e9
 # Many drivers report range_max, not more, where nothing came back.
 _NO_RETURN_RATIO = 0.999
-
-Track = list[tuple[int, SE2]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +60,21 @@ class ScanRecording:
     notes: tuple[str, ...]
 
 
-def open_recording(path: Path, choices: Choices | None = None, config: LogScanConfig | None = None) -> ScanRecording:
-    """Read a recording, whatever its format. Raises BadInputError that names the line, byte or topic."""
+def open_recording(
+    path: Path,
+    choices: Choices | None = None,
+    config: LogScanConfig | None = None,
+    find_sweep: SweepFinder | None = None,
+) -> ScanRecording:
+    """Read a recording, whatever its format. Who chooses `Sweep.AUTO` gives `find_sweep`, such as
+    `ambler.slam2d.sweep_search.find_sweep`; without it the beams are taken forward, as messages promise.
+
+    Raises BadInputError that names the line, byte or topic.
+    """
     choices, config = choices or Choices(), config or LogScanConfig()
     if path.is_dir() or path.suffix in _BAG_SUFFIXES or _head(path).startswith(_BAG_MAGIC):
         with open_bag(path) as bag:
-            return _from_bag(bag, choices, config)
+            return _from_bag(bag, choices, config, find_sweep)
     if choices != Choices():
         raise BadInputError(f"{path}: is no ROS bag; topics, mount and sweep can be chosen in bags only")
     if _head(path).startswith((b"L ", b"O ")):
@@ -85,16 +96,16 @@ def _head(path: Path) -> bytes:
         raise BadInputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig) -> ScanRecording:
-    scan_topic = _choose(bag, LaserScan, choices.scan_topic, "--scan-topic")
+def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_sweep: SweepFinder | None) -> ScanRecording:
+    scan_topic = choose_topic(bag, LaserScan, choices.scan_topic, "--scan-topic")
     if scan_topic is None:
-        raise BadInputError(f"{bag.path}: no topic with laser scans, only {_listed(bag)}")
+        raise BadInputError(f"{bag.path}: no topic with laser scans, only {listed_topics(bag)}")
     odom_topic = None
     if choices.odom_topic != NO_TOPIC:
-        odom_topic = _choose(bag, Odometry, choices.odom_topic, "--odom-topic")
+        odom_topic = choose_topic(bag, Odometry, choices.odom_topic, "--odom-topic")
     scans: list[LaserScan] = []
     odometry: list[Odometry] = []
-    frames = _Frames()
+    frames = RecordedFrames()
     wanted = {t.name for t in bag.topics() if t.message_class is Transforms} | {scan_topic, odom_topic or scan_topic}
     for topic, message, _ in bag.messages(wanted):
         if isinstance(message, LaserScan):
@@ -107,90 +118,35 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig) -> ScanRe
     track: Track = []
     base = None
     if odometry:
-        base = _plain(odometry[0].child)
+        base = plain_frame(odometry[0].child)
         track = [(m.stamp_ns, m.pose.to_se2()) for m in odometry]
         notes.append(f"odometry: {odom_topic}, {len(track)} poses of {base!r}")
     elif choices.odom_topic is None:
         base, track = frames.odometry_track()
-        source = f"transforms {_ODOM_FRAME} -> {base}, {len(track)} poses" if track else "none in the recording"
+        source = f"transforms {ODOM_FRAME} -> {base}, {len(track)} poses" if track else "none in the recording"
         notes.append(f"odometry: {source}")
     if choices.base_from_laser is not None:
         matrix, text = planar_matrix(choices.base_from_laser), "as given"
     else:
-        matrix, text = frames.mount(base, scans)
-    return _recording(scans, track, matrix, config, choices.sweep, [*notes, f"mount: {text}"])
+        matrix, text = _mount(frames, base, scans)
+    return _recording(scans, track, matrix, config, choices.sweep, [*notes, f"mount: {text}"], find_sweep)
 
 
-def _choose(bag: BagReader, kind: type[Message], name: str | None, option: str) -> str | None:
-    """Return the topic of a kind that is wanted, or the only one with messages; None without any. What a simulation recorded of the truth
-    is no choice unless it is named."""
-    found = sorted(t.name for t in bag.topics() if t.message_class is kind and t.count > 0)
-    if name is None:
-        found = [topic for topic in found if not topic.startswith(_TRUTH)]
-    else:
-        if name not in found:
-            raise BadInputError(
-                f"{bag.path}: {option} {name}: no {kind.__name__} there, only on {', '.join(found) or 'no topic'}"
-            )
-        return name
-    if len(found) > 1:
-        raise BadInputError(f"{bag.path}: {kind.__name__} on several topics, choose with {option}: {', '.join(found)}")
-    return found[0] if found else None
-
-
-def _listed(bag: BagReader) -> str:
-    return ", ".join(f"{t.name} ({t.ros_type})" for t in bag.topics())
-
-
-def _plain(frame: str) -> str:
-    """Frames of ROS 1 may begin with a slash."""
-    return frame.lstrip("/")
-
-
-class _Frames:
-    """The transforms of a recording, and which frames are static."""
-
-    def __init__(self) -> None:
-        self._tree = TransformTree(_HISTORY)
-        self._odometry: dict[str, Track] = {}
-
-    def add(self, message: Transforms, *, is_static: bool) -> None:
-        for edge in message.transforms:
-            parent, child = _plain(edge.parent), _plain(edge.child)
-            if parent == _ODOM_FRAME:
-                self._odometry.setdefault(child, []).append((edge.stamp_ns, edge.parent_from_child.to_se2()))
-            if is_static:
-                self._tree.set_static(parent, child, edge.parent_from_child)
-                continue
+def _mount(frames: RecordedFrames, base: str | None, scans: list[LaserScan]) -> tuple[F64, str]:
+    """Return the scanner's (3, 4) matrix in the base frame and how it was found."""
+    laser = plain_frame(scans[0].frame)
+    missing = ""
+    for candidate in (base,) if base is not None else BASE_FRAMES:
+        for stamp_ns in (scans[len(scans) // 2].stamp_ns, None):
             try:
-                self._tree.set(parent, child, edge.stamp_ns, edge.parent_from_child)
-            except TransformError:
-                continue  # a frame under two parents: the first one holds
-
-    def odometry_track(self) -> tuple[str | None, Track]:
-        """Return the base frame and its poses under `odom`; the base by its usual names, else the only child."""
-        for base in _BASE_FRAMES:
-            if base in self._odometry:
-                return base, self._odometry[base]
-        if len(self._odometry) == 1:
-            return next(iter(self._odometry.items()))
-        return None, []
-
-    def mount(self, base: str | None, scans: list[LaserScan]) -> tuple[F64, str]:
-        """Return the scanner's (3, 4) matrix in the base frame and how it was found."""
-        laser = _plain(scans[0].frame)
-        missing = ""
-        for candidate in (base,) if base is not None else _BASE_FRAMES:
-            for stamp_ns in (scans[len(scans) // 2].stamp_ns, None):
-                try:
-                    pose = self._tree.lookup(candidate, laser, stamp_ns)
-                except TransformError as error:
-                    missing = missing or str(error)
-                    continue
-                return _matrix(pose), f"{laser!r} at {_told(pose)} in {candidate!r}"
-        if base is None:
-            return _matrix(SE3()), f"unknown; the trajectory is that of the scanner {laser!r}"
-        return _matrix(SE3()), f"unknown ({missing}); the scanner is taken to sit at {base!r} (--mount tells otherwise)"
+                pose = frames.lookup(candidate, laser, stamp_ns)
+            except TransformError as error:
+                missing = missing or str(error)
+                continue
+            return _matrix(pose), f"{laser!r} at {_told(pose)} in {candidate!r}"
+    if base is None:
+        return _matrix(SE3()), f"unknown; the trajectory is that of the scanner {laser!r}"
+    return _matrix(SE3()), f"unknown ({missing}); the scanner is taken to sit at {base!r} (--mount tells otherwise)"
 
 
 def _matrix(pose: SE3) -> F64:
@@ -203,7 +159,13 @@ def _told(pose: SE3) -> str:
 
 
 def _recording(
-    scans: list[LaserScan], track: Track, matrix: F64, config: LogScanConfig, sweep: Sweep, notes: list[str]
+    scans: list[LaserScan],
+    track: Track,
+    matrix: F64,
+    config: LogScanConfig,
+    sweep: Sweep,
+    notes: list[str],
+    find_sweep: SweepFinder | None = None,
 ) -> ScanRecording:
     """Order by stamps; scans whose stamp another scan has already are left out, and that is told."""
     ordered: list[LaserScan] = []
@@ -220,7 +182,7 @@ def _recording(
             notes.append(f"odometry does not cover {outside} of {len(ordered)} scans")
     stamps = tuple(s.stamp_ns * 1e-9 for s in ordered)
     prepared = tuple(_with_odometry(ordered, track, matrix, config))
-    if sweep is Sweep.AUTO:
+    if sweep is Sweep.AUTO and find_sweep is not None:
         sweep, on_walls = find_sweep(prepared)
         if on_walls:
             shares = ", ".join(f"{s.value} {100 * share:.1f} %" for s, share in on_walls.items())

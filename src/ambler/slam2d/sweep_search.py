@@ -7,40 +7,19 @@ under each hypothesis shows the truth: under the right one, the returns lie on t
 
 from __future__ import annotations
 
-import enum
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ambler.core.se2 import wrap_angle
-from ambler.slam2d.log_scans import LogScan
+from ambler.recordings.log_scans import LogScan
+from ambler.recordings.sweep import Sweep, swept
 from ambler.slam2d.offline import run_offline
 
 EXCERPT = 150
 TURNING_MIN = 0.5
 MARGIN = 0.01
-
-
-class Sweep(enum.Enum):
-    """The order of the beams in time; `NONE` takes all of them at the stamp, `AUTO` asks the recording."""
-
-    AUTO = "auto"
-    FORWARD = "forward"
-    BACKWARD = "backward"
-    NONE = "none"
-
-
-def swept(scan: LogScan, sweep: Sweep) -> LogScan:
-    """Return the scan with its beams in the order of the sweep; stamp, angles and ranges stay what they are."""
-    if sweep is Sweep.NONE:
-        return replace(scan, beam=np.array([scan.beam[0], scan.beam[1], 0.0]))
-    if sweep is Sweep.BACKWARD:
-        last = scan.beam[0] + (len(scan.ranges) - 1) * scan.beam[1]
-        beam = np.array([last, -scan.beam[1], scan.beam[2]])
-        return replace(scan, ranges=np.ascontiguousarray(scan.ranges[::-1]), beam=beam)
-    return scan
 
 
 def find_sweep(scans: Sequence[LogScan]) -> tuple[Sweep, dict[Sweep, float]]:

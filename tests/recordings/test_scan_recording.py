@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,15 @@ from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.recordings import scan_recording
+from ambler.recordings.scan_recording import Choices, ScanRecording
+from ambler.recordings.sweep import Sweep
 from ambler.slam2d.offline import run_offline
-from ambler.slam2d.recordings import Choices, ScanRecording, open_recording
-from ambler.slam2d.sweep import Sweep, find_sweep
+from ambler.slam2d.sweep_search import find_sweep
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_types import STORE
 
+open_recording = partial(scan_recording.open_recording, find_sweep=find_sweep)
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
