@@ -75,8 +75,7 @@ def test_everything_is_published_in_time_and_on_declared_topics() -> None:
     context = started("diff")
     context.run(1.0)
     assert {t.name for _, t, _ in context.published} <= {t.name for t in SimulatorNode.outputs}
-    assert len(context.messages(topics.ODOMETRY)) == 51
-    assert len(context.messages(topics.TRANSFORMS)) == 51
+    assert len(context.messages(topics.WHEEL_ODOMETRY)) == 51
     assert len(context.messages(topics.IMU)) == 100
     scans = [(now, s) for now, t, s in context.published if t is topics.SCAN]
     assert len(scans) == 9
@@ -90,7 +89,7 @@ def test_the_robot_obeys_the_command_topic() -> None:
         context.callbacks["velocity_command"](m.VelocityCommand(context.now_ns, 0.4, 0.2, 0.0))
         context.run(0.1)
     truth = context.messages(topics.TRUE_POSE)[-1].pose.translation
-    odometry = context.messages(topics.ODOMETRY)[-1].pose.translation
+    odometry = context.messages(topics.WHEEL_ODOMETRY)[-1].pose.translation
     assert 0.6 < truth[0] < 0.85
     assert 0.3 < truth[1] < 0.45
     np.testing.assert_allclose(odometry[:2], truth[:2], atol=0.08)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambler.bridges.recorder import Recorder
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.simulator import SimulatorNode
 from ambler.perception.merger import MergerConfig
@@ -103,7 +104,7 @@ def record_drive(
     folder: Path, world: WorldSpec, robot: SimRobot, route: Route, duration: float, config: SimulationConfig
 ) -> Path:
     """Drive `route` for `duration` seconds and record merged scan and cloud, odometry, IMU and truth into `folder`; returns it."""
-    nodes: list[Node] = [SimulatorNode(RailedSimulation(world, robot, config, route))]
+    nodes: list[Node] = [SimulatorNode(RailedSimulation(world, robot, config, route)), OdometryNode(robot.model)]
     if len(robot.model.scanners) > 1:
         nodes.append(ScanMergerNode(MergerConfig.from_robot(robot.model)))
     recorder = Recorder(folder)

@@ -22,11 +22,10 @@ from ambler.runtime.topics import (
     CLOUD,
     GOAL,
     IMU,
-    ODOMETRY,
     SCAN,
     SCANNERS,
     STATIC_TRANSFORMS,
-    TRANSFORMS,
+    WHEEL_ODOMETRY,
     Topic,
     all_topics,
     topic_named,
@@ -37,7 +36,7 @@ from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
 BASE = SimulatorNode.name
-INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
+INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, WHEEL_ODOMETRY, STATIC_TRANSFORMS, GOAL)
 MERGED_INPUTS = (SCANNERS, *INPUTS[1:])  # of a robot whose scan is merged
 
 

@@ -25,6 +25,7 @@ from ambler.nodes.glass_mapper import GlassMapperNode
 from ambler.nodes.localization import LocalizationNode
 from ambler.nodes.map_server import MapServerNode
 from ambler.nodes.navigator import NavigatorNode
+from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
@@ -42,6 +43,7 @@ def explorer_nodes(robot: RobotModel, config: ExplorerConfig) -> list[Node]:
     survey = FrontierSurvey(config.survey, distances)
     glass = [GlassMapperNode(robot, config.specular, config.glass_map)] if config.maps_glass(robot) else []
     return [
+        OdometryNode(robot),
         *_mergers(robot, config),
         *glass,
         Slam2dNode(robot, config.slam2d),
@@ -58,6 +60,7 @@ def known_map_nodes(
     planning, control, and the gate. Who sends it to goals comes on top (NAVIGATE)."""
     robot = calibrated_robot(robot, config.driving.scanners)
     return [
+        OdometryNode(robot),
         *_mergers(robot, config.driving),
         MapServerNode(spec, occupancy),
         LocalizationNode(robot, config.make_localizer, config.localization),

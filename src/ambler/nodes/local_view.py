@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import TransformError
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError, TransformError
 from ambler.core.messages import GlassWalls, LaserScan, Odometry, Path, PointCloud, Range, Transforms
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.core.transforms import TransformTree
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import SensorRays
 from ambler.nodes.range_view import RangeView, cone_of
@@ -40,7 +40,7 @@ class LocalView:
         self.costmap = costmap
         self.stamp_ns: int | None = None
         self._planar = planar if planar is not None else default_planar(robot)
-        self._poses = TransformTree(history=2.0)
+        self._motion = BaseMotion()
         self._ranges = RangeView(robot)
         self._has_ranges = bool(robot.rangers)
         self._glass: GlassWalls | None = None
@@ -49,7 +49,7 @@ class LocalView:
 
     def add_odometry(self, odometry: Odometry) -> None:
         """Take a pose of the base and its velocity."""
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._ranges.add_odometry(odometry)
         self._odometry = odometry
 
@@ -113,8 +113,8 @@ class LocalView:
 
     def _mark(self, scan: PlanarScan) -> None:
         try:
-            odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns).to_se2()
-        except TransformError:
+            odom_from_base = self._motion.planar_at(scan.stamp_ns)
+        except StaleInputError:
             return  # a scan of a moment without odometry cannot be placed; if that lasts, the odometry is stale
         origin = odom_from_base.transform(np.array([scan.origin]))[0]
         hits = odom_from_base.transform(scan.points)

@@ -19,7 +19,7 @@ MAP_RESOLUTION = 0.05
 
 
 class SimulatorNode(Node):
-    """Publishes sensors, odometry, transforms and ground truth of a `Simulation`; drives it with the velocity command.
+    """Publishes sensors, the wheels' odometry, mounts and ground truth of a `Simulation`; drives it with the velocity command.
 
     In a world with docks it tells the battery, and takes pictures while a lease of `camera_pictures` lasts.
     The scans of one planar scanner go to `scan`, those of several to `scanners`, from where the merger takes them.
@@ -32,8 +32,7 @@ class SimulatorNode(Node):
         topics.CLOUD,
         topics.RANGES,
         topics.IMU,
-        topics.ODOMETRY,
-        topics.TRANSFORMS,
+        topics.WHEEL_ODOMETRY,
         topics.STATIC_TRANSFORMS,
         topics.TRUE_POSE,
         topics.CONTACT,
@@ -87,9 +86,7 @@ class SimulatorNode(Node):
         for imu in out.imus:
             self.ctx.publish(topics.IMU, imu)
         for odometry in out.odometry:
-            self.ctx.publish(topics.ODOMETRY, odometry)
-            edge = m.TransformStamped(odometry.stamp_ns, odometry.frame, odometry.child, odometry.pose)
-            self.ctx.publish(topics.TRANSFORMS, m.Transforms(odometry.stamp_ns, (edge,)))
+            self.ctx.publish(topics.WHEEL_ODOMETRY, odometry)
         for pose in out.true_poses:
             self.ctx.publish(topics.TRUE_POSE, pose)
         for contact in out.contacts:
