@@ -61,7 +61,7 @@ def test_recorded_devices_give_every_bit_again(robot: str, world: str, tmp_path:
     nodes = lone_robot_nodes(load_world(world), simulated, config)
     first = run([*nodes, Wander(wants_pictures=has_camera)], tmp_path / "first", 2.0)
     devices = recorded_devices(tmp_path / "first", simulated.model)
-    again = [*device_nodes(simulated.model, devices, is_odometry=True), Wander(wants_pictures=has_camera)]
+    again = [*device_nodes(simulated.model, devices), Wander(wants_pictures=has_camera)]
     second = run(again, tmp_path / "second", 2.0)
     assert sorted({r.topic for r in first}) == sorted({r.topic for r in second})
     assert len(first) > 500

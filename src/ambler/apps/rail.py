@@ -20,6 +20,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.devices.table import device_nodes
 from ambler.nodes.devices.truth import TruthNode
+from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.perception.merger import MergerConfig
 from ambler.runtime.lockstep import LockstepExecutor
@@ -114,8 +115,8 @@ def record_drive(
     running = World(world, [BodySpec("robot", robot, start)], config)
     devices = robot_devices(running, "robot")
     (body,) = running.bodies
-    nodes = device_nodes(robot.model, replace(devices, base=RailedBase(running, body, route)), is_odometry=True)
-    nodes.append(TruthNode(GroundTruth(running, body)))
+    nodes = device_nodes(robot.model, replace(devices, base=RailedBase(running, body, route)))
+    nodes += [TruthNode(GroundTruth(running, body)), OdometryNode(robot.model)]
     if len(robot.model.scanners) > 1:
         nodes.append(ScanMergerNode(MergerConfig.from_robot(robot.model)))
     recorder = Recorder(folder)

@@ -31,6 +31,7 @@ from ambler.nodes.layer_inputs import LayerInput
 from ambler.nodes.localization import LocalizationNode
 from ambler.nodes.map_server import MapServerNode
 from ambler.nodes.navigator import NavigatorNode
+from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
@@ -74,7 +75,7 @@ def robot_nodes(
     parts = parts if parts is not None else Parts()
     robot = calibrated_robot(robot, config.scanners)
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
-    nodes: list[Node] = []
+    nodes: list[Node] = [OdometryNode(robot)]
     if len(robot.scanners) > 1:
         nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
     if site.grid is None:

@@ -187,7 +187,7 @@ def _live_nodes(scene: Scene, simulator: RunningSimulator, clock: SystemClock | 
     cameras = {frame: spec.model for frame, spec in scene.robot.cameras.items()}
     model = scene.robot.model
     devices = live_devices(model, simulator.places[FIRST], lambda: clock.now_ns, cameras)
-    return device_nodes(model, devices, calibration=scene.camera, is_odometry=True)
+    return device_nodes(model, devices, calibration=scene.camera)
 
 
 def operator_config(options: RunOptions, config: RobotConfig, robot: RobotModel, folder: RunFolder) -> OperatorConfig:

@@ -17,7 +17,7 @@ from ambler.sim.world import BodySpec, SimulationConfig, World
 def simulated_nodes(world: World, name: str, calibration: CameraModel | None = None) -> list[Node]:
     """Return the nodes of one robot of a running world: its devices and its ground truth. `calibration` replaces what its camera says."""
     devices = robot_devices(world, name)
-    nodes = device_nodes(world.body(name).robot.model, devices, calibration=calibration, is_odometry=True)
+    nodes = device_nodes(world.body(name).robot.model, devices, calibration=calibration)
     return [*nodes, TruthNode(GroundTruth(world, world.body(name)))]
 
 

@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from ambler.core.errors import TransformError
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError
 from ambler.core.messages import (
     GateState,
     GateStatus,
@@ -22,7 +23,6 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.core.transforms import TransformTree
 from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.devices.table import topics_of_kind
 from ambler.nodes.range_view import RangeView
@@ -111,7 +111,7 @@ class GateNode(Node):
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0
-        self._poses = TransformTree(history=2.0)
+        self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._status: GateStep | None = None
         self._status_ns = 0
@@ -149,7 +149,7 @@ class GateNode(Node):
         self.gate.request(source, command.stamp_ns, velocity, self.ctx.now_ns)
 
     def _on_odometry(self, odometry: Odometry) -> None:
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
         self._ranges.add_odometry(odometry)
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
@@ -174,8 +174,8 @@ class GateNode(Node):
 
     def _take_points(self, scan: LaserScan | PointCloud, field: FieldOfView, points_of: Callable[[SE3], F64]) -> None:
         try:
-            odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns)
-        except TransformError:
+            odom_from_base = self._motion.pose_at(scan.stamp_ns)
+        except StaleInputError:
             return  # without a pose of that moment the points say nothing; if that lasts, they are stale
         if self._is_stuck(scan, odom_from_base.to_se2()):
             return  # its last points grow stale, and the robot stops

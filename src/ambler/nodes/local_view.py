@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import TransformError
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError, TransformError
 from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Transforms
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
-from ambler.core.transforms import TransformTree
+from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, lean_of, level, scan_to_points
@@ -30,16 +31,14 @@ class LocalView:
         self.costmap = costmap
         self.stamp_ns: int | None = None
         self._planar = planar if planar is not None else default_planar(robot)
-        self._poses = TransformTree(history=2.0)
-        for frame, base_from_sensor in self._mounts.items():
-            self._poses.set_static("base", frame, base_from_sensor)
+        self._motion = BaseMotion()
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
         self._odometry: Odometry | None = None
         self._odom_from_map: SE2 | None = None
 
     def add_odometry(self, odometry: Odometry) -> None:
         """Take a pose of the base and its velocity."""
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._odometry = odometry
 
     def add_transforms(self, transforms: Transforms) -> None:
@@ -64,7 +63,13 @@ class LocalView:
             return SE2()
         if frame == "map":
             return self._known_odom_from_map()
-        return self._poses.lookup("odom", frame, stamp_ns).to_se2()
+        mount = SE3() if frame == "base" else self._mounts.get(frame)
+        if mount is None:
+            raise TransformError(f"base_from_{frame}: the robot has no such sensor")
+        try:
+            return (self._motion.pose_at(stamp_ns) @ mount).to_se2()
+        except StaleInputError as error:
+            raise TransformError(f"odom_from_base: {error}") from error
 
     def now(self, now_ns: int) -> tuple[SE2, BodyVelocity]:
         """Return the pose of the base, carried forward to now, and its velocity; raises TransformError without odometry."""
@@ -96,8 +101,8 @@ class LocalView:
 
     def _mark(self, scan: PlanarScan) -> None:
         try:
-            odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns).to_se2()
-        except TransformError:
+            odom_from_base = self._motion.planar_at(scan.stamp_ns)
+        except StaleInputError:
             return  # a scan of a moment without odometry cannot be placed; if that lasts, the odometry is stale
         origin = odom_from_base.transform(np.array([scan.origin]))[0]
         hits = odom_from_base.transform(scan.points)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import TransformError
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError
 from ambler.core.messages import LaserScan, Odometry, Range
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.core.transforms import TransformTree
 from ambler.perception.echoes import Echo, EchoFilter
 from ambler.perception.glass import SpecularDetector
 from ambler.perception.planar import PlanarConfig, scan_to_points
@@ -34,13 +34,13 @@ class RangeView:
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self._filter = EchoFilter(robot)
         self._detector = SpecularDetector()
-        self._poses = TransformTree(history=2.0)
+        self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._points: dict[str, NDArray[np.float64]] = {}
 
     def add_odometry(self, odometry: Odometry) -> None:
         """Take a pose of the base and its velocity."""
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
 
     @property
@@ -49,14 +49,14 @@ class RangeView:
         return self._twist
 
     def pose_at(self, stamp_ns: int) -> SE2:
-        """Return odom_from_base at a time; raises TransformError when odometry does not reach there."""
-        return self._poses.lookup("odom", "base", stamp_ns).to_se2()
+        """Return odom_from_base at a time; raises StaleInputError when odometry does not reach there."""
+        return self._motion.planar_at(stamp_ns)
 
     def add_scan(self, scan: LaserScan) -> None:
         """Take a scanner's newest scan in place of its last one. What it sees of panes does not explain their echoes."""
         try:
             odom_from_base = self.pose_at(scan.stamp_ns)
-        except TransformError:
+        except StaleInputError:
             return  # without a pose the scan explains nothing, so echoes count
         planar = scan_to_points(self._detector.without_panes(scan), self._mounts[scan.frame], self._twist, NEAR)
         self.add_points(scan.frame, odom_from_base.transform(planar.points))
@@ -69,7 +69,7 @@ class RangeView:
         """Return what a measurement says, None for nothing; of a moment without odometry nothing can be said."""
         try:
             odom_from_base = self.pose_at(measured.stamp_ns)
-        except TransformError:
+        except StaleInputError:
             return None
         base_from_odom = odom_from_base.inverse()
         laser_base = [base_from_odom.transform(points) for points in self._points.values()]

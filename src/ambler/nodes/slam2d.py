@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from ambler.core.messages import (
-    Imu,
     LaserScan,
     OccupancyGrid,
     Odometry,
@@ -29,7 +28,6 @@ from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import FINISH_MAP, SAVE_MAP, Nothing, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
-    IMU,
     MAP,
     MATCHED_SCAN,
     ODOMETRY,
@@ -65,7 +63,6 @@ class Slam2dNode(Node):
 
     name = "slam2d"
     inputs: Topics = (SCAN, ODOMETRY)
-    optional_inputs = (IMU,)
     outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
     serves = (SAVE_MAP, FINISH_MAP)
     latency = 0.01
@@ -92,7 +89,6 @@ class Slam2dNode(Node):
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        self.ctx.subscribe(IMU, self._on_imu)
         self.ctx.serve(SAVE_MAP, self._save_map)
         self.ctx.serve_task(FINISH_MAP, self._on_finish, self._on_finish_cancelled)
         self.ctx.timer(self._config.map_period, self._publish_map)
@@ -105,10 +101,7 @@ class Slam2dNode(Node):
         )
         self._odom_from_base = message.pose.to_se2()
         self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
-
-    def _on_imu(self, message: Imu) -> None:
-        turned = self._robot.sensor(message.frame).base_from_sensor.rotate(message.angular_velocity)
-        self.slam.add_imu(message.stamp_ns, turned[2])
+        self.slam.add_heading(message.stamp_ns, self._odom_from_base.yaw)
 
     def _on_scan(self, message: LaserScan) -> None:
         if self._repeats.update(message.ranges, self._odom_from_base):

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.base_motion import BaseMotion, MotionKnots
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.kernels import scan_draw, scan_motion
 from ambler.perception.array_pool import ArrayPool
 from ambler.perception.merger_config import AngleWindow, MergerConfig, ScannerConfig
-from ambler.perception.odometry_buffer import OdometryBuffer, OdometryKnots
 from ambler.perception.self_mask import SelfMask
 
 __all__ = ["AngleWindow", "MergeResult", "MergerConfig", "ScanMerger", "ScannerConfig", "SourceReport", "SourceState"]
@@ -125,7 +125,7 @@ class ScanMerger:
 
     def __init__(self, config: MergerConfig) -> None:
         self.config = config
-        self.odometry = OdometryBuffer(span=max(2.0, 4.0 * config.max_age))
+        self.odometry = BaseMotion(span=max(2.0, 4.0 * config.max_age), max_extrapolation=0.1)
         self._sources = {s.frame: _Source(s) for s in config.scanners}
         self._mask = SelfMask(config.self_mask)
         angles = -math.pi + 2.0 * math.pi / config.bins * np.arange(config.bins)
@@ -203,7 +203,7 @@ class ScanMerger:
         index: int,
         now_ns: int,
         stamp_ns: int,
-        knots: OdometryKnots,
+        knots: MotionKnots,
         begin_ns: int,
         limits: F64,
         drawing: _Drawing,

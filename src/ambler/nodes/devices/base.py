@@ -7,24 +7,19 @@ from ambler.core.devices import Base
 from ambler.core.protocols import BodyVelocity
 from ambler.nodes.devices.node import DeviceNode
 from ambler.runtime.node import Topics
-from ambler.runtime.topics import ODOMETRY, STATUS, TRANSFORMS, VELOCITY_COMMAND, WHEEL_ODOMETRY
+from ambler.runtime.topics import STATUS, VELOCITY_COMMAND, WHEEL_ODOMETRY
 
 
 class BaseNode(DeviceNode):
-    """Hands every velocity command to the base, and publishes what its wheels (or legs) say of the way.
-
-    `is_odometry`: nothing better is known, and this also is the odometry and the transform odom → base.
-    """
+    """Hands every velocity command to the base, and publishes what its wheels (or legs) say of the way."""
 
     name = "base"
     inputs = (VELOCITY_COMMAND,)
     outputs: Topics = (WHEEL_ODOMETRY, STATUS)
 
-    def __init__(self, base: Base, *, is_odometry: bool = False) -> None:
+    def __init__(self, base: Base) -> None:
         super().__init__("base", (base,))
-        self._base, self._is_odometry = base, is_odometry
-        if is_odometry:
-            self.outputs = (WHEEL_ODOMETRY, ODOMETRY, TRANSFORMS, STATUS)
+        self._base = base
 
     def prepare(self) -> None:
         self.ctx.subscribe(VELOCITY_COMMAND, self._on_command)
@@ -32,10 +27,6 @@ class BaseNode(DeviceNode):
     def poll(self) -> None:
         for odometry in self._base.read(self.ctx.now_ns):
             self.ctx.publish(WHEEL_ODOMETRY, odometry)
-            if self._is_odometry:
-                self.ctx.publish(ODOMETRY, odometry)
-                edge = m.TransformStamped(odometry.stamp_ns, odometry.frame, odometry.child, odometry.pose)
-                self.ctx.publish(TRANSFORMS, m.Transforms(odometry.stamp_ns, (edge,)))
 
     def _on_command(self, command: m.VelocityCommand) -> None:
         self._base.command(BodyVelocity(command.vx, command.vy, command.wz))

@@ -71,13 +71,12 @@ def device_nodes(
     *,
     calibration: CameraModel | None = None,
     joystick: JoystickConfig | None = None,
-    is_odometry: bool = False,
 ) -> list[Node]:
     """Return the nodes of a robot's devices and mounts. `calibration` replaces what the first camera says of its projection.
 
     Raises BadInputError when a device has a frame that the robot does not mount.
     """
-    nodes: list[Node] = [MountsNode(robot), BaseNode(devices.base, is_odometry=is_odometry)]
+    nodes: list[Node] = [MountsNode(robot), BaseNode(devices.base)]
     nodes += [LidarNode(lidar, _topics(robot, lidar)[0]) for lidar in devices.lidars]
     nodes += [ImuNode(imu, _topics(robot, imu)[0]) for imu in devices.imus]
     if devices.ranges:
