@@ -218,13 +218,53 @@ def test_a_recorded_cancel_is_repeated() -> None:
 
 
 @pytest.mark.parametrize("executor_type", EXECUTORS)
-def test_calls_from_outside_come_before_inside_calls_of_the_same_instant(executor_type: type[Executor]) -> None:
+def test_calls_from_outside_keep_their_order(executor_type: type[Executor]) -> None:
     robot = Robot()
     with executor_type(Stack([robot])) as executor:  # type: ignore[abstract]
-        executor.call(ARM, GateRequest("first"))
-        executor.call(ARM, GateRequest("second"))
-        executor.run(0.05)
-        assert robot.asked == ["arm first", "arm second"]
+        for who in "abcdefgh":
+            executor.call(ARM, GateRequest(who))
+        executor.run(0.1)
+        assert robot.asked == [f"arm {who}" for who in "abcdefgh"]
+
+
+def test_in_lockstep_the_door_comes_before_inside_calls_of_the_same_instant() -> None:
+    order: list[tuple[str, int]] = []
+
+    class Both(Robot):
+        def start(self) -> None:
+            super().start()
+            self.ctx.after(0.01, self._act)
+
+        def _act(self) -> None:
+            self.ctx.after(0.0, lambda: order.append(("inside", self.ctx.now_ns)))
+            executor.call(ARM, GateRequest("page"))
+
+    executor = LockstepExecutor(Stack([Both()]))
+    executor.tap(lambda topic, m, now_ns, writer: order.append((topic.name, now_ns)))
+    executor.run(0.1)
+    executor.close()
+    assert order[:2] == [("outside_calls", 10_001_000), ("inside", 10_001_000)]
+
+
+def test_what_was_answered_with_the_end_of_a_run_is_not_done_in_the_next() -> None:
+    asked: list[Future[GateReply]] = []
+
+    class Leaving(Robot):
+        def start(self) -> None:
+            super().start()
+            self.ctx.after(0.01, self._act)
+
+        def _act(self) -> None:
+            asked.append(executor.call(ARM, GateRequest("page")))
+            executor.stop()
+
+    robot = Leaving()
+    executor = LockstepExecutor(Stack([robot]))
+    executor.run(0.1)
+    assert isinstance(asked[0].exception(0), RunEndedError)
+    executor.run(0.1)
+    executor.close()
+    assert robot.asked == []
 
 
 @pytest.mark.parametrize("executor_type", EXECUTORS)

@@ -137,10 +137,13 @@ def test_a_tap_that_stalls_delays_no_delivery_live() -> None:
 
 
 class FullDisk(McapRecorder):
-    """Takes ten messages."""
+    """Takes ten messages, refuses one, and would take more again."""
+
+    refusals = 0
 
     def write(self, *args: Any, **kwargs: Any) -> None:
-        if self.message_count == 10:
+        if self.message_count == 10 and not self.refusals:
+            self.refusals += 1
             raise OSError(28, "No space left on device")
         super().write(*args, **kwargs)
 
@@ -160,6 +163,17 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(
         assert executor.troubles.counts == {"RECORDING_FAILED": 1}
     assert recorder.failure == "OSError: [Errno 28] No space left on device"
     assert len(list(read_recording(tmp_path / "run"))) == 10, "what was written before can be read"
+
+
+def test_what_still_waits_when_a_recording_fails_is_not_written_behind_the_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ambler.bridges.recorder.McapRecorder", FullDisk)
+    recorder = Recorder(tmp_path / "run")
+    for i, command in enumerate(commands(50)):
+        recorder._conveyor.put((TELEOP_REQUEST, command, i, ""))
+    recorder.close()
+    assert [r.decode_as(VelocityCommand).vx for r in read_recording(tmp_path / "run")] == [float(i) for i in range(10)]
 
 
 class StalledDisk(McapRecorder):
