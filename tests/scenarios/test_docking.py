@@ -20,10 +20,11 @@ from ambler.nodes.dock_pilot import Errand, ErrandKind
 from ambler.nodes.docking import DockingNodeConfig
 from ambler.runtime.topics import BATTERY, IMAGE, STATUS, VELOCITY_COMMAND
 from ambler.safety.approach_permit import SPEED
+from ambler.sim.world_file import load_world
 from ambler.wire.mcap_reader import read_recording
 
 NAME = "charger_1"
-NEAR = SE2(5.0, 2.9, 0.1)  # 0.9 m before the staging pose, in the room's coordinates
+NEAR = load_world("dock_room").start.inverse() @ SE2(5.0, 2.9, 0.1)  # 0.9 m before the staging pose, in the map
 
 
 def options(kinds: tuple[ErrandKind, ...], start: SE2 | None = NEAR, **changes: object) -> DockingOptions:

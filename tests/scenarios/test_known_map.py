@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from ambler.apps.localization_study import METHODS, LocalizationStudy, Place, run_study
 from ambler.apps.navigation import NavigationOptions, NavigationRun
@@ -24,9 +25,17 @@ def test_a_rail_leads_along_its_way_points() -> None:
     assert command.vx == command.wz == 0.0
 
 
-def test_a_lost_robot_finds_itself_and_arrives(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_lost", [True, False])
+def test_a_robot_that_starts_elsewhere_arrives(is_lost: bool, tmp_path: Path) -> None:
+    """The goal is told in the drawn map, whose origin is the world's start, wherever the robot begins."""
     options = NavigationOptions(
-        "lab_empty", goals=(SE2(3.0, 1.5, 0.0),), is_lost=True, may_turn=True, port=None, physics="kinematic"
+        "lab_empty",
+        goals=(SE2(3.0, 1.5, 0.0),),
+        start=SE2() if is_lost else SE2(1.0, 2.5, -1.0),
+        is_lost=is_lost,
+        may_turn=True,
+        port=None,
+        physics="kinematic",
     )
     run = NavigationRun(options, RunFolder(tmp_path / "run"))
     try:

@@ -11,22 +11,21 @@ from ambler.apps.run_folder import RunFolder
 from ambler.apps.stacks import explorer_nodes
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
+from ambler.core.robot import SensorKind
 from ambler.evaluation.recording_compare import RecordingComparison, ReplayComparison
-from ambler.nodes.devices.table import device_names
+from ambler.nodes.devices.table import device_names, topics_of_kind
 from ambler.nodes.operator import OperatorNode
 from ambler.runtime.clock import ReplayClock
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.stack import Stack
 from ambler.runtime.topics import (
-    CLOUD,
+    BATTERY,
     GOAL,
-    IMU,
     ODOMETRY,
-    SCAN,
-    SCANNERS,
     STATIC_TRANSFORMS,
     TRANSFORMS,
+    WHEEL_ODOMETRY,
     Topic,
     all_topics,
     topic_named,
@@ -36,8 +35,14 @@ from ambler.sim.robots import robot_named
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
-INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
-MERGED_INPUTS = (SCANNERS, *INPUTS[1:])  # of a robot whose scan is merged
+INPUTS: tuple[Topic[Any], ...] = (
+    WHEEL_ODOMETRY,
+    ODOMETRY,
+    TRANSFORMS,
+    STATIC_TRANSFORMS,
+    BATTERY,
+    GOAL,
+)  # beside its sensors
 
 
 def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -> RecordingComparison:
@@ -54,7 +59,7 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
         config = build(ExplorerConfig, saved["explorer"])
     except (KeyError, TypeError) as error:
         raise BadInputError(f"{folder.config} is not the configuration of a run: {error}") from error
-    inputs = INPUTS if len(robot.scanners) <= 1 else MERGED_INPUTS
+    inputs = (*(topic for kind in SensorKind for topic in topics_of_kind(robot, kind)), *INPUTS)
     outputs = _outputs(inputs)
     comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
     stem = (out if out is not None else folder.root / "replay") / "map"

@@ -28,7 +28,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", type=Path, help="saved map of that world, its YAML (default: drawn from the world)")
     parser.add_argument("--docks", type=Path, metavar="FILE", help="dock database (default: drawn from the world)")
     parser.add_argument("--camera", type=Path, metavar="FILE", help="calibration of the camera, a camera_info YAML")
-    parser.add_argument("--start", metavar="X,Y[,YAW]", help="start in the world's coordinates (default: the world's)")
+    parser.add_argument(
+        "--start",
+        metavar="X,Y[,YAW]",
+        help="start in the map, metres and radians (default: its origin, the world's start)",
+    )
     parser.add_argument("--lost", action="store_true", help="do not tell the robot where it starts")
     parser.add_argument("--seed", type=int, default=0, help="seed of every random number (default: 0)")
     parser.add_argument("--realtime", action="store_true", help="run in the live executor, in real time")
