@@ -16,8 +16,8 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.evaluation.truth_frame import TruthFrame, start_frame
 from ambler.runtime.topics import TRUE_START
+from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world_file import load_world
 
 START = SE2(3.0, -1.5, 2.0)
 
@@ -47,8 +47,16 @@ def test_right_angles_keep_every_cell(degrees: int) -> None:
 
 
 def test_any_other_angle_agrees_with_a_map_that_was_drawn_there() -> None:
-    """The world `dock_room` starts at 20 degrees: its true map, sampled, beside the one cut in the frame of the start."""
-    world = load_world("dock_room")
+    """A room with a box, started in at 20 degrees: its true map, sampled, beside the one cut in the frame of the start."""
+    sides = [
+        (4.0, 0.0, 8.1, 0.1),
+        (4.0, 6.0, 8.1, 0.1),
+        (0.0, 3.0, 0.1, 6.1),
+        (8.0, 3.0, 0.1, 6.1),
+        (6.0, 4.0, 1.0, 0.6),
+    ]
+    solids = tuple(Solid("s", Shape.BOX, SE2(x, y, 0.0), *size, 0.0, 2.0) for x, y, *size in sides)
+    world = WorldSpec("room", solids, SE2(4.2, 2.2, math.radians(20.0)))
     spec, data = truth_grid(world, 0.18, 0.05)
     turned, cells = TruthFrame(world.start).grid(OccupancyGrid(0, "world", spec, data))
     drawn, wanted = truth_grid(world.from_start(), 0.18, 0.05)
@@ -57,8 +65,8 @@ def test_any_other_angle_agrees_with_a_map_that_was_drawn_there() -> None:
     assert (cells[index[:, 0], index[:, 1]] == 0).mean() > 0.97
     walls = np.argwhere(cells == 100)
     back = drawn.cells_of(turned.centers_of(walls))
-    near = np.array([(wanted[y - 2 : y + 3, x - 2 : x + 3] == 100).any() for y, x in back])
-    assert near.all()
+    near = np.array([(wanted[y - 1 : y + 2, x - 1 : x + 2] == 100).any() for y, x in back])
+    assert near.mean() > 0.98
     assert 0.8 < len(walls) / np.count_nonzero(wanted == 100) < 1.25
 
 

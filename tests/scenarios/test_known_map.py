@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from ambler.apps.judgement import judge
 from ambler.apps.localization_study import METHODS, LocalizationStudy, Place, run_study
@@ -27,9 +28,19 @@ def test_a_rail_leads_along_its_way_points() -> None:
     assert command.vx == command.wz == 0.0
 
 
-def test_a_lost_robot_finds_itself_and_arrives(tmp_path: Path) -> None:
-    goal = NavigateStep(SE2(3.0, 1.5, 0.0))
-    options = RunOptions((goal,), "lab_empty", "amr_omni", is_lost=True, may_turn=True, port=None, physics="kinematic")
+@pytest.mark.parametrize("is_lost", [True, False])
+def test_a_robot_that_starts_elsewhere_arrives(is_lost: bool, tmp_path: Path) -> None:
+    """The goal is told in the drawn map, whose origin is the world's start, wherever the robot begins."""
+    options = RunOptions(
+        (NavigateStep(SE2(3.0, 1.5, 0.0)),),
+        "lab_empty",
+        "amr_omni",
+        start=SE2() if is_lost else SE2(1.0, 2.5, -1.0),
+        is_lost=is_lost,
+        may_turn=True,
+        port=None,
+        physics="kinematic",
+    )
     run = SimulatedRun(options, RunFolder(tmp_path / "run"))
     try:
         run.run(60.0)
