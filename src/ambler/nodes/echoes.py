@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from ambler.core.errors import TransformError
+from ambler.core.errors import StaleInputError, TransformError
 from ambler.core.messages import JudgedEcho, LaserScan, Odometry, PointCloud, Range
 from ambler.core.robot import RobotModel
 from ambler.core.se3 import SE3
@@ -58,7 +58,7 @@ class EchoNode(Node):
         seen = cloud_to_points(cloud, mount, self._view.twist, self._planar)
         try:
             odom_from_base = self._view.pose_at(seen.stamp_ns)
-        except TransformError:
+        except (TransformError, StaleInputError):
             return  # without a pose the cloud explains nothing, so echoes count
         self._view.add_points(cloud.frame, odom_from_base.transform(seen.points))
 
