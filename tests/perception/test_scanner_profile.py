@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from ambler.apps.config import RobotConfig, default_config
+from ambler.calibration.scan_calibration import ScannerEstimate
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.merger import MergerConfig
-from ambler.perception.scan_calibration import ScannerEstimate
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot, with_clock_offsets
 from ambler.settings.profiles import as_values, build, load_profile, merge
 from ambler.sim.robots import robot_named

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ambler.calibration.scan_calibration import OdometryModel
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.protocols import BodyVelocity
@@ -24,7 +25,6 @@ from ambler.evaluation.calibration import (
     record_scanner,
 )
 from ambler.perception.merger_config import ScannerConfig
-from ambler.perception.scan_calibration import OdometryModel
 from ambler.perception.scanner_profile import ScannerCalibration
 from ambler.runtime.topics import WHEEL_ODOMETRY, all_topics
 from ambler.sim.drive import drive_of

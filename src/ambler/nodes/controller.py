@@ -32,7 +32,7 @@ from ambler.core.protocols import BodyVelocity, LocalPlanner
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
-from ambler.nodes.layer_inputs import LayerInput, usual_inputs
+from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.local_view import LocalView
 from ambler.perception.planar import PlanarConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
@@ -139,7 +139,7 @@ class ControllerNode(Node):
         self._view.add_cloud(cloud)
 
     def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
-        with suppress(TransformError):  # a message of a moment without a pose cannot be placed
+        with suppress(*UNPLACED):
             wanted.feed(message, self._view)
 
     def _on_odometry(self, odometry: Odometry) -> None:

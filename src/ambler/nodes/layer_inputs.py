@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from ambler.core.errors import StaleInputError, TransformError
 from ambler.core.messages import GlassWalls, JudgedEcho, Message
 from ambler.core.se2 import SE2
 from ambler.costmap.glass_layer import GlassLayer
@@ -19,12 +20,14 @@ from ambler.runtime.topics import ECHOES, GLASS, Topic
 
 M = TypeVar("M", bound=Message)
 
+UNPLACED = (TransformError, StaleInputError)
+"""What a feed raises for a message of a moment without a pose: it cannot be placed, and is dropped."""
 CONE_SLACK = 0.05  # metres before an echo that a cone does not clear
 
 
 @dataclass(frozen=True, slots=True)
 class LayerInput(Generic[M]):
-    """Messages of `topic` go to `feed`, with the frames to place them; a TransformError that it raises drops the message.
+    """Messages of `topic` go to `feed`, with the frames to place them; one for which it raises `UNPLACED` is dropped.
 
     `is_required`: without a writer the stack is refused, and while the topic is stale a controller stands still.
     """

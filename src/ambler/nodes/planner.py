@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from ambler.core.errors import NoValidPathError, TransformError
+from ambler.core.errors import NoValidPathError
 from ambler.core.messages import CostGrid, Message, OccupancyGrid, Path
 from ambler.core.protocols import GlobalPlanner
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.layer import Moment
-from ambler.nodes.layer_inputs import LayerInput, usual_inputs
+from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.map_frames import MapFrames
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanReply, PlanRequest
@@ -68,8 +68,8 @@ class GlobalPlannerNode(Node):
     def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
         try:
             wanted.feed(message, self._frames)
-        except TransformError:
-            return  # a message of a moment without a pose cannot be placed
+        except UNPLACED:
+            return
         self._publish_soon()
 
     def _publish_soon(self) -> None:

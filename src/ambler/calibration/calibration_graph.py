@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from ambler.perception import planar_arrays as se2
+from ambler.calibration import planar_arrays as se2
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

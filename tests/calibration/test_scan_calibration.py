@@ -12,20 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ambler.core.messages import LaserScan, Odometry
-from ambler.core.se2 import SE2
-from ambler.core.se3 import SE3
-from ambler.perception import planar_arrays as se2
-from ambler.perception.hand_eye import guess_mounting, track_scanner
-from ambler.perception.merger import ScannerConfig
-from ambler.perception.scan_calibration import (
+from ambler.calibration import planar_arrays as se2
+from ambler.calibration.hand_eye import guess_mounting, track_scanner
+from ambler.calibration.scan_calibration import (
     CalibrationConfig,
     CalibrationError,
     CalibrationResult,
     OdometryModel,
     calibrate_scanners,
 )
-from ambler.perception.scan_pairs import PairConfig, match_pair, prepare_scan
+from ambler.calibration.scan_pairs import PairConfig, match_pair, prepare_scan
+from ambler.core.messages import LaserScan, Odometry
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.perception.merger import ScannerConfig
+from ambler.perception.scanner_profile import scanner_calibrations
 from tests.perception.flatland import Beams, constant_twist, room, take_scan
 
 TRACK = 0.5
@@ -142,13 +143,15 @@ def test_the_wheels_errors_are_found_as_well() -> None:
 
 def test_the_result_is_written_into_the_configuration() -> None:
     recording, result = record(waves(2.0)), calibrated()
-    for before, after in zip(recording.scanners, result.apply(recording.scanners), strict=True):
-        estimate = next(s for s in result.scanners if s.frame == before.frame)
+    found = scanner_calibrations(result.scanners)
+    assert list(found) == [before.frame for before in recording.scanners]
+    for before, estimate in zip(recording.scanners, result.scanners, strict=True):
+        after = found[before.frame].applied_to(before.base_from_sensor)
         planar = ScannerConfig.planar(
             before.frame, estimate.base_from_scanner, 0.2, upside_down=UPSIDE_DOWN[before.frame]
         )
-        np.testing.assert_allclose(after.base_from_sensor.matrix(), planar.base_from_sensor.matrix(), atol=1e-12)
-        assert after.clock_offset == estimate.clock_offset
+        np.testing.assert_allclose(after.matrix(), planar.base_from_sensor.matrix(), atol=1e-12)
+        assert found[before.frame].clock_offset == estimate.clock_offset
 
 
 def test_driving_straight_only_is_refused() -> None:

@@ -8,19 +8,19 @@ odometry's systematic errors is solved (`calibration_graph`); matching and solvi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.calibration import planar_arrays as se2
+from ambler.calibration.calibration_graph import CalibrationGraph, OdometryModel, Pairs, Solution, jackknife
+from ambler.calibration.hand_eye import CalibrationError, HandEyeGuess, guess_mounting, track_scanner
+from ambler.calibration.scan_pairs import PairConfig, PreparedScan, match_pair, prepare_scan
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.perception import planar_arrays as se2
-from ambler.perception.calibration_graph import CalibrationGraph, OdometryModel, Pairs, Solution, jackknife
-from ambler.perception.hand_eye import CalibrationError, HandEyeGuess, guess_mounting, track_scanner
-from ambler.perception.merger_config import ScannerConfig
-from ambler.perception.scan_pairs import PairConfig, PreparedScan, match_pair, prepare_scan
 
 __all__ = [
     "CalibrationConfig",
@@ -33,6 +33,16 @@ __all__ = [
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+
+
+class Scanner(Protocol):
+    """What must be known of a scanner: the frame of its scans, and whether it hangs upside down."""
+
+    @property
+    def frame(self) -> str: ...
+
+    @property
+    def base_from_sensor(self) -> SE3: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,16 +89,11 @@ class CalibrationResult:
     residual_rms: float
     misfit: float
 
-    def apply(self, configs: Sequence[ScannerConfig]) -> tuple[ScannerConfig, ...]:
-        """Return the configurations with the estimated x, y, yaw and clock offset; height, roll and pitch are kept."""
-        found = {s.frame: s for s in self.scanners}
-        return tuple(_applied(c, found[c.frame]) if c.frame in found else c for c in configs)
-
 
 def calibrate_scanners(
     scans: Mapping[str, Sequence[LaserScan]],
     odometry: Sequence[Odometry],
-    scanners: Sequence[ScannerConfig],
+    scanners: Sequence[Scanner],
     config: CalibrationConfig | None = None,
 ) -> CalibrationResult:
     """Estimate the mounting and clock offset of every scanner; of `scanners` only frame and upside-down mounting are used.
@@ -124,13 +129,6 @@ def calibrate_scanners(
     return _result(scanners, solution, covariance, pairs, rms, config)
 
 
-def _applied(config: ScannerConfig, estimate: ScannerEstimate) -> ScannerConfig:
-    old, new = config.base_from_sensor, estimate.base_from_scanner
-    level = SE3.from_se2(old.to_se2(), old.translation[2]).inverse() @ old
-    mount = SE3.from_se2(new, old.translation[2]) @ SE3((0.0, 0.0, 0.0), level.rotation)
-    return replace(config, base_from_sensor=mount, clock_offset=estimate.clock_offset)
-
-
 def _track(odometry: Sequence[Odometry]) -> tuple[int, se2.PlanarTrack]:
     stamps = np.array([o.stamp_ns for o in odometry], np.int64)
     if len(stamps) < 10:
@@ -140,9 +138,7 @@ def _track(odometry: Sequence[Odometry]) -> tuple[int, se2.PlanarTrack]:
     return int(stamps[0]), se2.PlanarTrack((stamps[keep] - stamps[0]).astype(np.float64) * 1e-9, poses[keep])
 
 
-def _usable(
-    config: ScannerConfig, scans: Sequence[LaserScan], origin_ns: int, track: se2.PlanarTrack
-) -> list[LaserScan]:
+def _usable(config: Scanner, scans: Sequence[LaserScan], origin_ns: int, track: se2.PlanarTrack) -> list[LaserScan]:
     """Return the scans whose time the odometry covers, with a margin for the unknown offset."""
     margin = 0.5
     begin, end = origin_ns + margin * 1e9, origin_ns + (track.times[-1] - margin) * 1e9
@@ -251,7 +247,7 @@ def _honest_covariance(graph: CalibrationGraph, solution: Solution, pairs: Pairs
 
 
 def _result(
-    scanners: Sequence[ScannerConfig],
+    scanners: Sequence[Scanner],
     solution: Solution,
     covariance: F64,
     pairs: Pairs,

@@ -10,19 +10,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.camera import CameraModel, MarkerSpec
 from ambler.core.errors import BadInputError
-from ambler.perception.fiducials import FiducialDetector
+from ambler.core.se3 import SE3
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
 SPAN = 1.8  # the farthest distance must be so many times the nearest: shift and offset look alike otherwise
 PICTURES = 5
+
+
+class SeenMarker(Protocol):
+    """A marker of known size where a detector sees it."""
+
+    @property
+    def marker(self) -> MarkerSpec: ...
+
+    @property
+    def camera_from_marker(self) -> SE3: ...
+
+
+class MarkerRanger(Protocol):
+    """What is calibrated: a detector of markers that takes their edges to be `shift_px` farther out than they are."""
+
+    @property
+    def camera(self) -> CameraModel: ...
+
+    @property
+    def shift_px(self) -> float: ...
+
+    def detect(self, image: U8) -> Sequence[SeenMarker]:
+        """Return the markers of a grey picture uint8 (H, W)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +61,7 @@ class TapedPicture:
 
 @dataclass(frozen=True, slots=True)
 class RangeBias:
-    """`shift_px` is what `EdgeConfig.shift_px` must be, `offset` how far before (positive) the optical centre the tape began; `residual`
+    """`shift_px` is what the detector's `shift_px` must be, `offset` how far before (positive) the optical centre the tape began; `residual`
     (m, RMS) is what stays, about the tape's own error if all is well."""
 
     shift_px: float
@@ -45,9 +71,7 @@ class RangeBias:
     pictures: int
 
 
-def calibrate_range(
-    detector: FiducialDetector, pictures: Sequence[TapedPicture], tape_sigma: float = 0.002
-) -> RangeBias:
+def calibrate_range(detector: MarkerRanger, pictures: Sequence[TapedPicture], tape_sigma: float = 0.002) -> RangeBias:
     """Find the shift from pictures of one marker; raises BadInputError when they cannot tell it."""
     ranges, slopes, tape = _ranges(detector, pictures)
     if len(tape) < PICTURES:
@@ -69,16 +93,11 @@ def calibrate_range(
             f"distances and pictures disagree by {residual * 1e3:.1f} mm: a distance or the size of the marker is wrong"
         )
     return RangeBias(
-        detector.config.edge.shift_px + float(solution[1]), math.sqrt(float(covariance[1, 1])), float(solution[0]), residual, len(tape)
+        detector.shift_px + float(solution[1]), math.sqrt(float(covariance[1, 1])), float(solution[0]), residual, len(tape)
     )  # fmt: skip
 
 
-def with_bias(detector: FiducialDetector, bias: RangeBias) -> FiducialDetector:
-    """Return the detector with the calibrated shift."""
-    return detector.with_edges(replace(detector.config.edge, shift_px=bias.shift_px))
-
-
-def check_range(detector: FiducialDetector, pictures: Sequence[TapedPicture], offset: float) -> F64:
+def check_range(detector: MarkerRanger, pictures: Sequence[TapedPicture], offset: float) -> F64:
     """Return the errors of the range (m), float64 (K,), on pictures that were not used: of a marker of another size."""
     ranges, _, tape = _ranges(detector, pictures)
     if len(tape) == 0:
@@ -86,7 +105,7 @@ def check_range(detector: FiducialDetector, pictures: Sequence[TapedPicture], of
     return np.asarray(ranges - tape - offset)
 
 
-def _ranges(detector: FiducialDetector, pictures: Sequence[TapedPicture]) -> tuple[F64, F64, F64]:
+def _ranges(detector: MarkerRanger, pictures: Sequence[TapedPicture]) -> tuple[F64, F64, F64]:
     """Return ranges, their change per pixel of shift that is missing, and taped distances, each (K,)."""
     rows = []
     for picture in pictures:

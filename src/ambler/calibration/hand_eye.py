@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.calibration import planar_arrays as se2
+from ambler.calibration.scan_pairs import PairConfig, PreparedScan, match_pair, prepare_scan
 from ambler.core.errors import AmblerError
 from ambler.core.messages import LaserScan
-from ambler.perception import planar_arrays as se2
-from ambler.perception.scan_pairs import PairConfig, PreparedScan, match_pair, prepare_scan
 
 F64 = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ambler.calibration.camera_calibration import Checkerboard, calibrate_camera
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
-from ambler.perception.camera_calibration import Checkerboard, calibrate_camera
 from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PrintCamera, checkerboard_print
 from ambler.wire.camera_info import load_camera_info, save_camera_info
 
