@@ -30,12 +30,19 @@ class ObstacleConfig:
 
 @dataclass(frozen=True)
 class SensorRays:
-    """What one sensor saw, in the costmap's frame: its origin (x, y); `hits` (N, 2), returns that mark and end their ray;
+    """What one sensor, or several at one instant, saw, in the costmap's frame: its origin (x, y), or where each ray of `hits` and of `free_ends`
+    starts, `starts` (N, 2) and `free_starts` (M, 2); `hits` (N, 2), returns that mark and end their ray;
     `free_ends` (M, 2), ends of rays that only clear: no return within range, or a return too high or too low to matter."""
 
     origin: tuple[float, float]
     hits: F64 = field(default_factory=lambda: np.zeros((0, 2)))
     free_ends: F64 = field(default_factory=lambda: np.zeros((0, 2)))
+    starts: F64 | None = None
+    free_starts: F64 | None = None
+
+    def starts_of(self, starts: F64 | None) -> F64:
+        """Return `starts` as the kernels take it, or (1, 2) with the origin."""
+        return np.array([self.origin]) if starts is None else _writeable(starts)
 
 
 class ObstacleLayer:
@@ -51,12 +58,12 @@ class ObstacleLayer:
         config, spec = self.config, self.spec
         place = (spec.origin_x, spec.origin_y, spec.resolution)
         for r in rays:
-            for ends, is_free in ((r.hits, False), (r.free_ends, True)):
-                points = _writeable(ends)
-                kernels.clear_rays(self.cells, *place, *r.origin, points, config.raytrace_range, is_free)
+            for starts, ends, is_free in ((r.starts, r.hits, False), (r.free_starts, r.free_ends, True)):
+                points, begins = _writeable(ends), r.starts_of(starts)
+                kernels.clear_rays(self.cells, *place, begins, points, config.raytrace_range, is_free)
         for r in rays:
             points = _writeable(r.hits)
-            kernels.mark_points(self.cells, *place, *r.origin, points, config.obstacle_range)
+            kernels.mark_points(self.cells, *place, r.starts_of(r.starts), points, config.obstacle_range)
 
     def clear_polygon(self, polygon: F64) -> None:
         """Free the cells inside a convex, counter-clockwise polygon (N, 2): where the robot stands, nothing else does."""

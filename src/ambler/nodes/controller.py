@@ -48,6 +48,8 @@ from ambler.runtime.topics import (
     GLASS,
     LOCAL_COSTMAP,
     LOCAL_PATH,
+    MERGED_CLOUD,
+    MERGED_FREE,
     ODOMETRY,
     PATH,
     RANGES,
@@ -86,7 +88,8 @@ class ControllerNode(Node):
         self._view = LocalView(robot, costmap, planar)
         self._has_ranges = bool(robot.rangers)
         ranges = (RANGES,) if self._has_ranges else ()
-        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS, *ranges)
+        merged = (MERGED_FREE, MERGED_CLOUD) if self._view.uses_merged else ()
+        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, *merged, ODOMETRY, TRANSFORMS, *ranges)
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None
@@ -104,6 +107,9 @@ class ControllerNode(Node):
             self.ctx.subscribe(CLOUD, self._on_cloud)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
+        if self._view.uses_merged:
+            self.ctx.subscribe(MERGED_FREE, self._on_free)
+            self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
         if self._has_ranges:
             self.ctx.subscribe(RANGES, self._on_range)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
@@ -121,6 +127,12 @@ class ControllerNode(Node):
 
     def _on_scan(self, scan: LaserScan) -> None:
         self._view.add_scan(scan)
+
+    def _on_free(self, free: PointCloud) -> None:
+        self._view.add_free(free)
+
+    def _on_merged(self, cloud: PointCloud) -> None:
+        self._view.add_merged(cloud)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         self._view.add_cloud(cloud)

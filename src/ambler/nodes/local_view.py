@@ -15,6 +15,7 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import SensorRays
+from ambler.nodes.merged_rays import MergedRays
 from ambler.nodes.range_view import RangeView, cone_of
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
@@ -41,6 +42,7 @@ class LocalView:
         self.stamp_ns: int | None = None
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
+        self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
         self._ranges = RangeView(robot)
         self._has_ranges = bool(robot.rangers)
         self._glass: GlassWalls | None = None
@@ -59,10 +61,27 @@ class LocalView:
             if (edge.parent, edge.child) == ("map", "odom"):
                 self._odom_from_map = edge.parent_from_child.to_se2().inverse()
 
+    @property
+    def uses_merged(self) -> bool:
+        """Whether the costmap lives on the points of several merged scanners (`add_merged`) and not on a scan."""
+        return self._rays is not None
+
+    def add_free(self, free: PointCloud) -> None:
+        """Take the rays of merged scanners that met nothing; before `add_merged`."""
+        if self._rays is not None:
+            self._rays.add_free(free)
+
+    def add_merged(self, cloud: PointCloud) -> None:
+        """Mark and clear with the points of several scanners, each ray from its own."""
+        if self._rays is not None:
+            self._mark(self._rays.to_planar(cloud, self._motion))
+
     def add_scan(self, scan: LaserScan) -> None:
-        """Mark and clear with a planar scan."""
+        """Mark and clear with a planar scan; that of merged scanners only explains echoes."""
         if self._has_ranges:
             self._ranges.add_scan(scan)
+        if self._rays is not None:
+            return
         self._mark(scan_to_points(scan, self._mounts[scan.frame], self._twist(), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:
@@ -116,7 +135,7 @@ class LocalView:
             odom_from_base = self._motion.planar_at(scan.stamp_ns)
         except StaleInputError:
             return  # a scan of a moment without odometry cannot be placed; if that lasts, the odometry is stale
-        origin = odom_from_base.transform(np.array([scan.origin]))[0]
+        starts, free_starts = (odom_from_base.transform(s) for s in scan.ray_starts())
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
         if self._has_ranges and self.uses_cloud:
@@ -124,5 +143,5 @@ class LocalView:
         if self._glass is not None and self._odom_from_map is not None:
             ends = self._odom_from_map.transform(self._glass.segments.reshape(-1, 2))
             self.costmap.set_glass(ends.reshape(-1, 4))
-        self.costmap.update(odom_from_base, [SensorRays((float(origin[0]), float(origin[1])), hits, free_ends)])
+        self.costmap.update(odom_from_base, [SensorRays(scan.origin, hits, free_ends, starts, free_starts)])
         self.stamp_ns = scan.stamp_ns
