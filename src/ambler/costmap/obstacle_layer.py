@@ -31,12 +31,25 @@ class ObstacleConfig:
 
 @dataclass(frozen=True)
 class SensorRays:
-    """What one sensor saw, in the costmap's frame: its origin (x, y); `hits` (N, 2), returns that mark and end their ray;
+    """What one sensor, or several at one instant, saw, in the costmap's frame: its origin (x, y), or where each ray of `hits` and of `free_ends`
+    starts, `starts` (N, 2) and `free_starts` (M, 2); `hits` (N, 2), returns that mark and end their ray;
     `free_ends` (M, 2), ends of rays that only clear: no return within range, or a return too high or too low to matter."""
 
     origin: tuple[float, float]
     hits: F64 = field(default_factory=lambda: np.zeros((0, 2)))
     free_ends: F64 = field(default_factory=lambda: np.zeros((0, 2)))
+    starts: F64 | None = None
+    free_starts: F64 | None = None
+
+    @property
+    def spread(self) -> float:
+        """How far from the origin rays start at most, metres."""
+        given = [starts for starts in (self.starts, self.free_starts) if starts is not None and len(starts)]
+        return max((float(np.hypot(*(starts - self.origin).T).max()) for starts in given), default=0.0)
+
+    def starts_of(self, starts: F64 | None) -> F64:
+        """Return `starts` as the kernels take it, or (1, 2) with the origin."""
+        return np.array([self.origin]) if starts is None else _writeable(starts)
 
 
 class ObstacleLayer:
@@ -65,7 +78,7 @@ class ObstacleLayer:
         self._trace(cells, spec, rays)
         reach = max(self.config.raytrace_range, self.config.obstacle_range)
         for r in rays:
-            changed = union(changed, box_within(*r.origin, reach, spec))
+            changed = union(changed, box_within(*r.origin, reach + r.spread, spec))
         if footprint is not None:
             place = (spec.origin_x, spec.origin_y, spec.resolution)
             kernels.fill_convex(cells, *place, _writeable(footprint), COST_FREE)
@@ -93,12 +106,12 @@ class ObstacleLayer:
     def _trace(self, cells: U8, spec: GridSpec, rays: Sequence[SensorRays]) -> None:
         place = (spec.origin_x, spec.origin_y, spec.resolution)
         for r in rays:
-            for ends, is_free in ((r.hits, False), (r.free_ends, True)):
-                points = _writeable(ends)
-                kernels.clear_rays(cells, *place, *r.origin, points, self.config.raytrace_range, is_free)
+            for starts, ends, is_free in ((r.starts, r.hits, False), (r.free_starts, r.free_ends, True)):
+                points, begins = _writeable(ends), r.starts_of(starts)
+                kernels.clear_rays(cells, *place, begins, points, self.config.raytrace_range, is_free)
         for r in rays:
             points = _writeable(r.hits)
-            kernels.mark_points(cells, *place, *r.origin, points, self.config.obstacle_range)
+            kernels.mark_points(cells, *place, r.starts_of(r.starts), points, self.config.obstacle_range)
 
 
 def _writeable(points: F64) -> F64:

@@ -36,16 +36,18 @@ def _clear_ray(layer, x0, y0, x1, y1, ends_free):
 
 
 @jit
-def clear_rays(layer, origin_x, origin_y, resolution, from_x, from_y, ends, max_range, ends_free):
-    """Free the cells of `layer` uint8 (H, W) along every ray from a sensor at (from_x, from_y) to `ends` float64 (N, 2), metres.
+def clear_rays(layer, origin_x, origin_y, resolution, starts, ends, max_range, ends_free):
+    """Free the cells of `layer` uint8 (H, W) along every ray to `ends` float64 (N, 2), metres, from `starts` float64 (N, 2), or (1, 2) for one
+    start of all.
 
     A ray longer than `max_range` is followed that far only, and frees its last cell too; otherwise the cell of its end is freed
     only when `ends_free` (nothing was seen there). Cells outside of the layer are passed over.
     """
     height, width = layer.shape
-    x0, y0 = (from_x - origin_x) / resolution, (from_y - origin_y) / resolution
     reach = max_range / resolution
     for k in range(len(ends)):
+        s = k if len(starts) > 1 else 0
+        x0, y0 = (starts[s, 0] - origin_x) / resolution, (starts[s, 1] - origin_y) / resolution
         x1, y1 = (ends[k, 0] - origin_x) / resolution, (ends[k, 1] - origin_y) / resolution
         dx, dy = x1 - x0, y1 - y0
         length = math.hypot(dx, dy)
@@ -74,13 +76,14 @@ def clear_rays(layer, origin_x, origin_y, resolution, from_x, from_y, ends, max_
 
 
 @jit
-def mark_points(layer, origin_x, origin_y, resolution, from_x, from_y, points, max_range):
-    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of (from_x, from_y)."""
+def mark_points(layer, origin_x, origin_y, resolution, starts, points, max_range):
+    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of where their rays start, `starts` as in `clear_rays`."""
     height, width = layer.shape
     limit = max_range * max_range
     for k in range(len(points)):
         x, y = points[k, 0], points[k, 1]
-        if not (x - from_x) ** 2 + (y - from_y) ** 2 <= limit:
+        s = k if len(starts) > 1 else 0
+        if not (x - starts[s, 0]) ** 2 + (y - starts[s, 1]) ** 2 <= limit:
             continue
         ix, iy = int(math.floor((x - origin_x) / resolution)), int(math.floor((y - origin_y) / resolution))
         if 0 <= iy < height and 0 <= ix < width:
@@ -177,8 +180,8 @@ def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     layer = np.full((4, 4), UNKNOWN, np.uint8)
     points = np.array([[0.1, 0.1], [0.15, 0.12]])
-    clear_rays(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0, True)
-    mark_points(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0)
+    clear_rays(layer, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, True)
+    mark_points(layer, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0)
     fill_convex(layer, 0.0, 0.0, 0.05, np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]), FREE)
     occupancy = np.zeros((4, 4), np.int8)
     to_static(occupancy, np.zeros(256, np.uint8), layer)

@@ -52,6 +52,8 @@ from ambler.runtime.topics import (
     GATE_STATUS,
     LOCAL_COSTMAP,
     LOCAL_PATH,
+    MERGED_CLOUD,
+    MERGED_FREE,
     ODOMETRY,
     PATH,
     SCAN,
@@ -97,7 +99,7 @@ class ControllerNode(Node):
         self._view = LocalView(robot, costmap, planar)
         self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)
         needed = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
-        self._fresh: Topics = (CLOUD if self._view.uses_cloud else SCAN, *needed)
+        self._fresh: Topics = (*self._view.topics, *needed)
         self.inputs = (*self._fresh, ODOMETRY, TRANSFORMS)
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
         self.optional_inputs = (PATH, GATE_STATUS, *optional)
@@ -114,7 +116,10 @@ class ControllerNode(Node):
 
     def start(self) -> None:
         """Subscribe, serve, and start the two timers."""
-        if self._view.uses_cloud:
+        if self._view.uses_merged:
+            self.ctx.subscribe(MERGED_FREE, self._on_free)
+            self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
+        elif self._view.uses_cloud:
             self.ctx.subscribe(CLOUD, self._on_cloud)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
@@ -134,6 +139,12 @@ class ControllerNode(Node):
 
     def _on_scan(self, scan: LaserScan) -> None:
         self._view.add_scan(scan)
+
+    def _on_free(self, free: PointCloud) -> None:
+        self._view.add_free(free)
+
+    def _on_merged(self, cloud: PointCloud) -> None:
+        self._view.add_merged(cloud)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         self._view.add_cloud(cloud)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +16,10 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
+from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, lean_of, level, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
+from ambler.runtime.topics import CLOUD, MERGED_CLOUD, MERGED_FREE, SCAN, Topic
 
 F64 = NDArray[np.float64]
 
@@ -33,6 +37,7 @@ class LocalView:
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
+        self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
         self._odometry: Odometry | None = None
         self._odom_from_map: SE2 | None = None
 
@@ -46,6 +51,28 @@ class LocalView:
         for edge in transforms.transforms:
             if (edge.parent, edge.child) == ("map", "odom"):
                 self._odom_from_map = edge.parent_from_child.to_se2().inverse()
+
+    @property
+    def uses_merged(self) -> bool:
+        """Whether the costmap lives on the points of several merged scanners (`add_merged`) and not on a scan."""
+        return self._rays is not None
+
+    @property
+    def topics(self) -> tuple[Topic[Any], ...]:
+        """What it must be fed with for the costmap to live."""
+        if self.uses_merged:
+            return (MERGED_FREE, MERGED_CLOUD)
+        return (CLOUD if self.uses_cloud else SCAN,)
+
+    def add_free(self, free: PointCloud) -> None:
+        """Take the rays of merged scanners that met nothing; before `add_merged`."""
+        if self._rays is not None:
+            self._rays.add_free(free)
+
+    def add_merged(self, cloud: PointCloud) -> None:
+        """Mark and clear with the points of several scanners, each ray from its own."""
+        if self._rays is not None:
+            self._mark(self._rays.to_planar(cloud, self._motion))
 
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan."""
@@ -104,10 +131,12 @@ class LocalView:
             odom_from_base = self._motion.planar_at(scan.stamp_ns)
         except StaleInputError:
             return  # a scan of a moment without odometry cannot be placed; if that lasts, the odometry is stale
-        origin = odom_from_base.transform(np.array([scan.origin]))[0]
+        starts, free_starts = (odom_from_base.transform(s) for s in scan.ray_starts())
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
         if self._obstacles is not None:
-            self._obstacles.add([SensorRays((float(origin[0]), float(origin[1])), hits, free_ends)])
+            origin = odom_from_base.transform(np.array([scan.origin]))[0]
+            place = (float(origin[0]), float(origin[1]))
+            self._obstacles.add([SensorRays(place, hits, free_ends, starts, free_starts)])
         self.costmap.update(odom_from_base, self._odom_from_map)
         self.stamp_ns = scan.stamp_ns

@@ -206,12 +206,7 @@ class LocalizationNode(Node):
         cloud = self._cloud
         if cloud is not None and cloud.stamp_ns == message.stamp_ns:
             return np.concatenate([scan.points, cloud.points[:, :2]]), None
-        bright = None
-        if len(message.intensities) == len(message.ranges):
-            limits = self._config.planar
-            near, far = max(limits.range_min, message.range_min), min(limits.range_max, message.range_max)
-            bright = message.intensities[(message.ranges >= near) & (message.ranges <= far)]
-        return scan.points, bright if bright is not None and len(bright) == len(scan.points) else None
+        return scan.points, scan.intensities
 
     def _twist(self, message: LaserScan) -> F64:
         """Velocity (vx, vy, wz) of the base over a scan; still when odometry does not reach back."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.messages import (
     LaserScan,
     OccupancyGrid,
@@ -22,6 +23,7 @@ from ambler.core.messages import (
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.node import GoalHandle, Node, Topics
@@ -30,6 +32,8 @@ from ambler.runtime.topics import (
     CLOUD,
     MAP,
     MATCHED_SCAN,
+    MERGED_CLOUD,
+    MERGED_FREE,
     ODOMETRY,
     SCAN,
     SLAM_HEALTH,
@@ -59,7 +63,7 @@ class Slam2dNodeConfig:
 
 
 class Slam2dNode(Node):
-    """Runs `Slam2d` on the robot's scanner."""
+    """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured."""
 
     name = "slam2d"
     inputs: Topics = (SCAN, ODOMETRY)
@@ -70,8 +74,13 @@ class Slam2dNode(Node):
     def __init__(self, robot: RobotModel, config: Slam2dNodeConfig | None = None) -> None:
         self._robot = robot
         self._config = config or Slam2dNodeConfig()
+        self._rays: MergedRays | None = None
+        self._motion = BaseMotion()
         if self._config.uses_cloud:
             self.inputs = (CLOUD, ODOMETRY)
+        elif len(robot.scanners) > 1:
+            self._rays = MergedRays(robot, self._config.planar)
+            self.inputs = (MERGED_FREE, MERGED_CLOUD, ODOMETRY)
         self.slam = Slam2d(self._config.slam)
         self._published_version = 0
         self._tilt = (0.0, 0.0)
@@ -86,6 +95,9 @@ class Slam2dNode(Node):
         """Subscribe to the sensors and publish the map when it has changed."""
         if self._config.uses_cloud:
             self.ctx.subscribe(CLOUD, self._on_cloud)
+        elif self._rays is not None:
+            self.ctx.subscribe(MERGED_FREE, self._rays.add_free)
+            self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
@@ -101,6 +113,7 @@ class Slam2dNode(Node):
         )
         self._odom_from_base = message.pose.to_se2()
         self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
+        self._motion.add(message)
         self.slam.add_heading(message.stamp_ns, self._odom_from_base.yaw)
 
     def _on_scan(self, message: LaserScan) -> None:
@@ -116,6 +129,10 @@ class Slam2dNode(Node):
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
         mount = level(self._robot.sensor(message.frame).base_from_sensor, *self._tilt)
         self._update(cloud_to_points(message, mount, twist, self._config.planar))
+
+    def _on_merged(self, message: PointCloud) -> None:
+        assert self._rays is not None
+        self._update(self._rays.to_planar(message, self._motion))
 
     def _update(self, scan: PlanarScan) -> None:
         if scan.stamp_ns <= self._newest_ns:

@@ -55,9 +55,10 @@ class LogScan:
         """Return the points in the base frame of the stamp; `twist` (vx, vy, wz) is the base's velocity during the scan."""
         n = len(self.ranges)
         points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
-        counts = np.empty(2, np.int64)
+        beams, counts = np.empty((2, n), np.int32), np.empty(2, np.int64)
         scan_points.beams_to_points(
-            self.ranges, self.beam, self.limits, self.base_from_laser, twist, points, free_points, counts
+            *(self.ranges, self.beam, self.limits, self.base_from_laser, twist),
+            *(points, free_points, beams[0], beams[1], counts),
         )
         origin = float(self.base_from_laser[0, 3]), float(self.base_from_laser[1, 3])
         return PlanarScan(self.stamp_ns, points[: counts[0]].copy(), free_points[: counts[1]].copy(), origin)

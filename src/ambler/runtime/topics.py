@@ -61,6 +61,7 @@ def _topic(
 # Sensors
 SCAN = _topic("scan", m.LaserScan, "/scan", max_age=0.5)
 SCANNERS = _topic("scanners", m.LaserScan, "/scanners", depth=20, max_age=0.5, has_many_writers=True)
+MERGED_FREE = _topic("merged_free", m.PointCloud, "/merged_free", depth=2, max_age=0.5)
 MERGED_CLOUD = _topic("merged_cloud", m.PointCloud, "/merged_points", depth=2, max_age=0.5)
 RANGES = _topic("ranges", m.Range, "/ultrasonic", depth=50, max_age=0.5)
 ECHOES = _topic("echoes", m.JudgedEcho, "/echoes", depth=50, max_age=0.5)
