@@ -87,7 +87,7 @@ class LiveRig:
 
 @contextlib.contextmanager
 def serial_rig(folder: Path, part: str) -> Iterator[LiveRig]:
-    body, config = FakeBase(0.01), EmulatorConfig(watchdog=0.2, clock_offset=-99.0, clock_drift=1e-4)
+    body, config = FakeBase(0.01), EmulatorConfig(watchdog=0.45, clock_offset=-99.0, clock_drift=1e-4)
     emulator = SerialEmulator(body, FakeBattery(), config, folder / "line")
     stepper = Stepper(emulator.step)
     base = SerialBase(folder / "line", HOST)

@@ -227,6 +227,16 @@ def test_a_slow_client_loses_messages_and_the_server_never_waits(
     server.close()
 
 
+def test_gaps_in_the_numbers_of_messages_are_counted(rig: Rig) -> None:
+    rig.imu.open()
+    rig.collect(rig.imu, 3)
+    assert rig.imu.health().lost == 0
+    with rig.stepper.paused():
+        rig.server._sequences["imu"] += 5
+    rig.collect(rig.imu, 10)
+    assert rig.imu.health().lost == 5
+
+
 def test_opening_names_what_is_wrong(rig: Rig, tmp_path: Path) -> None:
     with pytest.raises(DeviceError, match="has no rear, only eye, fake_battery, imu, laser, left"):
         StreamImu(rig.stream, "rear", "rear").open()
