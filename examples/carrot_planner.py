@@ -1,20 +1,31 @@
 """A local planner of one's own: it drives towards a point on its path, a carrot, and stops before what lies in its way.
 
 Nothing in `src` knows this file. `ControllerNode` takes any `LocalPlanner`; the tests drive this one through the suite of all others.
+Run it: `python examples/carrot_planner.py`.
 """
 
 from __future__ import annotations
 
 import math
+import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.apps.judgement import judge
+from ambler.apps.robot import Parts
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.nodes.steps import NavigateStep
+from ambler.robots.catalog import robot_model
 
 F64 = NDArray[np.float64]
 CARROT = 0.35  # metres ahead on the path
@@ -131,3 +142,20 @@ def _covered(costs: NDArray[np.uint8], spec: GridSpec, points: F64) -> int:
     cells = spec.cells_of(points)
     is_in = ((cells >= 0) & (cells < spec.shape)).all(axis=1)
     return int(np.count_nonzero(costs[cells[is_in, 0], cells[is_in, 1]] == COST_LETHAL))
+
+
+def main(out: Path) -> dict[str, object]:
+    """Drive to a goal with it; returns the result."""
+    options = RunOptions((NavigateStep(SE2(3.0, 1.5, 0.0)),), "lab_empty", "diff", port=None, time_limit=90.0)
+    run = SimulatedRun(options, RunFolder(out), parts=Parts(local_planner=CarrotPlanner(robot_model("diff"))))
+    try:
+        run.run()
+        return judge(run).fields
+    finally:
+        run.close()
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        result = main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder))
+        print({name: result[name] for name in ("ended", "worst_goal_error_m", "collisions", "path_length_m")})

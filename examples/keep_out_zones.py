@@ -1,18 +1,29 @@
 """A costmap layer of one's own: zones of the map that the robot keeps out of, known from the start or told on a topic of one's own.
 
 Nothing in `src` knows this file. A costmap gets the layer through its constructor, a node what feeds it (docs/costmap.md).
+Run it: `python examples/keep_out_zones.py`.
 """
 
 from __future__ import annotations
 
+import sys
+import tempfile
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.apps.judgement import judge
+from ambler.apps.robot import Parts
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.core.messages import Polygon
+from ambler.core.se2 import SE2
 from ambler.costmap.layer import Box, Frames, Moment, box_around, union, whole
+from ambler.nodes.steps import NavigateStep
 from ambler.runtime.topics import Topic
 
 KEEP_OUT = Topic("keep_out", Polygon, "/keep_out", "latched", 1)
@@ -70,3 +81,24 @@ def inside(zone: NDArray[np.float64], spec: GridSpec, box: Box) -> NDArray[np.bo
         if ay != by:
             is_in ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / (by - ay))
     return is_in
+
+
+ACROSS = np.array([[1.0, -0.6], [1.6, -0.6], [1.6, 0.6], [1.0, 0.6]])
+
+
+def main(out: Path, zones: tuple[NDArray[np.float64], ...] = (ACROSS,)) -> dict[str, object]:
+    """Drive to a goal behind a zone; returns the result."""
+    options = RunOptions((NavigateStep(SE2(3.0, 0.0, 0.0)),), "lab_empty", "diff", port=None, time_limit=90.0)
+    parts = Parts(global_layers=(KeepOutLayer(zones),), local_layers=(KeepOutLayer(zones),))
+    run = SimulatedRun(options, RunFolder(out), parts=parts)
+    try:
+        run.run()
+        return judge(run).fields
+    finally:
+        run.close()
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        result = main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder))
+        print({name: result[name] for name in ("ended", "worst_goal_error_m", "collisions", "path_length_m")})

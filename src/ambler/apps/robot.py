@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from ambler.apps.config import RobotConfig
 from ambler.control.local_planners import local_planner
+from ambler.core.devices import RobotDevices
 from ambler.core.grid import GridSpec
 from ambler.core.protocols import GlobalPlanner, LocalPlanner
 from ambler.core.robot import RobotModel
@@ -40,6 +42,7 @@ from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, w
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner
 from ambler.runtime.node import Node
+from ambler.sim.sim_robot import SimRobot
 
 MapGrid = tuple[GridSpec, NDArray[np.int8]]
 
@@ -55,7 +58,8 @@ class Site:
 @dataclass(frozen=True)
 class Parts:
     """What an integrator brings along: in place of what the configuration would build (None: as configured), layers drawn over
-    the usual ones with what feeds them, and nodes beside the rest. A layer serves one costmap."""
+    the usual ones with what feeds them, and nodes beside the rest. A layer serves one costmap. In simulation also a robot that
+    no name stands for, and `devices`, which puts drivers of one's own in the place of simulated devices."""
 
     local_planner: LocalPlanner | None = None
     global_planner: GlobalPlanner | None = None
@@ -65,6 +69,8 @@ class Parts:
     global_inputs: tuple[LayerInput[Any], ...] = ()
     local_inputs: tuple[LayerInput[Any], ...] = ()
     nodes: tuple[Node, ...] = ()
+    robot: SimRobot | None = None
+    devices: Callable[[RobotDevices], RobotDevices] | None = None
 
 
 def robot_nodes(

@@ -85,9 +85,10 @@ class Scene:
     camera: CameraModel | None
 
 
-def checked_scene(options: RunOptions) -> Scene:
-    """Load and check everything that options name, before anything runs; raises BadInputError with one sentence."""
-    robot = robot_named(options.robot)
+def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
+    """Load and check everything that options name, before anything runs; raises BadInputError with one sentence. `robot` takes the place
+    of the one that they name."""
+    robot = robot if robot is not None else robot_named(options.robot)
     world = load_world(options.world)
     start = _start(options, world)
     config = _config(robot.model, options, world.start.inverse() @ start)

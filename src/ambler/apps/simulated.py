@@ -103,7 +103,8 @@ class SimulatedRun(Run):
         """`scene`: the options as they were checked before; `parts`: what is brought along in place of what is configured. Raises
         BadInputError."""
         self.options = options
-        self.scene = scene = scene if scene is not None else checked_scene(options)
+        parts = parts if parts is not None else Parts()
+        self.scene = scene = scene if scene is not None else checked_scene(options, parts.robot)
         others = {name: (mate, checked_scene(mate)) for name, mate in (mates or {}).items()}
         if options.is_apart and others:
             raise BadInputError("the simulator in a process of its own is for one robot")
@@ -112,7 +113,7 @@ class SimulatedRun(Run):
         if self.simulator is not None:
             devices = {FIRST: _live_nodes(scene, self.simulator, clock)}
         else:
-            devices = _world_nodes(options, scene, others)
+            devices = _world_nodes(options, scene, others, parts)
         self.robot = SimulatedRobot(options, scene, folder, devices[FIRST], "", parts)
         team = [self.robot]
         for name, (mate, other) in others.items():
@@ -158,15 +159,15 @@ def _clock(options: RunOptions) -> SystemClock | None:
 
 
 def _world_nodes(
-    options: RunOptions, scene: Scene, others: Mapping[str, tuple[RunOptions, Scene]]
+    options: RunOptions, scene: Scene, others: Mapping[str, tuple[RunOptions, Scene]], parts: Parts
 ) -> dict[str, list[Node]]:
     """Put all robots into one world; returns the nodes of the devices of each."""
     config = SimulationConfig(options.seed, options.is_perfect, options.physics, scene.faults)
     bodies = [BodySpec(FIRST, scene.robot, scene.start)]
     bodies += [BodySpec(name, other.robot, other.start, mate.seed) for name, (mate, other) in others.items()]
     world = World(scene.world, bodies, config)
-    cameras = {FIRST: scene.camera, **{name: other.camera for name, (_, other) in others.items()}}
-    return {name: simulated_nodes(world, name, camera) for name, camera in cameras.items()}
+    nodes = {name: simulated_nodes(world, name, other.camera) for name, (_, other) in others.items()}
+    return {FIRST: simulated_nodes(world, FIRST, scene.camera, parts.devices), **nodes}
 
 
 def _simulator(

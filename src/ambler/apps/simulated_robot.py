@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ambler.core.camera import CameraModel
+from ambler.core.devices import RobotDevices
 from ambler.core.se2 import SE2
 from ambler.nodes.devices.table import device_nodes
 from ambler.nodes.devices.truth import TruthNode
@@ -14,9 +17,16 @@ from ambler.sim.solids import WorldSpec
 from ambler.sim.world import BodySpec, SimulationConfig, World
 
 
-def simulated_nodes(world: World, name: str, calibration: CameraModel | None = None) -> list[Node]:
-    """Return the nodes of one robot of a running world: its devices and its ground truth. `calibration` replaces what its camera says."""
+def simulated_nodes(
+    world: World,
+    name: str,
+    calibration: CameraModel | None = None,
+    replaced: Callable[[RobotDevices], RobotDevices] | None = None,
+) -> list[Node]:
+    """Return the nodes of one robot of a running world: its devices and its ground truth. `calibration` replaces what its camera says,
+    `replaced` puts other devices in the place of simulated ones."""
     devices = robot_devices(world, name)
+    devices = devices if replaced is None else replaced(devices)
     nodes = device_nodes(world.body(name).robot.model, devices, calibration=calibration)
     return [*nodes, TruthNode(GroundTruth(world, world.body(name)))]
 
