@@ -1,4 +1,4 @@
-"""A world: upright solids on a floor.
+"""A world: upright solids on a floor, triangle meshes, a height field in the floor's place.
 
 The *map frame*, in which SLAM starts and ground truth is told, has its origin at the robot's start pose: `WorldSpec` holds
 every solid in that frame, so that an estimated trajectory and map can be compared with the truth without alignment.
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
+from ambler.sim.meshes import HeightField, TriangleMesh, highest_below
 
 
 class Shape(IntEnum):
@@ -21,6 +22,10 @@ class Shape(IntEnum):
 
     BOX = 0
     CYLINDER = 1
+
+
+TERRAIN_DROP = 0.005  # metres that the floor around a terrain lies below the terrain's lowest point
+STEP_ON = 0.5  # metres; a mesh that begins higher above the ground than this is a roof and not what a robot starts on
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +130,37 @@ class WorldSpec:
     people: tuple[Person, ...] = ()
     doors: tuple[Door, ...] = ()
     docks: tuple[SimDock, ...] = ()
+    meshes: tuple[TriangleMesh, ...] = ()
+    terrain: HeightField | None = None
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether there is nothing but upright solids on the plane z = 0."""
+        return self.terrain is None and not self.meshes
+
+    @property
+    def floor(self) -> float:
+        """Height of the endless floor: 0, or with a terrain just below its lowest point."""
+        return 0.0 if self.terrain is None else self.terrain.lowest - TERRAIN_DROP
+
+    def ground_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the heights of what a robot that starts at points (N, 2) stands on, float64 (N,): floor, terrain, or a mesh that lies
+        not more than half a metre higher."""
+        out = np.full(len(points), self.floor)
+        if self.terrain is not None:
+            out = np.fmax(out, self.terrain.heights_at(points))
+        for mesh in self.meshes:
+            out = np.maximum(out, highest_below(mesh.corners, points, float(out.max()) + STEP_ON))
+        return out
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return (x_min, y_min, x_max, y_max) of all solids in the map frame."""
-        if not self.solids:
+        """Return (x_min, y_min, x_max, y_max) of all solids, meshes and the terrain in the map frame."""
+        parts = [s.corners() for s in self.solids] + [m.vertices[:, :2] for m in self.meshes]
+        if self.terrain is not None:
+            parts.append(self.terrain.outline)
+        if not parts:
             return (-5.0, -5.0, 5.0, 5.0)
-        corners = np.concatenate([s.corners() for s in self.solids])
+        corners = np.concatenate(parts)
         low, high = corners.min(axis=0), corners.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
