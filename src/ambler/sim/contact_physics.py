@@ -13,12 +13,16 @@ from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.sim.base import Carriage, Touch
 from ambler.sim.drive import after_strafe_loss, drive_of
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.sim.surface_contact import STEEP, ground_names, rest_pose, surfaces_xml
 
 FOOT_RADIUS = 0.05
 WHEEL_WIDTH = 0.04
@@ -26,6 +30,9 @@ WHEEL_WIDTH = 0.04
 # that an explicit integrator is stable; an implicit one would move wheels other than the contact solver assumed.
 WHEEL_ARMATURE = 0.06
 WHEEL_GAIN = 10.0
+# Where the ground is not flat, wheels have an integral part too (1/s), or a robot that stands on a slope would creep down. It takes up
+# to the load of a slope of 30 degrees.
+WHEEL_INTEGRAL = 5.0
 
 
 class ContactPhysics:
@@ -46,6 +53,11 @@ class ContactPhysics:
         base = self._model.body("base").id
         self._is_own = self._model.body_rootid[self._model.geom_bodyid] == base
         self._floor = self._model.geom("floor").id
+        self._start = rest_pose(world, SE2(), robot.model.footprint)
+        self._is_flat = world.is_flat
+        self._is_ground, self._is_gear = self._find_ground(world)
+        self._carried = np.zeros(2)
+        self._carried_max = 0.25 * robot.mass * 9.81 * robot.wheel_radius / WHEEL_GAIN
         self._hull_force = self._data.sensordata
         self._speed_before = (0.0, 0.0, 0.0)
         self._carriage = Carriage((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
@@ -55,6 +67,8 @@ class ContactPhysics:
         """Advance by one physics step."""
         if self._has_wheels:
             self._ctrl[0], self._ctrl[1] = self._drive.rates(target)
+            if not self._is_flat:
+                self._carry_load()
         else:
             self._set_surface(target)
         v = self._qvel
@@ -85,7 +99,11 @@ class ContactPhysics:
             return ()
         contact = self._data.contact
         geoms = contact.geom
-        others = np.nonzero((geoms != self._floor).all(axis=1) & (contact.dist < 1e-3))[0]
+        is_touch = (geoms != self._floor).all(axis=1) & (contact.dist < 1e-3)
+        if not self._is_flat:
+            is_driving = self._is_ground[geoms].any(axis=1) & self._is_gear[geoms].any(axis=1)
+            is_touch &= ~(is_driving & (np.abs(contact.frame[:, 2]) >= STEEP))
+        others = np.nonzero(is_touch)[0]
         return tuple(self._touch(int(k)) for k in others)
 
     def _touch(self, k: int) -> Touch:
@@ -101,6 +119,34 @@ class ContactPhysics:
         names = self._model.geom
         return Touch(names(part).name, names(solid).name.rsplit("#", 1)[0], (x, y, z), speed, float(abs(force[0])))
 
+    def _put_back(self) -> None:
+        """Move the base along the ground to where it started, and turn it to its first heading; what is level becomes exactly so."""
+        if self._is_flat:
+            self._qpos[0], self._qpos[1] = 0.0, 0.0
+            self._qpos[3:7] = (1.0, 0.0, 0.0, 0.0)
+            return
+        rested = SE3(tuple(self._qpos[:3]), tuple(self._qpos[3:7]))
+        up = self._start.matrix()[:3, 2]
+        lifted = up * float(up @ np.subtract(rested.translation, self._start.translation))
+        back = self._start.to_se2().yaw - rested.to_se2().yaw
+        turned = SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, back) @ rested
+        self._qpos[:3], self._qpos[3:7] = np.add(self._start.translation, lifted), turned.rotation
+
+    def _find_ground(self, world: WorldSpec) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Tell of every geom whether it is terrain or mesh, and whether it is a wheel, caster or foot."""
+        grounds = ground_names(world)
+        names = [str(self._model.geom(k).name) for k in range(self._model.ngeom)]
+        is_ground = np.array([n.rpartition("#")[0] in grounds for n in names]) & ~self._is_own
+        return is_ground, self._is_own & np.array([n != "body" for n in names])
+
+    def _carry_load(self) -> None:
+        """Add to the wheels' wanted rates what the load, by which they fall short of them, asks for."""
+        missing = self._ctrl[:2] - self._qvel[6:8]
+        self._carried = np.clip(
+            self._carried + WHEEL_INTEGRAL * self._dt * missing, -self._carried_max, self._carried_max
+        )
+        self._ctrl[:2] += self._carried
+
     def _find_feet(self) -> list[tuple[int, float, float]]:
         ids = [self._model.geom(f"foot_{i}").id for i in range(4)]
         return [(i, float(self._model.geom_pos[i, 0]), float(self._model.geom_pos[i, 1])) for i in ids]
@@ -114,13 +160,16 @@ class ContactPhysics:
             self._turned[k] += rate * self._dt
 
     def _settle(self) -> None:
-        """Let the robot come to rest on the floor, then put it back to the origin."""
+        """Let the robot come to rest on the ground, then put it back to the origin."""
+        self._qpos[:3], self._qpos[3:7] = self._start.translation, self._start.rotation
         if not self._has_wheels:
             self._set_surface(BodyVelocity())
         for _ in range(200):
+            if self._has_wheels and not self._is_flat:
+                self._ctrl[:] = 0.0
+                self._carry_load()
             self._step(self._model, self._data)
-        self._qpos[0], self._qpos[1] = 0.0, 0.0
-        self._qpos[3:7] = (1.0, 0.0, 0.0, 0.0)
+        self._put_back()
         self._qpos[7:] = 0.0
         self._qvel[:] = 0.0
         self._data.time = 0.0
@@ -138,6 +187,7 @@ def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[So
         for k, s in enumerate(movers)
     )
     drive, actuators = _wheels_xml(robot) if robot.has_two_wheels else (_feet_xml(robot), "")
+    surface_assets, surfaces = surfaces_xml(world)
     levels = (robot.body_bottom, robot.model.body_height)
     hull = " ".join(f"{x:.6f} {y:.6f} {z:.6f}" for z in levels for x, y in robot.model.footprint)
     center_x = -0.05 if robot.has_two_wheels else 0.0
@@ -145,10 +195,12 @@ def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[So
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{dt!r}" integrator="Euler" cone="elliptic" impratio="10"/>
 <default><geom friction="0.3 0.005 0.0001"/></default>
-<asset><mesh name="hull" vertex="{hull}"/></asset>
+<asset><mesh name="hull" vertex="{hull}"/>
+{surface_assets}</asset>
 <worldbody>
-<geom name="floor" type="plane" size="0 0 1" priority="1" friction="{world.friction!r} 0.005 0.0001"/>
+<geom name="floor" type="plane" pos="0 0 {world.floor!r}" size="0 0 1" priority="1" friction="{world.friction!r} 0.005 0.0001"/>
 {solids}
+{surfaces}
 <body name="base"><freejoint/>
 <inertial pos="{center_x!r} 0 {0.4 * sum(levels)!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
 <geom name="body" type="mesh" mesh="hull"/>

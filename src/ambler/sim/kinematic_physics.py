@@ -1,6 +1,6 @@
 """The cheap mode: the base follows the wanted velocity exactly, and stops where its footprint would enter a solid.
 
-Needs no MuJoCo. Collisions are judged in the plane: separating axes of convex polygons, distance of a circle to a polygon.
+Needs no MuJoCo. Knows a flat floor and upright solids only: worlds with terrain or meshes are refused. Collisions are judged in the plane: separating axes of convex polygons, distance of a circle to a polygon.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.sim.base import Carriage, Touch
@@ -78,6 +79,8 @@ class KinematicPhysics:
     """One robot in one world, in the map frame, starting at the origin; see `sim.base.Physics`."""
 
     def __init__(self, world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> None:
+        if not world.is_flat:
+            raise BadInputError(f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors")
         self._robot = robot
         self._collider = FootprintCollider(world, robot)
         self._movers = tuple(movers)

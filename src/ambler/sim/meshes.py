@@ -86,7 +86,10 @@ class HeightField:
         if not (math.isfinite(self.resolution) and self.resolution > 0.0):
             raise BadInputError(f"height field {self.name!r}: resolution must be positive, is {self.resolution}")
         heights.flags.writeable = False
+        place = SE2(float(self.origin.x), float(self.origin.y), float(self.origin.yaw))
         object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "resolution", float(self.resolution))
+        object.__setattr__(self, "origin", place)
 
     @property
     def lowest(self) -> float:
@@ -143,13 +146,14 @@ def normals_of(corners: F64) -> F64:
 
 def highest_below(corners: F64, points: F64, limit: float) -> F64:
     """Return the greatest height not above `limit` where the vertical lines at points (N, 2) meet triangles (M, 3, 3); -inf: none."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    a, b, c = corners[:, 0, :2], corners[:, 1, :2], corners[:, 2, :2]
+    rise_b, rise_c = (corners[:, 1:, 2] - corners[:, :1, 2]).T
     area = _cross(b - a, c - a)
     out = np.full(len(points), -np.inf)
     for k, p in enumerate(points):
         with np.errstate(divide="ignore", invalid="ignore"):
             s, t = _cross(p - a, c - a) / area, _cross(b - a, p - a) / area
-            z = a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2])
+            z = corners[:, 0, 2] + s * rise_b + t * rise_c
             met = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0) & (z <= limit)
         out[k] = z[met].max(initial=-np.inf)
     return out
