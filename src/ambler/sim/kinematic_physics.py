@@ -80,7 +80,9 @@ class KinematicPhysics:
 
     def __init__(self, world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> None:
         if not world.is_flat:
-            raise BadInputError(f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors")
+            raise BadInputError(
+                f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors"
+            )
         self._robot = robot
         self._collider = FootprintCollider(world, robot)
         self._movers = tuple(movers)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.kernels import bvh, raycast
-from ambler.sim.meshes import normals_of
+from ambler.sim.meshes import HeightField, TriangleMesh, normals_of
 from ambler.sim.solids import Solid, WorldSpec
 
 F64 = NDArray[np.float64]
@@ -51,15 +51,17 @@ class RayScene:
 
 def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
     """Build the hierarchy over a world's solids, terrain and meshes, the floor and the ceiling; `movers` only give their albedos."""
-    surfaces = [world.terrain, *world.meshes] if world.terrain is not None else list(world.meshes)
-    corners = np.concatenate([np.empty((0, 3, 3)), *(s.corners for s in surfaces)])
+    terrain = (world.terrain,) if world.terrain is not None else ()
+    surfaces: tuple[HeightField | TriangleMesh, ...] = (*terrain, *world.meshes)
+    parts = [s.corners for s in surfaces]
+    corners = np.concatenate([np.empty((0, 3, 3)), *parts])
     prims = np.array([primitive(s) for s in world.solids]).reshape(-1, 15)
     boxes, triangles = _boxes_around(prims), (corners.min(axis=1) - HAIR, corners.max(axis=1) + HAIR)
     lower, upper = (np.concatenate(part) for part in zip(boxes, triangles, strict=True))
     order, bounds, firsts, counts = _hierarchy(lower, upper)
     prims = np.concatenate([prims, _triangle_rows(corners)])
     kinds = [raycast.GLASS if s.is_glass else int(s.shape) for s in world.solids] + len(corners) * [raycast.TRIANGLE]
-    albedos = np.concatenate([[s.albedo for s in world.solids], *(np.full(len(s.corners), s.albedo) for s in surfaces)])
+    albedos = np.concatenate([[s.albedo for s in world.solids], *(np.full(len(s), t.albedo) for s, t in zip(parts, surfaces, strict=True))])
     return RayScene(
         bounds,
         firsts,

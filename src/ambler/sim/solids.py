@@ -144,14 +144,16 @@ class WorldSpec:
         return 0.0 if self.terrain is None else self.terrain.lowest - TERRAIN_DROP
 
     def ground_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the heights of what a robot that starts at points (N, 2) stands on, float64 (N,): floor, terrain, or a mesh that lies
-        not more than half a metre higher."""
-        out = np.full(len(points), self.floor)
+        """Return the heights of what a robot that starts at points (N, 2), its middle first, stands on, float64 (N,): floor, terrain, or
+        meshes up to half a metre above the ground in its middle. Solids do not count."""
+        bare = np.full(len(points), self.floor)
         if self.terrain is not None:
-            out = np.fmax(out, self.terrain.heights_at(points))
-        for mesh in self.meshes:
-            out = np.maximum(out, highest_below(mesh.corners, points, float(out.max()) + STEP_ON))
-        return out
+            bare = np.fmax(bare, self.terrain.heights_at(points))
+        if not self.meshes:
+            return bare
+        corners = np.concatenate([m.corners for m in self.meshes])
+        middle = max(bare[0], highest_below(corners, points[:1], bare[0] + STEP_ON)[0])
+        return np.asarray(np.maximum(bare, highest_below(corners, points, middle + STEP_ON)))
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (x_min, y_min, x_max, y_max) of all solids, meshes and the terrain in the map frame."""

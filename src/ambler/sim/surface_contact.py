@@ -44,7 +44,9 @@ def rest_pose(world: WorldSpec, world_from_base: SE2, footprint: F64) -> SE3:
         return SE3.from_se2(world_from_base)
     points = np.concatenate([np.zeros((1, 2)), footprint, 0.5 * footprint])
     heights = world.ground_at(world_from_base.transform(points))
-    (slope_x, slope_y, middle), *_ = np.linalg.lstsq(np.column_stack([points, np.ones(len(points))]), heights, rcond=None)
+    (slope_x, slope_y, middle), *_ = np.linalg.lstsq(
+        np.column_stack([points, np.ones(len(points))]), heights, rcond=None
+    )
     above = float(np.max(heights - points @ [slope_x, slope_y] - middle))
     pitch = math.atan(-slope_x)
     roll = math.atan(slope_y * math.cos(pitch))
