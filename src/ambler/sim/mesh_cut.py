@@ -25,7 +25,7 @@ def slice_mesh(corners: F64, height: float) -> F64:
     ends = [tip + ((height - tip[:, 2]) / (o[:, 2] - tip[:, 2]))[:, None] * (o - tip) for o in (after, before)]
     segments = np.stack(ends, axis=1)[:, :, :2].reshape(-1, 2, 2)
     is_tip_up = crossing[rows, alone, 2] >= height
-    return np.where(is_tip_up[:, None, None], segments[:, ::-1], segments)
+    return np.where(is_tip_up[:, None, None], segments, segments[:, ::-1])
 
 
 def draw_mesh(mesh: TriangleMesh, height: float, spec: GridSpec, samples: int, out: NDArray[np.bool_]) -> None:

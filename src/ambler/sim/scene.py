@@ -61,7 +61,9 @@ def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
     order, bounds, firsts, counts = _hierarchy(lower, upper)
     prims = np.concatenate([prims, _triangle_rows(corners)])
     kinds = [raycast.GLASS if s.is_glass else int(s.shape) for s in world.solids] + len(corners) * [raycast.TRIANGLE]
-    albedos = np.concatenate([[s.albedo for s in world.solids], *(np.full(len(s), t.albedo) for s, t in zip(parts, surfaces, strict=True))])
+    albedos = np.concatenate(
+        [[s.albedo for s in world.solids], *(np.full(len(s), t.albedo) for s, t in zip(parts, surfaces, strict=True))]
+    )
     return RayScene(
         bounds,
         firsts,

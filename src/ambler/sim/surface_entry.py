@@ -85,12 +85,16 @@ class TerrainEntry(_FileEntry):
                 raise ValueError("x and y must grow")
         return self
 
-    def to_terrain(self) -> HeightField:
-        """Read the file or fill the lines; raises BadInputError."""
+    def to_terrain(self, world_path: Path) -> HeightField:
+        """Read the file or fill the lines; raises BadInputError, which names the file that is wrong."""
         corner = SE2(*self.corner, math.radians(self.yaw_deg))
         if self.file is None:
             return HeightField(
-                self.name, self._between_lines(), self.resolution, corner @ SE2(self.x[0], self.y[0], 0.0), self.albedo
+                self.name,
+                self._between_lines(world_path),
+                self.resolution,
+                corner @ SE2(self.x[0], self.y[0], 0.0),
+                self.albedo,
             )
         path = Path(self.file)
         heights = _read_npy(path) if path.suffix == ".npy" else self._read_picture(path)
@@ -99,11 +103,11 @@ class TerrainEntry(_FileEntry):
         except BadInputError as error:
             raise BadInputError(f"{path}: {error}") from error
 
-    def _between_lines(self) -> F64:
+    def _between_lines(self, path: Path) -> F64:
         counts = [round((line[-1] - line[0]) / self.resolution) + 1 for line in (self.x, self.y)]
         if counts[0] * counts[1] > MAX_SAMPLES:
             raise BadInputError(
-                f"terrain {self.name!r}: {counts[0]} x {counts[1]} samples are too many, choose a coarser resolution"
+                f"{path}: terrain {self.name!r}: {counts[0]} x {counts[1]} samples are too many, choose a coarser resolution"
             )
         x, y = (line[0] + self.resolution * np.arange(n) for line, n in zip((self.x, self.y), counts, strict=True))
         rows = np.array([np.interp(x, self.x, row) for row in self.heights])

@@ -137,7 +137,7 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
     docks = tuple(sim_dock(f"{path}: docks.{k}", d, start) for k, d in enumerate(entry.docks))
     in_map = to_map_frame(solids, start) + tuple(solid for dock in docks for solid in dock_solids(dock))
     meshes = tuple(mesh.to_mesh().moved(start.inverse()) for mesh in entry.meshes)
-    terrain = entry.terrain.to_terrain().moved(start.inverse()) if entry.terrain is not None else None
+    terrain = entry.terrain.to_terrain(path).moved(start.inverse()) if entry.terrain is not None else None
     return WorldSpec(
         path.stem,
         in_map,
