@@ -11,14 +11,16 @@ from ambler.kernels.warmup import kernel_modules
 SOURCE = Path(__file__).parents[2] / "src" / "ambler"
 ROWS = [
     {"cli"},
+    {"studies"},
     {"apps"},
     {"nodes"},
     {"missions", "bridges", "ops", "evaluation"},
     {"runtime", "settings"},
     {
-        *("perception", "slam2d", "lio", "localization", "maps", "costmap", "planning", "control"),
+        *("perception", "calibration", "slam2d", "lio", "localization", "maps", "costmap", "planning", "control"),
         *("safety", "exploration", "docking", "drivers", "sim"),
     },
+    {"recordings", "robots"},
     {"grids", "registration", "posegraph"},
     {"wire", "kernels"},
     {"core"},

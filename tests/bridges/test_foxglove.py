@@ -11,6 +11,7 @@ from websockets.exceptions import InvalidHandshake, InvalidStatus
 from websockets.sync.client import connect
 
 from ambler.bridges.foxglove import FoxgloveBridge
+from ambler.bridges.foxglove_front import FoxgloveFront
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
@@ -181,7 +182,7 @@ def test_other_protocols_are_refused(bridge):
 
 def test_a_busy_port_is_one_clear_error_and_a_closed_bridge_frees_it(bridge):
     port = bridge.port
-    with pytest.raises(BadInputError, match=rf"cannot listen on 127\.0\.0\.1:{port}"):
+    with pytest.raises(BadInputError, match=rf"cannot listen on 127\.0\.0\.1:{port}: .*--port, or --no-view"):
         FoxgloveBridge(port=port)
     bridge.close()
     bridge.close()
@@ -189,6 +190,26 @@ def test_a_busy_port_is_one_clear_error_and_a_closed_bridge_frees_it(bridge):
     with Viewer(port) as viewer:
         viewer.wait_for(lambda: bool(viewer.info))
     again.close()
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 99999])
+def test_a_port_that_is_none_is_one_clear_error(port):
+    with pytest.raises(BadInputError, match=f"--port {port}: a port is a number from 0"):
+        FoxgloveBridge(port=port)
+
+
+def test_an_address_of_another_machine_is_one_clear_error_that_names_the_way_out():
+    with pytest.raises(BadInputError, match=r"cannot listen on 192\.0\.2\.1:0: .*--no-view"):
+        FoxgloveBridge(port=0, host="192.0.2.1")
+
+
+def test_a_fault_while_the_view_starts_reaches_who_makes_it(monkeypatch):
+    async def fail(front):
+        raise RuntimeError("no such thing")
+
+    monkeypatch.setattr(FoxgloveFront, "start", fail)
+    with pytest.raises(RuntimeError, match="no such thing"):
+        FoxgloveBridge(port=0)
 
 
 def odometry(stamp_ns=0):

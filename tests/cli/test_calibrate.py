@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from ambler.calibration.scan_calibration import OdometryModel
 from ambler.cli.main import main
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3
 from ambler.evaluation.robot_calibration import MOUNT_ERROR, read_drive, simulate_robot_drive
-from ambler.perception.scan_calibration import OdometryModel
 from ambler.settings.profiles import load_profile
 from ambler.sim.drive import MecanumWheels
 from ambler.sim.robots import robot_named

@@ -15,7 +15,7 @@ from ambler.cli.main import main
 from ambler.evaluation.docking import DockingOutcome, SightErrors, lower_bound, summarize, table
 from ambler.evaluation.docking_pictures import draw_final_errors, draw_sights, draw_times
 from ambler.sim.camera import FRONT_CAMERA
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.wire.camera_info import load_camera_info
 
 GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -0.0004, 0.01, 0)
@@ -26,6 +26,7 @@ GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -
     [
         (["dock", "bay_7"], "no dock 'bay_7'"),
         (["dock", "charger_1", "--world", "two_rooms"], "no docks"),
+        (["dock", "charger_1", "--start", "0,0,north"], "x,y,degrees"),
         (["dock", "charger_1", "--docks", "nowhere.yaml"], "nowhere.yaml"),
         (["dock", "charger_1", "--teach"], "--docks"),
         (["dock", "charger_1", "--fault", "darkness"], "darkness"),
@@ -119,7 +120,7 @@ def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
     assert max(c.distance for c in cases) > 15.0
     world = load_world(docking_study.WORLD)
     for case in [*cases, *docking_study.approach_cases(0), *docking_study.fault_cases(1, 0)]:
-        place = world.docks[0].map_from_dock @ case.start
+        place = world.docks[0].world_from_dock @ case.start
         for solid in world.solids:
             if solid.z_min < 0.35:
                 inside = solid.map_from_solid.inverse() @ place

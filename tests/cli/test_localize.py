@@ -13,7 +13,7 @@ from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
-from ambler.slam2d.log_scans import LogScan, planar_matrix
+from ambler.recordings.log_scans import LogScan, planar_matrix
 from tests.localization import rooms
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

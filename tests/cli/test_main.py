@@ -29,7 +29,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "message"),
     [
         (["demo", "--world", "nowhere", "--no-view"], "nowhere"),
-        (["demo", "--robot", "unicorn", "--no-view"], "no simulated robot 'unicorn'"),
+        (["demo", "--robot", "unicorn", "--no-view"], "no robot 'unicorn'"),
         (["demo", "--set", "rollout.horizn=1", "--no-view"], "rollout.horizn: no such name"),
         (["demo", "--set", "rollout.horizon=long", "--no-view"], "rollout.horizon: Input should be a valid number"),
         (["demo", "--profile", "absent.yaml", "--no-view"], "cannot read absent.yaml"),

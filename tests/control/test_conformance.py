@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from examples.carrot_planner import CarrotPlanner
 
 from ambler.control.config import RolloutConfig
 from ambler.control.dynamic_window import DynamicWindow
@@ -23,8 +24,9 @@ PLANNERS: dict[str, Maker] = {
     "rollout": lambda robot: TrajectoryRollout(RolloutConfig(), robot),
     "dwa": lambda robot: DynamicWindow(RolloutConfig(), robot),
     "pursuit": lambda robot: OmniPursuit(PursuitConfig(), robot),
+    "carrot": CarrotPlanner,
 }
-KEEPS_TO_ITS_PATH = {"pursuit"}
+KEEPS_TO_ITS_PATH = {"pursuit", "carrot"}
 """Planners that stop before an obstacle instead of driving around it."""
 
 DOOR = World().block(2.0, -8.0, 2.12, -0.45).block(2.0, 0.45, 2.12, 8.0)
@@ -133,6 +135,23 @@ def test_same_input_same_output(planner: str, robot: str) -> None:
     model = ROBOTS[robot]
     runs = [drive(PLANNERS[planner](model), model, world, path, start, seconds=6.0) for _ in range(2)]
     assert runs[0].commands == runs[1].commands
+
+
+@pytest.mark.parametrize(("planner", "robot"), ALL)
+def test_it_shows_where_its_command_leads(planner: str, robot: str) -> None:
+    local = PLANNERS[planner](ROBOTS[robot])
+    assert local.trajectory.shape == (0, 3), "there is no motion before the first command"
+    start = SE2(0.5, -0.25, 0.1)
+    local.set_path(line((0.5, -0.25), (4.0, 0.0)))
+    costs, spec = World().window(0.5, -0.25, 6.0)
+    command = local.compute_command(costs, spec, start, BodyVelocity(0.5))
+    shown = local.trajectory
+    assert shown.dtype == np.float64
+    assert shown.shape[1] == 3
+    np.testing.assert_allclose(shown[0], start.as_array(), atol=1e-9)
+    assert command.vx > 0.3
+    assert shown[-1, 0] > start.x + 0.2, "it leads forward, as the command does"
+    assert math.dist(shown[-1, :2], shown[0, :2]) < 2.0
 
 
 def test_it_leaves_a_place_where_it_already_touches_something() -> None:

@@ -102,28 +102,6 @@ def test_circles_cover_the_footprint(name: str, padding: float, seed: int) -> No
     assert (away <= circles[None, :, 2] + 1e-9).any(axis=1).all()
 
 
-@given(st.floats(-0.8, 0.8), st.floats(-0.4, 0.4), st.floats(-1.5, 1.5), SEEDS)
-@settings(max_examples=60, deadline=None)
-def test_contact_time(vx: float, vy: float, wz: float, seed: int) -> None:
-    points = np.random.default_rng(seed).uniform(-1.2, 1.2, (20, 2))
-    normals, offsets = footprint.footprint_edges(SPOT.footprint, 0.0)
-    radius, depth = SPOT.circumscribed_radius, 0.1
-
-    def clearance(t: float) -> np.ndarray:
-        moved = SE2.exp(np.array([vx, vy, wz]) * t).inverse().transform(points)
-        return np.max(moved @ normals.T - offsets, axis=1)
-
-    limit = np.minimum(0.03, clearance(0.0) - 1e-4)
-    first = np.full(len(points), np.inf)
-    for k in range(40, 0, -1):
-        first[clearance(k * 0.02) < limit] = (k - 1) * 0.02
-    first = np.sort(first[clearance(0.0) > -depth])
-    twist = np.array([vx, vy, wz])
-    for count in (1, 2, 5):
-        got = footprint.contact_time(points, normals, offsets, radius, twist, 0.03, 1e-4, depth, 0.02, 40, count)
-        assert np.isclose(got, first[count - 1] if len(first) >= count else np.inf, atol=1e-9)
-
-
 @given(SEEDS)
 @settings(max_examples=20, deadline=None)
 def test_spreading_is_a_breadth_first_search(seed: int) -> None:

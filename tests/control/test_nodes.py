@@ -160,6 +160,18 @@ def test_navigate_fails_by_name_when_there_is_no_path() -> None:
     assert robot.base.pose == SE2()
 
 
+def test_navigate_to_a_goal_in_a_wall_ends_beside_it_and_says_how_far() -> None:
+    robot = Robot([(0.5, navigate(2.5))])
+    robot.planner.nearest = goal_at(1.7)
+    robot.run(10.0)
+    assert robot.codes == ["NEAREST_REACHED"]
+    (outcome,) = robot.person.outcomes
+    away = 2.5 - robot.base.pose.x
+    assert 0.6 < away < 1.3
+    assert outcome.result.goal_distance == pytest.approx(away, abs=0.02)
+    assert f"{outcome.result.goal_distance:.2f} m" in outcome.text
+
+
 def test_navigate_into_a_wall_gives_up_without_touching_it() -> None:
     wall = np.vstack((OPEN, [[1.0, -3.0, 1.0, 3.0]]))
     robot = Robot([(0.5, navigate(3.0))], wall).run(60.0)

@@ -20,7 +20,7 @@ from ambler.core.messages import (
     VelocityCommand,
 )
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel, SensorMount
+from ambler.core.robot import RobotModel, SensorKind, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.runtime.node import Node, TaskOutcome
@@ -42,7 +42,7 @@ from ambler.runtime.topics import GATE_STATUS, GOAL, ODOMETRY, SCAN, TRANSFORMS,
 from tests.control.closed_loop import DIFF, line, step_velocity
 
 ROBOT = RobotModel(
-    "toy", DIFF.drive, DIFF.footprint, DIFF.limits, (SensorMount("laser", "scan", SE3((0.1, 0.0, 0.3))),)
+    "toy", DIFF.drive, DIFF.footprint, DIFF.limits, (SensorMount("laser", SensorKind.SCAN, SE3((0.1, 0.0, 0.3))),)
 )
 MAP_FROM_ODOM = SE2(1.0, -2.0, math.pi / 2)  # the map frame is elsewhere, so that a mix-up cannot go unnoticed
 ANGLES = np.linspace(-math.pi, math.pi, 360, endpoint=False)
@@ -114,7 +114,7 @@ class ToyBase(Node):
 
 
 class ToyPlanner(Node):
-    """Answers with a straight line from the robot to the goal, or with `failure`."""
+    """Answers with a straight line from the robot to the goal, or to the `nearest` place to it, or with `failure`."""
 
     name = "planner"
     inputs = (TRANSFORMS,)
@@ -123,6 +123,7 @@ class ToyPlanner(Node):
     def __init__(self, base: ToyBase) -> None:
         self._base = base
         self.failure: PlanningError | None = None
+        self.nearest: SE2 | None = None
         self.cleared = 0
 
     def start(self) -> None:
@@ -132,7 +133,8 @@ class ToyPlanner(Node):
     def _plan(self, request: PlanRequest) -> PlanReply:
         if self.failure is not None:
             raise self.failure
-        return PlanReply(straight_path(self._base.pose, request.map_from_goal), 1.0, 0.0)
+        end = request.map_from_goal if self.nearest is None else self.nearest
+        return PlanReply(straight_path(self._base.pose, end), 1.0, end.distance_to(request.map_from_goal))
 
     def _clear(self, request: Nothing) -> Nothing:
         self.cleared += 1

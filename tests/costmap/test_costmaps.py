@@ -9,10 +9,12 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
-from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig, StaticConfig, occupancy_table
+from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig
+from ambler.costmap.layer import Moment
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
+from ambler.costmap.static_layer import StaticConfig, StaticLayer, occupancy_table
 
 FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
 ROBOT = RobotModel("test", DriveKind.DIFFERENTIAL, FOOTPRINT, VelocityLimits())
@@ -20,7 +22,22 @@ SPEC = GridSpec(0.05, 80, 60, -1.0, -1.5)
 
 
 def layer(**changes: float) -> ObstacleLayer:
-    return ObstacleLayer(ObstacleConfig(**({"obstacle_range": 10.0, "raytrace_range": 10.0} | changes)), SPEC)
+    return ObstacleLayer(ObstacleConfig(**({"obstacle_range": 10.0, "raytrace_range": 10.0} | changes)))
+
+
+def trace(grid: ObstacleLayer, rays: list[SensorRays], *, over: int | None = None) -> np.ndarray:
+    """Let the layer trace rays, over cells of one cost if given; returns its cells."""
+    if over is not None:
+        trace(grid, [SensorRays((0.0, 0.0))])[:] = over
+    grid.add(rays)
+    grid.update(SPEC, Moment())
+    assert grid.cells is not None
+    return grid.cells
+
+
+def see(costmap: LocalCostmap, pose: SE2, *rays: SensorRays) -> np.ndarray:
+    costmap.layer(ObstacleLayer).add(rays)
+    return costmap.update(pose)
 
 
 def cost_at(costs: np.ndarray, spec: GridSpec, x: float, y: float) -> int:
@@ -34,31 +51,26 @@ def test_rays_free_the_cells_they_cross_and_hits_mark_their_own(seed: int) -> No
     origin = rng.uniform([-2.0, -2.5], [4.0, 2.5])
     hits = rng.uniform([-2.0, -2.5], [4.0, 2.5], (5, 2))
     free = rng.uniform([-2.0, -2.5], [4.0, 2.5], (5, 2))
-    grid = layer()
-    grid.cells[:] = 254
-    grid.update([SensorRays((float(origin[0]), float(origin[1])), hits, free)])
+    cells = trace(layer(), [SensorRays((float(origin[0]), float(origin[1])), hits, free)], over=254)
     marked = {tuple(c) for c in SPEC.cells_of(hits)}
     crossed = set()
     for end, last in [(e, 0.999) for e in hits] + [(e, 1.0) for e in free]:
         t = np.linspace(0.0, last, 2000)[:, None]
-        cells = SPEC.cells_of(origin + t * (end - origin))
-        crossed |= {tuple(c) for c in cells}
+        crossed |= {tuple(c) for c in SPEC.cells_of(origin + t * (end - origin))}
     ends = {tuple(c) for c in SPEC.cells_of(hits)}
     for iy, ix in crossed - ends:
         if SPEC.contains_cell(iy, ix):
-            assert grid.cells[iy, ix] == 0
+            assert cells[iy, ix] == 0
     for iy, ix in marked:
         if SPEC.contains_cell(iy, ix):
-            assert grid.cells[iy, ix] == 254
-    freed = {tuple(c) for c in np.argwhere(grid.cells == 0)}
+            assert cells[iy, ix] == 254
+    freed = {tuple(c) for c in np.argwhere(cells == 0)}
     assert len(freed - crossed) <= 0.02 * len(crossed) + 2  # corners that the sampling missed
 
 
 def test_rays_without_return_clear_up_to_their_range_and_mark_nothing() -> None:
-    grid = layer(raytrace_range=1.0)
-    grid.cells[:] = 254
-    grid.update([SensorRays((0.0, 0.02), free_ends=np.array([[1e6, 0.02]]))])
-    row = grid.cells[SPEC.cell_of(0.0, 0.02)[0]]
+    cells = trace(layer(raytrace_range=1.0), [SensorRays((0.0, 0.02), free_ends=np.array([[1e6, 0.02]]))], over=254)
+    row = cells[SPEC.cell_of(0.0, 0.02)[0]]
     first, last = SPEC.cell_of(0.0, 0.02)[1], SPEC.cell_of(1.0, 0.02)[1]
     assert (row[first : last + 1] == 0).all()
     assert (row[:first] == 254).all()
@@ -66,10 +78,9 @@ def test_rays_without_return_clear_up_to_their_range_and_mark_nothing() -> None:
 
 
 def test_hits_beyond_the_obstacle_range_clear_but_do_not_mark() -> None:
-    grid = layer(obstacle_range=0.5, raytrace_range=3.0)
-    grid.update([SensorRays((0.0, 0.02), np.array([[1.02, 0.02]]))])
-    assert cost_at(grid.cells, SPEC, 0.6, 0.02) == 0
-    assert cost_at(grid.cells, SPEC, 1.02, 0.02) == 255
+    cells = trace(layer(obstacle_range=0.5, raytrace_range=3.0), [SensorRays((0.0, 0.02), np.array([[1.02, 0.02]]))])
+    assert cost_at(cells, SPEC, 0.6, 0.02) == 0
+    assert cost_at(cells, SPEC, 1.02, 0.02) == 255
 
 
 def test_one_sensor_does_not_erase_what_another_sees_now() -> None:
@@ -77,25 +88,24 @@ def test_one_sensor_does_not_erase_what_another_sees_now() -> None:
     low = SensorRays((0.0, 0.02), np.array([[0.52, 0.02]]))
     high = SensorRays((0.0, 0.02), free_ends=np.array([[2.0, 0.02]]))
     for order in ([low, high], [high, low]):
-        grid.update(order)
-        assert cost_at(grid.cells, SPEC, 0.52, 0.02) == 254
+        assert cost_at(trace(grid, order), SPEC, 0.52, 0.02) == 254
 
 
 def test_not_a_number_is_passed_over() -> None:
-    grid = layer()
-    grid.update([SensorRays((0.0, 0.0), np.array([[np.nan, 0.0], [np.inf, 1.0]]), np.array([[np.nan, np.nan]]))])
-    assert set(np.unique(grid.cells)) <= {0, 255}
+    bad = SensorRays((0.0, 0.0), np.array([[np.nan, 0.0], [np.inf, 1.0]]), np.array([[np.nan, np.nan]]))
+    cells = trace(layer(), [bad])
+    assert set(np.unique(cells)) <= {0, 255}
 
 
 def test_the_window_rolls_by_whole_cells_and_keeps_the_world_in_place() -> None:
     costmap = LocalCostmap(LocalCostmapConfig(size=4.0), ROBOT)
     box = np.array([[1.02, 0.52], [1.07, 0.52]])
-    costmap.update(SE2(), [SensorRays((0.0, 0.0), box)])
+    see(costmap, SE2(), SensorRays((0.0, 0.0), box))
     rng = np.random.default_rng(0)
     x = y = 0.0
     for _ in range(60):
         x, y = x + rng.uniform(-0.03, 0.03), y + rng.uniform(-0.03, 0.03)
-        costs = costmap.update(SE2(x, y, 0.4), [])
+        costs = costmap.update(SE2(x, y, 0.4))
         spec = costmap.spec
         assert spec.origin_x / 0.05 == pytest.approx(round(spec.origin_x / 0.05))
         assert abs(spec.origin_x + 2.0 - x) <= 0.0251
@@ -103,20 +113,20 @@ def test_the_window_rolls_by_whole_cells_and_keeps_the_world_in_place() -> None:
             (1.025, 0.525),
             (1.075, 0.525),
         }
-    costmap.update(SE2(30.0, 0.0), [])
-    assert (costmap.update(SE2(), []) == 0).all()
+    costmap.update(SE2(30.0, 0.0))
+    assert (costmap.update(SE2()) == 0).all()
 
 
 def test_the_footprint_is_freed_and_clear_forgets() -> None:
     costmap = LocalCostmap(LocalCostmapConfig(), ROBOT)
     points = np.array([[0.2, 0.1], [1.0, 1.0]])
-    costs = costmap.update(SE2(), [SensorRays((2.0, 2.0), points)])
+    costs = see(costmap, SE2(), SensorRays((2.0, 2.0), points))
     assert cost_at(costs, costmap.spec, 0.2, 0.1) == 0
     assert cost_at(costs, costmap.spec, 1.01, 1.01) == 254
     costmap.clear()
     assert (costmap.costs == 0).all()
     tracking = LocalCostmap(LocalCostmapConfig(tracks_unknown=True), ROBOT)
-    assert cost_at(tracking.update(SE2(), []), tracking.spec, 2.0, 2.0) == 255
+    assert cost_at(tracking.update(SE2()), tracking.spec, 2.0, 2.0) == 255
     assert cost_at(tracking.costs, tracking.spec, 0.0, 0.0) == 0
 
 
@@ -124,7 +134,7 @@ def test_a_local_doorway_stays_passable() -> None:
     costmap = LocalCostmap(LocalCostmapConfig(), ROBOT)
     wall = np.arange(0.45, 2.0, 0.02)
     posts = np.column_stack((np.full(2 * len(wall), 1.02), np.concatenate((wall, -wall))))
-    costs = costmap.update(SE2(), [SensorRays((0.0, 0.0), posts)])
+    costs = see(costmap, SE2(), SensorRays((0.0, 0.0), posts))
     for y in np.arange(-0.4, 0.41, 0.05):
         assert cost_at(costs, costmap.spec, 1.02, y) == 0
 
@@ -154,7 +164,8 @@ def test_the_global_costmap_grows_with_its_map_and_keeps_its_obstacles() -> None
     config = GlobalCostmapConfig(inflation=InflationConfig(radius=0.0))
     costmap = GlobalCostmap(config, ROBOT)
     costmap.set_map(SPEC, np.zeros(SPEC.shape, np.int8))
-    costmap.update([SensorRays((0.0, 0.0), np.array([[1.02, 0.52]]))])
+    costmap.layer(ObstacleLayer).add([SensorRays((0.0, 0.0), np.array([[1.02, 0.52]]))])
+    costmap.update()
     larger = GridSpec(0.05, 120, 100, -2.0, -2.5)
     costs = costmap.set_map(larger, np.full(larger.shape, -1, np.int8))
     assert costs.shape == larger.shape
@@ -177,5 +188,9 @@ def test_a_costmap_without_a_map_says_so() -> None:
     assert not costmap.has_map
     with pytest.raises(BadInputError, match="no map"):
         _ = costmap.spec
+    with pytest.raises(BadInputError, match="no map"):
+        costmap.update()
+    with pytest.raises(BadInputError, match="no StaticLayer"):
+        costmap.layer(StaticLayer)
     with pytest.raises(BadInputError, match="does not fit"):
         costmap.set_map(SPEC, np.zeros((3, 3), np.int8))

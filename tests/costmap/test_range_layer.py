@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambler.core.grid import GridSpec
+from ambler.costmap.layer import Moment
 from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
 from ambler.kernels import range_layer as kernels
 
@@ -57,11 +58,16 @@ def test_the_kernel_equals_its_twin(x: float, y: float, yaw: float, half: float,
     assert (touched[np.abs(grid - before) > 1e-6] == 7.0).all()
 
 
+def say(layer: RangeLayer, cones: list[RangeCone], now: float) -> None:
+    layer.add(cones, now)
+    layer.update(SPEC, Moment())
+
+
 def test_one_echo_does_not_mark_and_the_second_marks_its_arc() -> None:
-    layer = RangeLayer(RangeConfig(), SPEC)
-    layer.update([cone(1.02)], 0.0)
+    layer = RangeLayer(RangeConfig())
+    say(layer, [cone(1.02)], 0.0)
     assert not (layer.cells == 254).any()
-    layer.update([cone(1.02)], 0.1)
+    say(layer, [cone(1.02)], 0.1)
     marked = SPEC.centers_of(np.argwhere(layer.cells == 254))
     assert len(marked) >= 5
     np.testing.assert_allclose(np.hypot(*marked.T), 1.02, atol=0.04)
@@ -72,56 +78,58 @@ def test_one_echo_does_not_mark_and_the_second_marks_its_arc() -> None:
 
 
 def test_free_cones_clear_what_echoes_marked() -> None:
-    layer = RangeLayer(RangeConfig(), SPEC)
+    layer = RangeLayer(RangeConfig())
     for k in range(10):
-        layer.update([cone(1.02)], 0.1 * k)
+        say(layer, [cone(1.02)], 0.1 * k)
     for k in range(9):
-        layer.update([cone()], 1.0 + 0.1 * k)
+        say(layer, [cone()], 1.0 + 0.1 * k)
     assert layer.cells[SPEC.cell_of(1.02, 0.0)] == 0
     assert layer.cells[SPEC.cell_of(0.5, 0.0)] == 0
 
 
 def test_an_explained_echo_proves_free_space_and_marks_nothing() -> None:
-    layer = RangeLayer(RangeConfig(), SPEC)
+    layer = RangeLayer(RangeConfig())
     for _ in range(5):
-        layer.update([cone(math.inf, free=1.0)], 0.0)
+        say(layer, [cone(math.inf, free=1.0)], 0.0)
     assert not (layer.cells == 254).any()
     assert layer.cells[SPEC.cell_of(0.5, 0.0)] == 0
     assert layer.cells[SPEC.cell_of(1.3, 0.0)] == 255
 
 
 def test_echoes_beyond_the_obstacle_range_only_clear() -> None:
-    layer = RangeLayer(RangeConfig(obstacle_range=0.8), SPEC)
+    layer = RangeLayer(RangeConfig(obstacle_range=0.8))
     for _ in range(5):
-        layer.update([cone(1.02)], 0.0)
+        say(layer, [cone(1.02)], 0.0)
     assert not (layer.cells == 254).any()
     assert layer.cells[SPEC.cell_of(0.5, 0.0)] == 0
 
 
 def test_old_cells_decay() -> None:
-    layer = RangeLayer(RangeConfig(decay=2.0), SPEC)
+    layer = RangeLayer(RangeConfig(decay=2.0))
     for k in range(3):
-        layer.update([cone(1.02)], 0.1 * k)
-    layer.update([], 2.1)
+        say(layer, [cone(1.02)], 0.1 * k)
+    say(layer, [], 2.1)
     assert (layer.cells == 254).any()
-    layer.update([], 2.3)
+    say(layer, [], 2.3)
     assert (layer.cells == 255).all()
 
 
 def test_the_window_moves_with_what_it_holds_and_the_footprint_is_forgotten() -> None:
-    layer = RangeLayer(RangeConfig(), SPEC)
+    layer = RangeLayer(RangeConfig())
     for _ in range(3):
-        layer.update([cone(1.02)], 0.0)
+        say(layer, [cone(1.02)], 0.0)
     before = {tuple(p) for p in SPEC.centers_of(np.argwhere(layer.cells == 254)).round(6)}
     moved = GridSpec(0.05, 60, 50, 0.0, -1.0)
-    layer.move_to(moved)
-    layer.update([], 0.0)
+    layer.add([], 0.0)
+    layer.update(moved, Moment())
     assert {tuple(p) for p in moved.centers_of(np.argwhere(layer.cells == 254)).round(6)} == before
-    layer.clear_polygon(np.array([[0.9, -0.3], [1.2, -0.3], [1.2, 0.3], [0.9, 0.3]]))
-    layer.update([], 0.0)
+    footprint = np.array([[0.9, -0.3], [1.2, -0.3], [1.2, 0.3], [0.9, 0.3]])
+    layer.update(moved, Moment(footprint=footprint))
+    layer.add([], 0.0)
+    layer.update(moved, Moment())
     assert not (layer.cells == 254).any()
-    layer.reset()
-    assert (layer.cells == 255).all()
+    layer.clear()
+    assert layer.cells is None
 
 
 @pytest.mark.parametrize("segment", [(0.01, 0.01, 1.9, 0.9), (1.0, -1.0, 1.0, 1.0), (0.3, 0.3, 0.3, 0.3)])

@@ -11,11 +11,12 @@ import pytest
 from ambler.apps.navigation_study import is_reached, summarize
 from ambler.bridges.recorder import Recorder
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Contact, Odometry, Status
+from ambler.core.messages import Contact, Odometry
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.evaluation.goals import MARGIN, Drive, draw_goals, judge_drives
-from ambler.runtime.topics import CONTACT, STATUS, TRUE_POSE
+from ambler.evaluation.goals import MARGIN, Drive, DriveSpan, draw_goals, judge_drives
+from ambler.evaluation.truth_frame import TruthFrame
+from ambler.runtime.topics import CONTACT, TRUE_POSE
 from ambler.sim.robots import robot_named
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
@@ -54,31 +55,32 @@ def test_a_robot_that_is_walled_in_has_no_goal() -> None:
         draw_goals(walled(0.35), robot_named("amr_omni"), 3, np.random.default_rng(0))
 
 
-def record(folder: Path, *, finished: bool) -> Path:
-    """Drive 2 m along x within 4 s to each of two goals, touching something at 0.5 m/s in between."""
+START = SE2(3.0, -2.0, 2.5)  # of the drawn map in the world
+
+
+def record(folder: Path) -> Path:
+    """Drive 2 m along x of the drawn map within 4 s to each of two goals, touching something at 0.5 m/s in between."""
     recorder = Recorder(folder)
-    recorder.on_message(STATUS, Status(0, "pilot", "DRIVING", ""), 0)
     for k in range(81):
         stamp_ns = k * 100_000_000
-        pose = Odometry(stamp_ns, "map", "base", SE3((0.05 * k, 0.0, 0.0)), (0.5, 0.0, 0.0), (0.0,) * 3, *UNKNOWN)
+        true_pose = SE3.from_se2(START @ SE2(0.05 * k, 0.0, 0.0))
+        pose = Odometry(stamp_ns, "world", "base", true_pose, (0.5, 0.0, 0.0), (0.0,) * 3, *UNKNOWN)
         recorder.on_message(TRUE_POSE, pose, stamp_ns)
-        if k == 40:
-            recorder.on_message(STATUS, Status(stamp_ns, "pilot", "SUCCEEDED", ""), stamp_ns)
-            recorder.on_message(STATUS, Status(stamp_ns, "pilot", "DRIVING", ""), stamp_ns)
         if k == 60:
             recorder.on_message(CONTACT, Contact(stamp_ns, "body", "wall", (0.0, 0.0, 0.0), 0.5, 10.0), stamp_ns)
-    if finished:
-        recorder.on_message(STATUS, Status(8_000_000_000, "pilot", "SUCCEEDED", ""), 8_000_000_000)
     recorder.close()
     return recorder.folder
 
 
-@pytest.mark.parametrize("finished", [True, False])
-def test_drives_are_judged_by_the_truth(tmp_path: Path, finished: bool) -> None:
-    goals = (SE2(2.05, 0.0, 0.0), SE2(4.0, 0.5, 0.0))
-    drives, collisions = judge_drives(record(tmp_path / "r", finished=finished), goals, "pilot", "SUCCEEDED")
+def test_drives_are_judged_by_the_truth(tmp_path: Path) -> None:
+    middle, end = 4_000_000_000, 8_000_000_000
+    spans = [
+        DriveSpan(SE2(2.05, 0.0, 0.0), "SUCCEEDED", 0, middle),
+        DriveSpan(SE2(4.0, 0.5, 0.0), "NO_VALID_PATH", middle, end),
+    ]
+    drives, collisions = judge_drives(record(tmp_path / "r"), spans, TruthFrame(START))
     assert collisions == 1
-    assert [d.code for d in drives] == ["SUCCEEDED", "SUCCEEDED"]
+    assert [d.code for d in drives] == ["SUCCEEDED", "NO_VALID_PATH"]
     assert [d.path_length for d in drives] == pytest.approx([2.0, 2.0])
     assert [d.seconds for d in drives] == pytest.approx([4.0, 4.0])
     assert [d.speed for d in drives] == pytest.approx([0.5, 0.5])

@@ -11,7 +11,7 @@ from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.messages import GnssFix, Imu
 from ambler.evaluation.odometry_quality import fused, read_odometry_record, to_plane, vertical, wheels_alone
-from ambler.localization.planar_ekf import EkfConfig
+from ambler.localization.odometry import OdometryConfig
 
 BAG = Path(__file__).parents[3] / "shared" / "data" / "ros1" / "husky_imu_odom_gps.bag"
 needs_bag = pytest.mark.skipif(not BAG.exists(), reason=f"recorded data is absent: {BAG}")
@@ -44,7 +44,7 @@ def test_up_is_where_gravity_comes_from() -> None:
 def test_the_gyroscope_halves_the_error_of_the_husky() -> None:
     record = read_odometry_record(BAG)
     assert record.up[1] > 0.99, "its IMU lies on the side"
-    wheels, both = wheels_alone(record), fused(record, EkfConfig(), 1e-4)
+    wheels, both = wheels_alone(record), fused(record, OdometryConfig())
     assert both.error.ate_rms_m < 0.6 * wheels.error.ate_rms_m
     assert both.error.ate_rms_m < 5.0
 

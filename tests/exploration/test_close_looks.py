@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
 from ambler.core.messages import CostGrid, FrontierState, OccupancyGrid
-from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
@@ -147,7 +147,7 @@ def test_the_edge_of_a_shadow_stays_a_frontier() -> None:
 
 
 def test_a_scanner_looks_only_where_it_points() -> None:
-    ahead = SensorMount("laser", "scan", SE3.from_rpy((0.1, 0.0, 0.3), 0.0, 0.0, 0.5), azimuth=(-1.0, 0.6))
+    ahead = SensorMount("laser", SensorKind.SCAN, SE3.from_rpy((0.1, 0.0, 0.3), 0.0, 0.0, 0.5), azimuth=(-1.0, 0.6))
     square = np.array([[0.2, -0.2], [0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]])
     robot = RobotModel("r", DriveKind.DIFFERENTIAL, square, VelocityLimits(), (ahead,))
     config = CloseLookConfig.from_robot(robot)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Imu, LaserScan, Message, OccupancyGrid, Odometry, PoseStamped, Status, Transforms
-from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.messages import LaserScan, Message, OccupancyGrid, Odometry, PoseStamped, Status, Transforms
+from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
@@ -26,7 +26,7 @@ ROBOT = RobotModel(
     DriveKind.DIFFERENTIAL,
     np.array([[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]]),
     VelocityLimits(),
-    (SensorMount("laser", "scan", MOUNT), SensorMount("imu", "imu", SE3())),
+    (SensorMount("laser", SensorKind.SCAN, MOUNT), SensorMount("imu", SensorKind.IMU, SE3())),
 )
 
 
@@ -57,7 +57,7 @@ class HandMadeContext:
 
 
 class Drive:
-    """Plays a robot in the office into the node: odometry and IMU at 50 Hz, scans at 10 Hz."""
+    """Plays a robot in the office into the node: odometry at 50 Hz, scans at 10 Hz."""
 
     def __init__(self, context: HandMadeContext, pose: SE2) -> None:
         self.context, self.truth, self.odom = context, pose, SE2(5.0, 1.0, -0.4)
@@ -74,7 +74,6 @@ class Drive:
             stamp = self.context.now_ns = self.step * 20_000_000
             if self.step % 5 == 0:
                 self.context.callbacks["scan"](self.scan(stamp))  # before the odometry of its instant
-            self.context.callbacks["imu"](Imu(stamp, "imu", (0.0, 0.0, twist[2]), (0.0, 0.0, 9.81)))
             covariance = np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3])
             self.context.callbacks["odometry"](
                 Odometry(

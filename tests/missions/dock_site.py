@@ -114,7 +114,7 @@ class Site:
         self.now_ns += round(PERIOD * S)
         if self.drive is not None and self.now_ns >= self.arrival_ns:
             drive, self.drive = self.drive, None
-            if self.navigation == "SUCCEEDED":
+            if self.navigation in ("SUCCEEDED", "NEAREST_REACHED"):
                 self.pose = drive.map_from_goal @ self.staging_error
             self.mission.drive_ended(drive.drive, self.navigation, "the path is blocked")
         self.velocity = v = self._obey()

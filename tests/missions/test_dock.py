@@ -170,6 +170,11 @@ def test_a_staging_pose_that_is_not_reached(code: str, named: str) -> None:
     assert code in ended.text
 
 
+def test_beside_an_occupied_staging_pose_the_dock_is_looked_for_as_well() -> None:
+    site = Site(navigation="NEAREST_REACHED", staging_error=SE2(-0.2, 0.15, 0.3))
+    assert site.run().code == "SUCCEEDED"
+
+
 def test_stale_input_stops_at_once_and_fails() -> None:
     site = Site(is_fresh=lambda site: site.dock_from_base.x < -0.6)
     ended = site.run()

@@ -292,6 +292,25 @@ def test_home_that_cannot_be_reached_fails_by_name() -> None:
     assert not ended.result.is_home
 
 
+def test_the_place_nearest_to_a_frontier_will_do() -> None:
+    play = Play(frontier(12, 10, 2.0))
+    drive = play.drive()
+    play.pose = SE2(11.8, 10.0)
+    play.end(drive, "NEAREST_REACHED", "0.5 m from it")
+    assert play.mission.state is ExploreState.LOOKING
+    assert play.mission.feedback.goals_reached == 1
+
+
+@pytest.mark.parametrize(("away", "is_home"), [(0.5, True), (0.7, False)])
+def test_right_beside_an_occupied_home_is_home_and_farther_is_not(away: float, is_home: bool) -> None:
+    play = Play()
+    play.step()
+    play.pose = SE2(10.0 + away, 10.0)
+    ended = play.until_ended("NEAREST_REACHED")
+    assert ended.code == ("SUCCEEDED" if is_home else "RETURN_FAILED")
+    assert ended.result.is_home == is_home
+
+
 def test_the_way_home_is_tried_again_after_a_while_because_people_move_on() -> None:
     play = Play(return_pause=8.0)
     play.step()

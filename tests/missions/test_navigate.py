@@ -19,7 +19,7 @@ from ambler.core.messages import CostGrid, Path
 from ambler.core.se2 import SE2
 from ambler.missions.navigate import TICK_PERIOD, Navigation, NavigationConfig, NavigationState, is_path_free
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.tasks import NavigateGoal, PlanReply
+from ambler.runtime.tasks import NAVIGATE, NavigateGoal, PlanReply
 
 GOAL = NavigateGoal(SE2(5.0, 0.0, 0.0))
 SPEC = GridSpec(0.1, 100, 100, -5.0, -5.0)
@@ -48,6 +48,7 @@ class Script:
         self.grid: CostGrid | None = None
         self.states: list[str] = []
         self.texts: list[str] = []
+        self.base: SE2 | None = None
 
     def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
         assert map_from_goal == GOAL.map_from_goal
@@ -73,6 +74,9 @@ class Script:
 
     def costmap(self) -> CostGrid | None:
         return self.grid
+
+    def map_from_base(self) -> SE2 | None:
+        return self.base
 
     def report(self, state: str, text: str) -> None:
         assert text
@@ -334,10 +338,52 @@ def test_a_substitute_counts_when_nothing_nearer_is_left(script: Script, drive: 
     script.plans[-1](plan_to(4.0, goal_distance=1.0))
     script.follows[-1][1]("SUCCEEDED", "")
     assert drive.state is NavigationState.PLANNING
+    script.base = SE2(3.97, 0.1, 1.0)
     script.plans[-1](plan_to(4.1, goal_distance=0.9))
-    assert drive.state is NavigationState.SUCCEEDED
-    assert drive.goal_distance == 1.0
-    assert "0.90 m" in script.ends[0][1]
+    assert drive.state is NavigationState.NEAREST_REACHED
+    assert drive.is_over
+    assert drive.goal_distance == pytest.approx(math.hypot(1.03, 0.1)), (
+        "where the robot stands, not where the path ended"
+    )
+    code, text = script.ends[0]
+    assert code == "NEAREST_REACHED"
+    assert code in NAVIGATE.failures
+    assert "cannot be reached" in text
+    assert "1.03 m" in text
+
+
+def reach_a_substitute(script: Script, base: SE2 | None, goal_distance: float) -> None:
+    script.plans[-1](plan_to(5.0 - goal_distance, goal_distance=goal_distance))
+    script.follows[-1][1]("SUCCEEDED", "")
+    script.base = base
+    script.plans[-1](plan_to(5.0 - goal_distance, goal_distance=goal_distance))
+
+
+def test_a_robot_that_stands_at_an_unreachable_goal_has_reached_it(script: Script, drive: Navigation) -> None:
+    """The goal's own cell is shut, but the robot came within the tolerances of the goal."""
+    reach_a_substitute(script, SE2(4.9, 0.05, GOAL.yaw_tolerance - 0.01), 0.3)
+    assert script.ends == [("SUCCEEDED", "the goal is reached")]
+    assert drive.goal_distance == pytest.approx(math.hypot(0.1, 0.05))
+
+
+@pytest.mark.parametrize("base", [SE2(4.9, 0.05, GOAL.yaw_tolerance + 0.01), SE2(4.8, 0.0, 0.0), None])
+def test_one_that_stands_askew_beside_it_or_nowhere_known_has_not(script: Script, drive: Navigation, base: SE2) -> None:
+    reach_a_substitute(script, base, 0.3)
+    assert script.ends[0][0] == "NEAREST_REACHED"
+    assert ("0.30 m" in script.ends[0][1]) == (base is None)
+
+
+def test_a_goal_that_is_shut_on_the_way_is_not_called_reached(script: Script, drive: Navigation) -> None:
+    """Somebody steps onto the goal: the path is replaced by one that ends before it, and following that one succeeds."""
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](2.0)
+    drive.tick()
+    script.plans[-1](plan_to(4.2, goal_distance=0.8))
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert not script.ends
+    script.base = SE2(4.2, 0.0, 0.0)
+    script.plans[-1](plan_to(4.2, goal_distance=0.8))
+    assert script.ends[0][0] == "NEAREST_REACHED"
 
 
 def test_a_goal_that_becomes_reachable_is_driven_to_exactly(script: Script, drive: Navigation) -> None:
@@ -347,7 +393,7 @@ def test_a_goal_that_becomes_reachable_is_driven_to_exactly(script: Script, driv
     assert script.follows[-1][0] == GOAL
     script.follows[-1][1]("SUCCEEDED", "")
     assert script.ends[0][0] == "SUCCEEDED"
-    assert drive.goal_distance == 0.0
+    assert drive.goal_distance == 0.0, "without a pose, that of the path's end"
 
 
 def cancelled_in_planning(script: Script, drive: Navigation) -> None:

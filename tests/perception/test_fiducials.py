@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from ambler.calibration.range_bias import TapedPicture, calibrate_range, check_range
 from ambler.core.camera import MarkerSpec
 from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.perception.fiducials import FiducialDetector, angle_between
-from ambler.perception.range_bias import TapedPicture, calibrate_range, check_range, with_bias
 from ambler.sim.camera import (
     FRONT_CAMERA,
     CameraSpec,
@@ -168,12 +168,14 @@ def test_the_bias_of_the_range_is_found_with_a_tape_and_holds_for_another_size()
     check = [TapedPicture(blooming(camera, other, d), d - 0.021) for d in (0.6, 1.0, 1.4)]
     plain = FiducialDetector(FRONT_CAMERA, [other])
     before = np.abs(check_range(plain, check, bias.offset))
-    after = np.abs(check_range(with_bias(plain, bias), check, bias.offset))
+    after = np.abs(check_range(plain.with_shift(bias.shift_px), check, bias.offset))
     assert before.max() > 0.006
     assert after[1] < 0.003
     assert after.max() < 0.5 * before.max()
     wrong = FiducialDetector(FRONT_CAMERA, [replace(other, size=0.105)])
-    assert np.abs(check_range(with_bias(wrong, bias), check, bias.offset)).min() > 0.02, "the check sees a wrong size"
+    assert np.abs(check_range(wrong.with_shift(bias.shift_px), check, bias.offset)).min() > 0.02, (
+        "the check sees a wrong size"
+    )
     with pytest.raises(BadInputError, match="5 are needed"):
         calibrate_range(DETECTOR, used[:3])
     with pytest.raises(BadInputError, match="times the nearest"):

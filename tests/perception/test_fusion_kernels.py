@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.se2 import SE2
 from ambler.kernels import scan_draw, scan_motion, scan_pair
-from ambler.perception.odometry_buffer import OdometryBuffer
 
 SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
@@ -17,17 +17,17 @@ SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 def test_move_beams_is_the_interpolated_pose_times_the_mounting() -> None:
     rng = np.random.default_rng(1)
     n = 600
-    buffer = OdometryBuffer()
+    motion = BaseMotion()
     for k in range(12):
         pose = SE2.exp(np.array([0.9, 0.2, 1.5]) * 0.02 * k) @ SE2(*(0.002 * rng.normal(size=3)))
-        buffer.add_pose(20_000_000 * k, pose)
+        motion.add_pose(20_000_000 * k, pose)
     angles = np.linspace(-2.0, 2.0, n)
     mount = SE2(0.3, 0.1, 0.4)
     ranges = rng.uniform(0.0, 12.0, n).astype(np.float32)
     ranges[::50], ranges[7::50] = np.nan, np.inf
     used = (np.arange(n) % 97 != 0).astype(np.uint8)
     begin_ns, step, reference_ns = 30_000_000, 0.1 / n, 140_000_000
-    knots = buffer.knots(begin_ns, begin_ns + 100_000_000, reference_ns)
+    knots = motion.knots(begin_ns, begin_ns + 100_000_000, reference_ns)
     directions = np.zeros((3, n), np.float32)
     directions[:2] = np.array([np.cos(angles + mount.yaw), np.sin(angles + mount.yaw)])
     columns, kinds, counts = np.zeros((3, n), np.float32), np.zeros(n, np.uint8), np.zeros(5, np.int64)
@@ -36,7 +36,7 @@ def test_move_beams_is_the_interpolated_pose_times_the_mounting() -> None:
         *(np.array([mount.x, mount.y, 0.0]), knots.times, knots.poses, knots.twists),
         *(SQUARE, np.array([0, 4]), math.sqrt(0.5), columns, kinds, counts),
     )
-    reference_from_odom = buffer.pose_at(reference_ns).inverse()
+    reference_from_odom = motion.planar_at(reference_ns).inverse()
     for i in range(n):
         r = float(ranges[i])
         in_base = mount.transform(np.array([[min(r, 10.0) * math.cos(angles[i]), min(r, 10.0) * math.sin(angles[i])]]))
@@ -49,7 +49,7 @@ def test_move_beams_is_the_interpolated_pose_times_the_mounting() -> None:
         assert kinds[i] == kind
         if kind != scan_motion.NOTHING:
             stamp_ns = round(begin_ns + i * step * 1e9)
-            moved = (reference_from_odom @ buffer.pose_at(stamp_ns)).transform(in_base)[0]
+            moved = (reference_from_odom @ motion.planar_at(stamp_ns)).transform(in_base)[0]
             np.testing.assert_allclose(columns[:2, i], moved, atol=4e-6)
     assert counts.sum() == n
     assert counts[scan_motion.MASKED] > 0

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from ambler.core.grid import GridSpec
-from ambler.core.messages import LaserScan, Range
+from ambler.core.messages import JudgedEcho, LaserScan, Range
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import DriveKind, RobotModel, SensorMount, VelocityLimits
+from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.perception.echoes import Echo, EchoFilter
+from ambler.perception.echoes import EchoFilter
 from ambler.perception.glass import SpecularDetector
 from ambler.perception.glass_map import GlassMap, seen_through_glass
 
@@ -159,8 +159,8 @@ def test_the_same_drive_gives_the_same_glass() -> None:
     np.testing.assert_array_equal(first[1], second[1])
 
 
-def echo(distance: float, *, unexplained: bool = True, yaw: float = 0.0) -> Echo:
-    return Echo(0, "sonar_0", SE2(0.2, 0.0, yaw), HALF, distance, min(distance, 3.0), unexplained)
+def echo(distance: float, *, unexplained: bool = True) -> JudgedEcho:
+    return JudgedEcho(0, "odom", "sonar_0", SE3(), HALF, distance, min(distance, 3.0), unexplained)
 
 
 def test_sound_extends_a_pane_that_light_has_found_and_free_cones_shorten_it() -> None:
@@ -169,17 +169,17 @@ def test_sound_extends_a_pane_that_light_has_found_and_free_cones_shorten_it() -
     length = abs(before[3] - before[1])
     for y in np.arange(0.0, 2.0, 0.08):
         for _ in range(2):
-            glass.add_echo(echo(1.8), SE2(0.0, y, 0.0))
+            glass.add_echo(echo(1.8), SE2(0.2, y, 0.0))
     (after,) = glass.segments()[0]
     assert max(after[1], after[3]) == pytest.approx(2.0, abs=0.15)
     assert abs(after[3] - after[1]) > length + 1.0
     for y in np.arange(1.0, 2.2, 0.05):
         for _ in range(8):
-            glass.add_echo(echo(math.inf, unexplained=False), SE2(0.3, y, 0.0))
+            glass.add_echo(echo(math.inf, unexplained=False), SE2(0.5, y, 0.0))
     (last,) = glass.segments()[0]
     assert max(last[1], last[3]) < 1.1
     alone = GlassMap()
-    alone.add_echo(echo(1.8), SE2())
+    alone.add_echo(echo(1.8), SE2(0.2, 0.0, 0.0))
     assert len(alone.segments()[0]) == 0, "sound alone draws no line: it does not know where on its arc"
 
 
@@ -204,7 +204,7 @@ ROBOT = RobotModel(
     DriveKind.OMNI,
     np.array([[0.2, -0.2], [0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2]]),
     VelocityLimits(),
-    (SensorMount("sonar_0", "range", SE3((0.2, 0.0, 0.2)), 0.03),),
+    (SensorMount("sonar_0", SensorKind.RANGE, SE3((0.2, 0.0, 0.2)), 0.03),),
 )
 
 

@@ -15,9 +15,11 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.evaluation.glass_quality import compare_glass
+from ambler.nodes.echoes import EchoNode
 from ambler.nodes.glass_mapper import GlassMapperNode
+from ambler.runtime.node import Node
 from ambler.runtime.tasks import SaveMapRequest
-from ambler.runtime.topics import Topic
+from ambler.runtime.topics import ECHOES, Topic
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -33,14 +35,25 @@ WALLS = (
 
 
 class Context:
-    """A node's world by hand: time, what it hears and what it says."""
+    """A node's world by hand: time, what it hears and what it says. Echoes are judged by a node of their own on the way."""
 
-    def __init__(self, node: GlassMapperNode) -> None:
+    def __init__(self, node: Node, judge: EchoNode | None = None) -> None:
         self.now_ns = 0
         self.callbacks: dict[str, Callable[[Any], Any]] = {}
         self.glass: list[m.GlassWalls] = []
+        self.echoes: list[m.JudgedEcho] = []
         node.ctx = self  # type: ignore[assignment]
         node.start()
+        self._judge = Context(judge) if judge is not None else None
+
+    def hear(self, topic: str, message: m.Message) -> None:
+        """Deliver a message to whoever has subscribed to it."""
+        if self._judge is not None and topic in self._judge.callbacks:
+            self._judge.callbacks[topic](message)
+            while self._judge.echoes:
+                self.hear("echoes", self._judge.echoes.pop(0))
+        if topic in self.callbacks:
+            self.callbacks[topic](message)
 
     def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
         self.callbacks[topic.name] = callback
@@ -51,8 +64,8 @@ class Context:
     def timer(self, period: float, callback: Callable[[], None]) -> None:
         self.tell = callback
 
-    def publish(self, topic: Topic[Any], message: m.GlassWalls) -> None:
-        self.glass.append(message)
+    def publish(self, topic: Topic[Any], message: Any) -> None:
+        (self.echoes if topic is ECHOES else self.glass).append(message)
 
     def log(self, code: str, text: str, **fields: Any) -> None:
         pass
@@ -61,7 +74,7 @@ class Context:
 def drive(robot: str) -> Context:
     """Drive 4 m along the pane with perfect odometry."""
     model = robot_named(robot)
-    context = Context(GlassMapperNode(model.model))
+    context = Context(GlassMapperNode(model.model), EchoNode(model.model) if model.model.rangers else None)
     simulation = Simulation(WorldSpec("w", (PANE, *WALLS), SE2()), model, SimulationConfig(4, physics="kinematic"))
     edge = m.TransformStamped(0, "map", "odom", SE3())
     context.callbacks["transforms"](m.Transforms(0, (edge,)))
@@ -72,11 +85,11 @@ def drive(robot: str) -> Context:
         for pose in out.true_poses:
             still = np.zeros((6, 6))
             odometry = m.Odometry(pose.stamp_ns, "odom", "base", pose.pose, pose.linear, pose.angular, still, still)
-            context.callbacks["odometry"](odometry)
+            context.hear("odometry", odometry)
         for scan in out.scans:
-            context.callbacks[scans](scan)
+            context.hear(scans, scan)
         for measured in out.ranges:
-            context.callbacks["ranges"](measured)
+            context.hear("ranges", measured)
         if k % 5 == 4:
             context.tell()
     return context
@@ -104,17 +117,17 @@ def test_the_pane_is_told_where_it_stands(robot: str, tmp_path: Path) -> None:
 
 def test_without_glass_nothing_is_told() -> None:
     model = robot_named("diff+ultrasonic")
-    context = Context(GlassMapperNode(model.model))
+    context = Context(GlassMapperNode(model.model), EchoNode(model.model) if model.model.rangers else None)
     simulation = Simulation(WorldSpec("w", WALLS, SE2()), model, SimulationConfig(4, physics="kinematic"))
     context.callbacks["transforms"](m.Transforms(0, (m.TransformStamped(0, "map", "odom", SE3()),)))
     for k in range(40):
         simulation.command(BodyVelocity(0.4, 0.0, 0.3))
         out = simulation.step((k + 1) * 100_000_000)
         for odometry in out.odometry:
-            context.callbacks["odometry"](odometry)
+            context.hear("odometry", odometry)
         for scan in out.scans:
-            context.callbacks["scan"](scan)
+            context.hear("scan", scan)
         for measured in out.ranges:
-            context.callbacks["ranges"](measured)
+            context.hear("ranges", measured)
         context.tell()
     assert context.glass == []

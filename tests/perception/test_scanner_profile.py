@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from ambler.apps.config import ExplorerConfig, for_robot
+from ambler.apps.config import RobotConfig, default_config
+from ambler.calibration.scan_calibration import ScannerEstimate
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.merger import MergerConfig
-from ambler.perception.scan_calibration import ScannerEstimate
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot, with_clock_offsets
 from ambler.settings.profiles import as_values, build, load_profile, merge
 from ambler.sim.robots import robot_named
@@ -56,14 +56,14 @@ def test_a_scanner_that_the_robot_lacks_is_named() -> None:
 def test_the_section_survives_a_profile_file(tmp_path: Path) -> None:
     path = tmp_path / "profile.yaml"
     path.write_text(yaml.safe_dump({"scanners": as_values(FOUND)}))
-    base = as_values(for_robot(robot_named("amr_omni").model))
-    config = build(ExplorerConfig, merge(base, load_profile(path)))
+    base = as_values(default_config(robot_named("amr_omni").model))
+    config = build(RobotConfig, merge(base, load_profile(path)))
     assert config.scanners == FOUND
-    assert build(ExplorerConfig, as_values(config)) == config
+    assert build(RobotConfig, as_values(config)) == config
 
 
 def test_mistakes_in_the_section_are_named() -> None:
     with pytest.raises(BadInputError, match=r"scanners\.front\.height: no such name"):
-        build(ExplorerConfig, {"scanners": {"front": {"x": 0, "y": 0, "yaw": 0, "height": 1}}})
-    turned = build(ExplorerConfig, {"scanners": {"front": {"x": 0, "y": 0, "yaw_deg": 90}}})
+        build(RobotConfig, {"scanners": {"front": {"x": 0, "y": 0, "yaw": 0, "height": 1}}})
+    turned = build(RobotConfig, {"scanners": {"front": {"x": 0, "y": 0, "yaw_deg": 90}}})
     assert turned.scanners["front"].yaw == pytest.approx(math.pi / 2)

@@ -302,8 +302,8 @@ def the_field_is_as_long_as_the_way_to_stop(m: ModuleType) -> None:
     for v in (0.1, 0.4, 0.8):
         way = v * 0.2 + v * v / (2 * LIMITS.ax_brake)
         front = 0.4 + 0.03 + way
-        assert field.free_scale(BodyVelocity(v), cluster(front + 0.001, 0.0)) == 1.0
-        assert field.free_scale(BodyVelocity(v), cluster(front - 0.025, 0.0)) < 1.0
+        assert field.free_scale(BodyVelocity(v), cluster(front + 1e-6, 0.0)) == 1.0
+        assert field.free_scale(BodyVelocity(v), cluster(front - 1e-6, 0.0)) < 1.0
     last = -1.0
     for x in np.linspace(0.4, 1.2, 60):
         scale = field.free_scale(BodyVelocity(0.8), cluster(float(x), 0.1))

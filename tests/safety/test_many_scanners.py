@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ambler.core.messages import LaserScan, Odometry, VelocityCommand
+from ambler.core.messages import LaserScan, Odometry, PointCloud, VelocityCommand
+from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.runtime.tasks import GateRequest
-from ambler.runtime.topics import SCAN, SCANNERS, VELOCITY_COMMAND, Topic
+from ambler.runtime.topics import CLOUD, SCAN, SCANNERS, VELOCITY_COMMAND, Topic
 from ambler.sim.robots import robot_named
 
 COVARIANCES = (np.zeros((6, 6)), np.zeros((6, 6)))
@@ -100,6 +102,38 @@ def test_a_scanner_that_never_sent_anything_is_missed(missing: str) -> None:
     command = bench.run(2.0, tuple(f for f in FRAMES if f != missing))
     assert command.vy == 0.0
     assert any(f"STALE_POINTS: no fresh scan or cloud from {missing}" in c for c in bench.context.codes)
+
+
+def with_a_second_cloud() -> RobotModel:
+    spot = robot_named("spot").model
+    rear = replace(spot.clouds[0], frame="rear", base_from_sensor=SE3((-0.4, 0.0, 0.7)))
+    return replace(spot, sensors=(*spot.sensors, rear))
+
+
+@pytest.mark.parametrize("missing", ["", "velodyne", "rear"])
+def test_every_cloud_is_taken_and_missed(missing: str) -> None:
+    node, context = GateNode(with_a_second_cloud()), HandMadeContext()
+    assert {CLOUD, CLOUD.of("rear")} <= set(node.inputs)
+    node.ctx = context  # type: ignore[assignment]
+    node.start()
+    context.callbacks["arm"](GateRequest("test", ""))
+    still, rng = (0.0, 0.0, 0.0), np.random.default_rng(0)
+    topics = {"velodyne": "cloud", "rear": "cloud.rear"}
+    for k in range(100):
+        context.now_ns += 20_000_000
+        context.callbacks["odometry"](Odometry(context.now_ns, "odom", "base", SE3(), still, still, *COVARIANCES))
+        for frame, topic in topics.items() if k % 5 == 0 else ():
+            if frame != missing:
+                angles = rng.uniform(-np.pi, np.pi, 500)
+                points = np.column_stack([6.0 * np.cos(angles), 6.0 * np.sin(angles), 0 * angles]).astype(np.float32)
+                zeros = np.zeros(500, np.float32)
+                context.callbacks[topic](
+                    PointCloud(context.now_ns, frame, points, zeros, zeros, np.zeros(500, np.uint16))
+                )
+        context.callbacks["velocity_request"](VelocityCommand(context.now_ns, 0.2, 0.0, 0.0))
+        context.step()
+    assert (context.last[VELOCITY_COMMAND.name].vx > 0.0) is not bool(missing)
+    assert any(f"no fresh scan or cloud from {missing}" in c for c in context.codes) is bool(missing)
 
 
 def test_a_scanner_that_falls_silent_stops_the_robot_until_it_is_back() -> None:

@@ -75,7 +75,7 @@ class Drive:
             self.step()
             self.simulation.command(BodyVelocity(self.command.vx, self.command.vy, self.command.wz))
             self.now_ns += 20_000_000
-        return self.simulation.map_from_base.to_se2()
+        return self.simulation.world_from_base.to_se2()
 
 
 @pytest.mark.parametrize("turn_deg", [0, 20, 40, 65])

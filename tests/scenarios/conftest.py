@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from ambler.apps.demo import Demo, DemoOptions
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
 
@@ -14,9 +15,9 @@ def warm_kernels() -> None:
     warm_up(imported_kernel_modules())
 
 
-def explore(root: Path, options: DemoOptions) -> Demo:
-    """Run one demonstration and release it; its folder and outcome stay."""
-    demo = Demo(options, RunFolder(root))
+def explore(root: Path, options: RunOptions) -> SimulatedRun:
+    """Run one program and release it; its folder and its end stay."""
+    demo = SimulatedRun(options, RunFolder(root))
     try:
         demo.run()
     finally:
@@ -25,6 +26,6 @@ def explore(root: Path, options: DemoOptions) -> Demo:
 
 
 @pytest.fixture(scope="session")
-def lab_run(tmp_path_factory: pytest.TempPathFactory) -> Demo:
+def lab_run(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     """One exploration of `lab_empty` with `diff`, in lockstep."""
-    return explore(tmp_path_factory.mktemp("lab"), DemoOptions(world="lab_empty", port=None))
+    return explore(tmp_path_factory.mktemp("lab"), RunOptions(world="lab_empty", port=None))

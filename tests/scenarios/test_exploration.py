@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.apps.demo import Demo, DemoOptions
-from ambler.apps.demo_report import judge, write_demo_report
+from ambler.apps.judgement import judge
 from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.run_report import write_run_report
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.errors import BadInputError
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.recording_compare import compare_recordings
@@ -16,12 +18,12 @@ from ambler.kernels.warmup import compiled_signatures
 from tests.scenarios.conftest import explore
 
 
-def test_it_ends_with_proof_at_home_and_maps_the_room(lab_run: Demo) -> None:
+def test_it_ends_with_proof_at_home_and_maps_the_room(lab_run: SimulatedRun) -> None:
     assert lab_run.ended == "finished"
-    assert lab_run.outcome is not None
-    assert lab_run.outcome.result is not None
-    assert lab_run.outcome.result.is_home
-    assert all(f.reason for f in lab_run.outcome.result.remaining), "every frontier that is left has its reason"
+    assert lab_run.end is not None
+    result = lab_run.end.ends[0].result
+    assert result.is_home
+    assert all(f.reason for f in result.remaining), "every frontier that is left has its reason"
     fields = judge(lab_run).fields
     assert fields["collisions"] == 0
     assert fields["coverage_ratio"] >= 0.99
@@ -32,15 +34,15 @@ def test_it_ends_with_proof_at_home_and_maps_the_room(lab_run: Demo) -> None:
     assert fields["ssim"] >= 0.85
 
 
-def test_the_report_is_one_page_with_its_pictures(lab_run: Demo) -> None:
-    page = write_demo_report(lab_run, judge(lab_run)).read_text()
+def test_the_report_is_one_page_with_its_pictures(lab_run: SimulatedRun) -> None:
+    page = write_run_report(lab_run, judge(lab_run)).read_text()
     assert page.count("data:image/png;base64,") >= 4
     assert "frontier" in page
     assert "<script" not in page
 
 
-def test_a_second_run_with_the_same_seed_is_bit_equal(lab_run: Demo, tmp_path: Path) -> None:
-    again = explore(tmp_path / "again", DemoOptions(world="lab_empty", port=None))
+def test_a_second_run_with_the_same_seed_is_bit_equal(lab_run: SimulatedRun, tmp_path: Path) -> None:
+    again = explore(tmp_path / "again", RunOptions(world="lab_empty", port=None))
     comparison = compare_recordings(lab_run.folder.recording, again.folder.recording)
     assert comparison.is_equal, str(comparison)
     assert comparison.equal_count > 5000
@@ -48,13 +50,13 @@ def test_a_second_run_with_the_same_seed_is_bit_equal(lab_run: Demo, tmp_path: P
         assert (lab_run.folder.root / name).read_bytes() == (again.folder.root / name).read_bytes()
 
 
-def test_another_seed_gives_another_run(lab_run: Demo, tmp_path: Path) -> None:
-    other = explore(tmp_path / "other", DemoOptions(world="lab_empty", port=None, seed=1, time_limit=3.0))
+def test_another_seed_gives_another_run(lab_run: SimulatedRun, tmp_path: Path) -> None:
+    other = explore(tmp_path / "other", RunOptions(world="lab_empty", port=None, seed=1, time_limit=3.0))
     comparison = compare_recordings(lab_run.folder.recording, other.folder.recording, ["/scan"])
     assert not comparison.is_equal
 
 
-def test_the_recording_replays_to_the_same_bits(lab_run: Demo, tmp_path: Path) -> None:
+def test_the_recording_replays_to_the_same_bits(lab_run: SimulatedRun, tmp_path: Path) -> None:
     comparison = replay_run(lab_run.folder.root, tmp_path)
     assert comparison.is_equal, str(comparison)
     names = {t.topic for t in comparison.topics}
@@ -62,7 +64,7 @@ def test_the_recording_replays_to_the_same_bits(lab_run: Demo, tmp_path: Path) -
     assert (tmp_path / "map.pgm").read_bytes() == (lab_run.folder.root / "map.pgm").read_bytes()
 
 
-def test_a_changed_parameter_is_found_by_the_replay(lab_run: Demo, tmp_path: Path) -> None:
+def test_a_changed_parameter_is_found_by_the_replay(lab_run: SimulatedRun, tmp_path: Path) -> None:
     (tmp_path / "recording").symlink_to(lab_run.folder.recording)
     text = lab_run.folder.config.read_text()
     assert "horizon: 1.7" in text
@@ -77,15 +79,15 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
         replay_run(tmp_path)
 
 
-def test_no_kernel_is_compiled_while_the_robot_moves(lab_run: Demo, tmp_path: Path) -> None:
+def test_no_kernel_is_compiled_while_the_robot_moves(lab_run: SimulatedRun, tmp_path: Path) -> None:
     before = compiled_signatures()
-    explore(tmp_path / "run", DemoOptions(world="lab_obstacle", robot="diff", port=None, time_limit=8.0))
+    explore(tmp_path / "run", RunOptions(world="lab_obstacle", robot="diff", port=None, time_limit=8.0))
     assert compiled_signatures() == before
     assert sum(before.values()) > 20
 
 
 def test_the_same_scenario_passes_in_the_live_executor(tmp_path: Path) -> None:
-    live = explore(tmp_path / "live", DemoOptions(world="lab_empty", port=None, is_realtime=True, time_limit=240.0))
+    live = explore(tmp_path / "live", RunOptions(world="lab_empty", port=None, is_realtime=True, time_limit=240.0))
     assert live.ended == "finished"
     fields = judge(live).fields
     assert fields["collisions"] == 0
@@ -96,7 +98,7 @@ def test_the_same_scenario_passes_in_the_live_executor(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("victim", ["slam2d", "controller", "explorer"])
 def test_a_node_that_fails_stops_the_robot(victim: str, tmp_path: Path) -> None:
-    demo = Demo(DemoOptions(world="lab_empty", port=None, time_limit=60.0), RunFolder(tmp_path / victim))
+    demo = SimulatedRun(RunOptions(world="lab_empty", port=None, time_limit=60.0), RunFolder(tmp_path / victim))
     node = demo.executor.stack.node(victim)
 
     def fail() -> None:
@@ -119,7 +121,7 @@ def test_a_node_that_fails_stops_the_robot(victim: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("factor", [0.05, 0.15])
 def test_late_outputs_do_not_make_it_collide(factor: float, tmp_path: Path) -> None:
-    demo = Demo(DemoOptions(world="lab_empty", port=None, time_limit=200.0), RunFolder(tmp_path / "late"))
+    demo = SimulatedRun(RunOptions(world="lab_empty", port=None, time_limit=200.0), RunFolder(tmp_path / "late"))
     for context in demo.executor.contexts:
         if context.node.name in ("slam2d", "controller", "planner", "navigator"):
             context.latency_ns += round(factor * 1e9)
@@ -133,12 +135,12 @@ def test_late_outputs_do_not_make_it_collide(factor: float, tmp_path: Path) -> N
     assert fields["coverage_ratio"] >= 0.98
 
 
-def test_truth_is_never_an_input(lab_run: Demo) -> None:
+def test_truth_is_never_an_input(lab_run: SimulatedRun) -> None:
     for node in lab_run.executor.stack.nodes:
         assert not any(t.is_truth for t in (*node.inputs, *node.optional_inputs)), node.name
 
 
-def test_coverage_grows_to_the_end(lab_run: Demo) -> None:
+def test_coverage_grows_to_the_end(lab_run: SimulatedRun) -> None:
     coverage = read_exploration(lab_run.folder.recording).coverage
     assert coverage[-1, 1] > 0.98
     assert np.all(np.diff(coverage[:, 0]) > 0)

@@ -5,21 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.apps.demo import Demo, DemoOptions
-from ambler.apps.demo_report import judge
+from ambler.apps.judgement import judge
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.evaluation.exploration_run import read_exploration
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from tests.scenarios.conftest import explore
 
 DOOR = 3.5  # metres, x of the door of `two_rooms` in the map frame
 
 
-def run(folder: Path, faults: tuple[str, ...], robot: str = "diff", time_limit: float = 150.0) -> Demo:
-    options = DemoOptions(world="two_rooms", robot=robot, port=None, time_limit=time_limit, faults=faults)
+def run(folder: Path, faults: tuple[str, ...], robot: str = "diff", time_limit: float = 150.0) -> SimulatedRun:
+    options = RunOptions(world="two_rooms", robot=robot, port=None, time_limit=time_limit, faults=faults)
     return explore(folder / "run", options)
 
 
-def assert_it_stood(demo: Demo, begin: float, end: float) -> None:
+def assert_it_stood(demo: SimulatedRun, begin: float, end: float) -> None:
     """It had been driving before `begin`, came to rest within 1.2 s, and stood until `end` (seconds)."""
     record = read_exploration(demo.folder.recording)
     seconds = record.true_stamps_ns * 1e-9
@@ -42,8 +43,7 @@ def test_a_scanner_that_stays_silent_is_named(tmp_path: Path) -> None:
     demo = run(tmp_path, ("scanner_dropout:15",), time_limit=40.0)
     assert judge(demo).fields["collisions"] == 0
     assert demo.ended == "stuck"
-    assert demo.outcome is not None
-    assert "STALE_POINTS: no fresh scan or cloud from laser" in demo.outcome.text
+    assert "STALE_POINTS: no fresh scan or cloud from laser" in demo.text
     assert 25.0 < demo.sim_seconds < 35.0
     assert_it_stood(demo, 15.0, 40.0)
     assert "STALE_POINTS: no fresh scan or cloud from laser" in demo.folder.log.read_text()
@@ -105,7 +105,7 @@ def test_people_who_cross_are_never_touched(robot: str, coverage: float, tmp_pat
     assert fields["coverage_ratio"] >= coverage
 
 
-def x_over_time(demo: Demo) -> tuple[np.ndarray, np.ndarray]:
+def x_over_time(demo: SimulatedRun) -> tuple[np.ndarray, np.ndarray]:
     """Seconds and true x (m, map frame) of the base."""
     record = read_exploration(demo.folder.recording)
     return record.true_stamps_ns * 1e-9, record.true_poses[:, 0]
@@ -160,7 +160,7 @@ def test_panes_are_run_into_without_a_ring_and_kept_off_with_it(tmp_path: Path) 
     panes = {solid.name for solid in load_world("glass").solids if solid.is_glass}
 
     def touched(robot: str) -> list[str]:
-        options = DemoOptions(world="glass", robot=robot, port=None, time_limit=90.0)
+        options = RunOptions(world="glass", robot=robot, port=None, time_limit=90.0)
         demo = explore(tmp_path / robot, options)
         return [c.other_geom for c in read_exploration(demo.folder.recording).contacts]
 

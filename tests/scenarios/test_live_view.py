@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from ambler.apps.demo import Demo, DemoOptions
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.messages import Odometry, PoseStamped
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
@@ -20,7 +21,7 @@ GOAL = SE2(1.5, 1.0, 1.57)
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
 def test_a_clicked_goal_drives_the_robot_there(encoding: str, tmp_path: Path) -> None:
-    demo = Demo(DemoOptions(world="lab_empty", port=0, time_limit=90.0), RunFolder(tmp_path / "run"))
+    demo = SimulatedRun(RunOptions(world="lab_empty", port=0, time_limit=90.0), RunFolder(tmp_path / "run"))
     demo.executor.contexts[-1].is_failed = True  # nobody explores: the operator node is switched off
     gate = demo.executor.stack.node("gate")
     seen: dict[str, int] = {}

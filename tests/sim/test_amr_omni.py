@@ -16,7 +16,7 @@ from ambler.sim.robots import robot_named
 from ambler.sim.sensors import SAFETY_270
 from ambler.sim.simulation import Simulation, SimulationConfig, SimulationOutput
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 SCANNERS = ("front_right", "front_left", "rear_left")
 
@@ -51,9 +51,9 @@ def test_it_drives_sideways_and_its_rollers_lose_three_percent(open_floor: World
     config = SimulationConfig(0, physics="contact" if mode == "contact" else "kinematic")
     simulation = Simulation(open_floor, robot_named("amr_omni"), config)
     drive(simulation, BodyVelocity(0, 0.4, 0), 1.5)
-    before = simulation.map_from_base.to_se2()
+    before = simulation.world_from_base.to_se2()
     out = drive(simulation, BodyVelocity(0, 0.4, 0), 2.0)
-    moved = before.inverse() @ simulation.map_from_base.to_se2()
+    moved = before.inverse() @ simulation.world_from_base.to_se2()
     assert moved.y / 2.0 == pytest.approx(0.97 * 0.4, abs=0.005)
     assert abs(moved.x) < 0.02
     assert abs(moved.yaw) < 0.02
@@ -67,7 +67,7 @@ def test_perfect_odometry_agrees_with_the_motion(open_floor: WorldSpec, mode: st
     simulation = Simulation(open_floor, robot_named("amr_omni"), config)
     for k in range(8):
         out = drive(simulation, BodyVelocity(0.5 * math.sin(k), 0.4 * math.cos(k), 0.5), 0.5)
-    error = out.odometry[-1].pose.to_se2().inverse() @ simulation.map_from_base.to_se2()
+    error = out.odometry[-1].pose.to_se2().inverse() @ simulation.world_from_base.to_se2()
     assert math.hypot(error.x, error.y) < 0.03
     assert abs(error.yaw) < 0.01
 
@@ -77,14 +77,14 @@ def test_real_odometry_drifts_within_a_few_percent(open_floor: WorldSpec) -> Non
     for seed in range(5):
         simulation = Simulation(open_floor, robot_named("amr_omni"), SimulationConfig(seed, physics="kinematic"))
         out = drive(simulation, BodyVelocity(0.5, 0.4, 0.0), 3.0)
-        errors.append(out.odometry[-1].pose.to_se2().distance_to(simulation.map_from_base.to_se2()))
+        errors.append(out.odometry[-1].pose.to_se2().distance_to(simulation.world_from_base.to_se2()))
     assert 0.01 < np.mean(errors) < 0.10
 
 
 def test_on_ice_the_wheels_count_more_than_the_base_moves(open_floor: WorldSpec) -> None:
     simulation = Simulation(replace(open_floor, friction=0.03), robot_named("amr_omni"), SimulationConfig(0, True))
     out = drive(simulation, BodyVelocity(0.0, 0.5, 0.0), 1.0)
-    assert out.odometry[-1].pose.translation[1] - simulation.map_from_base.translation[1] > 0.05
+    assert out.odometry[-1].pose.translation[1] - simulation.world_from_base.translation[1] > 0.05
 
 
 def scans_of(world: WorldSpec) -> dict[str, LaserScan]:

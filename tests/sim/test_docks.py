@@ -22,7 +22,7 @@ from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, SimDock, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 ROOM = load_world("dock_room")
 DOCK = ROOM.docks[0]
@@ -33,7 +33,7 @@ def stand(battery: Battery, dock_from_base: SE2, seconds: float, *, has_power: b
     """Stand at a pose of the dock's frame; returns what the battery says at the end."""
     told = None
     for k in range(round(seconds / 0.005)):
-        battery.update(DOCK.map_from_dock @ dock_from_base, 0.0, 0.005, has_power=has_power)
+        battery.update(DOCK.world_from_dock @ dock_from_base, 0.0, 0.005, has_power=has_power)
         told = battery.told(k) or told
     assert told is not None
     return told.supply
@@ -83,14 +83,14 @@ def test_a_stopped_charge_begins_again_when_the_contacts_close_anew() -> None:
 
 def test_the_lip_stops_the_robot_a_little_beyond_the_docked_pose() -> None:
     lip = next(s for s in ROOM.solids if s.name == DOCK.name + CONTACTS)
-    near = (DOCK.map_from_dock.inverse() @ lip.map_from_solid).x - 0.5 * lip.size_x
+    near = (DOCK.world_from_dock.inverse() @ lip.map_from_solid).x - 0.5 * lip.size_x
     assert math.isclose(near, 0.6 + LIP_GAP)
     assert lip.z_min < 0.04 < lip.z_max, "it is as low as the lower edge of the robot's body"
 
 
 def simulation(start: SE2, *faults: str, solids: tuple[Solid, ...] = ()) -> Simulation:
     """A robot that stands at a pose of the dock's frame."""
-    world = load_world("dock_room", ROOM.world_from_start @ DOCK.map_from_dock @ start)
+    world = load_world("dock_room", DOCK.world_from_dock @ start)
     world = replace(world, solids=world.solids + solids)
     config = SimulationConfig(physics="kinematic", faults=tuple(Fault.parse(f) for f in faults))
     return Simulation(world, robot_named("amr_omni"), config)
@@ -102,11 +102,11 @@ def seen(sim: Simulation) -> dict[int, float]:
     specs = [MarkerSpec(m.dictionary, m.number, m.size) for m in DOCK.markers]
     picture = sim.take_picture().data
     found = {s.marker.number: s for s in FiducialDetector(sim.camera.spec.model, specs).detect(picture)}
-    map_from_camera = sim.map_from_base @ sim.camera.mount.base_from_sensor
+    world_from_camera = sim.world_from_base @ sim.robot.model.sensor(sim.camera.frame).base_from_sensor
     errors = {}
     for m, pose in zip(DOCK.markers, marker_poses(sim.world.docks[0]), strict=True):
         if m.number in found:
-            at = (map_from_camera @ found[m.number].camera_from_marker).translation
+            at = (world_from_camera @ found[m.number].camera_from_marker).translation
             errors[m.number] = 1e3 * math.dist(at, pose.translation)
     return errors
 
@@ -119,8 +119,7 @@ def test_the_camera_shows_the_markers_where_they_are() -> None:
 
 
 def test_what_stands_between_hides_the_markers() -> None:
-    place = SE2(0.2, 0.0, 0.0)
-    board = Solid("board", Shape.BOX, place @ SE2(0.6, 0.0, 0.0), 0.02, 1.0, 0.0, 1.0)
+    board = Solid("board", Shape.BOX, DOCK.world_from_dock @ SE2(0.3, 0.0, 0.0), 0.02, 1.0, 0.0, 1.0)
     assert not seen(simulation(SE2(-0.5, 0.0, 0.0), solids=(board,)))
     low = replace(board, z_max=0.2)
     assert len(seen(simulation(SE2(-0.5, 0.0, 0.0), solids=(low,)))) == 3
@@ -152,12 +151,17 @@ def test_pictures_are_the_same_for_the_same_seed() -> None:
     assert np.array_equal(a.data, b.data)
 
 
-def test_without_docks_there_is_neither_camera_nor_battery() -> None:
-    sim = Simulation(load_world("two_rooms"), robot_named("amr_omni"), SimulationConfig(physics="kinematic"))
-    assert sim.camera is None
-    assert sim.battery is None
-    with pytest.raises(RuntimeError):
-        sim.take_picture()
+def test_without_docks_the_camera_sees_nothing_and_the_battery_drains() -> None:
+    config = SimulationConfig(physics="kinematic")
+    sim = Simulation(load_world("two_rooms"), robot_named("amr_omni"), config)
+    picture = sim.take_picture().data
+    assert picture.shape == (480, 640)
+    assert picture.max() < 200, "no white of a marker"
+    told = sim.step(3_000_000_000).batteries
+    assert {b.supply for b in told} == {PowerSupply.DISCHARGING}
+    assert told[-1].share < told[0].share
+    with pytest.raises(RuntimeError, match="no camera"):
+        Simulation(load_world("two_rooms"), robot_named("diff"), config).take_picture()
 
 
 def test_a_dock_without_markers_is_refused(tmp_path) -> None:
@@ -173,7 +177,7 @@ def returns_at(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points (N, 2) in the dock's frame and intensities (N,) of one turn of each front scanner, without noise."""
     config = SimulationConfig(is_perfect=True, physics="kinematic", faults=tuple(Fault.parse(f) for f in faults))
-    start = load_world(path).world_from_start @ dock.map_from_dock @ dock_from_base
+    start = dock.world_from_dock @ dock_from_base
     sim = Simulation(load_world(path, start), robot_named("amr_omni"), config)
     newest = {scan.frame: scan for scan in sim.step(200_000_000).scans}
     out = []

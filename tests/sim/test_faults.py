@@ -19,7 +19,7 @@ from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from tests.sim.test_movers import gap_to_solids
 
 
@@ -77,7 +77,7 @@ def test_slipping_wheels_count_what_the_base_does_not_go(robot: str, open_floor:
     for _ in range(80):
         simulation.command(BodyVelocity(0.4, 0.0, 0.0))
         out = simulation.step(simulation.now_ns + 50_000_000)
-    counted = out.odometry[-1].pose.translation[0] - simulation.map_from_base.translation[0]
+    counted = out.odometry[-1].pose.translation[0] - simulation.world_from_base.translation[0]
     assert counted == pytest.approx(0.3 * 0.4 * 2.0, abs=0.02)
     assert out.odometry[-1].linear[0] == pytest.approx(0.4, abs=1e-3)
 
@@ -119,7 +119,7 @@ def test_people_of_the_fault_walk_where_there_is_room(name: str) -> None:
         walker = Walker(person, 4)
         places = np.array([walker.place(float(at)) for at in np.arange(0.0, walker.length, 0.1)])
         assert gap_to_solids(world, places, person.height) > person.radius
-        assert np.hypot(*places.T).min() > START_ROOM
+        assert np.hypot(*(places - [world.start.x, world.start.y]).T).min() > START_ROOM
 
 
 def test_people_of_the_fault_stand_until_it_begins() -> None:
@@ -127,7 +127,7 @@ def test_people_of_the_fault_stand_until_it_begins() -> None:
     places = []
     for _ in range(15):
         simulation.step(simulation.now_ns + 100_000_000)
-        places.append([w.position for w in simulation._crowd.walkers])
+        places.append([w.position for w in simulation.running.crowd.walkers])
     moved = [np.abs(np.subtract(a, b)).max() > 0 for a, b in itertools.pairwise(places)]
     assert moved == [False] * 4 + [True] * 5 + [False] * 5
 

@@ -7,16 +7,20 @@ import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Contact
+from ambler.core.messages import Contact, LaserScan
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
+from ambler.sim.base import PlacedRobot
+from ambler.sim.body import TICK
 from ambler.sim.contact_physics import ContactPhysics
 from ambler.sim.kinematic_physics import KinematicPhysics
 from ambler.sim.meshes import HeightField, TriangleMesh
+from ambler.sim.robot_devices import robot_devices
 from ambler.sim.robots import robot_named, robot_names
-from ambler.sim.simulation import TICK, Simulation, SimulationConfig
+from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world import BodySpec, World
+from ambler.sim.world_file import load_world
 
 
 def slope(angle_deg: float, kind: str, heading_deg: float = 0.0, friction: float = 0.8) -> WorldSpec:
@@ -39,9 +43,14 @@ def pit(depth: float) -> HeightField:
     return HeightField("pit", heights, 10.0, SE2(-10.0, -10.0, 0.0))
 
 
+def alone(world: WorldSpec, robot: str) -> ContactPhysics:
+    """One robot at the start of a world."""
+    return ContactPhysics(world, [PlacedRobot("robot", robot_named(robot), world.start)], TICK)
+
+
 def lean_deg(physics: ContactPhysics) -> tuple[float, float]:
     """Roll and pitch in degrees; pitch is negative uphill."""
-    w, x, y, z = physics.carriage.rotation
+    w, x, y, z = physics.carriage(0).rotation
     return (
         math.degrees(math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))),
         math.degrees(math.asin(2 * (w * y - z * x))),
@@ -50,19 +59,19 @@ def lean_deg(physics: ContactPhysics) -> tuple[float, float]:
 
 def steps(physics: ContactPhysics, command: BodyVelocity, seconds: float) -> None:
     for _ in range(round(seconds / TICK)):
-        physics.step(command)
+        physics.step([command])
 
 
 def travelled(physics: ContactPhysics, command: BodyVelocity, seconds: float) -> np.ndarray:
-    before = np.array(physics.carriage.position)
+    before = np.array(physics.carriage(0).position)
     steps(physics, command, seconds)
-    return np.array(physics.carriage.position) - before
+    return np.array(physics.carriage(0).position) - before
 
 
 @pytest.mark.parametrize("robot", robot_names())
 @pytest.mark.parametrize("kind", ["field", "mesh"])
 def test_on_five_degrees_a_robot_leans_five_degrees_and_stays(robot: str, kind: str) -> None:
-    physics = ContactPhysics(slope(5.0, kind), robot_named(robot), TICK)
+    physics = alone(slope(5.0, kind), robot)
     assert lean_deg(physics) == pytest.approx((0.0, -5.0), abs=0.3)
     moved = travelled(physics, BodyVelocity(), 3.0)
     assert np.linalg.norm(moved) < 5e-4
@@ -71,10 +80,10 @@ def test_on_five_degrees_a_robot_leans_five_degrees_and_stays(robot: str, kind: 
 
 @pytest.mark.parametrize("robot", robot_names())
 def test_across_a_slope_a_robot_rolls_and_keeps_its_heading(robot: str) -> None:
-    physics = ContactPhysics(slope(5.0, "field", 90.0), robot_named(robot), TICK)
+    physics = alone(slope(5.0, "field", 90.0), robot)
     assert lean_deg(physics) == pytest.approx((-5.0, 0.0), abs=0.3)
     travelled(physics, BodyVelocity(), 2.0)
-    assert abs(physics.carriage.to_se2().yaw) < math.radians(0.2)
+    assert abs(physics.carriage(0).to_se2().yaw) < math.radians(0.2)
     moved = travelled(physics, BodyVelocity(0.3, 0.0, 0.0), 3.0)
     assert moved[0] == pytest.approx(0.9, abs=0.02)
     assert abs(moved[1]) < 0.01
@@ -84,20 +93,20 @@ def test_across_a_slope_a_robot_rolls_and_keeps_its_heading(robot: str) -> None:
 @pytest.mark.parametrize("robot", robot_names())
 @pytest.mark.parametrize(("kind", "angle_deg"), [("field", 10.0), ("field", -5.0), ("mesh", 10.0)])
 def test_travel_is_along_the_slope_at_the_wanted_speed(robot: str, kind: str, angle_deg: float) -> None:
-    physics = ContactPhysics(slope(angle_deg, kind), robot_named(robot), TICK)
+    physics = alone(slope(angle_deg, kind), robot)
     steps(physics, BodyVelocity(0.4, 0.0, 0.0), 1.0)
     moved = travelled(physics, BodyVelocity(0.4, 0.0, 0.0), 3.0)
     assert np.linalg.norm(moved) == pytest.approx(1.2, abs=0.005)
     assert math.degrees(math.atan2(moved[2], moved[0])) == pytest.approx(angle_deg, abs=0.1)
-    assert physics.touches() == ()
+    assert physics.touches(0) == ()
 
 
 @pytest.mark.parametrize("robot", robot_names())
 def test_robots_slide_when_friction_is_less_than_the_slope(robot: str) -> None:
     """tan 10 degrees is 0.18: 0.35 holds; with 0.1 it slides with g (sin - 0.1 cos), and `diff` faster: its caster has no friction."""
-    stays = ContactPhysics(slope(10.0, "field", friction=0.35), robot_named(robot), TICK)
+    stays = alone(slope(10.0, "field", friction=0.35), robot)
     assert np.linalg.norm(travelled(stays, BodyVelocity(), 1.5)) < 0.002
-    slides = ContactPhysics(slope(10.0, "field", friction=0.1), robot_named(robot), TICK)
+    slides = alone(slope(10.0, "field", friction=0.1), robot)
     angle = math.radians(10.0)
     expected = -0.5 * 9.81 * (math.sin(angle) - 0.1 * math.cos(angle))
     moved = travelled(slides, BodyVelocity(), 1.0)
@@ -122,10 +131,10 @@ def test_the_ramp_leads_up_to_the_platform_and_down_again(robot: str) -> None:
     contacts, heights = [], []
     for _ in range(32):
         contacts += drive(simulation, BodyVelocity(0.6, 0.0, 0.0), 1.0)
-        heights.append(simulation.map_from_base.translation[2])
+        heights.append(simulation.start_from_base.translation[2])
     assert contacts == []
     assert max(heights) == pytest.approx(0.5995, abs=0.02)
-    x, y, z = simulation.map_from_base.translation
+    x, y, z = simulation.start_from_base.translation
     assert 17.0 < x < 20.0
     assert abs(y) < 0.3
     assert abs(z) < 0.02
@@ -136,7 +145,7 @@ def test_a_kerb_of_twelve_centimetres_stops_the_diff() -> None:
     world = load_world("ramp", start=SE2(2.0, 6.5, 0.0))
     simulation = Simulation(world, robot_named("diff"), SimulationConfig(1, True))
     contacts = drive(simulation, BodyVelocity(0.4, 0.0, 0.0), 8.0)
-    x, _, z = simulation.map_from_base.translation
+    x, _, z = simulation.start_from_base.translation
     assert x + 0.25 == pytest.approx(1.5, abs=0.03)
     assert abs(z) < 0.02
     assert {(c.robot_geom, c.other_geom) for c in contacts} == {("body", "kerb")}
@@ -152,11 +161,11 @@ def test_a_mesh_is_met_where_its_triangles_are_and_not_its_hull() -> None:
     portal = TriangleMesh("portal", vertices, np.array([*sides, *front, *[[c + 8, b + 8, a + 8] for a, b, c in front]]))
     simulation = Simulation(WorldSpec("w", (), SE2(), meshes=(portal,)), robot_named("diff"), SimulationConfig(1, True))
     assert drive(simulation, BodyVelocity(0.8, 0.0, 0.0), 5.0) == []
-    assert simulation.map_from_base.translation[0] > 3.0
+    assert simulation.start_from_base.translation[0] > 3.0
     beside = WorldSpec("w", (), SE2(), meshes=(portal.moved(SE2(0.0, 0.9, 0.0)),))
     simulation = Simulation(beside, robot_named("diff"), SimulationConfig(1, True))
     assert {c.other_geom for c in drive(simulation, BodyVelocity(0.4, 0.0, 0.0), 6.0)} == {"portal"}
-    assert simulation.map_from_base.translation[0] + 0.25 < 2.03
+    assert simulation.start_from_base.translation[0] + 0.25 < 2.03
 
 
 def test_many_triangles_carry_like_one_plane() -> None:
@@ -172,10 +181,10 @@ def test_many_triangles_carry_like_one_plane() -> None:
     )
     ends = []
     for world in (quilt, WorldSpec("plain", (), SE2())):
-        physics = ContactPhysics(world, robot_named("amr_omni"), TICK)
-        start = physics.carriage.position[2]
+        physics = alone(world, "amr_omni")
+        start = physics.carriage(0).position[2]
         steps(physics, BodyVelocity(0.4, 0.1, 0.0), 3.0)
-        ends.append(np.array(physics.carriage.position) - [0.0, 0.0, start])
+        ends.append(np.array(physics.carriage(0).position) - [0.0, 0.0, start])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
 
 
@@ -194,10 +203,49 @@ def test_the_level_of_the_start_is_that_of_what_lies_under_the_robot() -> None:
     high = HeightField("high", np.full((2, 2), 1.7), 4.0, SE2(-2.0, -2.0, 0.0))
     assert replace(world, terrain=high).ground_at(place)[0] == pytest.approx(2.0)
     assert replace(world, meshes=(), terrain=high).ground_at(np.array([[5.0, 0.0]]))[0] == pytest.approx(1.695)
-    physics = ContactPhysics(WorldSpec("w", (), SE2(), meshes=(roof, plinth)), robot_named("diff"), TICK)
-    assert physics.carriage.position[2] == pytest.approx(0.3, abs=1e-3)
+    physics = alone(WorldSpec("w", (), SE2(), meshes=(roof, plinth)), "diff")
+    assert physics.carriage(0).position[2] == pytest.approx(0.3, abs=1e-3)
+
+
+def test_robots_of_one_world_carry_their_own_loads_and_touch_no_ground() -> None:
+    """One stands across the slope, one drives up, one walks down: each has its own start, lean and speed."""
+    names, starts = ("diff", "diff", "spot"), (SE2(0.0, -3.0, math.pi / 2), SE2(-2.0, 0.0, 0.0), SE2(2.0, 3.0, math.pi))
+    placed = [PlacedRobot(f"r{k}", robot_named(n), s) for k, (n, s) in enumerate(zip(names, starts, strict=True))]
+    physics = ContactPhysics(slope(10.0, "field"), placed, TICK)
+    for k, start in enumerate(starts):
+        assert physics.carriage(k).to_se2().distance_to(start) < 2e-3
+        assert physics.carriage(k).position[2] == pytest.approx(start.x * math.tan(math.radians(10.0)), abs=0.02)
+    commands = [BodyVelocity(), BodyVelocity(0.4, 0.0, 0.0), BodyVelocity(0.4, 0.0, 0.0)]
+    for _ in range(200):
+        physics.step(commands)
+    before = np.array([physics.carriage(k).position for k in range(3)])
+    for _ in range(400):
+        physics.step(commands)
+    moved = np.array([physics.carriage(k).position for k in range(3)]) - before
+    assert np.linalg.norm(moved[0]) < 2e-3
+    up = np.array([math.cos(math.radians(10.0)), 0.0, math.sin(math.radians(10.0))])
+    np.testing.assert_allclose(moved[1], 0.8 * up, atol=0.01)
+    np.testing.assert_allclose(moved[2], -0.8 * up, atol=0.01)
+    assert [physics.touches(k) for k in range(3)] == [(), (), ()]
+
+
+def test_robots_on_high_ground_see_each_other_there() -> None:
+    """Level ground 1.7 m up: the second robot is seen by the same beams at the same distances as on the floor."""
+    high = HeightField("high", np.full((2, 2), 1.7), 20.0, SE2(-10.0, -10.0, 0.0))
+    scans = []
+    for world in (WorldSpec("floor", (), SE2()), WorldSpec("high", (), SE2(), terrain=high)):
+        bodies = [BodySpec("a", robot_named("diff")), BodySpec("b", robot_named("diff"), SE2(2.0, 0.0, 0.5))]
+        running = World(world, bodies, SimulationConfig(1, True))
+        (lidar, *_) = robot_devices(running, "a").lidars
+        lidar.open()
+        running.advance(0)
+        scan = next(iter(lidar.read(200_000_000)))
+        assert isinstance(scan, LaserScan)
+        scans.append(scan.ranges)
+    assert np.isfinite(scans[0]).sum() > 8
+    np.testing.assert_allclose(scans[1], scans[0], atol=2e-3)
 
 
 def test_kinematic_physics_refuses_ground_that_is_not_flat() -> None:
     with pytest.raises(BadInputError, match="world ramp: terrain and meshes need contact physics"):
-        KinematicPhysics(load_world("ramp"), robot_named("diff"), TICK)
+        KinematicPhysics(load_world("ramp"), [PlacedRobot("robot", robot_named("diff"), SE2())], TICK)

@@ -11,7 +11,7 @@ from ambler.sim.meshes import HeightField, TriangleMesh
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.truth import cut, truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from tests.sim.test_meshes import CUBE, CUBE_TRIANGLES
 
 
@@ -74,7 +74,7 @@ def test_terrain_is_solid_where_it_is_not_lower_than_the_cut() -> None:
 def test_the_true_map_of_the_ramp_begins_where_a_level_scanner_sees_the_slope(robot: str) -> None:
     """The yard's ramp begins 3 m ahead of the start: tan 10 degrees later it is as high as the scanner."""
     height = robot_named(robot).sensor_height
-    spec, grid = truth_grid(load_world("ramp"), height, 0.05)
+    spec, grid = truth_grid(load_world("ramp").from_start(), height, 0.05)
     ahead = min(3.0 + height / math.tan(math.radians(10.0)), 30.0)
     if height < 0.59:
         row = grid[spec.cell_of(0.0, 0.0)[0]]
@@ -91,8 +91,11 @@ def test_the_true_map_of_the_ramp_begins_where_a_level_scanner_sees_the_slope(ro
 def test_heights_of_the_true_map_count_from_the_ground_at_the_start() -> None:
     """On the platform the same scanner sees over the ramps and meets the kerb only if it looks low."""
     world = load_world("ramp", start=SE2(10.0, 2.0, 0.0))
+    _, in_world = truth_grid(world, 0.2, 0.05)
+    world = world.from_start()
     spec, low = truth_grid(world, 0.1, 0.05)
     assert low[spec.cell_of(0.4, 4.5 + 0.17)] != 0
     spec, high = truth_grid(world, 0.2, 0.05)
     assert high[spec.cell_of(0.4, 4.5)] == 0
     assert high[spec.cell_of(-6.0, 0.0)] == 0
+    assert np.count_nonzero(in_world == 0) == pytest.approx(np.count_nonzero(high == 0), rel=0.01)

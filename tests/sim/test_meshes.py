@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.kernels import bvh, raycast
+from ambler.sim.base import PlacedRobot
 from ambler.sim.contact_physics import build_mjcf
 from ambler.sim.meshes import MIN_ALTITUDE, HeightField, TriangleMesh, highest_below
 from ambler.sim.robots import robot_named
 from ambler.sim.scene import build_scene
 from ambler.sim.solids import WorldSpec
+from ambler.sim.world_file import load_world
 
 F64 = NDArray[np.float64]
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
@@ -134,11 +136,11 @@ def test_rays_in_the_plane_of_a_triangle_pass_and_grazing_ones_hit() -> None:
 
 
 def mujoco_rays(world: WorldSpec, origin: F64, directions: F64) -> F64:
-    model = mujoco.MjModel.from_xml_string(build_mjcf(world, robot_named("diff"), 0.005))
+    model = mujoco.MjModel.from_xml_string(build_mjcf(world, [PlacedRobot("robot", robot_named("diff"), SE2())], 0.005))
     data = mujoco.MjData(model)
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)
-    n, base = len(directions), int(model.body("base").id)
+    n, base = len(directions), int(model.body("robot/base").id)
     geoms, distance = np.zeros(n, np.int32), np.zeros(n)
     mujoco.mj_multiRay(model, data, origin, directions.ravel(), None, 1, base, geoms, distance, None, n, 1e3)
     return np.where(distance < 0, np.inf, distance)
@@ -199,7 +201,9 @@ def test_mujocos_contact_and_rays_split_cells_as_we_do(raised: tuple[int, int]) 
     origin = np.array([*place[0], 3.0])
     assert 3.0 - mujoco_rays(world, origin, np.array([[0.0, 0.0, -1.0]]))[0] == pytest.approx(expected, abs=1e-6)
     probe = '<body name="probe"><freejoint/><geom name="probe" type="sphere" size="0.001" mass="1"/></body></worldbody>'
-    model = mujoco.MjModel.from_xml_string(build_mjcf(world, robot_named("diff"), 0.005).replace("</worldbody>", probe))
+    model = mujoco.MjModel.from_xml_string(
+        build_mjcf(world, [PlacedRobot("robot", robot_named("diff"), SE2())], 0.005).replace("</worldbody>", probe)
+    )
     data = mujoco.MjData(model)
     data.qpos[2] = 50.0
     touching = []
@@ -318,3 +322,30 @@ def test_no_tree_is_deeper_than_the_stack_of_the_rays() -> None:
             depth[firsts[node] : firsts[node] + 2] = depth[node] + 1
         deepest = max(deepest, depth[node])
     assert bvh.DEEP < deepest < raycast.STACK - 1
+
+
+def test_a_world_seen_from_elsewhere_is_the_same_for_rays_and_for_the_ground() -> None:
+    """Meshes and terrain move with the solids, whichever frame tells of them."""
+    world, world_from_frame = load_world("ramp"), SE2(4.0, -3.0, 0.7)
+    assert world.meshes
+    assert world.terrain is not None
+    seen, frame_from_world = world.seen_from(world_from_frame), world_from_frame.inverse()
+    rng = np.random.default_rng(5)
+    places = rng.uniform([0.5, 0.5], [20.0, 7.5], (400, 2))
+    heights = world.ground_at(places[:1])
+    assert seen.ground_at(frame_from_world.transform(places[:1])) == pytest.approx(heights, abs=1e-9)
+    np.testing.assert_allclose(
+        seen.terrain.heights_at(frame_from_world.transform(places)) if seen.terrain is not None else np.nan,
+        world.terrain.heights_at(places),
+        atol=1e-9,
+    )
+    origins = np.column_stack([places, np.full(400, 1.2)])
+    directions = unit(rng.standard_normal((400, 3)) * [1.0, 1.0, 0.3])
+    spun = SE2(0.0, 0.0, frame_from_world.yaw)
+    here, _, _ = build_scene(world).cast(origins, directions)
+    there, _, _ = build_scene(seen).cast(
+        np.column_stack([frame_from_world.transform(places), origins[:, 2]]),
+        np.column_stack([spun.transform(directions[:, :2]), directions[:, 2]]),
+    )
+    assert np.isfinite(here).sum() > 300
+    np.testing.assert_allclose(there, here, atol=1e-6)

@@ -9,10 +9,12 @@ import pytest
 from ambler.core.messages import Contact
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
+from ambler.sim.base import PlacedRobot
+from ambler.sim.body import TICK
 from ambler.sim.contact_physics import ContactPhysics
 from ambler.sim.kinematic_physics import FootprintCollider, circle_overlaps, polygons_overlap
 from ambler.sim.robots import robot_named, robot_names
-from ambler.sim.simulation import TICK, Simulation, SimulationConfig
+from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 MODES = ("contact", "kinematic")
@@ -34,10 +36,10 @@ def drive(simulation: Simulation, command: BodyVelocity, seconds: float) -> list
 
 def velocity(simulation: Simulation) -> tuple[float, float, float]:
     """True mean velocity of the carriage over one gait cycle (0.8 s), in its frame at the start of it."""
-    before = simulation.map_from_base.to_se2()
+    before = simulation.world_from_base.to_se2()
     out = simulation.step(simulation.now_ns + 800_000_000)
     assert out.true_poses
-    twist = (before.inverse() @ simulation.map_from_base.to_se2()).log() / 0.8
+    twist = (before.inverse() @ simulation.world_from_base.to_se2()).log() / 0.8
     return float(twist[0]), float(twist[1]), float(twist[2])
 
 
@@ -64,12 +66,12 @@ def test_the_commanded_velocity_is_reached(open_floor: WorldSpec, robot: str, co
 def test_friction_limits_acceleration(open_floor: WorldSpec, robot: str) -> None:
     """On ice (mu = 0.05) no base can accelerate faster than mu g, whatever its wheels or feet do."""
     ice = replace(open_floor, friction=0.05)
-    physics = ContactPhysics(ice, robot_named(robot), TICK)
+    physics = ContactPhysics(ice, [PlacedRobot("robot", robot_named(robot), SE2())], TICK)
     speeds = []
     for _ in range(100):
-        x = physics.carriage.position[0]
-        physics.step(BodyVelocity(0.8, 0.0, 0.0))
-        speeds.append((physics.carriage.position[0] - x) / TICK)
+        x = physics.carriage(0).position[0]
+        physics.step([BodyVelocity(0.8, 0.0, 0.0)])
+        speeds.append((physics.carriage(0).position[0] - x) / TICK)
     gained = (speeds[-1] - speeds[9]) / (90 * TICK)
     assert gained <= 0.05 * 9.81 * 1.05
     assert speeds[-1] > 0.1
@@ -81,7 +83,7 @@ def test_wheels_that_slip_count_more_than_the_base_moves(open_floor: WorldSpec) 
         simulation = simulate(replace(open_floor, friction=friction), "diff", "contact")
         drive(simulation, BodyVelocity(0.8, 0.0, 0.0), 1.0)
         counted = simulation.step(simulation.now_ns + 20_000_000).odometry[-1].pose.translation[0]
-        odometry.append(counted - simulation.map_from_base.translation[0])
+        odometry.append(counted - simulation.world_from_base.translation[0])
     assert abs(odometry[0]) < 0.01
     assert odometry[1] > 0.05
 
@@ -95,7 +97,7 @@ def test_a_wall_is_touched_and_not_passed(wall_ahead: WorldSpec, robot: str, mod
     contacts = drive(simulation, BodyVelocity(0.5, 0.0, 0.0), 4.0)
     assert {(c.robot_geom, c.other_geom) for c in contacts} == {("body", "wall")}
     assert contacts[0].speed == pytest.approx(0.5, abs=0.06)
-    assert simulation.map_from_base.translation[0] + front < 3.03
+    assert simulation.world_from_base.translation[0] + front < 3.03
     times = [c.stamp_ns for c in contacts]
     assert times == sorted(times)
 
@@ -105,7 +107,7 @@ def test_standing_still_touches_nothing_and_stays(open_floor: WorldSpec, robot: 
     simulation = simulate(open_floor, robot, "contact")
     out = simulation.step(2_000_000_000)
     assert out.contacts == []
-    assert np.hypot(*simulation.map_from_base.translation[:2]) < 1e-4
+    assert np.hypot(*simulation.world_from_base.translation[:2]) < 1e-4
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -119,22 +121,22 @@ def test_without_commands_the_base_stops_by_itself(open_floor: WorldSpec, mode: 
 def test_commands_are_clipped_and_garbage_is_a_stop(open_floor: WorldSpec) -> None:
     simulation = simulate(open_floor, "diff", "kinematic")
     drive(simulation, BodyVelocity(9.0, 5.0, 0.0), 2.0)
-    x = simulation.map_from_base.translation
+    x = simulation.world_from_base.translation
     simulation.command(BodyVelocity(9.0, 5.0, 0.0))
     simulation.step(simulation.now_ns + 100_000_000)
-    assert (simulation.map_from_base.translation[0] - x[0]) / 0.1 == pytest.approx(0.8)
-    assert simulation.map_from_base.translation[1] == 0.0
+    assert (simulation.world_from_base.translation[0] - x[0]) / 0.1 == pytest.approx(0.8)
+    assert simulation.world_from_base.translation[1] == 0.0
     drive(simulation, BodyVelocity(math.nan, 0.0, 0.0), 1.0)
     assert np.hypot(*velocity(simulation)[:2]) == 0.0
 
 
 def test_the_legged_body_sways_while_it_walks_and_not_while_it_stands(open_floor: WorldSpec) -> None:
     simulation = simulate(open_floor, "spot", "contact")
-    assert abs(simulation.map_from_base.rotation[1]) < 1e-3
+    assert abs(simulation.world_from_base.rotation[1]) < 1e-3
     heights, rolls = [], []
     for _ in range(100):
         drive(simulation, BodyVelocity(0.5, 0.0, 0.0), 0.05)
-        pose = simulation.map_from_base
+        pose = simulation.world_from_base
         heights.append(pose.translation[2])
         rolls.append(2 * pose.rotation[1])
     assert 0.018 < np.ptp(heights[40:]) < 0.04

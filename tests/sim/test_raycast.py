@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.kernels import raycast
+from ambler.sim.base import PlacedRobot
 from ambler.sim.contact_physics import build_mjcf
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.robots import robot_named
@@ -17,7 +18,7 @@ from ambler.sim.scene import RayScene, build_scene
 from ambler.sim.sensors import SCANNER_360, VLP_16
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.truth import reachable_cells
-from ambler.sim.world import load_world, world_names
+from ambler.sim.world_file import load_world, world_names
 
 F64 = NDArray[np.float64]
 
@@ -109,7 +110,7 @@ def test_axis_parallel_rays_and_empty_worlds() -> None:
 
 
 def mujoco_cast(model: object, data: object, origin: F64, directions: F64) -> F64:
-    base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "base")
+    base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "robot/base")
     n = len(directions)
     geoms, distance = np.zeros(n, np.int32), np.zeros(n)
     mujoco.mj_multiRay(model, data, origin, directions.ravel(), None, 1, base, geoms, distance, None, n, 1e3)
@@ -120,7 +121,7 @@ def mujoco_cast(model: object, data: object, origin: F64, directions: F64) -> F6
 @pytest.mark.parametrize("name", [name for name in world_names() if name != "glass"])
 def test_agrees_with_mujoco_in_every_world(name: str) -> None:
     world = replace(load_world(name), ceiling=math.inf)
-    model = mujoco.MjModel.from_xml_string(build_mjcf(world, robot_named("diff"), 0.005))
+    model = mujoco.MjModel.from_xml_string(build_mjcf(world, [PlacedRobot("robot", robot_named("diff"), SE2())], 0.005))
     data = mujoco.MjData(model)
     data.qpos[2] = 50.0
     mujoco.mj_forward(model, data)

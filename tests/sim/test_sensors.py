@@ -17,7 +17,7 @@ from ambler.sim.scene import build_scene
 from ambler.sim.sensors import MEMS_IMU, SCANNER_360, VLP_16, LidarSpec, named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 STILL = (np.array([0.0, 0.1]), np.array([[0.0, 0, 0.5]] * 2), np.array([[1.0, 0, 0, 0]] * 2))
 
@@ -98,7 +98,7 @@ def test_mixed_pixels_lie_between_the_two_surfaces(wall_ahead: WorldSpec) -> Non
 
 
 def test_the_cloud_of_a_vlp16_holds_rings_times_and_points() -> None:
-    world = load_world("office")
+    world = load_world("office").from_start()
     sensor = LidarSensor(VLP_16.perfect(), "velodyne", build_scene(world), 0)
     sensor.sweep(np.array([0.0, 0.1]), np.array([[0.0, 0, 0.8]] * 2), STILL[2])
     cloud = sensor.to_cloud(7)
@@ -147,7 +147,7 @@ def test_a_perfect_imu_integrates_to_the_true_motion() -> None:
     for k in range(300):
         simulation.command(BodyVelocity(0.4, 0.1, 0.3))
         out = simulation.step((k + 1) * 10_000_000)
-        poses[simulation.now_ns] = simulation.map_from_base @ mount
+        poses[simulation.now_ns] = simulation.world_from_base @ mount
         for imu in out.imus:
             before = poses.get(imu.stamp_ns - 5_000_000, SE3() @ mount)
             middle = before.interpolate(poses[imu.stamp_ns + 5_000_000], 0.5)
@@ -158,7 +158,7 @@ def test_a_perfect_imu_integrates_to_the_true_motion() -> None:
     end = poses[now]
     last = simulation.step(now + 5_000_000)
     assert last.imus == []
-    true_velocity = (np.array((simulation.map_from_base @ mount).translation) - end.translation) / 0.005
+    true_velocity = (np.array((simulation.world_from_base @ mount).translation) - end.translation) / 0.005
     assert heading == pytest.approx(end.to_se2().yaw, abs=0.01)
     np.testing.assert_allclose(velocity, true_velocity, atol=0.03)
 
@@ -169,7 +169,7 @@ def test_perfect_odometry_repeats_the_motion(robot: str, open_floor: WorldSpec) 
     for k in range(500):
         simulation.command(BodyVelocity(0.5, 0.0, 0.3 * math.sin(k / 50)))
         out = simulation.step((k + 1) * 10_000_000)
-    estimate, truth = out.odometry[-1].pose, simulation.map_from_base
+    estimate, truth = out.odometry[-1].pose, simulation.world_from_base
     np.testing.assert_allclose(estimate.translation, truth.translation, atol=2e-3)
     np.testing.assert_allclose(estimate.rotation, truth.rotation, atol=1e-3)
 

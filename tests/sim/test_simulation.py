@@ -11,7 +11,7 @@ from ambler.core.se2 import SE2
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.simulation import Simulation, SimulationConfig, SimulationOutput
 from ambler.sim.solids import WorldSpec
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 
 def run(robot: str, seed: int, step_ns: int = 10_000_000, mode: str = "contact") -> SimulationOutput:
@@ -71,17 +71,16 @@ def test_rates_and_stamps_are_those_of_the_data_sheets() -> None:
 
 def test_a_late_start_only_shifts_the_stamps() -> None:
     early = Simulation(load_world("lab_empty"), robot_named("diff"))
-    late = Simulation(load_world("lab_empty"), robot_named("diff"))
-    late.start_at(1_234_567_891)
+    late = Simulation(load_world("lab_empty"), robot_named("diff"), begin_ns=1_234_567_891)
     a, b = early.step(300_000_000), late.step(1_234_567_891 + 300_000_000)
     assert [m.stamp_ns + 1_234_567_891 for m in a.imus] == [m.stamp_ns for m in b.imus]
     np.testing.assert_array_equal(a.scans[1].ranges, b.scans[1].ranges)
 
 
-def test_truth_starts_at_the_origin_and_tells_the_twist(open_floor: WorldSpec) -> None:
+def test_truth_begins_at_the_start_and_tells_the_twist(open_floor: WorldSpec) -> None:
     simulation = Simulation(open_floor, robot_named("diff"))
     first = simulation.step(0).true_poses[0]
-    assert (first.frame, first.child) == ("map", "base")
+    assert (first.frame, first.child) == ("world", "base")
     assert first.pose.to_se2().distance_to(SE2()) == 0.0
     for _ in range(40):
         simulation.command(BodyVelocity(0.5, 0.0, 0.5))
@@ -92,17 +91,18 @@ def test_truth_starts_at_the_origin_and_tells_the_twist(open_floor: WorldSpec) -
 
 
 def test_scans_fit_the_true_map_from_the_true_pose() -> None:
-    """A perfect, standing scanner: every return lies on a surface of the world, told in the map frame."""
+    """A perfect, standing scanner: every return lies on a surface of the world, told in the world."""
     world, robot = load_world("office"), robot_named("diff")
     simulation = Simulation(world, robot, SimulationConfig(is_perfect=True))
     scan = simulation.step(100_000_000).scans[0]
     angles = scan.angle_min + np.arange(720) * scan.angle_increment
     hit = np.isfinite(scan.ranges)
     points = scan.ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
-    points_map = robot.model.sensor("laser").base_from_sensor.to_se2().transform(points)
+    world_from_laser = world.start @ robot.model.sensor("laser").base_from_sensor.to_se2()
+    points_world = world_from_laser.transform(points)
     gaps = []
     for solid in world.solids:
-        local = solid.map_from_solid.inverse().transform(points_map)
+        local = solid.map_from_solid.inverse().transform(points_world)
         if solid.z_min <= 0.28 <= solid.z_max:
             half = 0.5 * np.array([solid.size_x, solid.size_y])
             beyond = np.abs(local) - half if solid.shape == 0 else np.hypot(*local.T)[:, None] - half[:1]

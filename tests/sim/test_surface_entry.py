@@ -9,7 +9,7 @@ import pytest
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 START = "start: {x: 1.0, y: 2.0, yaw_deg: 90}\n"
 TRIANGLE = "v 0 0 0\nv 2 0 0\nv 0 1 1\nf 1 2 3\n"
@@ -21,12 +21,15 @@ def write(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_a_mesh_is_scaled_turned_and_moved_and_the_map_begins_at_the_start(tmp_path: Path) -> None:
+def test_a_mesh_is_scaled_turned_and_moved_and_seen_from_the_start(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(TRIANGLE)
     text = "meshes: [{file: t.obj, at: [4, 2, 0.5], yaw_deg: 90, scale: 2, albedo: 0.2}]"
-    (mesh,) = load_world(write(tmp_path, text)).meshes
+    world = load_world(write(tmp_path, text))
+    (mesh,) = world.meshes
     assert (mesh.name, mesh.albedo) == ("t", 0.2)
-    # In the author's coordinates (4, 2, 0.5), (4, 6, 0.5), (2, 2, 2.5); seen from the start, x is the author's y.
+    np.testing.assert_allclose(mesh.vertices, [[4, 2, 0.5], [4, 6, 0.5], [2, 2, 2.5]], atol=1e-12)
+    # Seen from the start, x is the author's y.
+    (mesh,) = world.from_start().meshes
     np.testing.assert_allclose(mesh.vertices, [[0, -3, 0.5], [4, -3, 0.5], [0, -1, 2.5]], atol=1e-12)
 
 
@@ -37,9 +40,13 @@ def test_terrain_between_lines(tmp_path: Path) -> None:
     assert field is not None
     assert field.heights.shape == (5, 7)
     np.testing.assert_allclose(field.heights[2], [0.0, 0.75, 1.5, 1.5, 1.5, 1.5, 1.5])
-    assert field.origin.distance_to(SE2(0.0, 0.0, -math.pi / 2)) < 1e-12
+    assert field.origin.distance_to(SE2(1.0, 2.0, 0.0)) < 1e-12
     assert world.floor == -0.005
-    assert field.heights_at(np.array([[1.0, -2.0]]))[0] == pytest.approx(1.5)
+    assert field.heights_at(np.array([[3.0, 3.0]]))[0] == pytest.approx(1.5)
+    seen = world.from_start().terrain
+    assert seen is not None
+    assert seen.origin.distance_to(SE2(0.0, 0.0, -math.pi / 2)) < 1e-12
+    assert seen.heights_at(np.array([[1.0, -2.0]]))[0] == pytest.approx(1.5)
 
 
 @pytest.mark.parametrize(("kind", "full"), [(np.uint16, 65535), (np.uint8, 255)])

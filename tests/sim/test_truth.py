@@ -10,7 +10,7 @@ from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.scene import build_scene
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world, world_names
+from ambler.sim.world_file import load_world, world_names
 
 
 def box(x: float, y: float, size_x: float, size_y: float, z_max: float = 2.0) -> Solid:
@@ -56,7 +56,7 @@ def test_a_start_inside_a_solid_is_refused() -> None:
 @pytest.mark.parametrize("name", [name for name in world_names() if name != "glass"])
 def test_rays_end_on_true_surfaces(name: str, robot: str) -> None:
     """A level ray at the sensor's height runs through free cells and ends within a cell of an occupied one."""
-    world, height = load_world(name), robot_named(robot).sensor_height
+    world, height = load_world(name).from_start(), robot_named(robot).sensor_height
     spec, grid = truth_grid(world, height, 0.05)
     angles = np.linspace(-np.pi, np.pi, 500)
     directions = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])

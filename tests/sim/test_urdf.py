@@ -89,7 +89,7 @@ def test_an_integrators_file_becomes_a_robot(tmp_path: Path) -> None:
     assert model.limits.vx_max == 0.6
     assert robot.lidars["laser_link"].columns == 360
     assert robot.lidars["laser_link"].sigma_0 == SCANNER_360.sigma_0
-    assert robot.imu == MEMS_IMU
+    assert list(robot.imus.values()) == [MEMS_IMU]
     twice = np.roll(model.footprint, -1, axis=0)
     assert np.sum(model.footprint[:, 0] * twice[:, 1] - model.footprint[:, 1] * twice[:, 0]) > 0, "counter-clockwise"
 
@@ -99,7 +99,7 @@ def test_it_drives_and_measures_a_wall(tmp_path: Path, wall_ahead: WorldSpec) ->
     for _ in range(20):
         simulation.command(BodyVelocity(0.5, 0.0, 0.0))
         out = simulation.step(simulation.now_ns + 50_000_000)
-    x = simulation.map_from_base.translation[0]
+    x = simulation.world_from_base.translation[0]
     assert x == pytest.approx(0.5 - 0.5 * 0.5 / 2.0, abs=0.05)
     scan = out.scans[-1] if out.scans else simulation.step(simulation.now_ns + 100_000_000).scans[-1]
     ahead = round((-math.pi / 2 - scan.angle_min) / scan.angle_increment)
@@ -187,10 +187,10 @@ def test_the_command_exports_and_shows(tmp_path: Path, capsys: pytest.CaptureFix
 def test_a_camera_has_its_own_lens_and_noise(tmp_path: Path) -> None:
     camera = '<camera link="mast" width="320" fx="300" distortion="0 0 0 0 0" noise="1.5" rate_hz="10"/>'
     robot = robot_named(str(write(tmp_path, INTEGRATOR.replace("<limits", camera + "<limits"))))
-    assert robot.camera is not None
-    assert robot.camera.model == replace(FRONT_CAMERA, width=320, fx=300.0, distortion=(0.0,) * 5)
-    assert robot.camera.picture == PictureNoise(noise=1.5)
-    assert robot.camera.rate_hz == 10.0
+    camera_spec = robot.cameras["mast"]
+    assert camera_spec.model == replace(FRONT_CAMERA, width=320, fx=300.0, distortion=(0.0,) * 5)
+    assert camera_spec.picture == PictureNoise(noise=1.5)
+    assert camera_spec.rate_hz == 10.0
 
 
 @pytest.mark.parametrize("attribute", ['distortion="0 0"', 'zoom="2"', 'name="front"', 'rate_hz="fast"'])

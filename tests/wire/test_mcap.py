@@ -116,6 +116,7 @@ def test_a_crash_loses_at_most_the_last_second_and_the_chunk_in_progress(tmp_pat
     sent = list(traffic())
     for item in sent:
         recorder.on_message(*item)
+    recorder.flush()
     file = tmp_path / "run" / "recording_0.mcap"  # the process dies here: nothing is closed
     assert not is_finished(file)
     got = list(read_recording(tmp_path / "run"))

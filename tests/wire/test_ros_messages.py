@@ -94,6 +94,7 @@ MESSAGES = {
         m.LaserScan, stamps, words, *[float32s] * 6, any_float32(st.integers(0, 50)), any_float32(st.integers(0, 50))
     ),
     m.Range: st.builds(m.Range, stamps, words, *[float32s] * 4),
+    m.JudgedEcho: st.builds(m.JudgedEcho, stamps, words, words, poses, *[float64s] * 3, st.booleans()),
     m.GlassWalls: glass_walls(),
     m.PointCloud: clouds(),
     m.Image: st.builds(m.Image, stamps, words, arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))),
@@ -117,6 +118,9 @@ MESSAGES = {
     ),
     m.Contact: st.builds(m.Contact, stamps, words, words, vectors, float64s, float64s),
     m.GateStatus: st.builds(m.GateStatus, stamps, st.sampled_from(m.GateState), words, words),
+    m.OutsideCall: st.builds(
+        m.OutsideCall, stamps, st.sampled_from(m.OutsideKind), words, st.integers(0, 2**32 - 1), st.binary(max_size=40)
+    ),
     m.Status: st.builds(m.Status, stamps, words, words, words, words),
 }
 

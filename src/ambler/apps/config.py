@@ -1,22 +1,36 @@
-"""The configuration of the exploring robot: one dataclass made of the rooms' own, with per-robot differences in one place."""
+"""The configuration of a robot: one dataclass, flat by room, the same for every verb, with per-robot differences in one place."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from ambler.control.config import RolloutConfig
+from ambler.control.local_planners import Controller
 from ambler.control.pursuit_config import PursuitConfig
-from ambler.core.robot import RobotModel
+from ambler.core.errors import BadInputError
+from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
+from ambler.exploration.strategies import GreedyStrategy
 from ambler.exploration.survey import SurveyConfig
+from ambler.exploration.tour import TourConfig
 from ambler.grids.probability_grid import InsertionConfig
+from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
+from ambler.localization.localizer import Localizer
+from ambler.localization.particle_filter import ParticleFilter, ParticleFilterConfig
+from ambler.localization.reflector_localizer import ReflectorConfig, ReflectorLocalizer
+from ambler.localization.reflectors import ReflectorMap
+from ambler.localization.surface_map import SurfaceMap
 from ambler.missions.explore_commands import ExploreConfig
 from ambler.missions.navigate import NavigationConfig
+from ambler.nodes.docking import DockingNodeConfig
+from ambler.nodes.localization import LocalizationNodeConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
@@ -24,16 +38,28 @@ from ambler.perception.planar import PlanarConfig
 from ambler.perception.scanner_profile import ScannerCalibration
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
+from ambler.settings.profiles import as_values, build, merge
 from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
 
 
 @dataclass(frozen=True, slots=True)
-class ExplorerConfig:
-    """Everything that the exploring robot can be told; the defaults come from `for_robot`."""
+class RobotConfig:
+    """Everything that a robot can be told, in every verb; the defaults come from `default_config`.
 
-    strategy: str = "tour"
-    controller: Literal["rollout", "dwa", "pursuit"] = "rollout"
+    `strategy`, `controller` and `localizer` choose one of those whose own sections stand below. `scanners` holds calibrated mounts and
+    clocks, `reflector_positions` (x, y) in the map frame what the reflector localizer looks for.
+    """
+
+    strategy: Literal["tour", "nearest", "greedy"] = "tour"
+    controller: Controller = "rollout"
+    localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
+    glass: Literal["auto", "on", "off"] = "auto"
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
+    localization: LocalizationNodeConfig = field(default_factory=LocalizationNodeConfig)
+    tracker: GridTrackerConfig = field(default_factory=GridTrackerConfig)
+    particles: ParticleFilterConfig = field(default_factory=ParticleFilterConfig)
+    reflectors: ReflectorConfig = field(default_factory=ReflectorConfig)
+    reflector_positions: tuple[tuple[float, float], ...] = ()
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
@@ -43,14 +69,32 @@ class ExplorerConfig:
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)
+    tour: TourConfig = field(default_factory=TourConfig)
+    greedy: GreedyStrategy = field(default_factory=GreedyStrategy)
+    docking: DockingNodeConfig = field(default_factory=DockingNodeConfig)
     scanners: Mapping[str, ScannerCalibration] = field(default_factory=dict)
-    glass: Literal["auto", "on", "off"] = "auto"
     specular: SpecularConfig = field(default_factory=SpecularConfig)
     glass_map: GlassMapConfig = field(default_factory=GlassMapConfig)
 
     def maps_glass(self, robot: RobotModel) -> bool:
         """Say whether glass is looked for: `auto` means on robots with ultrasonic transducers."""
         return bool(robot.scanners) and (self.glass == "on" or (self.glass == "auto" and bool(robot.rangers)))
+
+    def make_localizer(self, surfaces: SurfaceMap, seed: int = 0) -> Localizer:
+        """Build the chosen localizer for a map; `seed` is that of the particles. Raises BadInputError for reflectors without positions."""
+        if self.localizer == "tracker":
+            return GridTracker(surfaces, self.tracker)
+        if self.localizer == "particles":
+            return ParticleFilter(surfaces, self.particles, np.random.default_rng(seed))
+        self.check_localizer()
+        return ReflectorLocalizer(ReflectorMap.surveyed(np.array(self.reflector_positions)), self.reflectors)
+
+    def check_localizer(self) -> None:
+        """Raise BadInputError when the chosen localizer lacks what it needs, before anything runs."""
+        if self.localizer == "reflectors" and not self.reflector_positions:
+            raise BadInputError(
+                "the reflector localizer needs reflector_positions in the profile: [[x, y], ...] in the map frame"
+            )
 
 
 # A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood; passing rays count for more than Cartographer's
@@ -62,30 +106,41 @@ SHARP = FrontEndConfig(
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
+KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 
 
 def looks_around(robot: RobotModel) -> bool:
     """Whether the robot sees on all sides, so that it may look at a frontier with any heading."""
-    scans = [mount for mount in robot.sensors if mount.kind == "scan"]
+    scans = [mount for mount in robot.sensors if mount.kind is SensorKind.SCAN]
     is_full = any(mount.azimuth[1] - mount.azimuth[0] > 2.0 * math.pi - 0.1 for mount in scans)
-    return is_full or len(scans) > 1 or any(mount.kind == "cloud" for mount in robot.sensors)
+    return is_full or len(scans) > 1 or any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
 
 
-def for_robot(robot: RobotModel) -> ExplorerConfig:
-    """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts."""
-    uses_cloud = any(mount.kind == "cloud" for mount in robot.sensors)
+def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
+    """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts. In a known map it has
+    patience where people block the way, and an omnidirectional base with planar scanners pursues its path."""
+    uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
     planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
-    return ExplorerConfig(
+    pursues = has_map and robot.drive is DriveKind.OMNI and bool(robot.scanners)
+    return RobotConfig(
+        controller="pursuit" if pursues else "rollout",
         slam2d=Slam2dNodeConfig(
             uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP_CLOUD if uses_cloud else SHARP)
         ),
+        particles=ParticleFilterConfig(drive=robot.drive),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
         global_costmap=GlobalCostmapConfig(inflation=inflation),
+        navigation=NavigationConfig(blocked_patience=KNOWN_MAP_PATIENCE) if has_map else NavigationConfig(),
         rollout=RolloutConfig(padding=PADDING),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
         explore=ExploreConfig(yaw_tolerance=math.pi) if looks_around(robot) else ExploreConfig(),
         survey=SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
     )
+
+
+def robot_config(robot: RobotModel, profile: Mapping[str, Any], *, has_map: bool = False) -> RobotConfig:
+    """Return the defaults for a robot with a profile laid over them; raises BadInputError that names the key."""
+    return build(RobotConfig, merge(as_values(default_config(robot, has_map=has_map)), profile))

@@ -1,15 +1,13 @@
-"""What a person reads in the terminal while a robot explores: a line that is rewritten, or now and then a new one."""
+"""What a person reads in the terminal while a robot works: a line that is rewritten, or now and then a new one."""
 
 from __future__ import annotations
 
 import sys
 import time
 
-from ambler.runtime.tasks import ExploreFeedback
-
 
 class ProgressLine:
-    """Shows how far an exploration is. On a terminal one line is rewritten, elsewhere one is printed every `period` seconds."""
+    """Shows how far a run is. On a terminal one line is rewritten, elsewhere one is printed every `period` seconds."""
 
     def __init__(self, period: float = 10.0) -> None:
         self._is_terminal = sys.stdout.isatty()
@@ -18,20 +16,17 @@ class ProgressLine:
         self._shown = 0.0
         self._is_open = False
 
-    def show(self, now_ns: int, feedback: ExploreFeedback) -> None:
-        """Show the feedback if the last line is old enough."""
+    def show(self, now_ns: int, text: str) -> None:
+        """Show a text with the run's time, if the last line is old enough."""
         now = time.monotonic()
         if now - self._shown < self._period:
             return
         self._shown = now
         seconds = now_ns * 1e-9
         factor = seconds / max(1e-3, now - self._started)
-        line = (
-            f"{seconds:6.0f} s simulated ({factor:.1f} x real time)  {feedback.state.lower():<9}  "
-            f"{feedback.known_area:6.1f} m² known  {feedback.frontiers_open:2d} frontiers open  {feedback.goals_reached:3d} goals"
-        )
+        line = f"{seconds:6.0f} s ({factor:.1f} x real time)  {text}"
         if self._is_terminal:
-            print(f"\r{line:<110}", end="", flush=True)
+            print(f"\r{line:<118}", end="", flush=True)
             self._is_open = True
         else:
             print(line, flush=True)

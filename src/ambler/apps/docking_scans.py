@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.apps.docking import docks_of_world
+from ambler.apps.docks import docks_of_world
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockDetector, DockObservation
@@ -17,7 +17,7 @@ from ambler.nodes.dock_sight import detector_of
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 STEP_NS = 10_000_000
 STEPS = 24  # per look that is wanted, three times as many as clouds need: an unseen dock ends the series
@@ -45,10 +45,9 @@ def _errors(
 ) -> NDArray[np.float64]:
     """Return the errors (looks, 3) of the dock's pose in its own frame, millimetres and degrees; fewer where it was not seen."""
     plan, device = load_world(world), robot_named(robot)
-    surveyed = docks_of_world(plan, Path("unsaved")).dock(name)
-    start = plan.world_from_start @ surveyed.map_from_dock @ dock_from_base
-    sim = Simulation(load_world(world, start), device, SimulationConfig(seed))
-    dock = docks_of_world(sim.world, Path("unsaved")).dock(name)
+    dock = docks_of_world(plan, Path("unsaved")).dock(name)
+    start = plan.start @ dock.map_from_dock @ dock_from_base
+    sim = Simulation(plan, device, SimulationConfig(seed), start)
     detector, merger = detector_of(dock, device.model, None), ScanMerger(MergerConfig.from_robot(device.model))
     errors: list[list[float]] = []
     for k in range(STEPS * looks):
@@ -69,7 +68,7 @@ def _errors(
 
 def _error(sim: Simulation, merged: MergeResult, detector: DockDetector, map_from_dock: SE2) -> list[float] | None:
     cloud = merged.cloud
-    map_from_base = sim.pose_at(cloud.stamp_ns).to_se2()
+    map_from_base = sim.world.start.inverse() @ sim.pose_at(cloud.stamp_ns).to_se2()
     points = cloud.points[:, :2].astype(np.float64)
     observation = DockObservation(cloud.stamp_ns, None, points, cloud.intensity)
     seen = detector.detect(observation, map_from_base.inverse() @ map_from_dock)

@@ -12,27 +12,29 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ambler.apps.docking import DockingOptions, DockingRun, docks_of_world
-from ambler.apps.navigation import NavigationOptions
+from ambler.apps.docks import dock_of_world, docks_of_world
+from ambler.apps.judgement import judge
 from ambler.apps.run_folder import RunFolder
-from ambler.core.errors import BadInputError
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.se3 import SE3
 from ambler.docking.detection import DockObservation
 from ambler.docking.marker_dock import MarkerDockDetector
 from ambler.evaluation.docking import DockingOutcome, SightErrors
-from ambler.nodes.dock_pilot import Errand, ErrandKind
+from ambler.nodes.steps import DockStep
 from ambler.perception.fiducials import FiducialDetector
 from ambler.sim.dock_body import marker_poses
 from ambler.sim.robots import robot_named
 from ambler.sim.sensors import named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
-from ambler.sim.solids import SimDock, WorldSpec
 from ambler.sim.truth import reachable_cells
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 WORLD, ROBOT, NAME = "dock_hall", "amr_omni", "charger_1"
 ROOM = 0.85  # metres from a random start to anything
@@ -62,11 +64,11 @@ class DockingCase:
 
 def random_cases(runs: int, seed: int, world_name: str = WORLD, name: str = NAME) -> list[DockingCase]:
     """Return starts anywhere in the world that the robot can stand in, with any heading."""
-    world = load_world(world_name)
+    world = load_world(world_name).from_start()
     rng = named_generator(seed, "docking starts")
     spec, is_clear = reachable_cells(world, ROOM, 0.1, 0.2)
     cells = np.argwhere(is_clear)
-    map_from_dock = _dock_of(world, name).map_from_dock
+    map_from_dock = dock_of_world(world, name).world_from_dock
     staging = map_from_dock @ SE2(-1.0, 0.0, 0.0)
     cases = []
     for k in range(runs):
@@ -115,15 +117,19 @@ def run_cases(
 
 def run_case(case: DockingCase, folder: Path, world: str = WORLD, name: str = NAME) -> DockingOutcome:
     """Run one docking and judge it by its recording, which is deleted when the robot docked without a collision."""
-    plan = load_world(world)
-    start = plan.world_from_start @ _dock_of(plan, name).map_from_dock @ case.start
-    faults = (case.kind,) if case.kind in FAULTS else ()
-    navigation = NavigationOptions(world=world, robot=ROBOT, seed=case.seed, port=None, faults=faults)
-    options = DockingOptions(navigation, (Errand(ErrandKind.DOCK, name),), start=start)
-    run = DockingRun(options, RunFolder(folder))
+    options = RunOptions(
+        (DockStep(name),),
+        world,
+        ROBOT,
+        case.seed,
+        start=dock_of_world(load_world(world).from_start(), name).world_from_dock @ case.start,
+        port=None,
+        faults=(case.kind,) if case.kind in FAULTS else (),
+    )
+    run = SimulatedRun(options, RunFolder(folder))
     try:
         run.run(TIME_LIMIT)
-        fields = run.judge()
+        fields = judge(run).fields
         outcome = _outcome(case, run, fields)
     finally:
         run.close()
@@ -132,20 +138,20 @@ def run_case(case: DockingCase, folder: Path, world: str = WORLD, name: str = NA
     return outcome
 
 
-def _outcome(case: DockingCase, run: DockingRun, fields: dict[str, float | int | None]) -> DockingOutcome:
-    end = run.rounds.ends[0] if run.rounds is not None and run.rounds.ends else None
+def _outcome(case: DockingCase, run: SimulatedRun, fields: dict[str, Any]) -> DockingOutcome:
+    end = run.end.ends[0] if run.end is not None and run.end.ends else None
     code = end.code if end is not None else run.ended.upper()
     is_docked = code == "SUCCEEDED"
     approach = docking = None
-    if end is not None and end.report is not None and end.report.docking_seconds > 0.0:
-        approach = end.report.seconds - end.report.docking_seconds
-        docking = end.report.docking_seconds if is_docked else None
+    if end is not None and end.result is not None and end.result.docking_seconds > 0.0:
+        approach = end.result.seconds - end.result.docking_seconds
+        docking = end.result.docking_seconds if is_docked else None
     return DockingOutcome(
         case.kind,
         case.seed,
         code,
         "" if end is None else end.text,
-        0 if end is None or end.report is None else end.report.attempts,
+        0 if end is None or end.result is None else end.result.attempts,
         case.distance,
         approach,
         docking,
@@ -158,7 +164,7 @@ def _outcome(case: DockingCase, run: DockingRun, fields: dict[str, float | int |
 
 def is_marked(world: str, name: str) -> bool:
     """Say whether a camera recognizes the dock; scanners recognize the others."""
-    return bool(_dock_of(load_world(world), name).markers)
+    return bool(dock_of_world(load_world(world), name).markers)
 
 
 def measure_sights(seed: int, pictures: int = PICTURES, world: str = WORLD) -> list[SightErrors]:
@@ -177,8 +183,7 @@ def _series(seed: int, pictures: int, world: str, velocity: BodyVelocity) -> tup
     """Return the errors (N, 3) of the marker (along, across, yaw) and of the dock (x, y, yaw) in millimetres and degrees."""
     plan = load_world(world)
     begin = SE2(CAMERA_TO_PANEL - 1.0, 0.0, 0.0 if velocity == BodyVelocity() else 0.05)
-    start = plan.world_from_start @ plan.docks[0].map_from_dock @ begin
-    sim = Simulation(load_world(world, start), robot_named(ROBOT), SimulationConfig(seed))
+    sim = Simulation(plan, robot_named(ROBOT), SimulationConfig(seed), plan.docks[0].world_from_dock @ begin)
     marker_errors, dock_errors = [], []
     look = _Look(sim)
     for k in range(pictures):
@@ -197,7 +202,8 @@ class _Look:
 
     def __init__(self, sim: Simulation) -> None:
         assert sim.camera is not None
-        self._sim, self._world, self._mount = sim, sim.world, sim.camera.mount.base_from_sensor
+        self._sim, self._world, self._mount = sim, sim.world, sim.robot.model.sensor(sim.camera.frame).base_from_sensor
+        self._map_from_world = SE3.from_se2(self._world.start).inverse()
         self._dock = docks_of_world(self._world, Path("unsaved")).dock(NAME)
         finder = FiducialDetector(sim.camera.spec.model, [m.spec for m in self._dock.markers])
         self._finder, self._detector = finder, MarkerDockDetector(self._dock, finder, self._mount)
@@ -205,13 +211,14 @@ class _Look:
     def errors(self) -> tuple[list[float], list[float]] | None:
         """Return the errors of the first marker and of the dock; None when one was not seen."""
         picture = self._sim.take_picture()
-        map_from_base = self._sim.pose_at(picture.stamp_ns)
+        world_from_base = self._sim.pose_at(picture.stamp_ns)
+        map_from_base = self._map_from_world @ world_from_base
         first = self._dock.markers[0].spec
         marker = next((s for s in self._finder.detect(picture.data) if s.marker == first), None)
         dock = self._detector.detect(DockObservation(picture.stamp_ns, picture.data))
         if marker is None or dock is None:
             return None
-        camera_from_true = (map_from_base @ self._mount).inverse() @ marker_poses(_dock_of(self._world))[0]
+        camera_from_true = (world_from_base @ self._mount).inverse() @ marker_poses(dock_of_world(self._world, NAME))[0]
         turn = camera_from_true.inverse() @ marker.camera_from_marker
         tx, _, tz = camera_from_true.translation
         x, _, z = marker.camera_from_marker.translation
@@ -219,11 +226,3 @@ class _Look:
         along_across = [1e3 * (z - tz), 1e3 * (x - tx), math.degrees(wrap_angle(2.0 * math.atan2(qy, w)))]
         away = (map_from_base.to_se2() @ dock.base_from_dock).inverse() @ self._dock.map_from_dock
         return along_across, [-1e3 * away.x, -1e3 * away.y, -math.degrees(wrap_angle(away.yaw))]
-
-
-def _dock_of(world: WorldSpec, name: str = NAME) -> SimDock:
-    for dock in world.docks:
-        if dock.name == name:
-            return dock
-    known = ", ".join(dock.name for dock in world.docks) or "none"
-    raise BadInputError(f"world {world.name} has no dock {name!r}; there are {known}")

@@ -13,7 +13,7 @@ from ambler.apps.demo_process import DemoJob, run_demo
 from ambler.evaluation.collisions import find_collisions
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.wire.glass_files import SUFFIX, load_glass
 
 WITH, WITHOUT = "with_layers", "without_layers"

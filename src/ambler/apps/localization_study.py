@@ -9,19 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ambler.apps.known_map import KnownMapConfig, known_map_config
+from ambler.apps.config import RobotConfig, default_config
 from ambler.apps.rail import Route, record_drive
+from ambler.apps.robot import MapGrid
 from ambler.bridges.recorder import Recorder
-from ambler.core.grid import GridSpec
 from ambler.core.messages import Message, Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.localization_quality import AXES, LocalizationErrors, localization_errors
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.localization import LocalizationNode, Source
 from ambler.nodes.map_server import MapServerNode
 from ambler.runtime.clock import ReplayClock
@@ -38,16 +39,15 @@ from ambler.runtime.topics import (
     topic_named,
 )
 from ambler.sim.robots import robot_named
-from ambler.sim.simulation import SimulationConfig
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world import SimulationConfig
+from ambler.sim.world_file import load_world
 from ambler.wire.csv_files import recording_to_csv
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
 SENSORS: tuple[Topic[Any], ...] = (SCAN, MERGED_CLOUD, ODOMETRY, IMU)
 SET_VARIANCES = (0.01, 0.01, 0.003)  # of the pose that is set at the start (x, y, yaw), m² and rad²
-MapGrid = tuple[GridSpec, NDArray[np.int8]]
 Feed = Iterator[tuple[Topic[Any], Message, int]]
 
 
@@ -69,7 +69,7 @@ class Method:
     """A localizer and what it looks at."""
 
     name: str
-    localizer: str
+    localizer: Literal["tracker", "particles", "reflectors"]
     source: Source
 
 
@@ -110,10 +110,11 @@ PLACES = (
 
 @dataclass(frozen=True, slots=True)
 class Take:
-    """One recorded drive, and where the robot's start lies in the map."""
+    """One recorded drive, where the robot's start lies in the map, and where that map lies in the world."""
 
     recording: Path
     map_from_start: SE2
+    truth: TruthFrame
     is_moving: bool
 
 
@@ -158,23 +159,23 @@ def record_takes(study: LocalizationStudy, place: Place, out: Path) -> Iterator[
         folder = out / f"{place.name}-{study.robot}-drive-{seed}"
         if not folder.exists():
             record_drive(folder, home, robot, place.route, place.drive_time, SimulationConfig(seed))
-        yield Take(folder, SE2(), is_moving=True)
+        yield Take(folder, SE2(), TruthFrame(home.start), is_moving=True)
     for k, stand in enumerate(place.stands):
         folder = out / f"{place.name}-{study.robot}-stand-{study.seed}-{k}"
         if not folder.exists():
-            world = load_world(place.world, home.world_from_start @ stand)
-            record_drive(folder, world, robot, Route(), study.stand_time, SimulationConfig(study.seed + 100 + k))
-        yield Take(folder, stand, is_moving=False)
+            config = SimulationConfig(study.seed + 100 + k)
+            record_drive(folder, home, robot, Route(), study.stand_time, config, home.start @ stand)
+        yield Take(folder, stand, TruthFrame(home.start), is_moving=False)
 
 
 def drawn_map(world: str, robot: str, resolution: float) -> MapGrid:
     """Draw the map of a world from its plan at the height of the robot's scanners; its frame is that of the world's start."""
-    return truth_grid(load_world(world), robot_named(robot).sensor_height, resolution)
+    return truth_grid(load_world(world).from_start(), robot_named(robot).sensor_height, resolution)
 
 
-def localize(recording: Path, config: KnownMapConfig, robot: str, grid: MapGrid, out: Path) -> Path:
+def localize(recording: Path, config: RobotConfig, robot: str, grid: MapGrid, out: Path, seed: int = 0) -> Path:
     """Replay the sensors of a recording into a localization in the map `grid` and record what it tells into `out`."""
-    executor, recorder = localization_executor(config, robot, grid), Recorder(out)
+    executor, recorder = localization_executor(config, robot, grid, seed), Recorder(out)
     with executor:
         executor.tap(recorder.on_message)
         executor.run(feed=sensor_feed(recording))
@@ -182,9 +183,10 @@ def localize(recording: Path, config: KnownMapConfig, robot: str, grid: MapGrid,
     return out
 
 
-def localization_executor(config: KnownMapConfig, robot: str, grid: MapGrid) -> LockstepExecutor:
+def localization_executor(config: RobotConfig, robot: str, grid: MapGrid, seed: int = 0) -> LockstepExecutor:
     """Return an executor of map server and localization alone, fed from outside by `sensor_feed`."""
-    node = LocalizationNode(robot_named(robot).model, config.make_localizer, config.localization)
+    localizer = partial(config.make_localizer, seed=seed)
+    node = LocalizationNode(robot_named(robot).model, localizer, config.localization)
     return LockstepExecutor(Stack([MapServerNode(*grid), node], external=SENSORS), ReplayClock())
 
 
@@ -195,22 +197,22 @@ def sensor_feed(recording: Path) -> Feed:
         yield topic, decode(topic.type, recorded.data), recorded.log_time_ns
 
 
-def study_config(study: LocalizationStudy, method: Method, take: Take) -> KnownMapConfig:
+def study_config(study: LocalizationStudy, method: Method, take: Take) -> RobotConfig:
     """Return the robot's configuration for a method that is told where it starts, as wrong as a person's click is."""
-    config = known_map_config(robot_named(study.robot).model)
+    config = default_config(robot_named(study.robot).model, has_map=True)
     rng = np.random.default_rng([study.seed, *take.recording.name.encode()])
     error = SE2.from_array(np.sqrt(SET_VARIANCES) * rng.standard_normal(3))
     pose = SE2.from_array(take.map_from_start.as_array() + error.as_array())
     localization = replace(config.localization, source=method.source, initial_pose=pose, covariance=SET_VARIANCES)
-    return replace(config, localizer=method.localizer, localization=localization, seed=study.seed)  # type: ignore[arg-type]
+    return replace(config, localizer=method.localizer, localization=localization)
 
 
 def _measure(study: LocalizationStudy, method: Method, take: Take, grid: MapGrid) -> LocalizationErrors:
     out = take.recording.with_name(f"{take.recording.name}.{method.name}-{study.resolution:g}")
     if not out.exists():
-        localize(take.recording, study_config(study, method, take), study.robot, grid, out)
+        localize(take.recording, study_config(study, method, take), study.robot, grid, out, study.seed)
     estimates, truth = out / "localized_pose.csv", take.recording / "true_pose.csv"
     recording_to_csv(out, LOCALIZED_POSE.ros_name, Odometry, estimates)
     if not truth.exists():
         recording_to_csv(take.recording, TRUE_POSE.ros_name, Odometry, truth)
-    return localization_errors(estimates, truth, take.map_from_start)
+    return localization_errors(estimates, truth, take.truth.world_from_map.inverse())

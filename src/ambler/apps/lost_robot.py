@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ambler.apps.known_map import known_map_config
-from ambler.apps.localization_study import Feed, MapGrid, localization_executor, sensor_feed
+from ambler.apps.config import default_config
+from ambler.apps.localization_study import Feed, localization_executor, sensor_feed
 from ambler.apps.random_drives import RandomDrive
+from ambler.apps.robot import MapGrid
 from ambler.core.messages import Imu, LaserScan, Message, Odometry, PointCloud, Status
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
@@ -113,7 +114,7 @@ class _Watch:
 
 
 def _run(watch: _Watch, robot: str, localizer: str, grid: MapGrid, pose: SE2 | None, feed: Feed) -> None:
-    config = known_map_config(robot_named(robot).model)
+    config = default_config(robot_named(robot).model, has_map=True)
     config = replace(
         config,
         localizer=localizer,  # type: ignore[arg-type]
@@ -130,7 +131,7 @@ def _truth(drive: RandomDrive) -> list[tuple[int, SE2]]:
     rows = []
     for recorded in read_recording(drive.recording, [TRUE_POSE.ros_name]):
         message = recorded.decode_as(Odometry)
-        rows.append((message.stamp_ns, drive.map_from_start @ message.pose.to_se2()))
+        rows.append((message.stamp_ns, drive.truth.pose(message.pose.to_se2())))
     return rows
 
 

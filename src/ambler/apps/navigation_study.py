@@ -14,15 +14,18 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ambler.apps.navigation import NavigationOptions, NavigationRun
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
-from ambler.evaluation.goals import draw_goals, judge_drives
-from ambler.nodes.pilot import PilotConfig, PilotNode
+from ambler.evaluation.goals import DriveSpan, draw_goals, judge_drives
+from ambler.evaluation.truth_frame import TruthFrame
+from ambler.nodes.steps import NavigateStep
 from ambler.sim.robots import robot_named
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 
 SECONDS_PER_GOAL = 300.0
+TOLERANCE = 0.15  # metres from a goal at which it is reached
 SLACK = 0.1  # metres by which the truth may exceed the tolerance: the localization's own error
 
 
@@ -57,7 +60,7 @@ def summarize(journeys: Sequence[dict[str, Any]]) -> dict[str, Any]:
     speeds = [d["speed"] for d in drives if d["speed"] is not None]
     simulated, wall, cpu = (sum(j[name] for j in journeys) for name in ("sim_seconds", "run_seconds", "cpu_seconds"))
     failed = sorted(
-        {d["code"] for d in drives if d["code"] != "SUCCEEDED"} | {j["ended"] for j in journeys} - {"arrived"}
+        {d["code"] for d in drives if d["code"] != "SUCCEEDED"} | {j["ended"] for j in journeys} - {"succeeded"}
     )
     return {
         "goals": sum(j["goals"] for j in journeys),
@@ -76,9 +79,9 @@ def summarize(journeys: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def is_reached(drive: dict[str, Any]) -> bool:
-    """Say whether a drive ended with success within the pilot's tolerance of its goal, by the truth."""
+    """Say whether a drive ended with success within the tolerance of its goal, by the truth."""
     error = float(drive["error"])
-    return drive["code"] == "SUCCEEDED" and math.isfinite(error) and error <= PilotConfig().xy_tolerance + SLACK
+    return drive["code"] == "SUCCEEDED" and math.isfinite(error) and error <= TOLERANCE + SLACK
 
 
 def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, ...], out: Path) -> dict[str, Any]:
@@ -89,37 +92,38 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
         known: dict[str, Any] = json.loads(file.read_text())
         return known
     folder = RunFolder.new(out, label)
-    options = NavigationOptions(
+    options = RunOptions(
+        steps=tuple(NavigateStep(goal, xy_tolerance=TOLERANCE) for goal in goals),
         world=world,
         robot=study.robot,
-        goals=goals,
         seed=study.seed * 1000 + number,
         physics=study.physics,
         port=None,
         time_limit=SECONDS_PER_GOAL * len(goals),
     )
-    run = NavigationRun(options, folder)
+    run = SimulatedRun(options, folder)
     began = time.process_time()
     try:
         run.run(options.time_limit)
     finally:
         run.close()
     cpu_seconds = time.process_time() - began
-    last_code = run.journey.outcomes[-1].code if run.journey is not None and run.journey.outcomes else None
-    drives, collisions = judge_drives(folder.recording, goals, PilotNode.name, last_code)
+    ends = () if run.end is None else run.end.ends
+    spans = [DriveSpan(goal, e.code, e.begun_ns, e.ended_ns) for goal, e in zip(goals, ends, strict=False)]
+    drives, collisions = judge_drives(folder.recording, spans, TruthFrame(run.robot.world_from_map))
     driven = [asdict(drive) for drive in drives]
     result: dict[str, Any] = {
         "world": world,
         "ended": run.ended,
         "goals": len(goals),
         "collisions": collisions,
-        "sim_seconds": run.sim_seconds,
+        "sim_seconds": run.run_seconds,
         "run_seconds": run.wall_seconds,
         "cpu_seconds": cpu_seconds,
         "drives": driven,
     }
     reached = sum(is_reached(drive) for drive in driven)
-    print(f"{label}: {reached}/{len(goals)} reached, {collisions} collisions, {run.sim_seconds:.0f} s", flush=True)
+    print(f"{label}: {reached}/{len(goals)} reached, {collisions} collisions, {run.run_seconds:.0f} s", flush=True)
     if reached == len(goals) and collisions == 0:
         shutil.rmtree(folder.root)
     part = file.with_suffix(".part")

@@ -6,28 +6,36 @@ So the drive does not depend on the localization that is measured with it, and o
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.bridges.recorder import Recorder
+from ambler.core.messages import Odometry
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.evaluation.truth_frame import TruthFrame
+from ambler.nodes.devices.table import device_nodes
+from ambler.nodes.devices.truth import TruthNode
+from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.scan_merger import ScanMergerNode
-from ambler.nodes.simulator import SimulatorNode
 from ambler.perception.merger import MergerConfig
 from ambler.runtime.lockstep import LockstepExecutor
-from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.topics import IMU, MERGED_CLOUD, ODOMETRY, SCAN, TRUE_POSE, VELOCITY_COMMAND
+from ambler.runtime.topics import IMU, MERGED_CLOUD, ODOMETRY, SCAN, TRUE_POSE, TRUE_START, VELOCITY_COMMAND
+from ambler.sim.body import Body
+from ambler.sim.devices import SimulatedBase
+from ambler.sim.ground_truth import GroundTruth
+from ambler.sim.robot_devices import robot_devices
 from ambler.sim.sim_robot import SimRobot
-from ambler.sim.simulation import Simulation, SimulationConfig, SimulationOutput
 from ambler.sim.solids import WorldSpec
+from ambler.sim.world import BodySpec, SimulationConfig, World
 
 F64 = NDArray[np.float64]
-RECORDED = (SCAN, MERGED_CLOUD, ODOMETRY, IMU, TRUE_POSE)  # the raw scans are in the merged ones
+RECORDED = (SCAN, MERGED_CLOUD, ODOMETRY, IMU, TRUE_POSE, TRUE_START)  # the raw scans are in the merged ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,31 +87,36 @@ class Rail:
         return BodyVelocity(min(route.speed, 0.15 + distance) * math.cos(bearing) ** 4, 0.0, wz)
 
 
-class RailedSimulation(Simulation):
-    """A simulation whose base follows a route; commands from outside are not expected."""
+class RailedBase(SimulatedBase):
+    """A base that follows a route by its true pose, told in the frame of its start; commands from outside are not expected."""
 
-    def __init__(self, world: WorldSpec, robot: SimRobot, config: SimulationConfig, route: Route) -> None:
-        super().__init__(world, robot, config)
-        self._rail = Rail(route)
-        self._began_ns = 0
+    def __init__(self, world: World, body: Body, route: Route) -> None:
+        super().__init__(world, body)
+        self._rail, self._frame = Rail(route), TruthFrame(body.start)
 
-    def start_at(self, now_ns: int) -> None:
-        """Let the simulation begin at this instant; only before the first step."""
-        super().start_at(now_ns)
-        self._began_ns = now_ns
-
-    def step(self, until_ns: int) -> SimulationOutput:
-        """Command the base, then advance as any simulation does."""
-        seconds = (self.now_ns - self._began_ns) * 1e-9
-        self.command(self._rail.compute_command(seconds, self.map_from_base.to_se2()))
-        return super().step(until_ns)
+    def read(self, now_ns: int) -> Sequence[Odometry]:
+        """Command the base, then let time pass as for any base."""
+        pose = self._frame.pose(self._body.world_from_base.to_se2())
+        self.command(self._rail.compute_command(self._world.elapsed_ns * 1e-9, pose))
+        return super().read(now_ns)
 
 
 def record_drive(
-    folder: Path, world: WorldSpec, robot: SimRobot, route: Route, duration: float, config: SimulationConfig
+    folder: Path,
+    world: WorldSpec,
+    robot: SimRobot,
+    route: Route,
+    duration: float,
+    config: SimulationConfig,
+    start: SE2 | None = None,
 ) -> Path:
-    """Drive `route` for `duration` seconds and record merged scan and cloud, odometry, IMU and truth into `folder`; returns it."""
-    nodes: list[Node] = [SimulatorNode(RailedSimulation(world, robot, config, route))]
+    """Drive `route` for `duration` seconds from `start` in the world (None: its start) and record merged scan and cloud, odometry, IMU
+    and truth into `folder`; returns it."""
+    running = World(world, [BodySpec("robot", robot, start)], config)
+    devices = robot_devices(running, "robot")
+    (body,) = running.bodies
+    nodes = device_nodes(robot.model, replace(devices, base=RailedBase(running, body, route)))
+    nodes += [TruthNode(GroundTruth(running, body)), OdometryNode(robot.model)]
     if len(robot.model.scanners) > 1:
         nodes.append(ScanMergerNode(MergerConfig.from_robot(robot.model)))
     recorder = Recorder(folder)

@@ -15,10 +15,11 @@ from ambler.apps.rail import Route, record_drive
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
+from ambler.evaluation.truth_frame import TruthFrame
 from ambler.sim.robots import robot_named
-from ambler.sim.simulation import SimulationConfig
 from ambler.sim.truth import truth_grid
-from ambler.sim.world import load_world
+from ambler.sim.world import SimulationConfig
+from ambler.sim.world_file import load_world
 
 MARGIN = 0.1
 LEG = (0.8, 3.5)
@@ -27,11 +28,12 @@ DRIVE_TIME = 8.0
 
 @dataclass(frozen=True, slots=True)
 class RandomDrive:
-    """A recorded drive whose own map frame lies at `map_from_start` in the map of its world."""
+    """A recorded drive that began at `map_from_start` in the drawn map of its world, which lies where `truth` says."""
 
     world: str
     recording: Path
     map_from_start: SE2
+    truth: TruthFrame
 
 
 def record_random_drives(
@@ -40,7 +42,7 @@ def record_random_drives(
     """Record `count` drives of 8 s from random poses of a world, those that are not there yet: half a second at rest, then straight
     legs between random places that see each other. Raises BadInputError where the robot fits nowhere."""
     sim_robot, home = robot_named(robot), load_world(world)
-    spec, occupancy = truth_grid(home, sim_robot.sensor_height, 0.05)
+    spec, occupancy = truth_grid(home.from_start(), sim_robot.sensor_height, 0.05)
     clear = _clear_cells(spec, occupancy, sim_robot.model.circumscribed_radius + MARGIN)
     drives = []
     for k in range(count):
@@ -48,13 +50,13 @@ def record_random_drives(
         start, points = _random_route(spec, clear, rng)
         folder = out / f"{Path(world).stem}-{robot}-random-{seed}-{k}"
         if not folder.exists():
-            placed = load_world(world, home.world_from_start @ start)
             local = tuple((float(x), float(y)) for x, y in start.inverse().transform(points))
             route = Route(local, speed=0.5, turn_rate=0.7, rest=0.5)
-            record_drive(folder, placed, sim_robot, route, DRIVE_TIME, SimulationConfig(seed + k, physics="kinematic"))
+            config = SimulationConfig(seed + k, physics="kinematic")
+            record_drive(folder, home, sim_robot, route, DRIVE_TIME, config, home.start @ start)
             if k % 10 == 9:
                 tell(f"{k + 1} of {count} drives in {world} are recorded")
-        drives.append(RandomDrive(world, folder, start))
+        drives.append(RandomDrive(world, folder, start, TruthFrame(home.start)))
     return drives
 
 

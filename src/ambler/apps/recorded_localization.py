@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.grid import OCC_OCCUPIED, GridSpec
 from ambler.core.se2 import SE2
@@ -15,8 +16,7 @@ from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Localize
 from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
 from ambler.localization.supervisor import LocalizationState, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
-from ambler.perception.odometry_buffer import OdometryBuffer
-from ambler.slam2d.log_scans import LogScan
+from ambler.recordings.log_scans import LogScan
 from ambler.slam2d.offline import points_on_walls
 
 BELIEVED = (LocalizationState.TRACKING, LocalizationState.DEGRADED)
@@ -53,7 +53,7 @@ def localize_recording(
     surfaces = SurfaceMap.from_occupancy(occupancy, spec)
     localizer = make_localizer(surfaces)
     supervisor: Supervisor | None = None
-    odometry = OdometryBuffer(span=5.0, max_extrapolation=0.5)
+    odometry = BaseMotion(span=5.0, max_extrapolation=0.5)
     believed: list[tuple[int, SE2, SE2]] = []
     planar = []
     count = times_lost = 0
@@ -63,7 +63,7 @@ def localize_recording(
         for stamp_ns, odom_from_base in scan.odometry:
             odometry.add_pose(stamp_ns, odom_from_base)
         try:
-            odom_from_base = odometry.pose_at(scan.stamp_ns)
+            odom_from_base = odometry.planar_at(scan.stamp_ns)
         except StaleInputError:
             continue
         if supervisor is None:

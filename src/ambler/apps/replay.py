@@ -1,82 +1,157 @@
-"""Replays a run's recording through the same nodes, without the simulator, and compares every output with the recorded one."""
+"""Replays a run's recording through the same nodes, without devices, and compares every output with the recorded one.
+
+What is fed follows from the nodes: all that none of them writes, so what devices and the outside wrote, outside calls among it. Ground
+truth is left out. Services of devices are answered as the devices' nodes did.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.apps.config import ExplorerConfig
+from ambler.apps.config import RobotConfig
+from ambler.apps.programs import steps_from_values
+from ambler.apps.robot import Site, robot_nodes
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.stacks import explorer_nodes
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Message
+from ambler.core.messages import Message, Odometry, PoseStamped
+from ambler.docking.database import DockDatabase
+from ambler.evaluation.pose_difference import PoseDifference, pose_difference
 from ambler.evaluation.recording_compare import RecordingComparison, ReplayComparison
-from ambler.nodes.operator import OperatorNode
-from ambler.nodes.simulator import SimulatorNode
+from ambler.nodes.devices.node import DeviceNode
+from ambler.nodes.operator import OperatorConfig, OperatorNode
+from ambler.nodes.steps import ExploreStep, ProgramEnd, Step
 from ambler.runtime.clock import ReplayClock
+from ambler.runtime.executor import NodeFailedError
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
+from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.topics import (
-    CLOUD,
-    GOAL,
-    IMU,
-    ODOMETRY,
-    SCAN,
-    SCANNERS,
-    STATIC_TRANSFORMS,
-    TRANSFORMS,
-    Topic,
-    all_topics,
-    topic_named,
-)
+from ambler.runtime.tasks import CAMERA_PICTURES, STOP_CHARGING, Nothing
+from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
+from ambler.wire.map_files import load_map
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
-BASE = SimulatorNode.name
-INPUTS: tuple[Topic[Any], ...] = (SCAN, CLOUD, IMU, ODOMETRY, TRANSFORMS, STATIC_TRANSFORMS, GOAL)
-MERGED_INPUTS = (SCANNERS, *INPUTS[1:])  # of a robot whose scan is merged
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay found. Of a live run, whose nodes ran in parallel, outputs cannot be equal: `poses` then says how far the poses that
+    were told lie apart, None for a run in lockstep."""
+
+    comparison: RecordingComparison
+    poses: PoseDifference | None
+
+    @property
+    def is_good(self) -> bool:
+        """Whether all outputs are equal, or those of a live run within their tolerances."""
+        return self.comparison.is_equal if self.poses is None else self.poses.is_within
 
 
-def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -> RecordingComparison:
-    """Feed the sensors of `<root>/recording` to the nodes that `<root>/config.yaml` describes; `out` takes the saved map.
+class RecordedServicesNode(Node):
+    """Answers what the nodes of devices served: the recording already holds what came of it."""
+
+    name = "recorded_devices"
+    serves = (CAMERA_PICTURES, STOP_CHARGING)
+    latency = DeviceNode.latency
+
+    def start(self) -> None:
+        """Serve."""
+        self.ctx.serve(CAMERA_PICTURES, lambda request: Nothing())
+        self.ctx.serve(STOP_CHARGING, lambda request: Nothing())
+
+
+def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -> Replay:
+    """Feed what devices and the outside put into `<root>/recording` to the nodes that `<root>/config.yaml` describes; `out` takes what
+    the replay saves (None: `<root>/replay`).
 
     Raises BadInputError when the folder is not that of a run.
     """
     if not (root / "config.yaml").exists():
         raise BadInputError(f"{root} is not the folder of a run: it has no config.yaml")
     folder = RunFolder(root)
+    out = out if out is not None else root / "replay"
+    out.mkdir(parents=True, exist_ok=True)
     saved = load_profile(folder.config)
     try:
-        robot = robot_named(saved["demo"]["robot"]).model
-        config = build(ExplorerConfig, saved["explorer"])
+        nodes = _nodes(saved, folder, out)
+        is_live = bool(saved["run"]["is_realtime"] or saved["run"]["is_apart"])
     except (KeyError, TypeError) as error:
         raise BadInputError(f"{folder.config} is not the configuration of a run: {error}") from error
-    inputs = INPUTS if len(robot.scanners) <= 1 else MERGED_INPUTS
-    outputs = _outputs(inputs)
+    operator, finish = _operator(saved, nodes, out)
+    stack = Stack([*nodes, RecordedServicesNode(), operator], external=_inputs([*nodes, operator]))
+    names = frozenset(node.name for node in stack.nodes)
+    outputs = [topic.ros_name for topic in dict.fromkeys(t for node in stack.nodes for t in node.outputs)]
     comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
-    stem = (out if out is not None else folder.root / "replay") / "map"
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    operator = OperatorNode(str(stem), lambda outcome: executor.stop())
-    stack = Stack([*explorer_nodes(robot, config), operator], external=inputs)
-    executor = LockstepExecutor(stack, ReplayClock(rate=rate), RunLog())
+    poses: list[tuple[int, PoseStamped | Odometry]] = []
+    begin_ns = _first_time(folder.recording) if saved["run"]["is_apart"] else 0
+    executor = LockstepExecutor(stack, ReplayClock(begin_ns, rate), RunLog())
+    finish.append(executor.stop)
+
+    def watch(topic: Topic[Any], message: Message, time_ns: int, writer: str) -> None:
+        comparison.on_message(topic, message, time_ns, writer)
+        if topic in (SLAM_POSE, LOCALIZED_POSE) and isinstance(message, PoseStamped | Odometry):
+            poses.append((message.stamp_ns, message))
+
     with executor:
-        executor.tap(comparison.on_message)
-        executor.run(feed=_feed(folder.recording, inputs))
-    return comparison.result()
+        executor.tap(watch)
+        try:
+            executor.run(feed=_feed(folder.recording, names))
+        except NodeFailedError as failure:
+            raise BadInputError(f"the replay of {root} ended early: {failure}") from failure
+    return Replay(comparison.result(), pose_difference(folder.recording, poses) if is_live else None)
 
 
-def _outputs(inputs: tuple[Topic[Any], ...]) -> list[str]:
-    names = {t.ros_name for t in inputs}
-    return [t.ros_name for t in all_topics() if t.ros_name not in names and not t.is_truth]
+def _nodes(saved: dict[str, Any], folder: RunFolder, out: Path) -> list[Node]:
+    robot = robot_named(saved["run"]["robot"]).model
+    known = folder.known_map_stem.with_suffix(".yaml")
+    docks = None
+    if folder.first_docks.exists():
+        shutil.copyfile(folder.first_docks, out / "docks.yaml")
+        docks = DockDatabase.load(out / "docks.yaml")
+    site = Site(load_map(known) if known.exists() else None, docks)
+    return robot_nodes(robot, build(RobotConfig, saved["robot"]), site, int(saved["run"]["seed"]))
 
 
-def _feed(recording: Path, inputs: tuple[Topic[Any], ...]) -> Iterator[tuple[Topic[Any], Message, int]]:
-    """The messages that the nodes do not make themselves; of the transforms those that the base wrote."""
-    for recorded in read_recording(recording, [t.ros_name for t in inputs]):
+def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[OperatorNode, list[Any]]:
+    """Return the operator, and the list of what is called when its program ends."""
+    steps: tuple[Step, ...] = steps_from_values(saved["steps"])
+    makes_map = bool(steps) and isinstance(steps[0], ExploreStep)
+    saves_glass = any(node.name == "glass_mapper" for node in nodes)
+    config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
+    if makes_map:
+        config = OperatorConfig(str(out / "map"), saves_glass=saves_glass)
+    called: list[Any] = []
+
+    def finish(end: ProgramEnd) -> None:
+        for callback in called:
+            callback()
+
+    return OperatorNode(steps, config, finish), called
+
+
+def _first_time(recording: Path) -> int:
+    """When a live robot's recording begins, by the system's clock."""
+    first = next(iter(read_recording(recording)), None)
+    return 0 if first is None else first.log_time_ns
+
+
+def _inputs(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:
+    """Return what may be fed: every topic that no node writes, and those that many may write."""
+    written = {topic for node in nodes for topic in node.outputs}
+    return tuple(t for t in all_topics() if not t.is_truth and (t not in written or t.has_many_writers))
+
+
+def _feed(recording: Path, names: frozenset[str]) -> Iterator[tuple[Topic[Any], Message, int]]:
+    """The messages that the nodes do not make themselves, in the order of their delivery."""
+    for recorded in read_recording(recording):
+        if recorded.writer in names:
+            continue
         topic = topic_named(recorded.topic)
-        if not topic.has_many_writers or recorded.writer == BASE:
+        if not topic.is_truth:
             yield topic, decode(topic.type, recorded.data), recorded.log_time_ns

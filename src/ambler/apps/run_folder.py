@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import shutil
 import time
 from pathlib import Path
+
+LATEST = "LATEST"
 
 
 class RunFolder:
@@ -26,6 +31,18 @@ class RunFolder:
             return cls(root)
         raise FileExistsError(f"{parent} holds a thousand runs of this second")
 
+    def link_latest(self) -> None:
+        """Let the link `latest` beside the folder (LATEST in its name) lead here; where links cannot be made there is none."""
+        link = self.root.parent / LATEST
+        partial = self.root.parent / f".{LATEST}.{os.getpid()}"
+        with contextlib.suppress(OSError):
+            partial.symlink_to(self.root.name)
+            os.replace(partial, link)
+
+    def remove(self) -> None:
+        """Remove the folder with everything in it: of a run that could not begin."""
+        shutil.rmtree(self.root, ignore_errors=True)
+
     @property
     def recording(self) -> Path:
         return self.root / "recording"
@@ -37,6 +54,26 @@ class RunFolder:
     @property
     def config(self) -> Path:
         return self.root / "config.yaml"
+
+    @property
+    def known_map_stem(self) -> Path:
+        """The map that the robot was given."""
+        return self.root / "known_map"
+
+    @property
+    def simulator(self) -> Path:
+        """The folder of a simulator that ran in a process of its own."""
+        return self.root / "simulator"
+
+    @property
+    def docks(self) -> Path:
+        """The docks of the place, refined while docking."""
+        return self.root / "docks.yaml"
+
+    @property
+    def first_docks(self) -> Path:
+        """The docks as they were known when the run began."""
+        return self.root / "docks_at_start.yaml"
 
     @property
     def map_stem(self) -> Path:

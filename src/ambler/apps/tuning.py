@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from ambler.apps.demo import DemoOptions, explorer_config
+from ambler.apps.scene import RunOptions, checked_scene
 from ambler.core.errors import AmblerError, BadInputError
 from ambler.evaluation.tuning_space import Case, TuningSpace
 
@@ -70,8 +70,8 @@ class DemoEvaluator:
 def check_space(space: TuningSpace) -> None:
     """Raise BadInputError unless every world, robot and end of a range makes a configuration."""
     for case in space.cases():
-        explorer_config(DemoOptions(world=case.world, robot=case.robot, profile=space.profile({})))
+        checked_scene(RunOptions(world=case.world, robot=case.robot, profile=space.profile({})))
     world, robot = space.worlds[0], space.robots[0]
     for name, parameter in space.parameters.items():
         for value in parameter.extremes():
-            explorer_config(DemoOptions(world=world, robot=robot, profile=space.profile({name: value})))
+            checked_scene(RunOptions(world=world, robot=robot, profile=space.profile({name: value})))

@@ -24,8 +24,9 @@ from ambler.bridges.foxglove_front import FoxgloveFront
 from ambler.bridges.foxglove_listener import ViewerListener
 from ambler.bridges.view_rates import EVENTS, Counts, Outbox, Stamped
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Message, Transforms
+from ambler.core.messages import Message
 from ambler.runtime import topics as table
+from ambler.runtime.bus import whole
 from ambler.runtime.topics import Topic
 from ambler.wire.ros_messages import encode, message_definition, ros_type_of
 
@@ -46,7 +47,9 @@ class FoxgloveBridge:
 
     `on_client_message(topic, message)` is called on a thread of the bridge; it must only hand the message over.
     `rates_hz` overrides the wall-clock limits by ROS name (`math.inf`: every message that can be sent).
-    Raises BadInputError when the port is in use.
+    A run makes it before anything else, so that a port that cannot be had leaves nothing behind, and says later where what viewers
+    publish goes (`on_client_message`, with the same prefix as the tap that shows a robot).
+    Raises BadInputError when the port is in use or none.
     """
 
     def __init__(
@@ -60,6 +63,8 @@ class FoxgloveBridge:
         topics: Iterable[Topic[Any]] | None = None,
         rates_hz: Mapping[str, float] | None = None,
     ) -> None:
+        if not 0 <= port <= 65535:
+            raise BadInputError(f"--port {port}: a port is a number from 0 (any free one) to 65535")
         shown = tuple(table.all_topics() if topics is None else topics)
         limits = rates_hz or {}
         self._outboxes = {topic.name: Outbox(topic, limits.get(topic.ros_name)) for topic in shown}
@@ -67,7 +72,7 @@ class FoxgloveBridge:
         self._resend: deque[str] = deque()
         self._newest_ns = self._broadcast_ns = 0
         self._reports: deque[str] = deque(maxlen=_BACKLOG_FRAMES)
-        self._on_client_message = on_client_message
+        self.on_client_message = on_client_message
         self._context = context = foxglove.Context()  # the SDK keeps no reference to it
         foxglove.set_log_level(logging.ERROR)
         self._server = foxglove.start_server(
@@ -90,7 +95,7 @@ class FoxgloveBridge:
         self._thread.start()
         try:
             ready.result()
-        except BadInputError:
+        except BaseException:
             self._thread.join()
             self._server.stop()
             raise
@@ -116,7 +121,8 @@ class FoxgloveBridge:
         if box is None:
             return
         if topic.delivery == "latched":
-            self._latched[topic.name] = (self._whole(topic, message), time_ns)
+            before = self._latched.get(topic.name)
+            self._latched[topic.name] = (whole(before and before[0], message), time_ns)
         if self._channels[topic.name].has_sinks():
             box.put(message, time_ns)
 
@@ -130,18 +136,14 @@ class FoxgloveBridge:
         for channel in self._channels.values():
             channel.close()
 
-    def _whole(self, topic: Topic[Any], message: Message) -> Message:
-        """Return the message, or for latched transforms all edges that were ever sent, the newest of each."""
-        before = self._latched.get(topic.name)
-        if before is None or not isinstance(message, Transforms) or not isinstance(before[0], Transforms):
-            return message
-        edges = {edge.child: edge for edge in (*before[0].transforms, *message.transforms)}
-        return Transforms(message.stamp_ns, tuple(edges.values()))
-
     def _run(self, ready: Future[None]) -> None:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve(ready))
+        except Exception as error:
+            if ready.done():
+                raise
+            ready.set_exception(error)  # whoever makes the bridge must not wait for ever
         finally:
             self._loop.close()
 
@@ -183,8 +185,8 @@ class FoxgloveBridge:
                 self._resend.append(name)
 
     def _on_client_data(self, channel: ClientChannel, data: bytes) -> None:
-        known = CLIENT_TOPICS.get(channel.topic)
-        if known is None or self._on_client_message is None:
+        known, take = CLIENT_TOPICS.get(channel.topic), self.on_client_message
+        if known is None or take is None:
             return
         topic, schema = known
         try:
@@ -192,7 +194,7 @@ class FoxgloveBridge:
         except BadInputError as error:
             self._reports.append(f"{channel.topic} refused: {error}")
             return
-        self._on_client_message(topic, pose)
+        take(topic, pose)
 
 
 def _open_channel(topic: Topic[Any], context: foxglove.Context) -> foxglove.Channel:

@@ -122,7 +122,8 @@ class FoxgloveFront:
             )
         except OSError as error:
             raise BadInputError(
-                f"the live view cannot listen on {self.host}:{self.port}: {error.strerror or error}"
+                f"the live view cannot listen on {self.host}:{self.port}: {error.strerror or error}; "
+                "take another --port, or --no-view"
             ) from error
         self.port = next(iter(self._server.sockets)).getsockname()[1]
 

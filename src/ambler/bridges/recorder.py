@@ -1,20 +1,49 @@
-"""Records everything that the bus delivers, ground truth included: a tap of the executor, not a node."""
+"""Records everything that the bus of one stack delivers, ground truth included: a tap of the executor, not a node.
+
+Messages are encoded and written on a thread of the recorder's own, in the order in which they came. In lockstep a full queue makes
+the run wait and nothing is lost; live (`is_lossy`) what does not fit is left out and counted. A recorder that fails stops recording,
+says so once, and never touches the run.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ambler.core.messages import Message
+from ambler.runtime.conveyor import Conveyor
 from ambler.runtime.topics import Topic
 from ambler.wire.mcap_file import McapRecorder
 
+CAPACITY = 4096
+_PATIENCE = 20.0
+_Delivered = tuple[Topic[Any], Message, int, str]
+
 
 class Recorder:
-    """Writes each delivered message once, under its ROS name, at its time of delivery."""
+    """Writes each delivered message once, under its ROS name, at its time of delivery. `tell(code, text)` hears what goes wrong, from a
+    thread of the recorder: the `note` of an executor's troubles.
 
-    def __init__(self, folder: Path) -> None:
+    Raises BadInputError when the folder already holds a recording, OSError when it cannot be made.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        tell: Callable[[str, str], None] | None = None,
+        *,
+        is_lossy: bool = False,
+        capacity: int = CAPACITY,
+    ) -> None:
+        self.failure: str | None = None
+        self.drops: dict[str, int] = {}
         self._mcap = McapRecorder(folder)
+        self._tell = tell
+        self._is_closed = False
+        self._conveyor: Conveyor[_Delivered | None] = Conveyor(
+            "recorder", self._write, capacity, self._fail, is_lossy=is_lossy
+        )
 
     @property
     def folder(self) -> Path:
@@ -27,10 +56,35 @@ class Recorder:
         return self._mcap.message_count
 
     def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
-        """Write one message; `time_ns` is the executor's time of delivery, `writer` the node that published it."""
-        is_latched = topic.delivery == "latched"
-        self._mcap.write(topic.ros_name, message, time_ns, is_latched=is_latched, writer=writer)
+        """Take one message; `time_ns` is the executor's time of delivery, `writer` the node that published it."""
+        if self.failure is None and not self._conveyor.put((topic, message, time_ns, writer)):
+            self.drops[topic.ros_name] = self.drops.get(topic.ros_name, 0) + 1
+
+    def flush(self) -> None:
+        """Wait until every message so far is written."""
+        self._conveyor.flush()
 
     def close(self) -> None:
-        """Finish the recording."""
-        self._mcap.close()
+        """Write what waits and finish the recording; calling it again does nothing."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        if not self._conveyor.close(_PATIENCE, None) and self.failure is None:
+            self._fail(f"the disk did not take it within {_PATIENCE:.0f} s")
+        if self.drops and self._tell is not None:
+            lost = ", ".join(f"{count} of {name}" for name, count in sorted(self.drops.items()))
+            self._tell("RECORDING_INCOMPLETE", f"the recording lacks messages that the disk was too slow for: {lost}")
+
+    def _write(self, delivered: _Delivered | None) -> None:
+        if delivered is None:
+            self._mcap.close()
+        elif self.failure is None:
+            topic, message, time_ns, writer = delivered
+            is_latched = topic.delivery == "latched"
+            self._mcap.write(topic.ros_name, message, time_ns, is_latched=is_latched, writer=writer)
+
+    def _fail(self, text: str) -> None:
+        is_first = self.failure is None
+        self.failure = self.failure or text
+        if is_first and self._tell is not None:
+            self._tell("RECORDING_FAILED", f"the recording {self.folder} ends here: {text}")

@@ -48,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
         is_good &= fields["inflation_60_ms"] <= LOCAL_BAR_MS
     fields["local_update_ms"] = _local_update(args.runs)
     print(f"local costmap, 6 m, 720 rays: {fields['local_update_ms']:.3f} ms per update")
+    fields["global_update_1000_ms"] = _global_update(args.runs)
+    print(f"global costmap, 1000 x 1000, 2 m changed: {fields['global_update_1000_ms']:.3f} ms per map")
     if args.json:
         write_results(args.json, "bench costmap", args.seed, time.perf_counter() - begin, fields)
     return 0 if is_good else 1
@@ -96,7 +98,7 @@ def _local_update(runs: int) -> float:
     from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
     from ambler.core.se2 import SE2
     from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
-    from ambler.costmap.obstacle_layer import SensorRays
+    from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 
     footprint = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
     costmap = LocalCostmap(
@@ -104,7 +106,33 @@ def _local_update(runs: int) -> float:
     )
     angle = np.linspace(-np.pi, np.pi, 720, endpoint=False)
     hits = (2.0 + 0.5 * np.sin(5.0 * angle))[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
-    return _median(lambda: costmap.update(SE2(), [SensorRays((0.0, 0.0), hits)]), 20 * runs)
+    obstacles = costmap.layer(ObstacleLayer)
+
+    def update() -> None:
+        obstacles.add([SensorRays((0.0, 0.0), hits)])
+        costmap.update(SE2())
+
+    return _median(update, 20 * runs)
+
+
+def _global_update(runs: int) -> float:
+    import itertools
+
+    import numpy as np
+
+    from ambler.core.grid import GridSpec
+    from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+    from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
+
+    footprint = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
+    robot = RobotModel("bench", DriveKind.DIFFERENTIAL, footprint, VelocityLimits())
+    costmap, spec = GlobalCostmap(GlobalCostmapConfig(), robot), GridSpec(0.05, 1000, 1000, 0.0, 0.0)
+    chance = np.random.default_rng(0)
+    maps = [chance.choice(np.array([-1, 0, 100], np.int8), spec.shape, p=[0.2, 0.78, 0.02])] * 2
+    maps[1] = maps[0].copy()
+    maps[1][100:140, 100:140] = 0
+    turns = itertools.cycle(maps)
+    return _median(lambda: costmap.set_map(spec, next(turns)), 4 * runs)
 
 
 def _median(work: Callable[[], Any], runs: int) -> float:

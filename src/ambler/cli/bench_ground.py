@@ -97,19 +97,20 @@ def drive(world: WorldSpec, robot: str) -> tuple[Any, dict[str, float]]:
     import numpy as np
 
     from ambler.core.protocols import BodyVelocity
+    from ambler.sim.base import PlacedRobot
+    from ambler.sim.body import TICK
     from ambler.sim.contact_physics import ContactPhysics
     from ambler.sim.robots import robot_named
-    from ambler.sim.simulation import TICK
 
     start = time.thread_time()
-    physics = ContactPhysics(world, robot_named(robot), TICK)
+    physics = ContactPhysics(world, [PlacedRobot("robot", robot_named(robot), world.start)], TICK)
     build = time.thread_time() - start
-    begin, times = np.array(physics.carriage.position), []
+    begin, times = np.array(physics.carriage(0).position), []
     for _ in range(STEPS):
         start = time.thread_time()
-        physics.step(BodyVelocity(0.4, 0.0, 0.0))
+        physics.step([BodyVelocity(0.4, 0.0, 0.0)])
         times.append(time.thread_time() - start)
-    way = np.array(physics.carriage.position) - begin
+    way = np.array(physics.carriage(0).position) - begin
     return way, {"build_ms": 1e3 * build, "step_us": 1e6 * statistics.median(times)}
 
 

@@ -39,11 +39,11 @@ def run(args: argparse.Namespace) -> int:
     from ambler.sim.robots import robot_names
     from ambler.sim.scene import build_scene
     from ambler.sim.sensors import SCANNER_360, VLP_16
-    from ambler.sim.world import load_world
+    from ambler.sim.world_file import load_world
 
     begin = time.perf_counter()
     raycast.warm_up()
-    world = load_world(args.world)
+    world = load_world(args.world).from_start()
     scene = build_scene(world)
     vlp = median_sweep_ms(VLP_16, scene, 0.78)
     peer = median_mujoco_ms(VLP_16, world, 0.78)
@@ -97,17 +97,21 @@ def median_mujoco_ms(spec: LidarSpec, world: WorldSpec, height: float) -> float:
     import mujoco
     import numpy as np
 
+    from ambler.core.se2 import SE2
+    from ambler.sim.base import PlacedRobot
+    from ambler.sim.body import TICK
     from ambler.sim.contact_physics import build_mjcf
     from ambler.sim.robots import robot_named
-    from ambler.sim.simulation import TICK
 
-    model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robot_named("diff"), TICK))
+    model: Any = mujoco.MjModel.from_xml_string(
+        build_mjcf(world, [PlacedRobot("robot", robot_named("diff"), SE2())], TICK)
+    )
     data: Any = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     directions = spec.directions().reshape(-1, 3)
     n, origin = len(directions), np.array([0.0, 0.0, height])
     geoms, distance = np.zeros(n, np.int32), np.zeros(n)
-    base = int(model.body("base").id)
+    base = int(model.body("robot/base").id)
     vectors = np.ascontiguousarray(directions.ravel())
     return median_ms(
         lambda: mujoco.mj_multiRay(

@@ -47,10 +47,10 @@ def run(args: argparse.Namespace) -> int:
     """Estimate, print, save. 2 when the recording cannot be used, 1 when it does not tell a mounting."""
     if args.recording == Path("camera"):
         return calibrate_camera.run(args)
+    from ambler.calibration.scan_calibration import CalibrationConfig, calibrate_scanners
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.evaluation.robot_calibration import read_drive, simulate_robot_drive
-    from ambler.perception.scan_calibration import CalibrationConfig, calibrate_scanners
     from ambler.perception.scanner_profile import scanner_calibrations
     from ambler.settings.profiles import load_profile
     from ambler.sim.robots import robot_named
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         drive = read_drive(args.recording, robot)
     result = calibrate_scanners(drive.scans, drive.odometry, drive.scanners, CalibrationConfig(odometry=drive.model))
-    found = scanner_calibrations(result)
+    found = scanner_calibrations(result.scanners)
     fields: dict[str, Any] = {"robot": args.robot, "pairs": result.pairs, "residual_rms_mm": 1e3 * result.residual_rms}
     for frame, calibration in found.items():
         print(_told(frame, calibration))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ambler.perception.camera_calibration import Checkerboard
+    from ambler.calibration.camera_calibration import Checkerboard
 
 SIMULATED = 20
 
@@ -28,9 +28,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, print, save. 2 when the pictures cannot be used."""
+    from ambler.calibration.camera_calibration import calibrate_camera
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
-    from ambler.perception.camera_calibration import calibrate_camera
     from ambler.wire.camera_info import save_camera_info
 
     if args.simulated == bool(args.pictures):
@@ -61,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _board(text: str, square: float) -> Checkerboard:
+    from ambler.calibration.camera_calibration import Checkerboard
     from ambler.core.errors import BadInputError
-    from ambler.perception.camera_calibration import Checkerboard
 
     numbers = text.split("x")
     if len(numbers) != 2 or not all(n.isdigit() and int(n) >= 3 for n in numbers):

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.glass_study import WITH, WITHOUT, GlassStudy, run_study, summarize
     from ambler.evaluation.results import write_results
     from ambler.sim.robots import robot_named
-    from ambler.sim.world import load_world
+    from ambler.sim.world_file import load_world
 
     robots = tuple(args.robots.split(","))
     for robot in robots:

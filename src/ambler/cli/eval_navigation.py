@@ -31,8 +31,8 @@ def run(args: argparse.Namespace) -> int:
     """Drive and judge; 0 when every goal was reached without a collision."""
     import time
 
-    from ambler.apps.demo_report import print_result
     from ambler.apps.navigation_study import NavigationStudy, run_study
+    from ambler.apps.run_report import print_result
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up

@@ -27,15 +27,14 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.pictures import draw_tracks
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.localization.planar_ekf import EkfConfig
-    from ambler.nodes.localization import LocalizationNodeConfig
+    from ambler.localization.odometry import OdometryConfig
 
     warm_up(imported_kernel_modules())
     begin = time.perf_counter()
     record = read_odometry_record(args.bag)
     tracks = {
         "wheels": wheels_alone(record),
-        "fused": fused(record, EkfConfig(), LocalizationNodeConfig().gyro_variance),
+        "fused": fused(record, OdometryConfig()),
     }
     fields: dict[str, Any] = {
         "seconds": (record.wheels[-1].stamp_ns - record.wheels[0].stamp_ns) * 1e-9,

@@ -37,8 +37,8 @@ def built_in_world(name: str, sensor_range: float) -> GridWorld:
     from ambler.exploration.grid_world import GridWorld
     from ambler.planning.distance import distance_field
     from ambler.sim.truth import truth_grid
-    from ambler.sim.world import load_world
+    from ambler.sim.world_file import load_world
 
-    spec, grid = truth_grid(load_world(name), SCANNER_HEIGHT, 0.05)
+    spec, grid = truth_grid(load_world(name).from_start(), SCANNER_HEIGHT, 0.05)
     truth = np.where(grid == OCC_FREE, OCC_FREE, OCC_OCCUPIED).astype(np.int8)
     return GridWorld(spec, truth, SE2(), distance_field, sensor_range=sensor_range)

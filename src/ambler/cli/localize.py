@@ -55,14 +55,15 @@ def run(args: argparse.Namespace) -> int:
     from ambler.localization.localizer import Localizer
     from ambler.localization.particle_filter import ParticleFilter, ParticleFilterConfig
     from ambler.localization.surface_map import SurfaceMap
-    from ambler.slam2d.recordings import open_recording
+    from ambler.recordings.scan_recording import open_recording
+    from ambler.slam2d.sweep_search import find_sweep
     from ambler.wire.tum import write_tum
 
     if args.unsupervised and args.pose is None:
         raise BadInputError("--unsupervised needs --pose: without supervision nobody searches the map")
     start = None if args.pose is None else parse_pose("--pose", args.pose)
     spec, occupancy = _load(args.map)
-    recording = open_recording(args.recording, choices_of(args))
+    recording = open_recording(args.recording, choices_of(args), find_sweep=find_sweep)
     for note in recording.notes:
         print(note)
     warm_up(imported_kernel_modules())

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
+import shlex
 import sys
 
 from ambler import __version__
@@ -17,6 +19,7 @@ VERBS = (
     "slam2d",
     "localize",
     "replay",
+    "config",
     "robot",
     "tune",
     "calibrate",
@@ -24,6 +27,9 @@ VERBS = (
     "bench",
     "warmup",
 )
+
+# Argparse would take a goal such as -5,0 for an option; with a space before it, it is what it looks like.
+_NEGATIVE_POSE = re.compile(r"-[\d.][^,]*,.*")
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -41,9 +47,13 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one verb and return its exit code."""
-    args = build_parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    args = build_parser().parse_args([f" {word}" if _NEGATIVE_POSE.fullmatch(word) else word for word in words])
+    args.command_line = shlex.join(["ambler", *words])
+    from ambler.apps.signals import terminate_like_interrupt
     from ambler.core.errors import AmblerError, BadInputError
 
+    terminate_like_interrupt()
     try:
         return int(args.run(args))
     except BadInputError as error:

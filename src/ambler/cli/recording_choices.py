@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ambler.core.se2 import SE2
-    from ambler.slam2d.recordings import Choices
+    from ambler.recordings.scan_recording import Choices
 
 
 def add_choices(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +31,8 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
 
 def choices_of(args: argparse.Namespace) -> Choices:
     """Return what the options of `add_choices` say; raises BadInputError."""
-    from ambler.slam2d.recordings import Choices
-    from ambler.slam2d.sweep import Sweep
+    from ambler.recordings.scan_recording import Choices
+    from ambler.recordings.sweep import Sweep
 
     mount = None if args.mount is None else parse_pose("--mount", args.mount)
     return Choices(args.scan_topic, args.odom_topic, mount, Sweep(args.sweep))

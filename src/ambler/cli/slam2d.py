@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from ambler.cli.recording_choices import add_choices, choices_of
 
 if TYPE_CHECKING:
+    from ambler.recordings.scan_recording import ScanRecording
     from ambler.slam2d.offline import OfflineResult
-    from ambler.slam2d.recordings import ScanRecording
 
 FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
 
@@ -47,7 +47,8 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.relations import load_relations, relation_errors
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.slam2d.recordings import open_recording
+    from ambler.recordings.scan_recording import open_recording
+    from ambler.slam2d.sweep_search import find_sweep
 
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     warm_up(imported_kernel_modules())
     cpu = time.process_time()
     relations = load_relations(args.relations) if args.relations else None
-    recording = open_recording(args.log, choices_of(args))
+    recording = open_recording(args.log, choices_of(args), find_sweep=find_sweep)
     for note in recording.notes:
         print(note)
     stamps = list(recording.stamps)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from ambler.cli.dock import add_options, run_errands
+from ambler.cli.dock import add_options
+from ambler.cli.run_options import options_of
+from ambler.cli.simulated_run import run_program
 
 
 def add_parser(subparsers: Any) -> None:
@@ -16,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Undock and judge. 0: left without a collision."""
-    from ambler.nodes.dock_pilot import ErrandKind
+    """Undock. 0: left without a collision."""
+    from ambler.nodes.steps import UndockStep
 
-    return run_errands(args, [ErrandKind.UNDOCK], starts_docked=args.name)
+    return run_program(args, options_of(args, (UndockStep(args.name),), starts_docked=args.name))

@@ -10,7 +10,6 @@ rollout, whose first period lies in the window by construction.
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 
 F64 = NDArray[np.float64]
-Controller = Literal["rollout", "dwa"]
 
 
 class DynamicWindow(TrajectoryRollout):
@@ -94,8 +92,3 @@ class DynamicWindow(TrajectoryRollout):
         low, high = dynamic_window(velocity, self._limits, seconds).T
         vx, vy, wz = np.clip([wanted.vx, wanted.vy, wanted.wz], low, high)
         return BodyVelocity(float(vx), float(vy), float(wz))
-
-
-def local_planner(controller: Controller, config: RolloutConfig, robot: RobotModel) -> TrajectoryRollout:
-    """Return the local planner of that name."""
-    return DynamicWindow(config, robot) if controller == "dwa" else TrajectoryRollout(config, robot)

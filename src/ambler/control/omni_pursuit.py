@@ -25,6 +25,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels.arc import free_arc
 
 F64 = NDArray[np.float64]
+SHOWN = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # seconds of a motion that are shown
 
 
 class OmniPursuit:
@@ -40,6 +41,16 @@ class OmniPursuit:
         self._turn_sign = 0.0
         self._is_turning = False
         self._has_arrived = False
+        self._last: tuple[SE2, BodyVelocity] | None = None
+
+    @property
+    def trajectory(self) -> F64:
+        """The arc of the last command over a second, float64 (N, 3) of (x, y, yaw) in the odom frame; empty before the first."""
+        if self._last is None:
+            return np.zeros((0, 3))
+        odom_from_base, v = self._last
+        twist = np.array([v.vx, v.vy, v.wz])
+        return np.array([(odom_from_base @ SE2.exp(twist * t)).as_array() for t in SHOWN])
 
     @property
     def path_left(self) -> float:
@@ -50,6 +61,7 @@ class OmniPursuit:
         """Forget the path and everything remembered about it."""
         self._tracker = PathTracker()
         self._is_turning = self._has_arrived = False
+        self._last = None
 
     def set_path(self, path_odom: F64) -> None:
         """Take a new path float64 (N, 3); raises InvalidPathError."""
@@ -67,8 +79,10 @@ class OmniPursuit:
         start = odom_from_base @ SE2.exp(lead)
         left = self._tracker.locate(start)
         is_resting = math.hypot(velocity.vx, velocity.vy) < 0.1
-        wanted = self._wanted(start, left, is_resting)
-        return self._checked(wanted, start, is_resting)
+        self._last = None
+        command = self._checked(self._wanted(start, left, is_resting), start, is_resting)
+        self._last = odom_from_base, command
+        return command
 
     def _wanted(self, start: SE2, left: float, is_resting: bool) -> BodyVelocity:
         """The law without obstacles in the way."""

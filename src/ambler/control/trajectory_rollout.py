@@ -63,6 +63,7 @@ class TrajectoryRollout:
         self._has_arrived = False
         self._is_escaping = False
         self._turn_target, self._turn_sign = "", 0.0
+        self.trajectory = np.zeros((0, 3))
 
     def set_path(self, path_odom: F64) -> None:
         """Take a new path float64 (N, 3). A path to the same goal keeps what has been reached. Raises InvalidPathError."""

@@ -134,3 +134,16 @@ class Joystick(Device, Protocol):
     def read(self, now_ns: int) -> Sequence[m.JoystickState]:
         """Return the newest state of axes and buttons whenever something changed, and at least ten times a second while it is there."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class RobotDevices:
+    """The devices of one robot, each of a kind in the order of its mounts; what it does not have is empty or None."""
+
+    base: Base
+    lidars: tuple[Lidar, ...] = ()
+    imus: tuple[Imu, ...] = ()
+    ranges: tuple[RangeSensor, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    battery: Battery | None = None
+    joystick: Joystick | None = None

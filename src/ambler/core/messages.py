@@ -101,6 +101,22 @@ class Range(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class JudgedEcho(Message):
+    """What one measurement of the transducer `sensor` says beside what light sees. `pose` is that of the transducer in `frame` at the
+    stamp; it looks along its x axis into a cone of `half_angle` (rad). `distance` is metres to the surface (inf: nothing within range);
+    the cone is proved free up to `free`. `is_unexplained`: confirmed by an echo before, and no light comes from there."""
+
+    stamp_ns: int
+    frame: str
+    sensor: str
+    pose: SE3
+    half_angle: float
+    distance: float
+    free: float
+    is_unexplained: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class GlassWalls(Message):
     """What is believed to be glass: segments float32 (N, 4) of (x0, y0, x1, y1) in `frame` and the confidence of each, float32 (N,)."""
 
@@ -388,3 +404,23 @@ class Status(Message):
     code: str
     text: str
     fields_json: str = "{}"
+
+
+class OutsideKind(enum.IntEnum):
+    """What came through the outside door."""
+
+    CALL = 0
+    GOAL = 1
+    CANCEL = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutsideCall(Message):
+    """A service called, a goal sent or cancelled from outside the stack. `name` is that of the table, `number` counts the calls of
+    one stack (a CANCEL carries the number of its goal), `data` is the request or goal as CDR."""
+
+    stamp_ns: int
+    kind: OutsideKind
+    name: str
+    number: int
+    data: bytes = b""

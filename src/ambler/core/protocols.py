@@ -41,6 +41,11 @@ class BodyVelocity:
 class LocalPlanner(Protocol):
     """Follows a path inside a local cost grid; both are in the odom frame."""
 
+    @property
+    def trajectory(self) -> NDArray[np.float64]:
+        """The motion that the last command begins, for people to see: float64 (N, 3) of (x, y, yaw), empty when there is none."""
+        ...
+
     def set_path(self, path_odom: NDArray[np.float64]) -> None:
         """Take a new path float64 (N, 3); raises InvalidPathError."""
         ...

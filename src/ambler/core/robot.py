@@ -37,14 +37,24 @@ class VelocityLimits:
     ay_brake: float = 1.5
 
 
+class SensorKind(enum.StrEnum):
+    """What a sensor measures. `nodes.devices.table` says which node reads a kind and on which topics it is told."""
+
+    SCAN = "scan"
+    CLOUD = "cloud"
+    RANGE = "range"
+    IMU = "imu"
+    CAMERA = "camera"
+
+
 @dataclass(frozen=True, slots=True)
 class SensorMount:
-    """A sensor and its pose: `kind` is scan, cloud, range, imu or camera; `frame` names it in the transform tree. A scanner measures
+    """A sensor and its pose; `frame` names it in the transform tree. A scanner measures
     nothing nearer than `range_min` (m), of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
     `elevation` limits (rad)."""
 
     frame: str
-    kind: str
+    kind: SensorKind
     base_from_sensor: SE3
     range_min: float = 0.0
     elevation: tuple[float, float] = (-math.pi, math.pi)
@@ -78,17 +88,26 @@ class RobotModel:
     @property
     def scanners(self) -> tuple[SensorMount, ...]:
         """The planar scanners themselves, without the virtual one that several of them are merged into."""
-        return tuple(m for m in self.sensors if m.kind == "scan" and m.frame != MERGED_FRAME)
+        return tuple(m for m in self.sensors if m.kind is SensorKind.SCAN and m.frame != MERGED_FRAME)
 
     @property
     def rangers(self) -> tuple[SensorMount, ...]:
         """The ultrasonic transducers; they look along their x axis."""
-        return tuple(m for m in self.sensors if m.kind == "range")
+        return tuple(m for m in self.sensors if m.kind is SensorKind.RANGE)
+
+    @property
+    def clouds(self) -> tuple[SensorMount, ...]:
+        """The scanners of many rings."""
+        return self.of_kind(SensorKind.CLOUD)
 
     @property
     def camera(self) -> SensorMount | None:
         """The first camera, None when there is none."""
-        return next((m for m in self.sensors if m.kind == "camera"), None)
+        return next((m for m in self.sensors if m.kind is SensorKind.CAMERA), None)
+
+    def of_kind(self, kind: SensorKind) -> tuple[SensorMount, ...]:
+        """Return the mounts of a kind, in their order."""
+        return tuple(m for m in self.sensors if m.kind is kind)
 
     def sensor(self, frame: str) -> SensorMount:
         """Return the sensor mounted as `frame`; raises KeyError with the known names."""

@@ -1,36 +1,29 @@
-"""The global costmap in the map frame: a static layer from an occupancy grid, an obstacle layer, and inflation.
+"""The global costmap in the map frame: an occupancy grid, what layers draw over it, and inflation.
 
-It takes the map's geometry and grows with it. While the geometry stays, only the box in which the map changed is inflated anew.
+It takes the map's geometry and grows with it. While the geometry stays, only what the layers say has changed is drawn anew, and only
+the box in which costs changed is inflated anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.core.grid import COST_FREE, COST_LETHAL, COST_UNKNOWN, GridSpec
+from ambler.core.grid import COST_UNKNOWN, GridSpec
 from ambler.core.robot import RobotModel
-from ambler.costmap.inflation import Box, Inflation, InflationConfig
-from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
-from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
-from ambler.kernels import costmap as kernels
-from ambler.kernels.range_layer import draw_segments
+from ambler.core.se2 import SE2
+from ambler.costmap.glass_layer import GlassLayer
+from ambler.costmap.inflation import Inflation, InflationConfig
+from ambler.costmap.layer import Box, L, Layer, Moment, changed_box, layer_of, union, whole
+from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer
+from ambler.costmap.range_layer import RangeConfig, RangeLayer
+from ambler.costmap.static_layer import StaticConfig, StaticLayer
 
 U8 = NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
-class StaticConfig:
-    """Occupancy >= `lethal_threshold` is lethal, unknown is 255 (0 unless `tracks_unknown`), the rest is free when `is_trinary`
-    and proportional otherwise."""
-
-    lethal_threshold: int = 65
-    tracks_unknown: bool = True
-    is_trinary: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,19 +36,22 @@ class GlobalCostmapConfig:
     ranges: RangeConfig = field(default_factory=RangeConfig)
 
 
-class GlobalCostmap:
-    """`set_map`, optionally `update` with sensor rays in the map frame, then read `costs` uint8 [iy, ix] and `spec`."""
+def global_layers(config: GlobalCostmapConfig) -> tuple[Layer, ...]:
+    """Return the usual layers above the map: obstacles, cones, glass. Without anything fed they cost nothing."""
+    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), GlassLayer()
 
-    def __init__(self, config: GlobalCostmapConfig, robot: RobotModel) -> None:
+
+class GlobalCostmap:
+    """`set_map`, feed the layers and `update`, then read `costs` uint8 [iy, ix] and `spec`. `layers` are drawn over the map in their
+    order (None: `global_layers`)."""
+
+    def __init__(self, config: GlobalCostmapConfig, robot: RobotModel, layers: Sequence[Layer] | None = None) -> None:
         self.config = config
+        self.layers = tuple(global_layers(config) if layers is None else layers)
         self._robot = robot
-        self._table = occupancy_table(config.static)
+        self._static = StaticLayer(config.static)
         self._inflation: Inflation | None = None
         self._spec: GridSpec | None = None
-        self._layer: ObstacleLayer | None = None
-        self._ranges: RangeLayer | None = None
-        self._glass = np.zeros((0, 4))
-        self._static: U8 = np.zeros((0, 0), np.uint8)
         self._master: U8 = np.zeros((0, 0), np.uint8)
         self._costs: U8 = np.zeros((0, 0), np.uint8)
 
@@ -72,91 +68,61 @@ class GlobalCostmap:
 
     @property
     def costs(self) -> U8:
-        """The newest costs; a new array after every change."""
+        """The newest costs; a new array after every change, the same one without."""
         return self._costs
 
-    def set_map(self, spec: GridSpec, occupancy: NDArray[np.int8]) -> U8:
-        """Take a new map, int8 [iy, ix]; returns the costs."""
-        if occupancy.shape != spec.shape:
-            raise BadInputError(f"a map of {occupancy.shape} cells does not fit its geometry {spec.shape}")
-        static = np.empty(spec.shape, np.uint8)
-        kernels.to_static(np.ascontiguousarray(occupancy), self._table, static)
-        self._static = static
-        if spec == self._spec:
-            return self._rebuild()
-        if self._spec is None or spec.resolution != self._spec.resolution or self._inflation is None:
+    def layer(self, kind: type[L]) -> L:
+        """Return the first layer of a class, to feed it; raises BadInputError."""
+        return layer_of(self.layers, kind)
+
+    def set_map(self, spec: GridSpec, occupancy: NDArray[np.int8], moment: Moment | None = None) -> U8:
+        """Take a new map, int8 [iy, ix], and update; returns the costs. Raises BadInputError when the map does not fit its geometry."""
+        self._static.set_map(spec, occupancy)
+        is_new = spec != self._spec
+        if self._inflation is None or self._spec is None or spec.resolution != self._spec.resolution:
             self._inflation = Inflation(self.config.inflation, self._robot, spec.resolution)
-            self._layer = self._ranges = None
-        if self._layer is not None:
-            self._layer.move_to(spec)
-        if self._ranges is not None:
-            self._ranges.move_to(spec)
         self._spec = spec
-        self._master = self._merged()
-        self._costs = np.empty(spec.shape, np.uint8)
-        self._inflation.inflate(self._master, self._costs)
-        return self._costs
+        if is_new:
+            self._master = np.empty(spec.shape, np.uint8)
+            self._costs = np.empty(spec.shape, np.uint8)
+        return self._bring_up(moment, is_new=is_new)
 
-    def update(self, rays: Sequence[SensorRays], map_from_base_footprint: NDArray[np.float64] | None = None) -> U8:
-        """Clear and mark the obstacle layer with rays in the map frame, free the footprint (N, 2) if given; returns the costs."""
-        if self._layer is None:
-            self._layer = ObstacleLayer(self.config.obstacles, self.spec)
-        self._layer.update(rays)
-        if map_from_base_footprint is not None and self.config.obstacles.clears_footprint:
-            self._layer.clear_polygon(map_from_base_footprint)
-        return self._rebuild()
-
-    def add_cones(self, cones: Sequence[RangeCone], now: float) -> bool:
-        """Take ultrasonic cones in the map frame, measured at about `now` (seconds); `refresh` or a new map shows what they mark. Says
-        whether they changed anything."""
-        if self._ranges is None:
-            self._ranges = RangeLayer(self.config.ranges, self.spec)
-        return self._ranges.update(cones, now)
-
-    def set_glass(self, segments: NDArray[np.floating]) -> None:
-        """Take all segments of glass (N, 4) in the map frame in place of the last ones; `refresh` or a new map shows them."""
-        self._glass = np.array(segments, np.float64)
-
-    def refresh(self) -> U8:
-        """Return the costs with everything that was added since."""
-        return self._rebuild()
+    def update(self, moment: Moment | None = None) -> U8:
+        """Take in everything that was fed to the layers since; returns the costs. Raises BadInputError before the first map."""
+        _ = self.spec
+        return self._bring_up(moment, is_new=False)
 
     def clear(self) -> U8:
-        """Forget the obstacle and the range layer; the map and its glass stay."""
-        self._layer = self._ranges = None
-        return self._rebuild() if self.has_map else self._costs
+        """Forget what sensors saw; the map and its glass stay."""
+        for layer in self.layers:
+            layer.clear()
+        return self.update() if self.has_map else self._costs
 
-    def _merged(self) -> U8:
-        master = self._static
-        if self._layer is not None:
-            master = np.empty_like(self._static)
-            kernels.combine(self._static, self._layer.cells, master)
-        if self._ranges is not None:
-            master = np.where(self._ranges.cells == COST_LETHAL, np.uint8(COST_LETHAL), master)
-        if len(self._glass):
-            spec, master = self.spec, master.copy()
-            draw_segments(master, spec.origin_x, spec.origin_y, spec.resolution, self._glass, COST_LETHAL)
-        return master
-
-    def _rebuild(self) -> U8:
-        master = self._merged()
-        y0, y1, x0, x1 = (int(v) for v in kernels.changed_box(self._master, master))
-        self._master = master
-        if y1 > y0:
-            self._inflate_box((y0, y1, x0, x1))
+    def _bring_up(self, moment: Moment | None, *, is_new: bool) -> U8:
+        spec, changed = self.spec, None
+        now = replace(moment if moment is not None else Moment(), costmap_from_map=SE2())
+        for layer in (self._static, *self.layers):
+            changed = union(changed, layer.update(spec, now))
+        if is_new:
+            changed = whole(spec)
+        if changed is not None:
+            self._draw(changed, is_new=is_new)
         return self._costs
 
-    def _inflate_box(self, box: Box) -> None:
+    def _draw(self, box: Box, *, is_new: bool) -> None:
+        """Draw the layers in a box and inflate where that made a difference."""
         assert self._inflation is not None
-        costs = self._costs.copy()
-        self._inflation.inflate(self._master, costs, box)
-        self._costs = costs
-
-
-def occupancy_table(config: StaticConfig) -> U8:
-    """Return the cost of occupancy v at index v + 128, uint8 (256,)."""
-    value = np.arange(256) - 128
-    graded = np.zeros(256) if config.is_trinary else value / config.lethal_threshold * COST_LETHAL
-    table = np.where(value >= config.lethal_threshold, COST_LETHAL, np.clip(graded, COST_FREE, COST_LETHAL - 1))
-    table[value < 0] = COST_UNKNOWN if config.tracks_unknown else COST_FREE
-    return np.asarray(table, np.uint8)
+        y0, y1, x0, x1 = box
+        drawn = np.empty(self.spec.shape, np.uint8)
+        drawn[y0:y1, x0:x1] = COST_UNKNOWN
+        for layer in (self._static, *self.layers):
+            layer.draw_into(drawn, self.spec, box)
+        if is_new:
+            self._master = drawn
+            self._inflation.inflate(self._master, self._costs)
+            return
+        differing = changed_box(self._master, drawn, box)
+        if differing is not None:
+            self._master[y0:y1, x0:x1] = drawn[y0:y1, x0:x1]
+            self._costs = self._costs.copy()
+            self._inflation.inflate(self._master, self._costs, differing)

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_INSCRIBED, COST_LETHAL
 from ambler.core.robot import RobotModel
+from ambler.costmap.layer import Box
 from ambler.kernels import distance_transform as kernels
 
 U8 = NDArray[np.uint8]
-Box = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)

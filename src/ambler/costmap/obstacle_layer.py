@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import COST_FREE, COST_UNKNOWN, GridSpec
+from ambler.costmap.layer import Box, Moment, box_around, box_within, moved, union, whole
 from ambler.kernels import costmap as kernels
 
 U8 = NDArray[np.uint8]
@@ -30,55 +31,87 @@ class ObstacleConfig:
 
 @dataclass(frozen=True)
 class SensorRays:
-    """What one sensor saw, in the costmap's frame: its origin (x, y); `hits` (N, 2), returns that mark and end their ray;
+    """What one sensor, or several at one instant, saw, in the costmap's frame: its origin (x, y), or where each ray of `hits` and of `free_ends`
+    starts, `starts` (N, 2) and `free_starts` (M, 2); `hits` (N, 2), returns that mark and end their ray;
     `free_ends` (M, 2), ends of rays that only clear: no return within range, or a return too high or too low to matter."""
 
     origin: tuple[float, float]
     hits: F64 = field(default_factory=lambda: np.zeros((0, 2)))
     free_ends: F64 = field(default_factory=lambda: np.zeros((0, 2)))
+    starts: F64 | None = None
+    free_starts: F64 | None = None
+
+    @property
+    def spread(self) -> float:
+        """How far from the origin rays start at most, metres."""
+        given = [starts for starts in (self.starts, self.free_starts) if starts is not None and len(starts)]
+        return max((float(np.hypot(*(starts - self.origin).T).max()) for starts in given), default=0.0)
+
+    def starts_of(self, starts: F64 | None) -> F64:
+        """Return `starts` as the kernels take it, or (1, 2) with the origin."""
+        return np.array([self.origin]) if starts is None else _writeable(starts)
 
 
 class ObstacleLayer:
-    """A grid uint8 [iy, ix] of 0 free, 254 lethal, 255 never seen."""
+    """A `Layer` of what sensors see now: `cells` uint8 [iy, ix] of 0 free, 254 lethal, 255 never seen; None until there is anything."""
 
-    def __init__(self, config: ObstacleConfig, spec: GridSpec) -> None:
+    def __init__(self, config: ObstacleConfig) -> None:
         self.config = config
-        self.spec = spec
-        self.cells: U8 = np.full(spec.shape, COST_UNKNOWN, np.uint8)
+        self.cells: U8 | None = None
+        self._spec: GridSpec | None = None
+        self._rays: list[SensorRays] = []
+        self._is_cleared = False
 
-    def update(self, rays: Sequence[SensorRays]) -> None:
-        """Clear along every ray, then mark every hit within range."""
-        config, spec = self.config, self.spec
+    def add(self, rays: Sequence[SensorRays]) -> None:
+        """Take rays in the costmap's frame; the next update clears along all of them and then marks all their hits."""
+        self._rays += rays
+
+    def update(self, spec: GridSpec, moment: Moment) -> Box | None:
+        """Trace the rays fed since the last update, then free the footprint."""
+        changed = whole(spec) if self._is_cleared else None
+        self._is_cleared = False
+        rays, self._rays = self._rays, []
+        footprint = moment.footprint if self.config.clears_footprint else None
+        cells = self._moved(spec, is_needed=bool(rays) or footprint is not None)
+        if cells is None:
+            return changed
+        self._trace(cells, spec, rays)
+        reach = max(self.config.raytrace_range, self.config.obstacle_range)
+        for r in rays:
+            changed = union(changed, box_within(*r.origin, reach + r.spread, spec))
+        if footprint is not None:
+            place = (spec.origin_x, spec.origin_y, spec.resolution)
+            kernels.fill_convex(cells, *place, _writeable(footprint), COST_FREE)
+            changed = union(changed, box_around(footprint, spec))
+        return changed
+
+    def draw_into(self, master: U8, spec: GridSpec, box: Box) -> None:
+        """Draw the larger cost; what is seen replaces what is unknown."""
+        if self.cells is not None:
+            kernels.combine(master, self.cells, *box)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.cells, self._spec, self._rays, self._is_cleared = None, None, [], True
+
+    def _moved(self, spec: GridSpec, *, is_needed: bool) -> U8 | None:
+        """Return the cells in another grid, aligned to whole cells: what overlaps is kept, the rest unknown."""
+        if self.cells is None or self._spec is None or spec.resolution != self._spec.resolution:
+            self.cells = np.full(spec.shape, COST_UNKNOWN, np.uint8) if is_needed else None
+        elif spec != self._spec:
+            self.cells = moved(self.cells, self._spec, spec, COST_UNKNOWN)
+        self._spec = spec
+        return self.cells
+
+    def _trace(self, cells: U8, spec: GridSpec, rays: Sequence[SensorRays]) -> None:
         place = (spec.origin_x, spec.origin_y, spec.resolution)
         for r in rays:
-            for ends, is_free in ((r.hits, False), (r.free_ends, True)):
-                points = _writeable(ends)
-                kernels.clear_rays(self.cells, *place, *r.origin, points, config.raytrace_range, is_free)
+            for starts, ends, is_free in ((r.starts, r.hits, False), (r.free_starts, r.free_ends, True)):
+                points, begins = _writeable(ends), r.starts_of(starts)
+                kernels.clear_rays(cells, *place, begins, points, self.config.raytrace_range, is_free)
         for r in rays:
             points = _writeable(r.hits)
-            kernels.mark_points(self.cells, *place, *r.origin, points, config.obstacle_range)
-
-    def clear_polygon(self, polygon: F64) -> None:
-        """Free the cells inside a convex, counter-clockwise polygon (N, 2): where the robot stands, nothing else does."""
-        spec = self.spec
-        points = _writeable(polygon)
-        kernels.fill_convex(self.cells, spec.origin_x, spec.origin_y, spec.resolution, points, COST_FREE)
-
-    def move_to(self, spec: GridSpec) -> None:
-        """Keep what overlaps with another grid of the same resolution, aligned to whole cells; the rest becomes unknown."""
-        if spec == self.spec:
-            return
-        dy, dx = spec.offset_in(self.spec)
-        moved = np.full(spec.shape, COST_UNKNOWN, np.uint8)
-        y0, y1 = max(0, dy), min(self.spec.height, dy + spec.height)
-        x0, x1 = max(0, dx), min(self.spec.width, dx + spec.width)
-        if y1 > y0 and x1 > x0:
-            moved[y0 - dy : y1 - dy, x0 - dx : x1 - dx] = self.cells[y0:y1, x0:x1]
-        self.cells, self.spec = moved, spec
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self.cells[:] = COST_UNKNOWN
+            kernels.mark_points(cells, *place, r.starts_of(r.starts), points, self.config.obstacle_range)
 
 
 def _writeable(points: F64) -> F64:

@@ -9,18 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.messages import LaserScan, Odometry
-from ambler.core.robot import DriveKind
-from ambler.core.se2 import SE2, wrap_angle
-from ambler.core.se3 import SE3
-from ambler.perception.merger_config import ScannerConfig
-from ambler.perception.planar_arrays import PlanarTrack
-from ambler.perception.scan_calibration import (
+from ambler.calibration.planar_arrays import PlanarTrack
+from ambler.calibration.scan_calibration import (
     CalibrationConfig,
     CalibrationResult,
     OdometryModel,
     calibrate_scanners,
 )
+from ambler.core.messages import LaserScan, Odometry
+from ambler.core.robot import DriveKind
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.se3 import SE3
+from ambler.perception.merger_config import ScannerConfig
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.robots import SimRobot, robot_named

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +11,17 @@ from numpy.typing import NDArray
 
 from ambler.core.grid import OCC_FREE, GridSpec
 from ambler.core.messages import Contact, OccupancyGrid, Odometry, PoseStamped
+from ambler.evaluation.truth_frame import TruthFrame, start_frame
 from ambler.runtime import topics
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
-_TOPICS = (topics.TRUE_POSE, topics.SLAM_POSE, topics.MAP, topics.TRUE_MAP, topics.CONTACT)
+_TOPICS = (topics.TRUE_POSE, topics.SLAM_POSE, topics.LOCALIZED_POSE, topics.MAP, topics.TRUE_MAP, topics.CONTACT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorationRecord:
-    """What a recording says. Poses float64 (N, 3) in the map frame with stamps int64 (N,); `speeds` float64 (N,) m/s of the
+    """What a recording says. Poses float64 (N, 3) in one map frame, with stamps int64 (N,); `speeds` float64 (N,) m/s of the
     truth; `coverage` float64 (K, 2) of seconds and the share of the truly free cells known as free; maps as (spec, int8)."""
 
     true_stamps_ns: NDArray[np.int64]
@@ -37,27 +39,39 @@ class ExplorationRecord:
         return float(np.sum(np.hypot(*np.diff(self.true_poses[::10, :2], axis=0).T)))
 
 
-def read_exploration(recording: Path) -> ExplorationRecord:
-    """Read the record of an exploration; raises BadInputError if the recording cannot be read."""
+def read_exploration(
+    recording: Path, frame: TruthFrame | None = None, truth_in: Path | None = None
+) -> ExplorationRecord:
+    """Read the record of a run; truth is told in the map `frame` (None: the one that begins at the start pose). `truth_in` is the recording
+    that holds the ground truth, where it is another one. Raises BadInputError if a recording cannot be read, or tells no start pose."""
+    source = truth_in if truth_in is not None else recording
+    frame = frame if frame is not None else start_frame(source)
+    told = read_recording(recording, [t.ros_name for t in _TOPICS])
+    if truth_in is not None:
+        told = chain(read_recording(truth_in, [t.ros_name for t in _TOPICS if t.is_truth]), told)
     truth: list[tuple[int, float, float, float, float]] = []
     estimate: list[tuple[int, float, float, float]] = []
     coverage: list[tuple[float, float]] = []
     contacts: list[Contact] = []
     true_map: tuple[GridSpec, NDArray[np.int8]] | None = None
-    for recorded in read_recording(recording, [t.ros_name for t in _TOPICS]):
-        message = decode(topics.topic_named(recorded.topic).type, recorded.data)
-        if isinstance(message, Odometry):
-            pose = message.pose.to_se2()
+    for recorded in told:
+        topic = topics.topic_named(recorded.topic)
+        message = decode(topic.type, recorded.data)
+        if topic is topics.TRUE_POSE and isinstance(message, Odometry):
+            pose = frame.pose(message.pose.to_se2())
             truth.append((message.stamp_ns, pose.x, pose.y, pose.yaw, float(np.hypot(*message.linear[:2]))))
-        elif isinstance(message, PoseStamped):
+        elif isinstance(message, PoseStamped | Odometry):  # of SLAM, or of localization
             pose = message.pose.to_se2()
             estimate.append((message.stamp_ns, pose.x, pose.y, pose.yaw))
         elif isinstance(message, Contact):
             contacts.append(message)
-        elif isinstance(message, OccupancyGrid) and recorded.topic == topics.TRUE_MAP.ros_name:
-            true_map = (message.spec, message.data)
+        elif topic is topics.TRUE_MAP and isinstance(message, OccupancyGrid):
+            true_map = frame.grid(message)
         elif isinstance(message, OccupancyGrid) and true_map is not None:
-            coverage.append((recorded.log_time_ns * 1e-9, known_share((message.spec, message.data), true_map)))
+            begun_ns = truth[0][0] if truth else recorded.log_time_ns
+            coverage.append(
+                ((recorded.log_time_ns - begun_ns) * 1e-9, known_share((message.spec, message.data), true_map))
+            )
     if true_map is None:
         true_map = (GridSpec(0.05, 0, 0, 0.0, 0.0), np.zeros((0, 0), np.int8))
     true_rows, rows = np.array(truth).reshape(-1, 5), np.array(estimate).reshape(-1, 4)

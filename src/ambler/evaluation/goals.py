@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Contact, Odometry, Status
+from ambler.core.messages import Contact, Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.collisions import find_collisions
-from ambler.runtime.topics import CONTACT, STATUS, TRUE_POSE
+from ambler.evaluation.truth_frame import TruthFrame
+from ambler.runtime.topics import CONTACT, TRUE_POSE
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import reachable_cells
@@ -22,14 +24,13 @@ from ambler.wire.mcap_reader import read_recording
 RESOLUTION = 0.05
 MARGIN = 0.05
 MOVING = 0.05
-BEGUN = "DRIVING"
 
 
 def draw_goals(world: WorldSpec, robot: SimRobot, count: int, rng: np.random.Generator) -> tuple[SE2, ...]:
-    """Draw poses of the map frame, uniformly over the places that the robot's circumscribed circle and 5 cm more can get to from the
+    """Draw poses of the drawn map, uniformly over the places that the robot's circumscribed circle and 5 cm more can get to from the
     start, with any heading; fewer goals are the first of more. Raises BadInputError if there is none."""
     radius = robot.model.circumscribed_radius + MARGIN
-    spec, reachable = reachable_cells(world, radius, RESOLUTION, robot.sensor_height)
+    spec, reachable = reachable_cells(world.from_start(), radius, RESOLUTION, robot.sensor_height)
     cells = np.argwhere(reachable)
     if len(cells) == 0:
         raise BadInputError(f"world {world.name}: {robot.model.name} cannot get anywhere from its start")
@@ -37,6 +38,16 @@ def draw_goals(world: WorldSpec, robot: SimRobot, count: int, rng: np.random.Gen
     centers = spec.centers_of(cells[(chances[:, 0] * len(cells)).astype(np.int64)])
     yaws = (chances[:, 1] - 0.5) * 2.0 * math.pi
     return tuple(SE2(float(x), float(y), float(yaw)) for (x, y), yaw in zip(centers, yaws, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSpan:
+    """A drive as the robot tells it: the goal, how it ended, and the instants between which it was under way."""
+
+    goal: SE2
+    code: str
+    begun_ns: int
+    ended_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,41 +62,26 @@ class Drive:
     error: float
 
 
-def judge_drives(recording: Path, goals: tuple[SE2, ...], pilot: str, last_code: str | None) -> tuple[list[Drive], int]:
-    """Return what became of each goal that was begun and ended, and the number of collisions.
-
-    `pilot` is the node that sent the goals. `last_code`: how the drive to the last goal ended, which stops the run before it is
-    recorded; None if it did not end.
-    Raises BadInputError if the recording cannot be read.
-    """
+def judge_drives(recording: Path, spans: Sequence[DriveSpan], frame: TruthFrame) -> tuple[list[Drive], int]:
+    """Return what truly became of each drive, and the number of collisions; `frame` is that of the goals. Raises BadInputError if the
+    recording cannot be read."""
     truth: list[tuple[int, float, float]] = []
     contacts: list[Contact] = []
-    spans: list[tuple[int, int, str]] = []
-    begun: int | None = None
-    for recorded in read_recording(recording, [TRUE_POSE.ros_name, CONTACT.ros_name, STATUS.ros_name]):
+    for recorded in read_recording(recording, [TRUE_POSE.ros_name, CONTACT.ros_name]):
         if recorded.topic == TRUE_POSE.ros_name:
             message = recorded.decode_as(Odometry)
-            truth.append((message.stamp_ns, message.pose.translation[0], message.pose.translation[1]))
-        elif recorded.topic == CONTACT.ros_name:
-            contacts.append(recorded.decode_as(Contact))
+            pose = frame.pose(message.pose.to_se2())
+            truth.append((message.stamp_ns, pose.x, pose.y))
         else:
-            status = recorded.decode_as(Status)
-            if status.node == pilot and status.code == BEGUN:
-                begun = status.stamp_ns
-            elif status.node == pilot and begun is not None:
-                spans.append((begun, status.stamp_ns, status.code))
-                begun = None
+            contacts.append(recorded.decode_as(Contact))
     rows = np.array(truth).reshape(-1, 3)
-    if begun is not None and last_code is not None and len(rows):
-        spans.append((begun, int(rows[-1, 0]), last_code))
-    drives = [_judge(rows, span, goal) for span, goal in zip(spans, goals, strict=False)]
-    return drives, len(find_collisions(contacts))
+    return [_judge(rows, span) for span in spans], len(find_collisions(contacts))
 
 
-def _judge(truth: NDArray[np.float64], span: tuple[int, int, str], goal: SE2) -> Drive:
-    begin_ns, end_ns, code = span
-    rows = truth[(truth[:, 0] >= begin_ns) & (truth[:, 0] <= end_ns)]
-    seconds = (end_ns - begin_ns) * 1e-9
+def _judge(truth: NDArray[np.float64], span: DriveSpan) -> Drive:
+    goal, code = span.goal, span.code
+    rows = truth[(truth[:, 0] >= span.begun_ns) & (truth[:, 0] <= span.ended_ns)]
+    seconds = (span.ended_ns - span.begun_ns) * 1e-9
     if len(rows) < 2:
         return Drive(code, seconds, 0.0, None, math.nan)
     steps = np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2]))

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.calibration.planar_arrays import PlanarTrack
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger, ScannerConfig
-from ambler.perception.planar_arrays import PlanarTrack
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.robots import robot_named

@@ -1,4 +1,4 @@
-"""How good fused odometry is outdoors: wheels alone and the EKF of wheels and gyroscope, against satellite positions."""
+"""How good fused odometry is outdoors: wheels alone and the robot's odometry of wheels and gyroscope, against satellite positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.messages import GnssFix, Imu, Odometry
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
-from ambler.localization.planar_ekf import EkfConfig, PlanarEkf
+from ambler.localization.odometry import OdometryConfig, WheelInertialOdometry
 from ambler.wire.bags import open_bag
 
 F64 = NDArray[np.float64]
@@ -21,7 +21,6 @@ I64 = NDArray[np.int64]
 
 WGS84_A, WGS84_E2 = 6378137.0, 6.69437999014e-3  # metres; squared eccentricity
 MAX_GAP = 1.0  # seconds between two fixes that may be bridged
-_PLANE = [0, 1, 5]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,22 +95,20 @@ def wheels_alone(record: OdometryRecord) -> Track:
     return _judged(record, np.array([w.stamp_ns for w in record.wheels], np.int64), poses)
 
 
-def fused(record: OdometryRecord, config: EkfConfig, gyro_variance: float) -> Track:
-    """Return the track of the EKF, fed in the order of the stamps; one pose per wheel measurement."""
-    ekf = PlanarEkf(config)
+def fused(record: OdometryRecord, config: OdometryConfig) -> Track:
+    """Return the track of the robot's own odometry (wheels and gyroscope), fed in the order of the stamps; one pose per wheel measurement."""
+    estimator = WheelInertialOdometry(config)
     stamps, poses = [], []
     measured: list[Odometry | Imu] = sorted([*record.imu, *record.wheels], key=lambda message: message.stamp_ns)
     for message in measured:
         if isinstance(message, Imu):
             rate = float(np.dot(message.angular_velocity, record.up))
-            ekf.add_imu(message.stamp_ns, rate, gyro_variance)
+            estimator.add_imu(message.stamp_ns, (0.0, 0.0, rate))
             continue
-        twist = np.array([message.linear[0], message.linear[1], message.angular[2]])
-        ekf.add_twist(message.stamp_ns, twist, message.twist_covariance[np.ix_(_PLANE, _PLANE)])
-        estimate = ekf.estimate()
-        if estimate is not None:
+        odometry = estimator.update(message).odometry
+        if odometry is not None:
             stamps.append(message.stamp_ns)
-            poses.append(estimate.odom_from_base.as_array())
+            poses.append(odometry.pose.to_se2().as_array())
     return _judged(record, np.array(stamps, np.int64), np.array(poses))
 
 

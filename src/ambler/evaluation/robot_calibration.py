@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ambler.calibration.scan_calibration import OdometryModel
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.protocols import BodyVelocity
@@ -24,9 +25,8 @@ from ambler.evaluation.calibration import (
     record_scanner,
 )
 from ambler.perception.merger_config import ScannerConfig
-from ambler.perception.scan_calibration import OdometryModel
 from ambler.perception.scanner_profile import ScannerCalibration
-from ambler.runtime.topics import all_topics
+from ambler.runtime.topics import WHEEL_ODOMETRY, all_topics
 from ambler.sim.drive import drive_of
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.scene import build_scene
@@ -63,6 +63,8 @@ def read_drive(path: Path, robot: SimRobot) -> ScannerDrive:
     truths = {topic.ros_name for topic in all_topics() if topic.is_truth}
     with open_bag(path) as bag:
         found = [t.name for t in bag.topics() if t.message_class is Odometry and t.count > 0 and t.name not in truths]
+        if WHEEL_ODOMETRY.ros_name in found:
+            found = [WHEEL_ODOMETRY.ros_name]  # what is calibrated is the wheels, not what a gyroscope made of them
         if len(found) != 1:
             raise BadInputError(f"{path}: needs one topic with odometry, has {', '.join(found) or 'none'}")
         for topic, message, _ in bag.messages(types=(LaserScan, Odometry)):

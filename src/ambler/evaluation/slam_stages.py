@@ -16,7 +16,7 @@ from ambler.registration.gauss_newton import refine
 from ambler.registration.planar_scan import PlanarScan, filter_voxels, filter_voxels_adaptively
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
-from ambler.sim.world import load_world
+from ambler.sim.world_file import load_world
 from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
 from ambler.slam2d.slam import Slam2d
 from ambler.slam2d.submaps import ActiveSubmaps
@@ -62,13 +62,13 @@ def drive(seed: int, scans: int) -> list[tuple[PlanarScan, SE2]]:
     simulation = Simulation(load_world("office"), robot, SimulationConfig(seed))
     mount = robot.model.sensor("laser").base_from_sensor
     out: list[tuple[PlanarScan, SE2]] = []
-    now_ns, pose = 0, simulation.map_from_base.to_se2()
+    now_ns, pose = 0, simulation.start_from_base.to_se2()
     while len(out) < scans:
         phase = (now_ns // 10_000_000_000) % 2
         simulation.command(BodyVelocity(0.5 if phase == 0 else -0.25, 0.0, 0.15))
         now_ns += PERIOD_NS
         step = simulation.step(now_ns)
-        after = simulation.map_from_base.to_se2()
+        after = simulation.start_from_base.to_se2()
         twist = (pose.inverse() @ after).log() / (PERIOD_NS * 1e-9)
         out += [(scan_to_points(scan, mount, twist, PlanarConfig(range_max=20.0)), pose) for scan in step.scans]
         pose = after

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
 from ambler.core.messages import OccupancyGrid
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.kernels.frontier import look_around
 
@@ -39,9 +39,9 @@ class CloseLookConfig:
     @classmethod
     def from_robot(cls, robot: RobotModel) -> CloseLookConfig:
         """Take what the scanners see; several of them, or a cloud, see all around."""
-        mounts = [m for m in robot.sensors if m.kind in ("scan", "cloud")]
+        mounts = [m for m in robot.sensors if m.kind in (SensorKind.SCAN, SensorKind.CLOUD)]
         nearest = min((m.range_min for m in mounts), default=0.0)
-        if len(mounts) != 1 or mounts[0].kind == "cloud":
+        if len(mounts) != 1 or mounts[0].kind is SensorKind.CLOUD:
             return cls(nearest=nearest)
         low, high = mounts[0].azimuth
         middle = mounts[0].base_from_sensor.to_se2().yaw + 0.5 * (low + high)

@@ -34,17 +34,27 @@ class Inserter:
         self._miss = update_table(config.p_miss)
         self._touched = np.empty(0, np.int64)
 
-    def insert(self, grid: ProbabilityGrid, origin: NDArray[np.float64], points: F32, free_points: F32) -> int:
-        """Insert a scan seen from `origin` (2,); points and free ends float32 (N, 2), all in the grid's frame.
+    def insert(
+        self,
+        grid: ProbabilityGrid,
+        origin: NDArray[np.float64],
+        points: F32,
+        free_points: F32,
+        free_origin: NDArray[np.float64] | None = None,
+    ) -> int:
+        """Insert a scan: points (N, 2) and free ends (M, 2) float32, all in the grid's frame. `origin` (2,) is where all rays start, or (N, 2)
+        where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`).
 
         Returns how many cells changed.
         """
-        grid.grow_to(origin[None], points, free_points)
+        starts = np.ascontiguousarray(np.atleast_2d(origin))
+        free_starts = starts if free_origin is None else np.ascontiguousarray(np.atleast_2d(free_origin))
+        grid.grow_to(starts, free_starts, points, free_points)
         if len(self._touched) < grid.cells.size:
             self._touched = np.empty(grid.cells.size, np.int64)
         return int(
             kernels.insert_scan(
-                grid.cells, origin, points, free_points, grid.frame, self._hit, self._miss, self._touched
+                grid.cells, starts, free_starts, points, free_points, grid.frame, self._hit, self._miss, self._touched
             )
         )
 

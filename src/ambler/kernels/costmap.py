@@ -36,16 +36,18 @@ def _clear_ray(layer, x0, y0, x1, y1, ends_free):
 
 
 @jit
-def clear_rays(layer, origin_x, origin_y, resolution, from_x, from_y, ends, max_range, ends_free):
-    """Free the cells of `layer` uint8 (H, W) along every ray from a sensor at (from_x, from_y) to `ends` float64 (N, 2), metres.
+def clear_rays(layer, origin_x, origin_y, resolution, starts, ends, max_range, ends_free):
+    """Free the cells of `layer` uint8 (H, W) along every ray to `ends` float64 (N, 2), metres, from `starts` float64 (N, 2), or (1, 2) for one
+    start of all.
 
     A ray longer than `max_range` is followed that far only, and frees its last cell too; otherwise the cell of its end is freed
     only when `ends_free` (nothing was seen there). Cells outside of the layer are passed over.
     """
     height, width = layer.shape
-    x0, y0 = (from_x - origin_x) / resolution, (from_y - origin_y) / resolution
     reach = max_range / resolution
     for k in range(len(ends)):
+        s = k if len(starts) > 1 else 0
+        x0, y0 = (starts[s, 0] - origin_x) / resolution, (starts[s, 1] - origin_y) / resolution
         x1, y1 = (ends[k, 0] - origin_x) / resolution, (ends[k, 1] - origin_y) / resolution
         dx, dy = x1 - x0, y1 - y0
         length = math.hypot(dx, dy)
@@ -74,13 +76,14 @@ def clear_rays(layer, origin_x, origin_y, resolution, from_x, from_y, ends, max_
 
 
 @jit
-def mark_points(layer, origin_x, origin_y, resolution, from_x, from_y, points, max_range):
-    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of (from_x, from_y)."""
+def mark_points(layer, origin_x, origin_y, resolution, starts, points, max_range):
+    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of where their rays start, `starts` as in `clear_rays`."""
     height, width = layer.shape
     limit = max_range * max_range
     for k in range(len(points)):
         x, y = points[k, 0], points[k, 1]
-        if not (x - from_x) ** 2 + (y - from_y) ** 2 <= limit:
+        s = k if len(starts) > 1 else 0
+        if not (x - starts[s, 0]) ** 2 + (y - starts[s, 1]) ** 2 <= limit:
             continue
         ix, iy = int(math.floor((x - origin_x) / resolution)), int(math.floor((y - origin_y) / resolution))
         if 0 <= iy < height and 0 <= ix < width:
@@ -121,35 +124,53 @@ def to_static(occupancy, table, out):
 
 
 @jit
-def combine(static, obstacles, out):
-    """Lay the obstacle layer over the static one: the larger cost, but what an obstacle layer knows replaces unknown."""
-    height, width = static.shape
-    for iy in range(height):
-        for ix in range(width):
-            a, b = static[iy, ix], obstacles[iy, ix]
-            if b == UNKNOWN:
-                out[iy, ix] = a
-            elif a == UNKNOWN:
-                out[iy, ix] = b
-            else:
-                out[iy, ix] = max(a, b)
+def combine(master, obstacles, y0, y1, x0, x1):
+    """Lay an obstacle layer over `master` in a box: the larger cost, but what an obstacle layer knows replaces unknown.
+
+    One added in eight bits makes unknown (255) the smallest of all. That, and unsigned indices, let the compiler take many cells at once.
+    """
+    one = np.uint8(1)
+    for iy in range(np.uint64(y0), np.uint64(y1)):
+        for ix in range(np.uint64(x0), np.uint64(x1)):
+            a, b = np.uint8(master[iy, ix] + one), np.uint8(obstacles[iy, ix] + one)
+            master[iy, ix] = np.uint8((a if a > b else b) - one)
 
 
 @jit
-def changed_box(old, new):
-    """Return (y0, y1, x0, x1), half open, of the cells that differ; y0 = y1 when none does."""
-    height, width = old.shape
-    y0, y1, x0, x1 = height, 0, width, 0
+def free_unknown(master):
+    """Make what is unknown free."""
+    height, width = master.shape
     for iy in range(height):
-        first, last = -1, -1
         for ix in range(width):
-            if old[iy, ix] != new[iy, ix]:
-                if first < 0:
-                    first = ix
-                last = ix
-        if first >= 0:
-            y0, y1 = min(y0, iy), iy + 1
-            x0, x1 = min(x0, first), max(x1, last + 1)
+            master[iy, ix] = FREE if master[iy, ix] == UNKNOWN else master[iy, ix]
+
+
+@jit
+def lay_lethal(master, cells, y0, y1, x0, x1):
+    """Make those cells of `master` lethal that `cells` has lethal, in a box."""
+    for iy in range(np.uint64(y0), np.uint64(y1)):
+        for ix in range(np.uint64(x0), np.uint64(x1)):
+            master[iy, ix] = np.uint8(LETHAL) if cells[iy, ix] == LETHAL else master[iy, ix]
+
+
+@jit
+def changed_box(old, new, top, bottom, left, right):
+    """Return (y0, y1, x0, x1), half open, of the cells between rows `top`, `bottom` and columns `left`, `right` (half open) that differ;
+    y0 = y1 when none does."""
+    y0, y1, x0, x1 = bottom, 0, right, 0
+    for iy in range(top, bottom):
+        differing = 0
+        for ix in range(np.uint64(left), np.uint64(right)):  # without a way out, so that many cells go at once
+            differing += old[iy, ix] != new[iy, ix]
+        if differing == 0:
+            continue
+        first, last = left, right - 1
+        while old[iy, first] == new[iy, first]:
+            first += 1
+        while old[iy, last] == new[iy, last]:
+            last -= 1
+        y0, y1 = min(y0, iy), iy + 1
+        x0, x1 = min(x0, first), max(x1, last + 1)
     if y1 == 0:
         return 0, 0, 0, 0
     return y0, y1, x0, x1
@@ -159,12 +180,14 @@ def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     layer = np.full((4, 4), UNKNOWN, np.uint8)
     points = np.array([[0.1, 0.1], [0.15, 0.12]])
-    clear_rays(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0, True)
-    mark_points(layer, 0.0, 0.0, 0.05, 0.0, 0.0, points, 3.0)
+    clear_rays(layer, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, True)
+    mark_points(layer, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0)
     fill_convex(layer, 0.0, 0.0, 0.05, np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]), FREE)
     occupancy = np.zeros((4, 4), np.int8)
     to_static(occupancy, np.zeros(256, np.uint8), layer)
     occupancy.flags.writeable = False  # messages hold read-only arrays, which are another type to the compiler
     to_static(occupancy, np.zeros(256, np.uint8), layer)
-    combine(layer, layer.copy(), layer.copy())
-    changed_box(layer, layer.copy())
+    combine(layer, layer.copy(), 0, 4, 0, 4)
+    free_unknown(layer.copy())
+    lay_lethal(layer, layer.copy(), 0, 4, 0, 4)
+    changed_box(layer, layer.copy(), 0, 4, 0, 4)

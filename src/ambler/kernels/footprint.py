@@ -31,6 +31,15 @@ def footprint_edges(polygon: NDArray[np.float64], padding: float) -> tuple[NDArr
     return normals, np.ascontiguousarray(offsets)
 
 
+def footprint_corners(normals: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners (E, 2) in which neighbouring edges meet; the inverse of `footprint_edges`."""
+    after, limits = np.roll(normals, -1, axis=0), np.roll(offsets, -1)
+    det = normals[:, 0] * after[:, 1] - normals[:, 1] * after[:, 0]
+    x = (offsets * after[:, 1] - limits * normals[:, 1]) / det
+    y = (normals[:, 0] * limits - after[:, 0] * offsets) / det
+    return np.stack((x, y), axis=1)
+
+
 @jit
 def edge_clearance(x, y, normals, offsets):
     """Return the signed clearance of one point of the footprint's frame, metres."""
@@ -39,52 +48,6 @@ def edge_clearance(x, y, normals, offsets):
         d = normals[e, 0] * x + normals[e, 1] * y - offsets[e]
         best = max(best, d)
     return best
-
-
-@jit
-def contact_time(points, normals, offsets, radius, twist, margin, tolerance, self_depth, step, steps, min_points):
-    """Return the time at which the footprint, moving with the constant body `twist` (vx, vy, wz), has come nearer than `margin` to
-    `min_points` of the points (N, 2); inf if never within `steps` times `step` seconds.
-
-    A point that is already nearer counts only when the motion brings it nearer still by more than `tolerance`, so a motion
-    that leads away is always free. Points deeper inside than `self_depth` are the robot itself. `radius` is the footprint's
-    circumscribed one.
-    """
-    vx, vy, wz = twist[0], twist[1], twist[2]
-    grown = radius + 2.0 * margin  # the margin of two edges meets farther out than the margin of their corner
-    reach = grown + (math.hypot(vx, vy) + abs(wz) * radius) * step * steps
-    near = np.empty((points.shape[0], 3))
-    count = 0
-    for i in range(points.shape[0]):
-        px, py = points[i, 0], points[i, 1]
-        if px * px + py * py > reach * reach:
-            continue
-        clearance = edge_clearance(px, py, normals, offsets)
-        if clearance > -self_depth:
-            near[count, 0], near[count, 1], near[count, 2] = px, py, min(margin, clearance - tolerance)
-            count += 1
-    hits = 0
-    for k in range(1, steps + 1):
-        if count < min_points:
-            break
-        t = k * step
-        a = wz * t
-        if abs(a) < 1e-9:
-            x, y, c, s = vx * t, vy * t, 1.0, 0.0
-        else:
-            c, s = math.cos(a), math.sin(a)
-            x = (s * vx - (1.0 - c) * vy) / wz
-            y = ((1.0 - c) * vx + s * vy) / wz
-        for i in range(count):
-            dx, dy = near[i, 0] - x, near[i, 1] - y
-            if dx * dx + dy * dy > grown * grown:
-                continue
-            if edge_clearance(c * dx + s * dy, c * dy - s * dx, normals, offsets) < near[i, 2]:
-                hits += 1
-                near[i, 2] = -1e30
-        if hits >= min_points:
-            return t - step
-    return np.inf
 
 
 @jit
@@ -194,7 +157,6 @@ def warm_up() -> None:
     normals = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     offsets = np.ones(4)
     edge_clearance(0.0, 0.0, normals, offsets)
-    contact_time(np.zeros((1, 2)), normals, offsets, 1.5, np.zeros(3), 0.1, 1e-4, 0.05, 0.1, 2, 1)
     sums = np.zeros((3, 4), np.int32)
     lethal_row_sums(np.zeros((3, 3), np.uint8), 254, sums)
     lethal_distance(sums, 0.05, np.empty((3, 3)))

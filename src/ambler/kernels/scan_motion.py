@@ -139,11 +139,11 @@ def move_beams(
 
 
 @jit_fused
-def gather_returns(
-    columns, kinds, ranges, directions, offset, intensities, timing, source, row,
+def gather_rays(
+    columns, kinds, kind, ranges, directions, offset, intensities, timing, source, row,
     out_points, out_intensity, out_time, out_source,
 ):  # fmt: skip
-    """Append the returns of one moved scan to the merged cloud from `row`; returns the next free row.
+    """Append the rays of one kind (RETURN, EMPTY) of one moved scan to a merged cloud from `row`; returns the next free row.
 
     `columns` are those of `move_beams`, before they are drawn; `intensities` float32 (N,) or (0,: left as they are). Times are
     seconds after the common time at which each point was measured.
@@ -151,11 +151,11 @@ def gather_returns(
     n = kinds.shape[0]
     begin = 0
     while begin < n:
-        if kinds[begin] != RETURN:
+        if kinds[begin] != kind:
             begin += 1
             continue
         end = begin + 1
-        while end < n and kinds[end] == RETURN:
+        while end < n and kinds[end] == kind:
             end += 1
         m = end - begin
         x, y = columns[0, begin:end], columns[1, begin:end]
@@ -165,7 +165,7 @@ def gather_returns(
         for i in range(m):
             place[i, 0] = x[i]
             place[i, 1] = y[i]
-            place[i, 2] = r[i] * up[i] + height
+            place[i, 2] = r[i] * up[i] + height if kind == RETURN else height
         for i in range(m):
             when[i] = np.float32(timing[0] + (begin + i) * timing[1])
         out_source[row : row + m] = source
@@ -186,7 +186,7 @@ def warm_up() -> None:
         scan, directions, np.ones(n, np.uint8), np.array([0.0, 10.0]), np.zeros(2), three, np.zeros(1), poses, poses.copy(),
         np.zeros((0, 2)), np.zeros(1, np.int64), 0.0, columns, kinds, counts,
     )  # fmt: skip
-    gather_returns(
-        columns, kinds, scan, directions, three, scan, np.zeros(2), 0, 0,
+    gather_rays(
+        columns, kinds, RETURN, scan, directions, three, scan, np.zeros(2), 0, 0,
         np.zeros((n, 3), np.float32), np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, np.uint16),
     )  # fmt: skip

@@ -24,12 +24,12 @@ def carry(x, y, t, twist):
 
 
 @jit
-def beams_to_points(ranges, beam, limits, base_from_sensor, twist, points, free_points, counts):
+def beams_to_points(ranges, beam, limits, base_from_sensor, twist, points, free_points, beams, free_beams, counts):
     """Split a laser scan into returns and free ends, both in the base frame of the scan's stamp.
 
     `beam` (angle_min, angle_increment, time_increment); `limits` (range_min, range_max, free_length). NaN and too short
     ranges are dropped; ranges beyond range_max (and +inf) become free ends at free_length. `points`, `free_points` float32 (N, 2),
-    `counts` int64 (2,) how many of each were written.
+    `beams`, `free_beams` int32 (N,) the beam of each, `counts` int64 (2,) how many of each were written.
     """
     n_hit = 0
     n_free = 0
@@ -47,10 +47,61 @@ def beams_to_points(ranges, beam, limits, base_from_sensor, twist, points, free_
         if is_free:
             free_points[n_free, 0] = x
             free_points[n_free, 1] = y
+            free_beams[n_free] = i
             n_free += 1
         else:
             points[n_hit, 0] = x
             points[n_hit, 1] = y
+            beams[n_hit] = i
+            n_hit += 1
+    counts[0] = n_hit
+    counts[1] = n_free
+
+
+@jit
+def beam_starts(beams, step, offset, twist, starts):
+    """Write where the sensor was when each beam was measured, in the base frame of the scan's stamp.
+
+    `beams` int32 (N,), taken `step` seconds one after the other; `offset` float64 (2,) the sensor in the base frame; `starts` float32 (N, 2).
+    """
+    for i in range(beams.shape[0]):
+        x, y = carry(offset[0], offset[1], beams[i] * step, twist)
+        starts[i, 0] = x
+        starts[i, 1] = y
+
+
+@jit
+def split_rays(ends, sources, times, offsets, twist, limits, points, starts, free_points, free_starts, kept, counts):
+    """Split the rays of a merged cloud, whose ends already lie in the base frame of its stamp, into returns and free ends.
+
+    `ends` float32 (N, 3); `sources` uint16 (N,) which sensor; `times` float32 (N,) when each was measured, s after the stamp; `offsets`
+    float64 (S, 2) the sensors in the base frame, carried to each ray's start by `twist`; `limits` (range_min, range_max, free_length)
+    along the ray. Outputs float32 (N, 2), `kept` int32 (N,) the row of each return; `counts` int64 (2,). A negative range_max makes all rays free.
+    """
+    n_hit = 0
+    n_free = 0
+    for i in range(ends.shape[0]):
+        source = sources[i]
+        if source >= offsets.shape[0]:
+            continue
+        sx, sy = carry(offsets[source, 0], offsets[source, 1], float(times[i]), twist)
+        dx, dy = float(ends[i, 0]) - sx, float(ends[i, 1]) - sy
+        d = math.hypot(dx, dy)
+        if not d >= limits[0]:
+            continue
+        if d > limits[1]:
+            share = min(1.0, limits[2] / d)
+            free_points[n_free, 0] = sx + share * dx
+            free_points[n_free, 1] = sy + share * dy
+            free_starts[n_free, 0] = sx
+            free_starts[n_free, 1] = sy
+            n_free += 1
+        else:
+            points[n_hit, 0] = ends[i, 0]
+            points[n_hit, 1] = ends[i, 1]
+            starts[n_hit, 0] = sx
+            starts[n_hit, 1] = sy
+            kept[n_hit] = i
             n_hit += 1
     counts[0] = n_hit
     counts[1] = n_free
@@ -130,6 +181,20 @@ def cloud_to_points(
 
 
 @jit
+def _voxel_key(x, y, size):
+    kx = int(math.floor(x / size)) + 1048576
+    ky = int(math.floor(y / size)) + 1048576
+    return (kx << 21) | ky
+
+
+@jit
+def _voxel_slot(key, mask):
+    h = key ^ (key >> 17)
+    h = (h * 0x9E3779B1) & 0x7FFFFFFFFFFF
+    return (h ^ (h >> 23)) & mask
+
+
+@jit
 def voxel_filter(points, size, table, out):
     """Keep the first point of every square voxel; returns how many were written to `out`.
 
@@ -140,18 +205,33 @@ def voxel_filter(points, size, table, out):
         table[k] = -1
     n = 0
     for i in range(points.shape[0]):
-        kx = int(math.floor(points[i, 0] / size)) + 1048576
-        ky = int(math.floor(points[i, 1] / size)) + 1048576
-        key = (kx << 21) | ky
-        h = key ^ (key >> 17)
-        h = (h * 0x9E3779B1) & 0x7FFFFFFFFFFF
-        h = (h ^ (h >> 23)) & mask
+        key = _voxel_key(points[i, 0], points[i, 1], size)
+        h = _voxel_slot(key, mask)
         while table[h] != -1 and table[h] != key:
             h = (h + 1) & mask
         if table[h] == -1:
             table[h] = key
             out[n, 0] = points[i, 0]
             out[n, 1] = points[i, 1]
+            n += 1
+    return n
+
+
+@jit
+def choose_voxels(points, size, table, chosen):
+    """Write the rows of the points that `voxel_filter` keeps into `chosen` int64 (N,); returns how many."""
+    mask = table.shape[0] - 1
+    for k in range(table.shape[0]):
+        table[k] = -1
+    n = 0
+    for i in range(points.shape[0]):
+        key = _voxel_key(points[i, 0], points[i, 1], size)
+        h = _voxel_slot(key, mask)
+        while table[h] != -1 and table[h] != key:
+            h = (h + 1) & mask
+        if table[h] == -1:
+            table[h] = key
+            chosen[n] = i
             n += 1
     return n
 
@@ -195,7 +275,11 @@ def warm_up() -> None:
     counts = np.zeros(2, np.int64)
     eye = np.ascontiguousarray(np.eye(4)[:3])
     three = np.ones(3)
-    beams_to_points(np.ones(4, np.float32), three, three, eye, three, points, out, counts)
+    beams = np.zeros(4, np.int32)
+    beams_to_points(np.ones(4, np.float32), three, three, eye, three, points, out, beams, beams.copy(), counts)
+    beam_starts(beams, 0.0, np.zeros(2), three, out)
+    ends, when, source = np.ones((4, 3), np.float32), np.zeros(4, np.float32), np.zeros(4, np.uint16)
+    split_rays(ends, source, when, np.zeros((1, 2)), three, three, points, out, points, out, beams, counts)
     scratch = np.zeros((8, 4))
     cloud_to_points(
         np.ones((4, 3), np.float32),
@@ -213,4 +297,5 @@ def warm_up() -> None:
     )
     table = np.zeros(16, np.int64)
     voxel_filter(points, 0.1, table, out)
+    choose_voxels(points, 0.1, table, np.zeros(4, np.int64))
     adaptive_voxel_filter(points, 0.5, 2, table, out)

@@ -51,15 +51,14 @@ def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
 
 
 @jit
-def insert_scan(cells, origin, points, free_points, frame, hit_table, miss_table, touched):
+def insert_scan(cells, starts, free_starts, points, free_points, frame, hit_table, miss_table, touched):
     """Insert one scan into a grid; returns how many cells changed.
 
-    `cells` uint16 (H, W); `origin` float64 (2,) x, y of the sensor in the grid's frame; `points` and `free_points` float32
-    (N, 2) in the grid's frame; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
+    `cells` uint16 (H, W); `starts` and `free_starts` float64, where the rays start, (N, 2) or (1, 2) for one start of all; `points` and
+    `free_points` float32 (N, 2), all in the grid's frame; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
     inverse = 1.0 / frame[0]
-    x0, y0 = (origin[0] - frame[1]) * inverse, (origin[1] - frame[2]) * inverse
     n = 0
     for i in range(points.shape[0]):
         ix = int(math.floor((points[i, 0] - frame[1]) * inverse))
@@ -67,9 +66,13 @@ def insert_scan(cells, origin, points, free_points, frame, hit_table, miss_table
         if 0 <= ix < width and 0 <= iy < height:
             n = _update(cells, iy, ix, hit_table, touched, n)
     for i in range(points.shape[0]):
+        k = i if starts.shape[0] > 1 else 0
+        x0, y0 = (starts[k, 0] - frame[1]) * inverse, (starts[k, 1] - frame[2]) * inverse
         x1, y1 = (points[i, 0] - frame[1]) * inverse, (points[i, 1] - frame[2]) * inverse
         n = _clear_ray(cells, x0, y0, x1, y1, miss_table, touched, n)
     for i in range(free_points.shape[0]):
+        k = i if free_starts.shape[0] > 1 else 0
+        x0, y0 = (free_starts[k, 0] - frame[1]) * inverse, (free_starts[k, 1] - frame[2]) * inverse
         x1, y1 = (free_points[i, 0] - frame[1]) * inverse, (free_points[i, 1] - frame[2]) * inverse
         n = _clear_ray(cells, x0, y0, x1, y1, miss_table, touched, n)
     for k in range(n):
@@ -173,7 +176,7 @@ def warm_up() -> None:
     table = np.ones(32768, np.uint16)
     points = np.ones((1, 2), np.float32)
     frame = np.array([1.0, 0.0, 0.0])
-    insert_scan(cells, np.zeros(2), points, points, frame, table, table, np.zeros(16, np.int64))
+    insert_scan(cells, np.zeros((1, 2)), np.zeros((1, 2)), points, points, frame, table, table, np.zeros(16, np.int64))
     known_box(cells, np.zeros(4, np.int64))
     evidence = np.zeros((4, 4), np.float32)
     known = np.zeros((4, 4), np.uint8)

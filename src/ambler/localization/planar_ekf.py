@@ -25,7 +25,8 @@ F64 = NDArray[np.float64]
 class EkfConfig:
     """`*_noise`: how fast velocities may change without being measured (m/s²/√Hz, rad/s²/√Hz); `pose_noise` what integration may miss
     (m/√s, rad/√s); `bias_*`: of the gyroscope. `gate`: squared Mahalanobis distance per measurement. Slip: turning of wheels and
-    gyroscope differ by `slip_gate` sigma; the wheels' covariance is then `slip_factor` times larger for `slip_hold` seconds.
+    gyroscope differ by `slip_gate` sigma; the covariance of their turning is then `slip_factor` times larger for `slip_hold` seconds, that of
+    their way `slip_way_factor` times.
     `history` seconds are kept for late measurements."""
 
     speed_noise: float = 1.0
@@ -38,6 +39,7 @@ class EkfConfig:
     gate: float = 25.0
     slip_gate: float = 4.0
     slip_factor: float = 1e5
+    slip_way_factor: float = 1e5
     slip_hold: float = 0.3
     history: float = 1.0
 
@@ -68,10 +70,13 @@ class EkfCounts:
 class _Entry:
     """One measurement and the filter right after it."""
 
-    __slots__ = ("acceleration", "gate_count", "gyro", "kind", "p", "r", "slip_until_ns", "stamp_ns", "x", "z")
+    __slots__ = ("acceleration", "doubt", "gate_count", "gyro", "kind", "p", "r", "slip_until_ns", "stamp_ns", "x", "z")
 
-    def __init__(self, stamp_ns: int, kind: int, z: F64, r: F64, acceleration: F64 | None) -> None:
+    def __init__(
+        self, stamp_ns: int, kind: int, z: F64, r: F64, acceleration: F64 | None = None, doubt: float = 0.0
+    ) -> None:
         self.stamp_ns, self.kind, self.z, self.r, self.acceleration = stamp_ns, kind, z, r, acceleration
+        self.doubt = doubt
         self.x: F64 = z
         self.p: F64 = r
         self.gyro: tuple[int, float, float] = (-1, 0.0, 0.0)
@@ -80,6 +85,7 @@ class _Entry:
 
 
 _NO_ACCELERATION = np.zeros(2)
+_CERTAIN = np.diag([1e-9, 1e-9, 1e-9])
 _GYRO_MAX_AGE_NS = 100_000_000
 
 
@@ -102,6 +108,7 @@ class PlanarEkf:
         )
         self._work = np.zeros((4, kernel.SIZE, kernel.SIZE))
         self._start = SE2() if odom_from_base is None else odom_from_base
+        self._start_covariance = _CERTAIN
         self._entries: list[_Entry] = []
         self._stamps: list[int] = []
         self._used = self._gated = self._too_late = self._repeated = 0
@@ -110,9 +117,13 @@ class PlanarEkf:
     def counts(self) -> EkfCounts:
         return EkfCounts(self._used, self._gated, self._too_late, self._repeated)
 
-    def add_twist(self, stamp_ns: int, twist: F64, covariance: F64) -> bool:
-        """Fuse a velocity of the wheels, float64 (3,) of (vx, vy, wz) in the base frame; returns False when it was not used."""
-        return self._add(_Entry(stamp_ns, kernel.TWIST, np.array(twist, float), _checked(covariance), None))
+    def add_twist(self, stamp_ns: int, twist: F64, covariance: F64, turn_doubt: float = 0.0) -> bool:
+        """Fuse a velocity of the wheels, float64 (3,) of (vx, vy, wz) in the base frame; returns False when it was not used.
+
+        `turn_doubt` (rad²/s²) is the variance of lasting errors of the turning: it takes weight from it, but makes no slip of more.
+        """
+        z = np.array(twist, float)
+        return self._add(_Entry(stamp_ns, kernel.TWIST, z, _checked(covariance), doubt=turn_doubt))
 
     def add_imu(self, stamp_ns: int, yaw_rate: float, variance: float, acceleration: F64 | None = None) -> bool:
         """Fuse the turn rate of a gyroscope (rad/s) and, if given, level accelerations of the base float64 (2,) (m/s²)."""
@@ -123,11 +134,12 @@ class PlanarEkf:
 
     def add_pose(self, stamp_ns: int, odom_from_base: SE2, covariance: F64) -> bool:
         """Fuse a pose in the odometry frame with its covariance float64 (3, 3)."""
-        return self._add(_Entry(stamp_ns, kernel.POSE, odom_from_base.as_array(), _checked(covariance), None))
+        return self._add(_Entry(stamp_ns, kernel.POSE, odom_from_base.as_array(), _checked(covariance)))
 
-    def set_pose(self, odom_from_base: SE2) -> None:
-        """Start again from a pose, at rest; the gyroscope's bias is learned again."""
+    def set_pose(self, odom_from_base: SE2, covariance: F64 | None = None) -> None:
+        """Start again from a pose with its covariance float64 (3, 3) (None: certain), at rest; the gyroscope's bias is learned again."""
         self._start = odom_from_base
+        self._start_covariance = _CERTAIN if covariance is None else _checked(covariance)
         self._entries.clear()
         self._stamps.clear()
 
@@ -169,7 +181,8 @@ class PlanarEkf:
         if at == 0:
             entry.x = np.zeros(kernel.SIZE)
             entry.x[:3] = self._start.as_array()
-            entry.p = np.diag([1e-9, 1e-9, 1e-9, 0.25, 0.25, 0.25, self.config.bias_sigma**2])
+            entry.p = np.diag([0.0, 0.0, 0.0, 0.25, 0.25, 0.25, self.config.bias_sigma**2])
+            entry.p[:3, :3] = self._start_covariance
             entry.gyro, entry.slip_until_ns, entry.gate_count = (-1, 0.0, 0.0), 0, 0
         else:
             before = self._entries[at - 1]
@@ -179,8 +192,8 @@ class PlanarEkf:
         r, gate = entry.r, self.config.gate
         if entry.kind == kernel.YAW_RATE:
             entry.gyro = (entry.stamp_ns, float(entry.z[0]), float(entry.r[0, 0]))
-        elif entry.kind == kernel.TWIST and self._is_slipping(entry):
-            r = r * self.config.slip_factor
+        elif entry.kind == kernel.TWIST:
+            r = self._weighed(entry)
         if entry.gate_count >= 5:
             gate = math.inf  # a sensor that is refused for long is right, the filter is wrong
         acceleration = _NO_ACCELERATION if entry.acceleration is None else entry.acceleration
@@ -190,6 +203,15 @@ class PlanarEkf:
         is_used = 0.0 <= distance <= gate
         entry.gate_count = 0 if is_used else entry.gate_count + 1
         return is_used
+
+    def _weighed(self, entry: _Entry) -> F64:
+        """Return the covariance of the wheels' velocity with what is known of lasting errors and of slip."""
+        r = entry.r.copy()
+        r[2, 2] += entry.doubt
+        if self._is_slipping(entry):
+            root = np.sqrt([self.config.slip_way_factor] * 2 + [self.config.slip_factor])
+            r *= np.outer(root, root)
+        return r
 
     def _is_slipping(self, entry: _Entry) -> bool:
         stamp, rate, variance = entry.gyro

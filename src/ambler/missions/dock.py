@@ -30,6 +30,7 @@ from ambler.missions.dock_commands import (
     StopNavigation,
 )
 from ambler.missions.dock_run import DockRun
+from ambler.runtime.tasks import NEAREST_REACHED
 
 STILL = Move(BodyVelocity())
 MAX_DT = 0.1
@@ -118,7 +119,10 @@ class DockMission:
             return [StopNavigation(), *self._align(view, "the dock is in view")]
         if code is None:
             return []
-        if code != "SUCCEEDED":
+        if code not in (
+            "SUCCEEDED",
+            NEAREST_REACHED,
+        ):  # beside the staging pose the dock may be seen as well; if not, that is said
             name = "LOST" if code == "LOST" else "NAVIGATION_FAILED"
             return self._end(
                 DockState.FAILED, name, f"the staging pose was not reached, {code}: {self._now.drive_text}"

@@ -26,7 +26,7 @@ from ambler.missions.explore_commands import (
     StopDriving,
     TurnAround,
 )
-from ambler.runtime.tasks import ExploreFeedback, ExploreGoal, ExploreResult
+from ambler.runtime.tasks import NEAREST_REACHED, ExploreFeedback, ExploreGoal, ExploreResult
 
 _OVER = (ExploreState.IDLE, ExploreState.FINISHED, ExploreState.FAILED, ExploreState.CANCELLED)
 
@@ -182,7 +182,10 @@ class ExploreMission:
     def _driving(self, view: ExploreView) -> list[Command]:
         code, self._drive_code = self._drive_code, None
         again = find_again(self._target_frontier, self._now, self.config.choice)
-        if code == "SUCCEEDED":
+        if code in (
+            "SUCCEEDED",
+            NEAREST_REACHED,
+        ):  # as near as possible will do: how much was seen from there is judged anyway
             self._goals_reached += 1
             self._failures = 0
             self._arrived = True
@@ -233,7 +236,7 @@ class ExploreMission:
         if self._now.open and self._resumes < self.config.max_resumes:
             self._resumes += 1
             return self._choosing(view)
-        if code == "SUCCEEDED":
+        if code == "SUCCEEDED" or (code == NEAREST_REACHED and self._is_near_home(view)):
             self._is_home = True
             return self._wait(view, self.config.look_time, "home, looking once more")
         if code is None:
@@ -244,6 +247,10 @@ class ExploreMission:
             self._wait(view, 3.0 * self.config.return_pause, f"the way home is shut ({code}), waiting")
             return [ClearCosts(), TurnAround(self._drive, 2.0 * math.pi)]  # a map renews itself only where scans move
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
+
+    def _is_near_home(self, view: ExploreView) -> bool:
+        """Somebody stands where the robot started: right beside is home as well."""
+        return self._home is not None and self._home.distance_to(view.map_from_base) <= self.config.home_near
 
     # Steps that several states share.
 

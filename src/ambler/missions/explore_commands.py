@@ -27,7 +27,8 @@ class ExploreState(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class ExploreConfig:
-    """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again."""
+    """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again;
+    a robot that stands within `home_near` of an occupied home is at home."""
 
     start_timeout: float = 60.0
     look_time: float = 1.5
@@ -47,6 +48,7 @@ class ExploreConfig:
     yaw_tolerance: float = 0.6
     home_xy_tolerance: float = 0.15
     home_yaw_tolerance: float = 0.2
+    home_near: float = 0.6
     choice: ChoiceConfig = field(default_factory=ChoiceConfig)
 
 

@@ -1,6 +1,6 @@
 """Driving to one goal: plan, follow, replan, recover, and end with a named state. It knows no bus.
 
-PLANNING -> FOLLOWING -> SUCCEEDED; a failed plan or drive leads to RECOVERING and back to PLANNING; WAITING bridges moments
+PLANNING -> FOLLOWING -> SUCCEEDED, or NEAREST_REACHED when the goal itself cannot be reached; a failed plan or drive leads to RECOVERING and back to PLANNING; WAITING bridges moments
 without a pose or fresh input. Everything that takes time is asked of a `Driver` and answered by a callback; an answer that
 comes after the state has moved on is ignored.
 """
@@ -18,27 +18,33 @@ import numpy as np
 from ambler.core.errors import AmblerError, StaleInputError, TransformError
 from ambler.core.grid import COST_INSCRIBED, COST_UNKNOWN
 from ambler.core.messages import CostGrid, Path
-from ambler.core.se2 import SE2
+from ambler.core.se2 import SE2, wrap_angle
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.tasks import NavigateGoal, PlanReply
+from ambler.runtime.tasks import NEAREST_REACHED, NavigateGoal, PlanReply
 
 P = ParamSpec("P")
 Cancel = Callable[[], None]
 
 
 class NavigationState(enum.Enum):
-    """Where a drive stands; the last four are its ends."""
+    """Where a drive stands; those of `ENDS` are its ends."""
 
     PLANNING = "PLANNING"
     FOLLOWING = "FOLLOWING"
     RECOVERING = "RECOVERING"
     WAITING = "WAITING"
     SUCCEEDED = "SUCCEEDED"
+    NEAREST_REACHED = NEAREST_REACHED
     FAILED = "FAILED"
     CANCELLED = "CANCELLED"
 
 
-ENDS = (NavigationState.SUCCEEDED, NavigationState.FAILED, NavigationState.CANCELLED)
+ENDS = (
+    NavigationState.SUCCEEDED,
+    NavigationState.NEAREST_REACHED,
+    NavigationState.FAILED,
+    NavigationState.CANCELLED,
+)
 MISSING = (TransformError.code, StaleInputError.code)
 TICK_PERIOD = 1.0
 BLOCKED_REST = 3.0
@@ -62,6 +68,8 @@ class Driver(Protocol):
 
     def costmap(self) -> CostGrid | None: ...
 
+    def map_from_base(self) -> SE2 | None: ...
+
     def report(self, state: str, text: str) -> None: ...
 
     def finish(self, code: str, text: str) -> None: ...
@@ -71,8 +79,8 @@ class Driver(Protocol):
 class NavigationConfig:
     """`keep_path` metres before the goal a path that is still free is kept; `plan_patience` replans in a row may fail while a
     path is followed; after `wait_patience` ticks without pose or input the robot is lost. When nothing leads to the goal and
-    clearing did not help, a way is waited for `blocked_patience` seconds: whoever stands there may leave. A substitute of an
-    unreachable goal counts as reached within `loose_tolerance` metres, at any heading."""
+    clearing did not help, a way is waited for `blocked_patience` seconds: whoever stands there may leave. The place nearest to a goal
+    that cannot be reached counts as reached within `loose_tolerance` metres, at any heading; the drive then ends NEAREST_REACHED."""
 
     keep_path: float = 4.0
     plan_patience: int = 3
@@ -83,7 +91,10 @@ class NavigationConfig:
 
 
 class Navigation:
-    """One drive. Call `start` once and `tick` every `TICK_PERIOD`; `cancel` at any time."""
+    """One drive. Call `start` once and `tick` every `TICK_PERIOD`; `cancel` at any time.
+
+    `goal_distance`: while driving, how far the end of the path lies from the goal; at the end, how far the robot stands from it.
+    """
 
     def __init__(self, config: NavigationConfig, driver: Driver, goal: NavigateGoal) -> None:
         self._config = config
@@ -146,7 +157,7 @@ class Navigation:
     def _on_plan(self, reply: PlanReply | Exception) -> None:
         if isinstance(reply, PlanReply):
             if self._is_no_nearer(reply):
-                self._succeed(f"as near as possible: {reply.goal_distance:.2f} m from the goal")
+                self._end_near(reply)
             else:
                 self._follow(reply)
             return
@@ -209,7 +220,7 @@ class Navigation:
 
     def _on_followed(self, code: str, text: str) -> None:
         self._cancel_motion = None
-        if code == "SUCCEEDED" and self._is_loose:
+        if code == "SUCCEEDED" and (self._is_loose or self.goal_distance > self._goal.xy_tolerance):
             self._arrived_at = self._path  # seen from here, the wanted goal may have become reachable
             self._plan()
         elif code == "SUCCEEDED":
@@ -265,12 +276,28 @@ class Navigation:
         gap = reply.path.poses[-1, :2] - self._arrived_at.poses[-1, :2]
         return math.hypot(gap[0], gap[1]) <= self._config.loose_tolerance
 
+    def _end_near(self, reply: PlanReply) -> None:
+        """The goal cannot be reached and nothing is nearer: say how far the robot stands from it, unless that is near enough."""
+        base, goal = self._driver.map_from_base(), self._goal
+        away = reply.goal_distance if base is None else base.distance_to(goal.map_from_goal)
+        turn = 0.0 if base is None else abs(wrap_angle(base.yaw - goal.map_from_goal.yaw))
+        if away <= goal.xy_tolerance and turn <= goal.yaw_tolerance:
+            self._succeed("the goal is reached")
+            return
+        text = f"the goal cannot be reached; the robot stands as near as possible, {away:.2f} m from it"
+        self._finish(NavigationState.NEAREST_REACHED, NEAREST_REACHED, text)
+
     def _succeed(self, text: str) -> None:
-        self._enter(NavigationState.SUCCEEDED, text)
-        self._driver.finish("SUCCEEDED", text)
+        self._finish(NavigationState.SUCCEEDED, "SUCCEEDED", text)
 
     def _fail(self, code: str, text: str) -> None:
-        self._enter(NavigationState.FAILED, text)
+        self._finish(NavigationState.FAILED, code, text)
+
+    def _finish(self, state: NavigationState, code: str, text: str) -> None:
+        base = self._driver.map_from_base()
+        if base is not None:
+            self.goal_distance = base.distance_to(self._goal.map_from_goal)
+        self._enter(state, text)
         self._driver.finish(code, text)
 
     def _stop_motion(self) -> None:

@@ -5,6 +5,11 @@ One motion at a time: a path or a recovery. Every end of a motion, whatever its 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from ambler.control.checkers import GoalChecker, ProgressChecker
@@ -14,13 +19,12 @@ from ambler.core.messages import (
     CostGrid,
     GateState,
     GateStatus,
-    GlassWalls,
     LaserScan,
+    Message,
     Odometry,
     Path,
     PointCloud,
     Polygon,
-    Range,
     Transforms,
     VelocityCommand,
 )
@@ -28,6 +32,7 @@ from ambler.core.protocols import BodyVelocity, LocalPlanner
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
+from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.local_view import LocalView
 from ambler.perception.planar import PlanarConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
@@ -45,12 +50,12 @@ from ambler.runtime.topics import (
     CLOUD,
     FOOTPRINT,
     GATE_STATUS,
-    GLASS,
     LOCAL_COSTMAP,
     LOCAL_PATH,
+    MERGED_CLOUD,
+    MERGED_FREE,
     ODOMETRY,
     PATH,
-    RANGES,
     SCAN,
     TRANSFORMS,
     VELOCITY_REQUEST,
@@ -69,24 +74,35 @@ HELD = (GateState.PAUSED, GateState.EMERGENCY_STOP, GateState.FAULT)
 
 
 class ControllerNode(Node):
-    """Follows paths with any LocalPlanner and recovers, both on the local costmap."""
+    """Follows paths with any LocalPlanner and recovers, both on the local costmap.
+
+    `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway.
+    """
 
     name = "controller"
     inputs: Topics = (SCAN, ODOMETRY, TRANSFORMS)
-    optional_inputs = (PATH, GATE_STATUS, GLASS)
+    optional_inputs: Topics = (PATH, GATE_STATUS)
     outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
     latency = 0.01
 
     def __init__(
-        self, robot: RobotModel, planner: LocalPlanner, costmap: LocalCostmap, planar: PlanarConfig | None = None
+        self,
+        robot: RobotModel,
+        planner: LocalPlanner,
+        costmap: LocalCostmap,
+        planar: PlanarConfig | None = None,
+        layer_inputs: Sequence[LayerInput[Any]] = (),
     ) -> None:
         self._robot = robot
         self._planner = planner
         self._view = LocalView(robot, costmap, planar)
-        self._has_ranges = bool(robot.rangers)
-        ranges = (RANGES,) if self._has_ranges else ()
-        self.inputs = (CLOUD if self._view.uses_cloud else SCAN, ODOMETRY, TRANSFORMS, *ranges)
+        self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)
+        needed = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
+        self._fresh: Topics = (*self._view.topics, *needed)
+        self.inputs = (*self._fresh, ODOMETRY, TRANSFORMS)
+        optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
+        self.optional_inputs = (PATH, GATE_STATUS, *optional)
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None
@@ -100,17 +116,19 @@ class ControllerNode(Node):
 
     def start(self) -> None:
         """Subscribe, serve, and start the two timers."""
-        if self._view.uses_cloud:
+        if self._view.uses_merged:
+            self.ctx.subscribe(MERGED_FREE, self._on_free)
+            self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
+        elif self._view.uses_cloud:
             self.ctx.subscribe(CLOUD, self._on_cloud)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
-        if self._has_ranges:
-            self.ctx.subscribe(RANGES, self._on_range)
+        for wanted in self._layer_inputs:
+            self.ctx.subscribe(wanted.topic, partial(self._on_layer_input, wanted))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(PATH, self._on_path)
         self.ctx.subscribe(GATE_STATUS, self._on_gate_status)
-        self.ctx.subscribe(GLASS, self._on_glass)
         self.ctx.serve_task(FOLLOW_PATH, self._on_follow, self._on_follow_cancelled)
         self.ctx.serve_task(RECOVER, self._on_recover, self._on_recover_cancelled)
         self.ctx.serve(CLEAR_LOCAL_COSTMAP, self._on_clear)
@@ -122,14 +140,18 @@ class ControllerNode(Node):
     def _on_scan(self, scan: LaserScan) -> None:
         self._view.add_scan(scan)
 
+    def _on_free(self, free: PointCloud) -> None:
+        self._view.add_free(free)
+
+    def _on_merged(self, cloud: PointCloud) -> None:
+        self._view.add_merged(cloud)
+
     def _on_cloud(self, cloud: PointCloud) -> None:
         self._view.add_cloud(cloud)
 
-    def _on_range(self, measured: Range) -> None:
-        self._view.add_range(measured)
-
-    def _on_glass(self, glass: GlassWalls) -> None:
-        self._view.add_glass(glass)
+    def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
+        with suppress(*UNPLACED):
+            wanted.feed(message, self._view)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)
@@ -207,7 +229,7 @@ class ControllerNode(Node):
             return
         try:
             self.ctx.newest(ODOMETRY)
-            self._check_scanner()
+            self._check_sight()
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
             if self._recover is not None:
                 self._recover_step(odom_from_base)
@@ -217,13 +239,9 @@ class ControllerNode(Node):
         except (StaleInputError, TransformError, ControlError) as error:
             self._wait_in_trouble(error)
 
-    def _check_scanner(self) -> None:
-        if self._view.uses_cloud:
-            self.ctx.newest(CLOUD)
-        else:
-            self.ctx.newest(SCAN)
-        if self._has_ranges:
-            self.ctx.newest(RANGES)
+    def _check_sight(self) -> None:
+        for topic in self._fresh:
+            self.ctx.newest(topic)
 
     def _follow_step(self, odom_from_base: SE2, velocity: BodyVelocity) -> None:
         assert self._follow is not None
@@ -295,8 +313,8 @@ class ControllerNode(Node):
         corners = np.zeros((len(self._robot.footprint), 3), np.float32)
         corners[:, :2] = odom_from_base.transform(self._robot.footprint)
         self.ctx.publish(FOOTPRINT, Polygon(self.ctx.now_ns, "odom", corners))
-        trajectory = getattr(self._planner, "trajectory", None)
-        if self._follow is not None and trajectory is not None and len(trajectory) > 0:
+        trajectory = self._planner.trajectory
+        if self._follow is not None and len(trajectory) > 0:
             self.ctx.publish(LOCAL_PATH, Path(self.ctx.now_ns, "odom", np.array(trajectory)))
 
 

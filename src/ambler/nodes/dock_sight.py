@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import Image, LaserScan, Odometry, PointCloud
@@ -24,7 +25,6 @@ from ambler.docking.reflector_dock import ReflectorDockDetector
 from ambler.docking.tracker import DockTrack, DockTracker, TrackerConfig
 from ambler.docking.v_shape_dock import VShapeDockDetector
 from ambler.perception.fiducials import FiducialDetector
-from ambler.perception.odometry_buffer import OdometryBuffer
 from ambler.perception.planar import PlanarConfig, scan_to_points
 
 ODOMETRY_AGE_NS = 300_000_000
@@ -52,7 +52,7 @@ class DockSight:
     def __init__(self, robot: RobotModel, config: TrackerConfig | None = None) -> None:
         self._robot = robot
         self._tracker = DockTracker(config)
-        self._buffer = OdometryBuffer()
+        self._motion = BaseMotion()
         self._newest: Odometry | None = None
         self._detector: DockDetector | None = None
         self._kind: DockKind | None = None
@@ -107,7 +107,7 @@ class DockSight:
         if not np.isfinite([*odometry.pose.to_se2().as_array(), *odometry.linear, *odometry.angular]).all():
             return
         self._newest = odometry
-        self._buffer.add(odometry)
+        self._motion.add(odometry)
         self._tracker.move(odometry.pose.to_se2())
 
     def track(self, now_ns: int) -> DockTrack | None:
@@ -150,14 +150,14 @@ class DockSight:
     def take(self, sighting: DockSighting, now_ns: int) -> bool:
         """Take what a look found; False when the tracker refused it or odometry does not reach back."""
         try:
-            odom_from_base = self._buffer.pose_at(sighting.stamp_ns)
+            odom_from_base = self._motion.planar_at(sighting.stamp_ns)
         except StaleInputError:
             return False
         return self._tracker.update(sighting, odom_from_base, now_ns)
 
     def _look(self, detector: DockDetector, observation: DockObservation, map_prior: SE2 | None) -> Look | None:
         try:
-            expected = self._tracker.expected(self._buffer.pose_at(observation.stamp_ns))
+            expected = self._tracker.expected(self._motion.planar_at(observation.stamp_ns))
         except StaleInputError:
             return None
         prior = expected if expected is not None else map_prior

@@ -24,7 +24,7 @@ from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, Dock
 from ambler.nodes.dock_carrier import DockCarrier
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
 from ambler.nodes.dock_state import RobotState
-from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome
+from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, WorkKind
 from ambler.runtime.tasks import (
     CAMERA_PICTURES,
     DOCK,
@@ -143,7 +143,7 @@ class DockingNode(Node):
         if look is None or self._is_looking:
             return
         self._is_looking, series = True, self._sight.series
-        self.ctx.background(look, DETECTION_TIME, lambda sighting: self._seen(sighting, series))
+        self.ctx.background(look, DETECTION_TIME, lambda sighting: self._seen(sighting, series), WorkKind.PERCEPTION)
 
     def _seen(self, sighting: DockSighting | None, series: int) -> None:
         self._is_looking = False

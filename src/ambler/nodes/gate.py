@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
-from ambler.core.errors import TransformError
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError
 from ambler.core.messages import (
     GateState,
     GateStatus,
@@ -19,11 +22,11 @@ from ambler.core.messages import (
     VelocityCommand,
 )
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.core.transforms import TransformTree
 from ambler.kernels.footprint import footprint_edges
+from ambler.nodes.devices.table import topics_of_kind
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
 from ambler.runtime.node import Node, Topics
@@ -40,13 +43,11 @@ from ambler.runtime.tasks import (
     Nothing,
 )
 from ambler.runtime.topics import (
-    CLOUD,
     DOCKING_REQUEST,
     GATE_STATUS,
     ODOMETRY,
     RANGES,
     SCAN,
-    SCANNERS,
     TELEOP_REQUEST,
     VELOCITY_COMMAND,
     VELOCITY_REQUEST,
@@ -63,6 +64,7 @@ STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
+Stamped = TypeVar("Stamped", LaserScan, PointCloud, Range)
 
 
 class GateNode(Node):
@@ -70,9 +72,9 @@ class GateNode(Node):
 
     `z_band` is the height above the floor in which points of a cloud are obstacles. The default reaches from 0.15 m to above the
     robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
-    each one's own scans, not the merged one: when one falls silent, the robot stops. `clock_offsets` are the seconds by which a
-    scanner's clock is ahead, by frame: a point is taken from where the robot was when the beam was measured, and a scan is as old
-    as it is.
+    each one's own scans, not the merged one, and remembers what leaves its sector for where no other one looks. A sensor of the
+    robot that falls silent, or never speaks, stops it. `clock_offsets` are the seconds by which a sensor's clock is ahead, by frame:
+    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is.
     """
 
     name = "gate"
@@ -97,22 +99,24 @@ class GateNode(Node):
         self._repeats: dict[str, StuckScan] = {}
         self._stuck: set[str] = set()
         self._radius, self._edges = robot.circumscribed_radius, footprint_edges(robot.footprint, 0.0)
-        kinds = {m.kind for m in robot.sensors}
         self._planar = robot.scanners
         self._has_many = len(self._planar) > 1
-        scan = SCANNERS if self._has_many else SCAN
-        self._scanners = tuple(topic for kind, topic in (("scan", scan), ("cloud", CLOUD)) if kind in kinds)
+        self._clouds = robot.clouds
+        self._scan_topics = topics_of_kind(robot, SensorKind.SCAN)
+        self._cloud_topics = topics_of_kind(robot, SensorKind.CLOUD)
         self._rangers = robot.rangers
+        self._known = (*self._planar, *self._clouds, *self._rangers)
+        self._fields: dict[str, FieldOfView] = {}
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
         ring = sorted(self._rangers, key=lambda m: m.base_from_sensor.to_se2().yaw)
         self._neighbours = {m.frame: (ring[k - 1].frame, ring[(k + 1) % len(ring)].frame) for k, m in enumerate(ring)}
         ranges = (RANGES,) if self._rangers else ()
-        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scanners, *ranges)
+        self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scan_topics, *self._cloud_topics, *ranges)
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0
-        self._poses = TransformTree(history=2.0)
+        self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._status: GateStep | None = None
         self._status_ns = 0
@@ -124,14 +128,12 @@ class GateNode(Node):
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         if self._rangers:
             self.ctx.subscribe(RANGES, self._on_range)
-        known = (*(self._planar if self._has_many else ()), *self._rangers)
-        for mount in known:  # known from the start, so that one that never sends anything is missed
+        for mount in self._known:  # known from the start, so that one that never sends anything is missed
             self.gate.update_points(mount.frame, NEVER_NS, np.empty((0, 2)), SE2())
-        for topic in (SCAN, SCANNERS):
-            if topic in self._scanners:
-                self.ctx.subscribe(topic, self._on_scan)
-        if CLOUD in self._scanners:
-            self.ctx.subscribe(CLOUD, self._on_cloud)
+        for topic in self._scan_topics:
+            self.ctx.subscribe(topic, self._on_scan)
+        for topic in self._cloud_topics:
+            self.ctx.subscribe(topic, self._on_cloud)
         self.ctx.serve(ARM, self._on_arm)
         self.ctx.serve(PAUSE, self._on_pause)
         self.ctx.serve(EMERGENCY_STOP, self._on_emergency_stop)
@@ -150,33 +152,38 @@ class GateNode(Node):
         self.gate.request(source, command.stamp_ns, velocity, self.ctx.now_ns)
 
     def _on_odometry(self, odometry: Odometry) -> None:
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
         self._ranges.add_odometry(odometry)
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
-        ahead_ns = self._ahead_ns.get(scan.frame, 0)
-        if ahead_ns:
-            scan = replace(scan, stamp_ns=scan.stamp_ns - ahead_ns)
+        scan = self._on_host_time(scan)
         ends = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
-        arc = (min(ends), max(ends))
-        # Where one of several scanners does not look, another one does: only its blind zone asks for a memory.
-        field = FieldOfView(scan.range_min) if self._has_many else FieldOfView(scan.range_min, arc)
+        low, high, window = min(ends), max(ends), self._mounts[scan.frame].azimuth
+        if window[1] - window[0] < 2.0 * math.pi:  # what the mount cuts off is measured, and thrown away
+            low, high = max(low, window[0]), min(high, window[1])
+        field = self._fields[scan.frame] = FieldOfView(scan.range_min, (low, high))
         self._take_points(scan, field, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
 
     def _on_cloud(self, cloud: PointCloud) -> None:
-        reach, band, mount = self._reach, self._z_band, self._mounts[cloud.frame]
+        cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
+        reach, band = self._reach, self._z_band
         self._take_points(
             cloud,
             FieldOfView(mount.range_min, elevation=mount.elevation),
             lambda level_from_sensor: points_of_cloud(cloud, level_from_sensor, self._twist, reach, band),
         )
 
+    def _on_host_time(self, message: Stamped) -> Stamped:
+        """A sensor's message with the stamp that its clock would have given if it went right."""
+        ahead_ns = self._ahead_ns.get(message.frame, 0)
+        return replace(message, stamp_ns=message.stamp_ns - ahead_ns) if ahead_ns else message
+
     def _take_points(self, scan: LaserScan | PointCloud, field: FieldOfView, points_of: Callable[[SE3], F64]) -> None:
         try:
-            odom_from_base = self._poses.lookup("odom", "base", scan.stamp_ns)
-        except TransformError:
+            odom_from_base = self._motion.pose_at(scan.stamp_ns)
+        except StaleInputError:
             return  # without a pose of that moment the points say nothing; if that lasts, they are stale
         if self._is_stuck(scan, odom_from_base.to_se2()):
             return  # its last points grow stale, and the robot stops
@@ -200,10 +207,12 @@ class GateNode(Node):
         if field.has_all_beyond(float(np.min(offsets - normals @ np.array(base_from_sensor.translation[:2])))):
             return np.empty((0, 3))  # its blind zone lies within the footprint
         memory = self._memories.setdefault(frame, BlindMemory(self._radius, self._config.memory_travel))
-        return memory.update(points, odom_from_base, base_from_sensor, field)
+        others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != frame]
+        return memory.update(points, odom_from_base, base_from_sensor, field, others)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""
+        measured = self._on_host_time(measured)
         placed = self._ranges.judge(measured)
         if placed is None:
             return

@@ -1,4 +1,4 @@
-"""Glass on the bus: raw scans and ultrasonic ranges in, segments of glass out; saves them beside the map."""
+"""Glass on the bus: raw scans and judged echoes in, segments of glass out; saves them beside the map."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import GlassWalls, LaserScan, OccupancyGrid, Odometry, Range, Transforms
+from ambler.core.messages import GlassWalls, JudgedEcho, LaserScan, OccupancyGrid, Odometry, Transforms
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.nodes.range_view import RangeView
+from ambler.core.transforms import TransformTree
 from ambler.perception.glass import SpecularConfig, SpecularDetector
 from ambler.perception.glass_map import GlassMap, GlassMapConfig, seen_through_glass
 from ambler.runtime.node import Node, Service, Task
 from ambler.runtime.tasks import SAVE_GLASS, Nothing, SaveMapRequest
-from ambler.runtime.topics import GLASS, MAP, ODOMETRY, RANGES, SCAN, SCANNERS, TRANSFORMS, Topic
+from ambler.runtime.topics import ECHOES, GLASS, MAP, ODOMETRY, SCAN, SCANNERS, TRANSFORMS, Topic
 from ambler.wire.glass_files import GlassFile, save_glass
 
 PERIOD = 0.5
@@ -38,7 +38,8 @@ class GlassMapperNode(Node):
         self, robot: RobotModel, specular: SpecularConfig | None = None, config: GlassMapConfig | None = None
     ) -> None:
         self._mounts = {m.frame: m.base_from_sensor.to_se2() for m in robot.sensors}
-        self._view = RangeView(robot)
+        self._poses = TransformTree(history=2.0)
+        self._twist = np.zeros(3)
         self._detector = SpecularDetector(specular)
         self.glass = GlassMap(config)
         self._map_from_odom: SE2 | None = None
@@ -46,8 +47,8 @@ class GlassMapperNode(Node):
         self._told: GlassWalls | None = None
         self._newest_ns = 0
         self._scan_topic = SCAN if len(robot.scanners) <= 1 else SCANNERS
-        ranges = (RANGES,) if robot.rangers else ()
-        self.inputs = (self._scan_topic, ODOMETRY, TRANSFORMS, *ranges)
+        echoes = (ECHOES,) if robot.rangers else ()
+        self.inputs = (self._scan_topic, ODOMETRY, TRANSFORMS, *echoes)
 
     def start(self) -> None:
         """Subscribe, serve, and tell twice a second what changed."""
@@ -55,13 +56,14 @@ class GlassMapperNode(Node):
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(MAP, self._on_map)
-        if RANGES in self.inputs:
-            self.ctx.subscribe(RANGES, self._on_range)
+        if ECHOES in self.inputs:
+            self.ctx.subscribe(ECHOES, self._on_echo)
         self.ctx.serve(SAVE_GLASS, self._save)
         self.ctx.timer(PERIOD, self._tell)
 
     def _on_odometry(self, odometry: Odometry) -> None:
-        self._view.add_odometry(odometry)
+        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
 
     def _on_transforms(self, transforms: Transforms) -> None:
         for edge in transforms.transforms:
@@ -72,7 +74,6 @@ class GlassMapperNode(Node):
         self._map = grid
 
     def _on_scan(self, scan: LaserScan) -> None:
-        self._view.add_scan(scan)
         self._newest_ns = max(self._newest_ns, scan.stamp_ns)
         try:
             self.glass.add_scan(scan, self._map_from_sensor(scan.frame, scan.stamp_ns), self._sensor_twist(scan.frame))
@@ -82,19 +83,18 @@ class GlassMapperNode(Node):
         except TransformError:
             return  # a scan of a moment without a pose cannot be placed
 
-    def _on_range(self, measured: Range) -> None:
-        placed = self._view.judge(measured)
-        if placed is not None and self._map_from_odom is not None:
-            self.glass.add_echo(placed.echo, self._map_from_odom @ placed.odom_from_base)
+    def _on_echo(self, echo: JudgedEcho) -> None:
+        if self._map_from_odom is not None:
+            self.glass.add_echo(echo, self._map_from_odom @ echo.pose.to_se2())
 
     def _map_from_sensor(self, frame: str, stamp_ns: int) -> SE2:
         if self._map_from_odom is None:
             raise TransformError("map_from_odom: nobody has told it yet")
-        return self._map_from_odom @ self._view.pose_at(stamp_ns) @ self._mounts[frame]
+        return self._map_from_odom @ self._poses.lookup("odom", "base", stamp_ns).to_se2() @ self._mounts[frame]
 
     def _sensor_twist(self, frame: str) -> NDArray[np.float64]:
         """The velocity of a sensor in its own frame, from that of the base."""
-        mount, (vx, vy, wz) = self._mounts[frame], self._view.twist
+        mount, (vx, vy, wz) = self._mounts[frame], self._twist
         x, y = vx - wz * mount.y, vy + wz * mount.x
         c, s = math.cos(mount.yaw), math.sin(mount.yaw)
         return np.array([c * x + s * y, -s * x + c * y, wz])

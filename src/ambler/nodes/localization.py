@@ -1,9 +1,8 @@
-"""Localization in a known map on the bus: map, scans, odometry and IMU in; map -> odom and the pose with its covariance out."""
+"""Localization in a known map on the bus: map, scans and odometry in; map -> odom and the pose with its covariance out."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,9 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import (
-    Imu,
     LaserScan,
     OccupancyGrid,
     Odometry,
@@ -28,16 +27,13 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.localization.localizer import Estimate, Localizer, Observation
-from ambler.localization.planar_ekf import EkfConfig, EkfEstimate, PlanarEkf
 from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
 from ambler.localization.supervisor import LocalizationState, Supervision, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
-from ambler.perception.odometry_buffer import OdometryBuffer
 from ambler.perception.planar import PlanarConfig, scan_duration, scan_to_points
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import RELOCALIZE, Nothing
 from ambler.runtime.topics import (
-    IMU,
     LOCALIZED_POSE,
     MAP,
     MERGED_CLOUD,
@@ -63,22 +59,20 @@ class LocalizationNodeConfig:
     source: Source = "scan"
     initial_pose: SE2 | None = None
     covariance: tuple[float, float, float] = (0.25, 0.25, 0.07)
-    gyro_variance: float = 1e-4
     planar: PlanarConfig = field(default_factory=PlanarConfig)
-    ekf: EkfConfig = field(default_factory=EkfConfig)
     relocalizer: RelocalizerConfig = field(default_factory=RelocalizerConfig)
     supervisor: SupervisorConfig = field(default_factory=SupervisorConfig)
 
 
 class LocalizationNode(Node):
-    """Runs any `Localizer` under a `Supervisor`. `make_localizer` builds it for each new map; the planar EKF predicts between scans.
+    """Runs any `Localizer` under a `Supervisor`. `make_localizer` builds it for each new map.
 
     While the robot is lost nothing is published but `status`, so the last transform grows stale and the consumers stop.
     """
 
     name = "localization"
     inputs: Topics = (MAP, ODOMETRY)
-    optional_inputs = (IMU, SET_POSE)
+    optional_inputs = (SET_POSE,)
     outputs = (TRANSFORMS, LOCALIZED_POSE, STATUS)
     serves = (RELOCALIZE,)
     latency = 0.005
@@ -94,9 +88,9 @@ class LocalizationNode(Node):
         self._config = config or LocalizationNodeConfig()
         wanted: dict[Source, Topics] = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}
         self.inputs = (MAP, ODOMETRY, *wanted[self._config.source])
-        self._wheels = OdometryBuffer()
-        self._ekf = PlanarEkf(self._config.ekf)
-        self._fused = OdometryBuffer()
+        self._motion = BaseMotion()
+        self._odometry: Odometry | None = None
+        self._given: tuple[int, SE2] | None = None
         self._waiting: deque[LaserScan | PointCloud] = deque()
         self._cloud: PointCloud | None = None
         self._newest_ns = -1
@@ -111,7 +105,6 @@ class LocalizationNode(Node):
             self.ctx.subscribe(SCAN, self._wait)
         if self._config.source != "scan":
             self.ctx.subscribe(MERGED_CLOUD, self._on_cloud)
-        self.ctx.subscribe(IMU, self._on_imu)
         self.ctx.subscribe(SET_POSE, self._on_set_pose)
         self.ctx.serve(RELOCALIZE, self._relocalize)
 
@@ -120,28 +113,30 @@ class LocalizationNode(Node):
         before = self.supervisor
         surfaces = SurfaceMap.from_occupancy(message.data, message.spec)
         localizer = self._make_localizer(surfaces)
-        initial = self._config.initial_pose
-        odom_from_base = self._newest_odometry()
         if before is not None and before.localizer.estimate is not None:
             known = before.localizer.estimate
-            localizer.set_pose(known.stamp_ns, odom_from_base, known.map_from_base, known.covariance)
-        elif initial is not None:
-            localizer.set_pose(message.stamp_ns, odom_from_base, initial, np.diag(self._config.covariance))
+            localizer.set_pose(known.stamp_ns, self._motion.newest or SE2(), known.map_from_base, known.covariance)
         relocalizer = Relocalizer(surfaces, self._config.relocalizer)
         self.supervisor = Supervisor(surfaces, localizer, relocalizer, self._config.supervisor)
+        if self._config.initial_pose is not None and localizer.estimate is None:
+            self._set_pose(self.supervisor, message.stamp_ns, self._config.initial_pose)
+
+    def _set_pose(self, supervisor: Supervisor, stamp_ns: int, map_from_base: SE2) -> None:
+        """Believe a pose that a person gave; before the first odometry it waits for it, because where odometry begins is not known."""
+        odom_from_base = self._motion.newest
+        if odom_from_base is None:
+            self._given = (stamp_ns, map_from_base)
+            return
+        self._given = None
+        supervisor.localizer.set_pose(stamp_ns, odom_from_base, map_from_base, np.diag(self._config.covariance))
+        supervisor.trust()
 
     def _on_odometry(self, message: Odometry) -> None:
-        self._wheels.add(message)
-        twist = np.array([message.linear[0], message.linear[1], message.angular[2]])
-        self._ekf.add_twist(message.stamp_ns, twist, message.twist_covariance[np.ix_(_PLANE, _PLANE)])
-        fused = self._ekf.estimate()
-        if fused is not None:
-            self._fused.add_pose(fused.stamp_ns, fused.odom_from_base)
+        self._odometry = message
+        self._motion.add(message)
+        if self._given is not None and self.supervisor is not None:
+            self._set_pose(self.supervisor, *self._given)
         self._use_waiting()
-
-    def _on_imu(self, message: Imu) -> None:
-        turned = self._robot.sensor(message.frame).base_from_sensor.rotate(message.angular_velocity)
-        self._ekf.add_imu(message.stamp_ns, turned[2], self._config.gyro_variance)
 
     def _on_cloud(self, message: PointCloud) -> None:
         self._cloud = message
@@ -154,10 +149,7 @@ class LocalizationNode(Node):
         if self.supervisor is None:
             self._tell("NO_MAP", "a pose was set before there is a map", {})
             return
-        pose = message.pose.to_se2()
-        covariance = np.diag(self._config.covariance)
-        self.supervisor.localizer.set_pose(message.stamp_ns, self._newest_odometry(), pose, covariance)
-        self.supervisor.trust()
+        self._set_pose(self.supervisor, message.stamp_ns, message.pose.to_se2())
 
     def _relocalize(self, _: Nothing) -> Nothing:
         """Search the whole map, whatever is believed now."""
@@ -165,10 +157,6 @@ class LocalizationNode(Node):
             raise BadInputError("there is no map to search")
         self.supervisor.distrust("a search of the whole map was asked for")
         return Nothing()
-
-    def _newest_odometry(self) -> SE2:
-        newest = self._fused.newest_ns
-        return SE2() if newest is None or not self._fused.covers(newest, newest) else self._fused.pose_at(newest)
 
     def _wait(self, message: LaserScan | PointCloud) -> None:
         """Keep a scan until odometry has reached its instant."""
@@ -179,7 +167,7 @@ class LocalizationNode(Node):
         self._use_waiting()
 
     def _use_waiting(self) -> None:
-        newest = self._fused.newest_ns
+        newest = self._motion.newest_ns
         while self._waiting and newest is not None and self._waiting[0].stamp_ns <= newest:
             if self._config.source == "both" and len(self._waiting) == 1 and not self._has_cloud_of(self._waiting[0]):
                 return  # the cloud follows its scan; when it is late, the next scan ends the wait
@@ -194,16 +182,16 @@ class LocalizationNode(Node):
     def _update(self, supervisor: Supervisor, message: LaserScan | PointCloud) -> None:
         stamp = message.stamp_ns
         try:
-            fused, wheels = self._fused.pose_at(stamp), self._wheels.pose_at(stamp)
+            odom_from_base = self._motion.planar_at(stamp)
         except StaleInputError as error:
             self.ctx.log("ODOMETRY_MISSING", str(error))
             return
         points, intensities = self._points_of(message)
-        result = supervisor.update(Observation(stamp, fused, points, intensities))
+        result = supervisor.update(Observation(stamp, odom_from_base, points, intensities))
         self._tell_state(result)
         is_believed = result.state in (LocalizationState.TRACKING, LocalizationState.DEGRADED)
         if is_believed and result.estimate is not None:
-            self._publish(result.estimate, wheels)
+            self._publish(result.estimate, odom_from_base)
 
     def _has_cloud_of(self, scan: LaserScan | PointCloud) -> bool:
         return self._cloud is not None and self._cloud.stamp_ns >= scan.stamp_ns
@@ -218,34 +206,30 @@ class LocalizationNode(Node):
         cloud = self._cloud
         if cloud is not None and cloud.stamp_ns == message.stamp_ns:
             return np.concatenate([scan.points, cloud.points[:, :2]]), None
-        bright = None
-        if len(message.intensities) == len(message.ranges):
-            limits = self._config.planar
-            near, far = max(limits.range_min, message.range_min), min(limits.range_max, message.range_max)
-            bright = message.intensities[(message.ranges >= near) & (message.ranges <= far)]
-        return scan.points, bright if bright is not None and len(bright) == len(scan.points) else None
+        return scan.points, scan.intensities
 
     def _twist(self, message: LaserScan) -> F64:
         """Velocity (vx, vy, wz) of the base over a scan; still when odometry does not reach back."""
         seconds = max(scan_duration(message), 0.02)
         begin = message.stamp_ns - int(seconds * 1e9)
-        if not self._fused.covers(begin, message.stamp_ns):
+        if not self._motion.covers(begin, message.stamp_ns):
             return np.zeros(3)
-        motion = self._fused.pose_at(begin).inverse() @ self._fused.pose_at(message.stamp_ns)
-        return motion.log() / seconds
+        return self._motion.twist_over(begin, message.stamp_ns)
 
     def _publish(self, estimate: Estimate, odom_from_base: SE2) -> None:
         stamp = estimate.stamp_ns
         map_from_odom = estimate.map_from_base @ odom_from_base.inverse()
         edge = TransformStamped(stamp, "map", "odom", SE3.from_se2(map_from_odom))
         self.ctx.publish(TRANSFORMS, Transforms(stamp, (edge,)))
-        pose_covariance, twist_covariance = np.diag([1e-6] * 6), np.diag([1e-6] * 6)
+        pose_covariance = twist_covariance = np.diag([1e-6] * 6)
         pose_covariance[np.ix_(_PLANE, _PLANE)] = estimate.covariance
-        motion = self._ekf.estimate()
         linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if motion is not None:
-            linear, angular = _velocity(motion)
-            twist_covariance[np.ix_(_PLANE, _PLANE)] = motion.covariance[3:6, 3:6]
+        if self._odometry is not None:
+            linear, angular, twist_covariance = (
+                self._odometry.linear,
+                self._odometry.angular,
+                self._odometry.twist_covariance,
+            )
         self.ctx.publish(
             LOCALIZED_POSE,
             Odometry(
@@ -271,9 +255,3 @@ class LocalizationNode(Node):
 
     def _tell(self, code: str, text: str, fields: dict[str, float]) -> None:
         self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, text, json.dumps(fields)))
-
-
-def _velocity(motion: EkfEstimate) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    v = motion.velocity
-    is_finite = math.isfinite(v.vx + v.vy + v.wz)
-    return ((v.vx, v.vy, 0.0), (0.0, 0.0, v.wz)) if is_finite else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

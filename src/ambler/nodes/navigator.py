@@ -162,6 +162,9 @@ class _Drive:
     def costmap(self) -> CostGrid | None:
         return self._node.newest_costmap
 
+    def map_from_base(self) -> SE2 | None:
+        return self._node.map_from_base()
+
     def report(self, state: str, text: str) -> None:
         self._node.say(state, text, self.navigation.recoveries)
 

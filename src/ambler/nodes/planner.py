@@ -2,80 +2,74 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from ambler.core.errors import NoValidPathError
-from ambler.core.messages import CostGrid, GlassWalls, LaserScan, OccupancyGrid, Odometry, Path, Range, Transforms
+from ambler.core.messages import CostGrid, Message, OccupancyGrid, Path
 from ambler.core.protocols import GlobalPlanner
-from ambler.core.robot import RobotModel
-from ambler.core.se2 import SE2
-from ambler.core.transforms import TransformTree
 from ambler.costmap.global_costmap import GlobalCostmap
-from ambler.costmap.range_layer import RangeCone
-from ambler.nodes.range_view import RangeView, cone_of
-from ambler.runtime.node import Node, Service, Task
+from ambler.costmap.layer import Moment
+from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
+from ambler.nodes.map_frames import MapFrames
+from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanReply, PlanRequest
-from ambler.runtime.topics import (
-    GLASS,
-    GLOBAL_COSTMAP,
-    MAP,
-    ODOMETRY,
-    RANGES,
-    SCAN,
-    STATIC_TRANSFORMS,
-    TRANSFORMS,
-    Topic,
-)
-
-CONES_PERIOD = 0.2
+from ambler.runtime.topics import GLOBAL_COSTMAP, MAP, STATIC_TRANSFORMS, TRANSFORMS
 
 
 class GlobalPlannerNode(Node):
-    """Publishes GLOBAL_COSTMAP when the map has changed, at most once per `period` seconds; serves COMPUTE_PATH (a
+    """Publishes GLOBAL_COSTMAP when the map or what lies over it has changed, at most once per `period` seconds; serves COMPUTE_PATH (a
     PlanningError or TransformError reaches the caller) and CLEAR_GLOBAL_COSTMAP.
 
-    Given a robot with ultrasonic transducers and planar scanners, it also keeps their range layer; glass is drawn wherever it comes from.
+    `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway.
     """
 
     name: str = "planner"
-    inputs: tuple[Topic[Any], ...] = (MAP, TRANSFORMS)
-    optional_inputs: tuple[Topic[Any], ...] = (STATIC_TRANSFORMS, GLASS)
-    outputs: tuple[Topic[Any], ...] = (GLOBAL_COSTMAP,)
-    serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (COMPUTE_PATH, CLEAR_GLOBAL_COSTMAP)
+    outputs: Topics = (GLOBAL_COSTMAP,)
+    serves = (COMPUTE_PATH, CLEAR_GLOBAL_COSTMAP)
     latency: float = 0.02
 
     def __init__(
-        self, costmap: GlobalCostmap, planner: GlobalPlanner, period: float = 0.5, robot: RobotModel | None = None
+        self,
+        costmap: GlobalCostmap,
+        planner: GlobalPlanner,
+        period: float = 0.5,
+        layer_inputs: Sequence[LayerInput[Any]] = (),
     ) -> None:
         self._costmap = costmap
         self._planner = planner
         self._period = period
-        self._tree = TransformTree()
+        self._frames = MapFrames()
         self._map: OccupancyGrid | None = None
+        self._drawn_map: OccupancyGrid | None = None
         self._is_waiting = False
         self._published_ns: int | None = None
-        self._map_from_odom: SE2 | None = None
-        self._cones: list[RangeCone] = []
-        self._ranges = RangeView(robot) if robot is not None and robot.rangers and robot.scanners else None
-        if self._ranges is not None:
-            self.inputs = (MAP, TRANSFORMS, RANGES, SCAN, ODOMETRY)
+        self._layer_inputs = (*usual_inputs(costmap.layers), *layer_inputs)
+        required = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
+        self.inputs = (MAP, TRANSFORMS, *required)
+        optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
+        self.optional_inputs = (STATIC_TRANSFORMS, *optional)
 
     def start(self) -> None:
         """Subscribe and serve."""
         self.ctx.subscribe(MAP, self._on_map)
-        self.ctx.subscribe(TRANSFORMS, self._on_transforms)
-        self.ctx.subscribe(STATIC_TRANSFORMS, self._on_static_transforms)
-        self.ctx.subscribe(GLASS, self._on_glass)
-        if self._ranges is not None:
-            self.ctx.subscribe(RANGES, self._on_range)
-            self.ctx.subscribe(SCAN, self._on_scan)
-            self.ctx.subscribe(ODOMETRY, self._on_odometry)
-            self.ctx.timer(CONES_PERIOD, self._draw_cones)
+        self.ctx.subscribe(TRANSFORMS, self._frames.add)
+        self.ctx.subscribe(STATIC_TRANSFORMS, self._frames.add_static)
+        for wanted in self._layer_inputs:
+            self.ctx.subscribe(wanted.topic, partial(self._on_layer_input, wanted))
         self.ctx.serve(COMPUTE_PATH, self._compute_path)
         self.ctx.serve(CLEAR_GLOBAL_COSTMAP, self._clear)
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self._map = message
+        self._publish_soon()
+
+    def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
+        try:
+            wanted.feed(message, self._frames)
+        except UNPLACED:
+            return
         self._publish_soon()
 
     def _publish_soon(self) -> None:
@@ -95,53 +89,31 @@ class GlobalPlannerNode(Node):
         if self._map is None:
             return
         self._published_ns = self.ctx.now_ns
-        costs = self._costmap.set_map(self._map.spec, self._map.data)
-        message = CostGrid(self._map.stamp_ns, self._map.frame, self._map.spec, costs)
-        self.ctx.publish(GLOBAL_COSTMAP, message)
+        if self._refreshed(self._map):
+            costs = self._costmap.costs
+            self.ctx.publish(GLOBAL_COSTMAP, CostGrid(self._map.stamp_ns, self._map.frame, self._map.spec, costs))
 
-    def _on_transforms(self, message: Transforms) -> None:
-        for edge in message.transforms:
-            self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
-            if (edge.parent, edge.child) == ("map", "odom"):
-                self._map_from_odom = edge.parent_from_child.to_se2()
-
-    def _on_static_transforms(self, message: Transforms) -> None:
-        for edge in message.transforms:
-            self._tree.set_static(edge.parent, edge.child, edge.parent_from_child)
-
-    def _on_glass(self, message: GlassWalls) -> None:
-        self._costmap.set_glass(message.segments)
-        self._publish_soon()
-
-    def _on_scan(self, scan: LaserScan) -> None:
-        assert self._ranges is not None
-        self._ranges.add_scan(scan)
-
-    def _on_odometry(self, odometry: Odometry) -> None:
-        assert self._ranges is not None
-        self._ranges.add_odometry(odometry)
-
-    def _on_range(self, measured: Range) -> None:
-        assert self._ranges is not None
-        placed = self._ranges.judge(measured)
-        if placed is None or self._map_from_odom is None or not self._costmap.has_map:
-            return
-        self._cones.append(cone_of(placed.echo, self._map_from_odom @ placed.odom_from_base))
-
-    def _draw_cones(self) -> None:
-        cones, self._cones = self._cones, []
-        if cones and self._costmap.add_cones(cones, self.ctx.now_ns * 1e-9):
-            self._publish_soon()
+    def _refreshed(self, newest: OccupancyGrid) -> bool:
+        """Bring the costmap up to date; say whether there is anything to tell."""
+        moment, before = Moment(self._frames.map_from_base), self._costmap.costs
+        is_new = newest is not self._drawn_map
+        if is_new:
+            self._costmap.set_map(newest.spec, newest.data, moment)
+            self._drawn_map = newest
+        else:
+            self._costmap.update(moment)
+        return is_new or self._costmap.costs is not before
 
     def _compute_path(self, request: PlanRequest) -> PlanReply:
         if self._map is None or not self._costmap.has_map:
             raise NoValidPathError("there is no map yet")
-        map_from_base = self._tree.lookup("map", "base").to_se2()
+        map_from_base = self._frames.newest_map_from_base()
         result = self._planner.plan(self._costmap.costs, self._costmap.spec, map_from_base, request.map_from_goal)
         path = Path(self._map.stamp_ns, self._map.frame, result.path)
         return PlanReply(path, result.cost, result.goal_distance)
 
     def _clear(self, request: Nothing) -> Nothing:
         self._costmap.clear()
+        self._drawn_map = None
         self._publish()
         return Nothing()

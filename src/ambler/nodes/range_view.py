@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import TransformError
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError
 from ambler.core.messages import LaserScan, Odometry, Range
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.core.transforms import TransformTree
-from ambler.costmap.range_layer import RangeCone
 from ambler.perception.echoes import Echo, EchoFilter
 from ambler.perception.glass import SpecularDetector
 from ambler.perception.planar import PlanarConfig, scan_to_points
@@ -36,13 +34,13 @@ class RangeView:
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self._filter = EchoFilter(robot)
         self._detector = SpecularDetector()
-        self._poses = TransformTree(history=2.0)
+        self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._points: dict[str, NDArray[np.float64]] = {}
 
     def add_odometry(self, odometry: Odometry) -> None:
         """Take a pose of the base and its velocity."""
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
 
     @property
@@ -51,14 +49,14 @@ class RangeView:
         return self._twist
 
     def pose_at(self, stamp_ns: int) -> SE2:
-        """Return odom_from_base at a time; raises TransformError when odometry does not reach there."""
-        return self._poses.lookup("odom", "base", stamp_ns).to_se2()
+        """Return odom_from_base at a time; raises StaleInputError when odometry does not reach there."""
+        return self._motion.planar_at(stamp_ns)
 
     def add_scan(self, scan: LaserScan) -> None:
         """Take a scanner's newest scan in place of its last one. What it sees of panes does not explain their echoes."""
         try:
             odom_from_base = self.pose_at(scan.stamp_ns)
-        except TransformError:
+        except StaleInputError:
             return  # without a pose the scan explains nothing, so echoes count
         planar = scan_to_points(self._detector.without_panes(scan), self._mounts[scan.frame], self._twist, NEAR)
         self.add_points(scan.frame, odom_from_base.transform(planar.points))
@@ -71,16 +69,9 @@ class RangeView:
         """Return what a measurement says, None for nothing; of a moment without odometry nothing can be said."""
         try:
             odom_from_base = self.pose_at(measured.stamp_ns)
-        except TransformError:
+        except StaleInputError:
             return None
         base_from_odom = odom_from_base.inverse()
         laser_base = [base_from_odom.transform(points) for points in self._points.values()]
         echo = self._filter.update(measured, odom_from_base, laser_base)
         return None if echo is None else PlacedEcho(echo, odom_from_base)
-
-
-def cone_of(echo: Echo, frame_from_base: SE2) -> RangeCone:
-    """Return the cone of an echo for a range layer in some frame."""
-    pose = frame_from_base @ echo.base_from_sensor
-    distance = echo.distance if echo.is_unexplained else math.inf
-    return RangeCone(pose.x, pose.y, pose.yaw, echo.half_angle, echo.free - 0.05, distance)

@@ -21,11 +21,11 @@ SOURCE_CODES = {
 
 
 class ScanMergerNode(Node):
-    """Publishes `scan` and `merged_cloud`; tells on `status` whenever a source is dropped or comes back."""
+    """Publishes `scan`, `merged_cloud`, and before each cloud the rays that met nothing, `merged_free`; tells on `status` whenever a source is dropped or comes back."""
 
     name = "scan_merger"
     inputs = (topics.SCANNERS, topics.ODOMETRY)
-    outputs = (topics.SCAN, topics.MERGED_CLOUD, topics.STATUS)
+    outputs = (topics.SCAN, topics.MERGED_FREE, topics.MERGED_CLOUD, topics.STATUS)
     latency: float = 0.002
     check_period: float = 0.01
 
@@ -71,6 +71,7 @@ class ScanMergerNode(Node):
             self._is_starved = False
             self._tell("MERGER_FED", "merged scans again", {})
         self.ctx.publish(topics.SCAN, result.scan)
+        self.ctx.publish(topics.MERGED_FREE, result.free)
         self.ctx.publish(topics.MERGED_CLOUD, result.cloud)
         self._tell_changes(result)
 

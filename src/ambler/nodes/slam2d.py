@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.messages import (
-    Imu,
     LaserScan,
     OccupancyGrid,
     Odometry,
@@ -23,15 +23,17 @@ from ambler.core.messages import (
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import FINISH_MAP, SAVE_MAP, Nothing, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
-    IMU,
     MAP,
     MATCHED_SCAN,
+    MERGED_CLOUD,
+    MERGED_FREE,
     ODOMETRY,
     SCAN,
     SLAM_HEALTH,
@@ -61,11 +63,10 @@ class Slam2dNodeConfig:
 
 
 class Slam2dNode(Node):
-    """Runs `Slam2d` on the robot's scanner."""
+    """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured."""
 
     name = "slam2d"
     inputs: Topics = (SCAN, ODOMETRY)
-    optional_inputs = (IMU,)
     outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
     serves = (SAVE_MAP, FINISH_MAP)
     latency = 0.01
@@ -73,8 +74,13 @@ class Slam2dNode(Node):
     def __init__(self, robot: RobotModel, config: Slam2dNodeConfig | None = None) -> None:
         self._robot = robot
         self._config = config or Slam2dNodeConfig()
+        self._rays: MergedRays | None = None
+        self._motion = BaseMotion()
         if self._config.uses_cloud:
             self.inputs = (CLOUD, ODOMETRY)
+        elif len(robot.scanners) > 1:
+            self._rays = MergedRays(robot, self._config.planar)
+            self.inputs = (MERGED_FREE, MERGED_CLOUD, ODOMETRY)
         self.slam = Slam2d(self._config.slam)
         self._published_version = 0
         self._tilt = (0.0, 0.0)
@@ -89,10 +95,12 @@ class Slam2dNode(Node):
         """Subscribe to the sensors and publish the map when it has changed."""
         if self._config.uses_cloud:
             self.ctx.subscribe(CLOUD, self._on_cloud)
+        elif self._rays is not None:
+            self.ctx.subscribe(MERGED_FREE, self._rays.add_free)
+            self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        self.ctx.subscribe(IMU, self._on_imu)
         self.ctx.serve(SAVE_MAP, self._save_map)
         self.ctx.serve_task(FINISH_MAP, self._on_finish, self._on_finish_cancelled)
         self.ctx.timer(self._config.map_period, self._publish_map)
@@ -105,10 +113,8 @@ class Slam2dNode(Node):
         )
         self._odom_from_base = message.pose.to_se2()
         self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
-
-    def _on_imu(self, message: Imu) -> None:
-        turned = self._robot.sensor(message.frame).base_from_sensor.rotate(message.angular_velocity)
-        self.slam.add_imu(message.stamp_ns, turned[2])
+        self._motion.add(message)
+        self.slam.add_heading(message.stamp_ns, self._odom_from_base.yaw)
 
     def _on_scan(self, message: LaserScan) -> None:
         if self._repeats.update(message.ranges, self._odom_from_base):
@@ -123,6 +129,10 @@ class Slam2dNode(Node):
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
         mount = level(self._robot.sensor(message.frame).base_from_sensor, *self._tilt)
         self._update(cloud_to_points(message, mount, twist, self._config.planar))
+
+    def _on_merged(self, message: PointCloud) -> None:
+        assert self._rays is not None
+        self._update(self._rays.to_planar(message, self._motion))
 
     def _update(self, scan: PlanarScan) -> None:
         if scan.stamp_ns <= self._newest_ns:

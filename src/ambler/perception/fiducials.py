@@ -51,9 +51,15 @@ class FiducialDetector:
             raise BadInputError("a marker is told twice")
         self._detectors = {d: _detector(d) for d in sorted({m.dictionary for m in markers})}
 
-    def with_edges(self, edge: EdgeConfig) -> FiducialDetector:
-        """Return the same detector with another treatment of edges, such as a calibrated shift."""
-        return FiducialDetector(self.camera, list(self._markers.values()), replace(self.config, edge=edge))
+    @property
+    def shift_px(self) -> float:
+        """How far edges are taken to have moved outwards (px)."""
+        return self.config.edge.shift_px
+
+    def with_shift(self, shift_px: float) -> FiducialDetector:
+        """Return the same detector with a calibrated shift of edges (`calibration.range_bias`)."""
+        config = replace(self.config, edge=replace(self.config.edge, shift_px=shift_px))
+        return FiducialDetector(self.camera, list(self._markers.values()), config)
 
     def detect(self, image: U8, priors: Mapping[str, SE3] | None = None) -> tuple[MarkerSighting, ...]:
         """Return the markers in a grey picture uint8 (H, W), in the order of their dictionaries and numbers.

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambler.core.grid import OCC_FREE, GridSpec
-from ambler.core.messages import LaserScan
+from ambler.core.messages import JudgedEcho, LaserScan
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels.range_layer import draw_segments
-from ambler.perception.echoes import Echo
 from ambler.perception.glass import SpecularPeak
 
 F32 = NDArray[np.float32]
@@ -119,10 +118,9 @@ class GlassMap:
                 half = max(0.5 * self.config.bin, distance * math.tan(0.5 * self.config.square))
                 self._count(line, s - half, s + half, -self.config.disproof)
 
-    def add_echo(self, echo: Echo, map_from_base: SE2) -> None:
-        """Take a judged echo, with the base's pose at its stamp."""
-        c = self.config
-        pose = map_from_base @ echo.base_from_sensor
+    def add_echo(self, echo: JudgedEcho, map_from_sensor: SE2) -> None:
+        """Take a judged echo, with the transducer's pose at its stamp."""
+        c, pose = self.config, map_from_sensor
         for line in self._lines:
             s, beside = line.coordinates(np.array([pose.x, pose.y]))
             off = wrap_angle(line.angle - math.copysign(0.5 * math.pi, beside) - pose.yaw)

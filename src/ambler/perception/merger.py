@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.base_motion import BaseMotion, MotionKnots
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.kernels import scan_draw, scan_motion
 from ambler.perception.array_pool import ArrayPool
 from ambler.perception.merger_config import AngleWindow, MergerConfig, ScannerConfig
-from ambler.perception.odometry_buffer import OdometryBuffer, OdometryKnots
 from ambler.perception.self_mask import SelfMask
 
 __all__ = ["AngleWindow", "MergeResult", "MergerConfig", "ScanMerger", "ScannerConfig", "SourceReport", "SourceState"]
@@ -61,14 +62,14 @@ class MergeResult:
     """One merged scan.
 
     `scan`: +inf where a scanner saw through to the end, NaN where nobody looked; all bins hold at the stamp, so its
-    time_increment is 0. `cloud`: every return in the base frame at the stamp; `ring` is the index of its source, `time` is 0.
-    `measured` float32 (N,): when each point was really measured, seconds after the stamp. `bin_source` int16 (B,): source of
+    time_increment is 0. `cloud`: every return in the base frame at the stamp, moved already; `ring` is the index of its source, `time` when it
+    was really measured. `free`: the ends of the rays without return, likewise. `bin_source` int16 (B,): source of
     each bin, -1 for none. `latency`: seconds from the end of the oldest fresh scan to the merge.
     """
 
     scan: LaserScan
     cloud: PointCloud
-    measured: NDArray[np.float32]
+    free: PointCloud
     bin_source: NDArray[np.int16]
     sources: tuple[SourceReport, ...]
     latency: float
@@ -125,7 +126,7 @@ class ScanMerger:
 
     def __init__(self, config: MergerConfig) -> None:
         self.config = config
-        self.odometry = OdometryBuffer(span=max(2.0, 4.0 * config.max_age))
+        self.odometry = BaseMotion(span=max(2.0, 4.0 * config.max_age), max_extrapolation=0.1)
         self._sources = {s.frame: _Source(s) for s in config.scanners}
         self._mask = SelfMask(config.self_mask)
         angles = -math.pi + 2.0 * math.pi / config.bins * np.arange(config.bins)
@@ -203,7 +204,7 @@ class ScanMerger:
         index: int,
         now_ns: int,
         stamp_ns: int,
-        knots: OdometryKnots,
+        knots: MotionKnots,
         begin_ns: int,
         limits: F64,
         drawing: _Drawing,
@@ -224,10 +225,12 @@ class ScanMerger:
             *(self._mask.vertices, self._mask.starts, self._mask.reach, source.columns, source.kinds, counts),
         )
         intensity = NO_INTENSITY if drawing.intensity is None else drawing.intensity
-        drawing.rows = scan_motion.gather_returns(
-            *(source.columns, source.kinds, scan.ranges, source.directions, source.offset, scan.intensities, timing),
-            *(index, drawing.rows, drawing.points, intensity, drawing.time, drawing.source),
+        drawing.rows = scan_motion.gather_rays(
+            *(source.columns, source.kinds, scan_motion.RETURN, scan.ranges, source.directions, source.offset),
+            *(scan.intensities, timing, index, drawing.rows),
+            *(drawing.points, intensity, drawing.time, drawing.source),
         )
+        drawing.take_free(source, scan, timing, index, int(counts[scan_motion.EMPTIES]))
         scan_draw.draw_scan(
             *(source.columns, source.kinds, self._origin, self._bin_directions, limits, self._joining),
             *(index, source.scratch, drawing.ranges, drawing.free, drawing.sources, drawing.beams),
@@ -264,10 +267,11 @@ class ScanMerger:
             config.base_frame,
             drawing.points[:rows],
             self._no_values(rows) if drawing.intensity is None else drawing.intensity[:rows],
-            self._no_values(rows),
+            drawing.time[:rows],
             drawing.source[:rows],
         )
-        return MergeResult(scan, cloud, drawing.time[:rows], drawing.sources, reports, latency)
+        free = drawing.free_rays(stamp_ns, config.base_frame, self._no_values)
+        return MergeResult(scan, cloud, free, drawing.sources, reports, latency)
 
     def _intensities(self, live: list[_Source]) -> NDArray[np.float32] | None:
         """Return room for the intensities of the cloud, zeros; None when no source measures any."""
@@ -309,3 +313,24 @@ class _Drawing:
         self.time: NDArray[np.float32] = pool.take((beams,), np.float32)
         self.source: NDArray[np.uint16] = pool.take((beams,), np.uint16)
         self.rows = 0
+        self._free: list[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16]]] = []
+
+    def take_free(self, source: _Source, scan: LaserScan, timing: F64, index: int, count: int) -> None:
+        """Keep the rays of a source that met nothing; there are few."""
+        if count == 0:
+            return
+        points, time = np.empty((count, 3), np.float32), np.empty(count, np.float32)
+        which = np.empty(count, np.uint16)
+        scan_motion.gather_rays(
+            *(source.columns, source.kinds, scan_motion.EMPTY, scan.ranges, source.directions, source.offset),
+            *(NO_INTENSITY, timing, index, 0, points, NO_INTENSITY, time, which),
+        )
+        self._free.append((points, time, which))
+
+    def free_rays(self, stamp_ns: int, frame: str, zeros: Callable[[int], NDArray[np.float32]]) -> PointCloud:
+        """Return the rays that met nothing as a cloud of their ends."""
+        if not self._free:
+            none = np.zeros(0, np.float32)
+            return PointCloud(stamp_ns, frame, np.zeros((0, 3), np.float32), none, none, np.zeros(0, np.uint16))
+        points, time, which = (np.concatenate(column) for column in zip(*self._free, strict=True))
+        return PointCloud(stamp_ns, frame, points, zeros(len(points)), time, which)

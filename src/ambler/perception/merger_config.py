@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.core.robot import MERGED_FRAME, RobotModel, SensorMount
+from ambler.core.robot import MERGED_FRAME, RobotModel, SensorKind, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 
@@ -107,7 +107,7 @@ class MergerConfig:
     def from_robot(cls, robot: RobotModel, **changes: Any) -> MergerConfig:
         """Build from a robot's mounts of kind `scan`; the footprint is the self-mask. `changes` override fields."""
         frame = changes.get("frame", MERGED_FRAME)
-        mounts = [m for m in robot.sensors if m.kind == "scan" and m.frame != frame]
+        mounts = [m for m in robot.sensors if m.kind is SensorKind.SCAN and m.frame != frame]
         scanners = tuple(ScannerConfig(m.frame, m.base_from_sensor, windows=(AngleWindow(*m.azimuth),)) for m in mounts)
         return cls(**{"scanners": scanners, "self_mask": (robot.footprint,), **changes})
 
@@ -115,4 +115,4 @@ class MergerConfig:
     def mount(self) -> SensorMount:
         """The virtual scanner as a sensor of the robot, at the mean height of the real ones."""
         z = float(np.mean([s.base_from_sensor.translation[2] for s in self.scanners]))
-        return SensorMount(self.frame, "scan", SE3.from_se2(self.base_from_origin, z))
+        return SensorMount(self.frame, SensorKind.SCAN, SE3.from_se2(self.base_from_origin, z))

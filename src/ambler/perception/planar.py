@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
+from ambler.core.robot import RobotModel
 from ambler.core.se3 import SE3
 from ambler.kernels import scan_points
 from ambler.registration.planar_scan import PlanarScan
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 
@@ -31,6 +33,20 @@ class PlanarConfig:
     surface_depth: float = 0.06
 
 
+def default_planar(robot: RobotModel) -> PlanarConfig:
+    """Return a height band from above the floor to above the robot and its scanners: a wall close by is hit only by beams that
+    are still high, so a band that ends below the scanner would lose it."""
+    top = max([robot.body_height, *(m.base_from_sensor.translation[2] for m in robot.sensors)])
+    return PlanarConfig(height_max=top + 0.1, range_max=10.0)
+
+
+def lean_of(odom_from_base: SE3) -> tuple[float, float]:
+    """Return roll and pitch of a pose, as `level` wants them."""
+    w, x, y, z = odom_from_base.rotation
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return roll, math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+
+
 def _matrix(base_from_sensor: SE3) -> F64:
     return np.ascontiguousarray(base_from_sensor.matrix()[:3])
 
@@ -42,6 +58,7 @@ def scan_to_points(scan: LaserScan, base_from_sensor: SE3, twist: F64, config: P
     """
     n = len(scan.ranges)
     points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
+    beams, free_beams = np.empty(n, np.int32), np.empty(n, np.int32)
     counts = np.empty(2, np.int64)
     far = min(config.range_max, scan.range_max)
     scan_points.beams_to_points(
@@ -52,10 +69,67 @@ def scan_to_points(scan: LaserScan, base_from_sensor: SE3, twist: F64, config: P
         twist,
         points,
         free_points,
+        beams,
+        free_beams,
         counts,
     )
     origin = base_from_sensor.translation[0], base_from_sensor.translation[1]
-    return PlanarScan(scan.stamp_ns, points[: counts[0]], free_points[: counts[1]], origin)
+    hits, free = int(counts[0]), int(counts[1])
+    starts: F32 | None = None
+    free_starts: F32 | None = None
+    if scan.time_increment > 0.0 and twist.any():
+        starts, free_starts = np.empty((hits, 2), np.float32), np.empty((free, 2), np.float32)
+        scan_points.beam_starts(beams[:hits], scan.time_increment, np.array(origin), twist, starts)
+        scan_points.beam_starts(free_beams[:free], scan.time_increment, np.array(origin), twist, free_starts)
+    bright = scan.intensities[beams[:hits]] if len(scan.intensities) == n > 0 else None
+    return PlanarScan(scan.stamp_ns, points[:hits], free_points[:free], origin, bright, starts, free_starts)
+
+
+def merged_to_points(
+    cloud: PointCloud, free: PointCloud | None, offsets: F64, twist: F64, config: PlanarConfig
+) -> PlanarScan:
+    """Return the rays of a merged cloud and of the rays without return beside it, each from the scanner that measured it.
+
+    Both clouds are in the base frame of their stamp, with `ring` the scanner and `time` the instant (s after the stamp) of each ray.
+    `offsets` float64 (S, 2) are the scanners in the base frame; `twist` (vx, vy, wz) of the base carries them to the rays' instants.
+    """
+    limits = np.array([config.range_min, config.range_max, min(config.free_length, config.range_max)])
+    hits = _split(cloud, offsets, twist, limits)
+    parts = [hits]
+    if free is not None:
+        limits[1] = -1.0
+        parts.append(_split(free, offsets, twist, limits))
+    return PlanarScan(
+        cloud.stamp_ns,
+        hits.points,
+        np.concatenate([p.free_points for p in parts]),
+        (0.0, 0.0),
+        cloud.intensity[hits.kept],
+        hits.starts,
+        np.concatenate([p.free_starts for p in parts]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    points: F32
+    starts: F32
+    free_points: F32
+    free_starts: F32
+    kept: NDArray[np.int32]
+
+
+def _split(cloud: PointCloud, offsets: F64, twist: F64, limits: F64) -> _Rays:
+    n = len(cloud.points)
+    points, starts, free_points, free_starts = (np.empty((n, 2), np.float32) for _ in range(4))
+    kept, counts = np.empty(n, np.int32), np.empty(2, np.int64)
+    scan_points.split_rays(
+        *(np.require(cloud.points, np.float32, ["C", "W"]), np.require(cloud.ring, np.uint16, ["C", "W"])),
+        *(np.require(cloud.time, np.float32, ["C", "W"]), offsets, twist, limits),
+        *(points, starts, free_points, free_starts, kept, counts),
+    )
+    h, f = int(counts[0]), int(counts[1])
+    return _Rays(points[:h], starts[:h], free_points[:f], free_starts[:f], kept[:h])
 
 
 def cloud_to_points(

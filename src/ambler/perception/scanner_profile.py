@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.merger_config import MergerConfig
-from ambler.perception.scan_calibration import CalibrationResult, ScannerEstimate
+
+
+class Estimate(Protocol):
+    """What a calibration found of one scanner: `sigma` float64 (4,), the standard deviations of x, y (m), yaw (rad), offset (s)."""
+
+    @property
+    def frame(self) -> str: ...
+
+    @property
+    def base_from_scanner(self) -> SE2: ...
+
+    @property
+    def clock_offset(self) -> float: ...
+
+    @property
+    def sigma(self) -> NDArray[np.float64]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +47,7 @@ class ScannerCalibration:
     sigma_clock_offset: float = 0.0
 
     @classmethod
-    def from_estimate(cls, estimate: ScannerEstimate) -> ScannerCalibration:
+    def from_estimate(cls, estimate: Estimate) -> ScannerCalibration:
         """Take over an estimate."""
         mount = estimate.base_from_scanner
         return cls(mount.x, mount.y, mount.yaw, estimate.clock_offset, *(float(s) for s in estimate.sigma))
@@ -43,9 +62,9 @@ class ScannerCalibration:
 ScannerCalibrations = Mapping[str, ScannerCalibration]
 
 
-def scanner_calibrations(result: CalibrationResult) -> dict[str, ScannerCalibration]:
+def scanner_calibrations(estimates: Iterable[Estimate]) -> dict[str, ScannerCalibration]:
     """Return the section `scanners` of a profile."""
-    return {estimate.frame: ScannerCalibration.from_estimate(estimate) for estimate in result.scanners}
+    return {estimate.frame: ScannerCalibration.from_estimate(estimate) for estimate in estimates}
 
 
 def calibrated_robot(robot: RobotModel, calibrations: ScannerCalibrations) -> RobotModel:

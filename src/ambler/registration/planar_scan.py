@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ambler.kernels import scan_points
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,13 +18,35 @@ class PlanarScan:
     """Points of one scan in the base frame of the instant `stamp_ns`, motion-compensated.
 
     `points` float32 (N, 2) are returns; `free_points` float32 (M, 2) end rays that are free but have no return; `origin` (x, y)
-    is the sensor.
+    is the sensor. `intensities` float32 (N,) belong to the returns, None when none were measured. `starts` (N, 2) and `free_starts` (M, 2) are
+    where the sensor was when it measured each ray, when rays do not all start at `origin`: of several sensors, or of a moving one.
     """
 
     stamp_ns: int
     points: F32
     free_points: F32
     origin: tuple[float, float] = (0.0, 0.0)
+    intensities: F32 | None = None
+    starts: F32 | None = None
+    free_starts: F32 | None = None
+
+    def ray_starts(self) -> tuple[F64, F64]:
+        """Return where the rays of the returns and the free rays start, float64 (N, 2) and (M, 2), or (1, 2) for one start of all."""
+        one = np.array([self.origin])
+        starts = one if self.starts is None else self.starts.astype(np.float64)
+        return starts, one if self.free_starts is None else self.free_starts.astype(np.float64)
+
+    def thinned(self, size: float) -> PlanarScan:
+        """Return the scan with the first return of every square voxel; what belongs to the returns goes with them."""
+        chosen = np.empty(len(self.points), np.int64)
+        n = scan_points.choose_voxels(self.points, size, _table(len(self.points)), chosen)
+        rows = chosen[: int(n)]
+        return replace(
+            self,
+            points=self.points[rows],
+            intensities=None if self.intensities is None else self.intensities[rows],
+            starts=None if self.starts is None else self.starts[rows],
+        )
 
 
 def _table(n: int) -> NDArray[np.int64]:

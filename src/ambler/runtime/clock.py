@@ -17,11 +17,18 @@ class SystemClock:
     """The wall clock of a real robot, or (from_zero) the time since the start of a simulated run; monotonic in both cases."""
 
     def __init__(self, *, from_zero: bool) -> None:
-        self._offset_ns = (0 if from_zero else time.time_ns()) - time.monotonic_ns()
+        self._start_ns = time.time_ns()
+        self._monotonic_start_ns = time.monotonic_ns()
+        self._offset_ns = (0 if from_zero else self._start_ns) - self._monotonic_start_ns
 
     @property
     def now_ns(self) -> int:
         return time.monotonic_ns() + self._offset_ns
+
+    @property
+    def drift(self) -> float:
+        """How far the system's time of day has moved away from this clock since the start, seconds: somebody set it, or it was slewed."""
+        return (time.time_ns() - self._start_ns - (time.monotonic_ns() - self._monotonic_start_ns)) * 1e-9
 
 
 class SimulatedClock:

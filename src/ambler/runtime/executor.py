@@ -1,4 +1,4 @@
-"""What both executors share: contexts, subscriptions, services, tasks, and what happens when a node fails.
+"""What both executors share: stacks, contexts, the outside door, who watches, and what happens when a node fails.
 
 An executor decides only *when* a callback runs. A call-back of one node never overlaps another of the same node.
 """
@@ -6,23 +6,30 @@ An executor decides only *when* a callback runs. A call-back of one node never o
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable
-from dataclasses import dataclass
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Self, TypeVar
 
-from ambler.core.errors import AmblerError, StackError, StaleInputError
-from ambler.core.messages import Message
+from ambler.core.errors import AmblerError, StackError
+from ambler.core.messages import Message, OutsideCall
+from ambler.runtime.bus import Bus, Channel, Subscription, Tap
+from ambler.runtime.context import NodeContext
+from ambler.runtime.conveyor import describe
+from ambler.runtime.door import OUTSIDE, OutsideDoor, OutsideTicket, RunEndedError
 from ambler.runtime.log import RunLog
-from ambler.runtime.node import GoalHandle, Node, Service, Task, TaskOutcome
+from ambler.runtime.node import Service, Task, WorkKind
 from ambler.runtime.stack import Stack
-from ambler.runtime.topics import Topic, all_topics
+from ambler.runtime.topics import Topic
+from ambler.runtime.troubles import Troubles
 
+F = TypeVar("F")
+G = TypeVar("G")
+Q = TypeVar("Q")
+R = TypeVar("R")
 T = TypeVar("T")
 
-Tap = Callable[[Topic[Any], Message, int, str], None]
-"""Sees every delivered message once: topic, message, delivery time in ns, name of the writer."""
-
-EXTERNAL = "outside"
+EXTERNAL = OUTSIDE
 
 
 class NodeFailedError(AmblerError):
@@ -31,179 +38,45 @@ class NodeFailedError(AmblerError):
     code = "NODE_FAILED"
 
 
-@dataclass(slots=True)
-class Subscription:
-    """One node's interest in one topic."""
-
-    context: NodeContext
-    callback: Callable[[Any], None]
-
-
-@dataclass(slots=True)
-class TaskServer:
-    """One node's offer of a task, and the goal that it works on."""
-
-    context: NodeContext
-    on_goal: Callable[[Any], None]
-    on_cancel: Callable[[Any], None]
-    active: GoalHandle[Any, Any, Any] | None = None
-
-
-class NodeContext:
-    """A node's only way to the world; see `runtime.node.Context`."""
-
-    def __init__(self, executor: Executor, node: Node, index: int) -> None:
-        self.executor = executor
-        self.node = node
-        self.index = index
-        self.latency_ns = max(1000, round(node.latency * 1e9))
-        self.is_failed = False
-        self.timers = 0
-        self._newest: dict[str, Message] = {}
-        self._published: dict[str, int] = {}
-
-    @property
-    def now_ns(self) -> int:
-        return self.executor.now_ns
-
-    def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
-        self._check(topic, (*self.node.inputs, *self.node.optional_inputs), "reads")
-        self.executor.subscriptions[topic.name].append(Subscription(self, callback))
-
-    def publish(self, topic: Topic[Any], message: Message) -> None:
-        self._check(topic, self.node.outputs, "writes")
-        if type(message) is not topic.type:
-            raise StackError(f"{self.node.name} put a {type(message).__name__} on {topic.name!r}")
-        number = self._published[topic.name] = self._published.get(topic.name, 0) + 1
-        self.executor.send(topic, message, self, number)
-
-    def receive(self, topic: Topic[Any], message: Message) -> None:
-        """Remember the newest message of a topic (called by the executor before the callbacks)."""
-        self._newest[topic.name] = message
-
-    def newest(self, topic: Topic[Any]) -> Any:
-        message: Any = self._newest.get(topic.name)
-        if message is not None and topic.max_age is not None:
-            age = (self.now_ns - message.stamp_ns) * 1e-9
-            if age > topic.max_age:
-                raise StaleInputError(f"{topic.name} is {age:.2f} s old, allowed are {topic.max_age} s")
-        return message
-
-    def timer(self, period: float, callback: Callable[[], None], *, phase: float = 0.0) -> None:
-        self.timers += 1
-        self.executor.add_timer(self, round(period * 1e9), round(phase * 1e9), callback, self.timers)
-
-    def after(self, delay: float, callback: Callable[[], None]) -> None:
-        self.executor.post(self, round(delay * 1e9), callback)
-
-    def background(self, work: Callable[[], T], duration: float, done: Callable[[T], None]) -> None:
-        self.executor.run_in_background(self, work, round(duration * 1e9), done)
-
-    def serve(self, service: Service[Any, Any], handler: Callable[[Any], Any]) -> None:
-        self._check_offer(service, self.node.serves, "serves")
-        self.executor.services[service.name] = (self, handler)
-
-    def call(self, service: Service[Any, Any], request: Any, done: Callable[[Any], None]) -> None:
-        self._check_offer(service, self.node.calls, "calls")
-        server, handler = self.executor.services[service.name]
-
-        def answer() -> None:
-            reply: Any
-            try:
-                reply = handler(request)
-            except AmblerError as error:
-                reply = error
-            self.executor.post(self, server.latency_ns, lambda: done(reply))
-
-        self.executor.post(server, self.latency_ns, answer)
-
-    def serve_task(
-        self, task: Task[Any, Any, Any], on_goal: Callable[[Any], None], on_cancel: Callable[[Any], None]
-    ) -> None:
-        self._check_offer(task, self.node.serves, "serves")
-        self.executor.tasks[task.name] = TaskServer(self, on_goal, on_cancel)
-
-    def send_goal(
-        self,
-        task: Task[Any, Any, Any],
-        goal: Any,
-        on_done: Callable[[TaskOutcome[Any]], None],
-        on_feedback: Callable[[Any], None] | None = None,
-    ) -> GoalTicketOfContext:
-        self._check_offer(task, self.node.calls, "calls")
-        server = self.executor.tasks[task.name]
-        post = self.executor.post
-
-        def send_feedback(feedback: Any) -> None:
-            if on_feedback is not None:
-                post(self, server.context.latency_ns, lambda: on_feedback(feedback))
-
-        def send_outcome(outcome: TaskOutcome[Any]) -> None:
-            if server.active is handle:
-                server.active = None
-            post(self, server.context.latency_ns, lambda: on_done(outcome))
-
-        handle: GoalHandle[Any, Any, Any] = GoalHandle(goal, send_feedback, send_outcome)
-        post(server.context, self.latency_ns, lambda: _start_goal(server, handle))
-        return GoalTicketOfContext(self, server, handle)
-
-    def log(self, code: str, text: str, **fields: Any) -> None:
-        self.executor.log.write(self.now_ns, self.node.name, code, text, **fields)
-
-    def _check(self, topic: Topic[Any], declared: tuple[Topic[Any], ...], verb: str) -> None:
-        if topic not in declared:
-            raise StackError(f"{self.node.name} {verb} {topic.name!r} without declaring it")
-
-    def _check_offer(self, offer: Any, declared: tuple[Any, ...], verb: str) -> None:
-        if offer not in declared:
-            raise StackError(f"{self.node.name} {verb} {offer.name!r} without declaring it")
-
-
-def _start_goal(server: TaskServer, handle: GoalHandle[Any, Any, Any]) -> None:
-    running = server.active
-    if running is not None and running.is_active:
-        running.is_preempted = True
-        server.on_cancel(running)
-        running.cancelled()
-    server.active = handle
-    server.on_goal(handle)
-
-
-class GoalTicketOfContext:
-    """The client's side of one goal; see `runtime.node.GoalTicket`."""
-
-    def __init__(self, client: NodeContext, server: TaskServer, handle: GoalHandle[Any, Any, Any]) -> None:
-        self._client = client
-        self._server = server
-        self._handle = handle
-
-    def cancel(self) -> None:
-        def cancel_on_server() -> None:
-            if self._handle.is_active:
-                self._server.on_cancel(self._handle)
-                self._handle.cancelled()
-
-        self._client.executor.post(self._server.context, self._client.latency_ns, cancel_on_server)
-
-
 class Executor(abc.ABC):
-    """Runs a stack. `on_failure` is called once with the reason when a node raises: it must stop the robot."""
+    """Runs one stack, or several with different prefixes. `on_failure` is called first of all when a node raises: it must stop the
+    robots. What goes wrong beside the run (taps, listeners, recorders, the log) is counted in `troubles` and never stops anything.
+
+    Raises StackError when two stacks have the same prefix.
+    """
 
     def __init__(
-        self, stack: Stack, log: RunLog | None = None, on_failure: Callable[[str], None] | None = None
+        self,
+        stacks: Stack | Sequence[Stack],
+        log: RunLog | None = None,
+        on_failure: Callable[[str], None] | None = None,
     ) -> None:
-        self.stack = stack
+        self.stacks = (stacks,) if isinstance(stacks, Stack) else tuple(stacks)
         self.log = log if log is not None else RunLog()
-        self.subscriptions: dict[str, list[Subscription]] = {topic.name: [] for topic in all_topics()}
-        self.services: dict[str, tuple[NodeContext, Callable[[Any], Any]]] = {}
-        self.tasks: dict[str, TaskServer] = {}
-        self.contexts = [NodeContext(self, node, i) for i, node in enumerate(stack.nodes)]
+        self.troubles = Troubles(lambda code, text: self.log_line("executor", code, text))
         self.failure: NodeFailedError | None = None
-        self._taps: list[Tap] = []
+        self._buses = {stack.prefix: Bus(stack, index) for index, stack in enumerate(self.stacks)}
+        if len(self._buses) < len(self.stacks) or not self.stacks:
+            raise StackError(f"an executor runs stacks of different prefixes, not {[s.prefix for s in self.stacks]}")
+        self._doors = {prefix: OutsideDoor(self, bus) for prefix, bus in self._buses.items()}
+        self.contexts = [
+            NodeContext(self, bus, node, index)
+            for bus in self._buses.values()
+            for index, node in enumerate(bus.stack.nodes)
+        ]
+        self._pools: dict[tuple[str, WorkKind], ThreadPoolExecutor] = {}
         self._on_failure = on_failure
+        self._failing = threading.Lock()
         self._is_started = False
-        for node, context in zip(stack.nodes, self.contexts, strict=True):
-            node.ctx = context
+        for context in self.contexts:
+            context.node.ctx = context
+
+    @property
+    def stack(self) -> Stack:
+        """The only stack; raises StackError when there are several."""
+        if len(self.stacks) > 1:
+            raise StackError("this executor runs several stacks; name one by its prefix")
+        return self.stacks[0]
 
     @property
     @abc.abstractmethod
@@ -211,12 +84,24 @@ class Executor(abc.ABC):
         """Time, nanoseconds."""
 
     @abc.abstractmethod
-    def send(self, topic: Topic[Any], message: Message, writer: NodeContext, number: int) -> None:
+    def subscribe(self, channel: Channel, subscription: Subscription) -> None:
+        """Add a subscription; what a latched topic holds already comes in the subscriber's own turn."""
+
+    @abc.abstractmethod
+    def send(self, channel: Channel, message: Message, writer: NodeContext, number: int) -> None:
         """Deliver a message to every subscriber; `number` counts the writer's messages on this topic."""
 
     @abc.abstractmethod
     def post(self, context: NodeContext, delay_ns: int, callback: Callable[[], None]) -> None:
-        """Run a callback in a node's turn."""
+        """Run a callback in a node's turn; may be called from any thread."""
+
+    @abc.abstractmethod
+    def post_outside(self, door: OutsideDoor, callback: Callable[[], None]) -> None:
+        """Run a callback in the turn of a stack's door; may be called from any thread."""
+
+    @abc.abstractmethod
+    def show_outside(self, bus: Bus, call: OutsideCall) -> None:
+        """Show an outside call to the taps, in the turn of the door."""
 
     @abc.abstractmethod
     def add_timer(
@@ -226,13 +111,13 @@ class Executor(abc.ABC):
 
     @abc.abstractmethod
     def run_in_background(
-        self, context: NodeContext, work: Callable[[], T], duration_ns: int, done: Callable[[T], None]
+        self, context: NodeContext, work: Callable[[], T], duration_ns: int, done: Callable[[T], None], kind: WorkKind
     ) -> None:
         """Run work off the node's time and give its value back in the node's turn."""
 
     @abc.abstractmethod
-    def inject(self, topic: Topic[Any], message: Message) -> None:
-        """Put a message from outside on an external topic; may be called from any thread."""
+    def inject(self, topic: Topic[Any], message: Message, prefix: str = "") -> None:
+        """Put a message from outside on an external topic of a stack; may be called from any thread."""
 
     @abc.abstractmethod
     def stop(self) -> None:
@@ -242,19 +127,60 @@ class Executor(abc.ABC):
     def run(self, duration: float | None = None) -> None:
         """Run until `duration` seconds are over or `stop` is called; may be called again. Raises NodeFailedError."""
 
-    def tap(self, callback: Tap) -> Callable[[], None]:
-        """Show every delivered message to `callback`: a recorder, a live view. Returns what ends it."""
-        self._taps.append(callback)
-        return lambda: self._taps.remove(callback)
-
-    def show(self, topic: Topic[Any], message: Message, now_ns: int, writer: str) -> None:
-        """Show a message to the taps."""
-        for tap in tuple(self._taps):
-            tap(topic, message, now_ns, writer)
-
     @abc.abstractmethod
+    def after_failure(self) -> None:
+        """Let the robots come to rest for a moment, then end `run`."""
+
+    def call(self, service: Service[Q, R], request: Q, prefix: str = "") -> Future[R]:
+        """Call a service from outside, from any thread. The future gives the reply, or raises the AmblerError of the server, or why
+        the run ended before: RunEndedError, NodeFailedError. Its callbacks run on the door's turn and must be short.
+
+        Raises StackError when no node serves it, BadInputError when the request cannot be encoded.
+        """
+        return self._door(prefix).call(service, request)
+
+    def send_goal(
+        self, task: Task[G, F, R], goal: G, on_feedback: Callable[[F], None] | None = None, prefix: str = ""
+    ) -> OutsideTicket[F, R]:
+        """Start a task from outside, from any thread; raises as `call`. What `on_feedback` raises is counted in `troubles`."""
+        return self._door(prefix).send_goal(task, goal, on_feedback)
+
+    def tap(self, callback: Tap, prefix: str = "") -> Callable[[], None]:
+        """Show every delivered message of a stack to `callback`: a recorder, a live view. Returns what ends it."""
+        bus = self._bus(prefix)
+        bus.taps = (*bus.taps, callback)
+
+        def end() -> None:
+            bus.taps = tuple(tap for tap in bus.taps if tap is not callback)
+
+        return end
+
+    def show(self, bus: Bus, topic: Topic[Any], message: Message, now_ns: int, writer: str) -> None:
+        """Show a message to the taps. One that raises is counted and shown no more."""
+        for tap in bus.taps:
+            if not self.troubles.attempt("TAP_FAILED", lambda tap=tap: tap(topic, message, now_ns, writer)):  # type: ignore[misc]
+                bus.taps = tuple(other for other in bus.taps if other is not tap)
+
+    def context_of(self, node: str, prefix: str = "") -> NodeContext:
+        """Return the context of a node by its name; raises KeyError."""
+        for context in self.contexts:
+            if context.node.name == node and context.bus.prefix == prefix:
+                return context
+        raise KeyError(f"no stack {prefix!r} with a node {node!r}")
+
+    def log_line(self, node: str, code: str, text: str, **fields: Any) -> None:
+        """Write one line of the log; whatever is wrong with the log is counted in `troubles` of both and goes no further."""
+        try:
+            self.log.write(self.now_ns, node, code, text, **fields)
+        except Exception as error:  # noqa: BLE001  (a log of whatever kind must not reach a node's turn, nor a stop)
+            self.troubles.note("LOG_FAILED", describe(error))
+
     def close(self) -> None:
-        """Stop every node and release threads."""
+        """Stop every node, answer whoever still waits outside, and release threads."""
+        self.stop_nodes()
+        self._end_calls(RunEndedError("the executor was closed"), for_good=True)
+        for pool in self._pools.values():
+            pool.shutdown(wait=True, cancel_futures=True)
 
     def __enter__(self) -> Self:
         return self
@@ -263,7 +189,7 @@ class Executor(abc.ABC):
         self.close()
 
     def start_nodes(self) -> None:
-        """Start every node once, in the order of the stack."""
+        """Start every node once, in the order of the stacks."""
         if self._is_started:
             return
         self._is_started = True
@@ -289,17 +215,46 @@ class Executor(abc.ABC):
         except Exception as error:  # noqa: BLE001  (the one place where every fault of a node ends)
             self._fail(context, error)
 
-    def _fail(self, context: NodeContext, error: Exception) -> None:
-        context.is_failed = True
-        reason = f"node {context.node.name} failed: {type(error).__name__}: {error}"
-        self.log.write(self.now_ns, context.node.name, "NODE_FAILED", reason)
-        if self.failure is None:
-            self.failure = NodeFailedError(reason)
-            self.failure.__cause__ = error
-        if self._on_failure is not None:
-            self._on_failure(reason)
-        self.after_failure()
+    def pool(self, context: NodeContext, kind: WorkKind) -> ThreadPoolExecutor:
+        """Return the one thread of a stack for background work of a kind."""
+        key = context.bus.prefix, kind
+        pool = self._pools.get(key)
+        if pool is None:
+            pool = self._pools.setdefault(key, ThreadPoolExecutor(1, thread_name_prefix=f"background-{kind.value}"))
+        return pool
 
-    @abc.abstractmethod
-    def after_failure(self) -> None:
-        """Let the robot come to rest for a moment, then end `run`."""
+    def end_run(self, *, is_over: bool) -> None:
+        """Tell those who wait outside that a run is over (it failed, was stopped, or nothing is left to do), and raise its failure."""
+        if self.failure is not None:
+            self._end_calls(self.failure, for_good=True)
+            raise self.failure
+        if is_over:
+            self._end_calls(RunEndedError("the run was stopped"), for_good=False)
+
+    def _fail(self, context: NodeContext, error: Exception) -> None:
+        """Stop first, then tell."""
+        context.is_failed = True
+        reason = f"node {context.name} failed: {describe(error)}"
+        with self._failing:
+            if self.failure is None:
+                self.failure = NodeFailedError(reason)
+                self.failure.__cause__ = error
+        on_failure = self._on_failure
+        if on_failure is not None:
+            self.troubles.attempt("STOP_FAILED", lambda: on_failure(reason))
+        self.after_failure()
+        self.log_line(context.name, "NODE_FAILED", reason)
+
+    def _end_calls(self, reason: AmblerError, *, for_good: bool) -> None:
+        for door in self._doors.values():
+            door.end(reason, for_good=for_good)
+
+    def _bus(self, prefix: str) -> Bus:
+        try:
+            return self._buses[prefix]
+        except KeyError:
+            raise StackError(f"no stack has the prefix {prefix!r}; there are {sorted(self._buses)}") from None
+
+    def _door(self, prefix: str) -> OutsideDoor:
+        self._bus(prefix)
+        return self._doors[prefix]

@@ -6,12 +6,29 @@ hands it a `Context`, the only way to the world.
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
+from ambler.core.errors import AmblerError
 from ambler.core.messages import Message
+from ambler.core.requests import TaskOutcome
 from ambler.runtime.topics import Topic
+from ambler.wire import ros_services
+
+__all__ = [
+    "Context",
+    "GoalHandle",
+    "GoalTicket",
+    "Node",
+    "Offers",
+    "Service",
+    "Task",
+    "TaskOutcome",
+    "Topics",
+    "WorkKind",
+]
 
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
@@ -23,35 +40,78 @@ F = TypeVar("F")
 
 @dataclass(frozen=True, slots=True)
 class Service(Generic[Q, R]):
-    """A request with one reply."""
+    """A request with one reply; `ros_type` defines both on the wire. `is_outside` says that pages, bridges and other machines may
+    offer it to their users; what it is not is for the robot's own nodes and application."""
 
     name: str
     request: type[Q]
     reply: type[R]
+    ros_name: str = ""
+    ros_type: str = ""
+    is_outside: bool = False
+
+    def encode_request(self, request: Q) -> bytes:
+        """Return the request as CDR; raises BadInputError for values that do not fit."""
+        return ros_services.encode_request(self.ros_type, request)
+
+    def decode_request(self, data: bytes) -> Q:
+        """Read a request; raises BadInputError."""
+        return ros_services.decode_request(self.ros_type, self.request, data)
+
+    def encode_reply(self, reply: R | AmblerError) -> bytes:
+        """Return the reply, or the error that the server answered with, as CDR."""
+        return ros_services.encode_reply(self.ros_type, self.reply, reply)
+
+    def decode_reply(self, data: bytes) -> R:
+        """Read a reply; raises the error that the server answered with, or BadInputError."""
+        return ros_services.decode_reply(self.ros_type, self.reply, data)
 
 
 @dataclass(frozen=True, slots=True)
 class Task(Generic[G, F, R]):
-    """A long-running goal with feedback and a result; cancellable and preemptible, with named failures."""
+    """A long-running goal with feedback and a result; cancellable and preemptible, with named failures. `ros_type` defines its parts
+    on the wire, `is_outside` is as for services."""
 
     name: str
     goal: type[G]
     feedback: type[F]
     result: type[R]
     failures: tuple[str, ...]
+    ros_name: str = ""
+    ros_type: str = ""
+    is_outside: bool = False
+
+    def encode_goal(self, goal: G) -> bytes:
+        """Return the goal as CDR; raises BadInputError for values that do not fit."""
+        return ros_services.encode_goal(self.ros_type, goal)
+
+    def decode_goal(self, data: bytes) -> G:
+        """Read a goal; raises BadInputError."""
+        return ros_services.decode_goal(self.ros_type, self.goal, data)
+
+    def encode_feedback(self, feedback: F) -> bytes:
+        """Return feedback as CDR."""
+        return ros_services.encode_feedback(self.ros_type, feedback)
+
+    def decode_feedback(self, data: bytes) -> F:
+        """Read feedback; raises BadInputError."""
+        return ros_services.decode_feedback(self.ros_type, self.feedback, data)
+
+    def encode_outcome(self, outcome: TaskOutcome[R]) -> bytes:
+        """Return how the task ended as CDR."""
+        return ros_services.encode_outcome(self.ros_type, self.result, outcome)
+
+    def decode_outcome(self, data: bytes) -> TaskOutcome[R]:
+        """Read how the task ended; raises BadInputError."""
+        return ros_services.decode_outcome(self.ros_type, self.result, data)
 
 
-@dataclass(frozen=True, slots=True)
-class TaskOutcome(Generic[R]):
-    """How a task ended: `code` is SUCCEEDED, CANCELLED, PREEMPTED or one of the task's failures; `text` says why in one sentence."""
+class WorkKind(enum.Enum):
+    """Classes of background work. Each has a thread of its own, so that none of one class waits for work of another."""
 
-    code: str
-    text: str
-    result: R | None
-
-    @property
-    def is_success(self) -> bool:
-        return self.code == "SUCCEEDED"
+    CONTROL = "control"
+    PERCEPTION = "perception"
+    MAPPING = "mapping"
 
 
 Topics = tuple[Topic[Any], ...]
@@ -131,8 +191,15 @@ class Context(Protocol):
         """Call back once, `delay` seconds from now."""
         ...
 
-    def background(self, work: Callable[[], T], duration: float, done: Callable[[T], None]) -> None:
-        """Run pure `work` off the node's time; `done` gets its value `duration` simulated seconds later (live: when it is ready)."""
+    def background(
+        self,
+        work: Callable[[], T],
+        duration: float,
+        done: Callable[[T], None],
+        kind: WorkKind = WorkKind.MAPPING,
+    ) -> None:
+        """Run pure `work` off the node's time, after earlier work of the same kind; `done` gets its value `duration` simulated
+        seconds later (live: when it is ready)."""
         ...
 
     def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> None:

@@ -6,19 +6,21 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ambler.core.errors import StackError
-from ambler.runtime.node import Node
+from ambler.runtime.node import Node, Offers
 from ambler.runtime.topics import Topic
 
 
 class Stack:
-    """A checked list of nodes. `external` names the topics that come from outside: a recording, a person at a screen.
+    """A checked list of nodes. `external` names the topics that come from outside: a recording, a person at a screen. `prefix` tells
+    the robots of one executor apart; nodes never see it, and no topic, service or task of one prefix reaches another.
 
     Raises StackError that lists every fault of the wiring at once.
     """
 
-    def __init__(self, nodes: Sequence[Node], external: Iterable[Topic[Any]] = ()) -> None:
+    def __init__(self, nodes: Sequence[Node], external: Iterable[Topic[Any]] = (), prefix: str = "") -> None:
         self.nodes = tuple(nodes)
         self.external = tuple(external)
+        self.prefix = prefix
         faults = [*self._name_faults(), *self._topic_faults(), *self._service_faults()]
         if faults:
             raise StackError("; ".join(faults))
@@ -29,6 +31,16 @@ class Stack:
             if node.name == name:
                 return node
         raise KeyError(f"the stack has no node {name!r}")
+
+    @property
+    def served(self) -> Offers:
+        """Every service and task that a node of the stack serves."""
+        return tuple(offer for node in self.nodes for offer in node.serves)
+
+    @property
+    def outside_offers(self) -> Offers:
+        """Those of `served` that pages, bridges and other machines may offer to their users."""
+        return tuple(offer for offer in self.served if offer.is_outside)
 
     def _name_faults(self) -> list[str]:
         names = [n.name for n in self.nodes]

@@ -1,244 +1,201 @@
-"""The services and tasks of the stack, the second half of the one table."""
+"""The services and tasks of the stack, the second half of the one table: names, records, ROS names and definitions.
+
+Those marked `is_outside` may be offered to people and machines outside the robot. The others are for its own nodes and
+application: an approach permit lifts the gate's protection, and saving takes any path.
+"""
 
 from __future__ import annotations
 
-import enum
-from dataclasses import dataclass
+from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ambler.core.messages import Frontier, Path
-from ambler.core.se2 import SE2
+from ambler.core.requests import (
+    ApproachRequest,
+    DockFeedback,
+    DockGoal,
+    DockReport,
+    EndProgramRequest,
+    ExploreFeedback,
+    ExploreGoal,
+    ExploreResult,
+    FollowPathFeedback,
+    FollowPathGoal,
+    GateReply,
+    GateRequest,
+    NavigateFeedback,
+    NavigateGoal,
+    NavigateResult,
+    Nothing,
+    PicturesRequest,
+    PlanReply,
+    PlanRequest,
+    RecoverGoal,
+    RecoveryKind,
+    SaveMapRequest,
+    TeachDockReply,
+    TeachDockRequest,
+    UndockGoal,
+)
 from ambler.runtime.node import Service, Task
-
-
-@dataclass(frozen=True, slots=True)
-class Nothing:
-    """An empty request or reply."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlanRequest:
-    """Ask for a path from the robot's pose to `map_from_goal`."""
-
-    map_from_goal: SE2
-
-
-@dataclass(frozen=True, slots=True)
-class PlanReply:
-    """A path in the map frame, its cost, and how far its end lies from the wanted goal, metres (0: exactly there)."""
-
-    path: Path
-    cost: float
-    goal_distance: float
-
-
-@dataclass(frozen=True, slots=True)
-class GateRequest:
-    """Ask the gate to arm, pause, stop or reset; `source` says who asks, `reason` why."""
-
-    source: str
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class GateReply:
-    """Whether the gate did it, and if not, why."""
-
-    is_done: bool
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class SaveMapRequest:
-    """Save the map as `<stem>.pgm` and `<stem>.yaml`."""
-
-    stem: str
-
-
-@dataclass(frozen=True, slots=True)
-class PicturesRequest:
-    """Ask the camera for pictures for so many seconds from now on; nobody needs to say that they are no longer wanted."""
-
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ApproachRequest:
-    """Ask the gate to let a dock's outline float64 (N, 2), in the dock's frame, be approached for `seconds`, and the base to go
-    `overrun` metres beyond the docked pose (safety.approach_permit)."""
-
-    odom_from_dock: SE2
-    outline: NDArray[np.float64]
-    overrun: float
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class TeachDockRequest:
-    """Save where the robot stands now as the docked pose of a known dock."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class TeachDockReply:
-    """The dock's new pose in the map."""
-
-    map_from_dock: SE2
-
-
-COMPUTE_PATH = Service("compute_path", PlanRequest, PlanReply)
-CLEAR_GLOBAL_COSTMAP = Service("clear_global_costmap", Nothing, Nothing)
-CLEAR_LOCAL_COSTMAP = Service("clear_local_costmap", Nothing, Nothing)
-ARM = Service("arm", GateRequest, GateReply)
-PAUSE = Service("pause", GateRequest, GateReply)
-EMERGENCY_STOP = Service("emergency_stop", GateRequest, GateReply)
-RESET_STOP = Service("reset_stop", GateRequest, GateReply)
-SAVE_MAP = Service("save_map", SaveMapRequest, Nothing)
-SAVE_GLASS = Service("save_glass", SaveMapRequest, Nothing)
-CAMERA_PICTURES = Service("camera_pictures", PicturesRequest, Nothing)
-STOP_CHARGING = Service("stop_charging", Nothing, Nothing)
-PERMIT_APPROACH = Service("permit_approach", ApproachRequest, GateReply)
-REVOKE_APPROACH = Service("revoke_approach", Nothing, Nothing)
-TEACH_DOCK = Service("teach_dock", TeachDockRequest, TeachDockReply)
-RELOCALIZE = Service("relocalize", Nothing, Nothing)
-
-
-@dataclass(frozen=True, slots=True)
-class FollowPathGoal:
-    """Follow a path in the map frame to its end; newer paths on the `path` topic replace it while the goal is active."""
-
-    path: Path
-    xy_tolerance: float = 0.15
-    yaw_tolerance: float = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class FollowPathFeedback:
-    """How much path is left, metres."""
-
-    distance_remaining: float
-
-
-class RecoveryKind(enum.Enum):
-    """What the base may do to free itself."""
-
-    ROTATE = "rotate"
-    BACK_UP = "back_up"
-
-
-@dataclass(frozen=True, slots=True)
-class RecoverGoal:
-    """Turn by `amount` radians in place, or back up by `amount` metres."""
-
-    kind: RecoveryKind
-    amount: float
-
-
-@dataclass(frozen=True, slots=True)
-class NavigateGoal:
-    """Drive to a pose of the map."""
-
-    map_from_goal: SE2
-    xy_tolerance: float = 0.15
-    yaw_tolerance: float = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class NavigateFeedback:
-    """Named state of the navigator, path left in metres, and recoveries used so far."""
-
-    state: str
-    distance_remaining: float
-    recoveries: int
-
-
-@dataclass(frozen=True, slots=True)
-class NavigateResult:
-    """Where the robot ended, and how far from the wanted goal a substitute lay."""
-
-    map_from_base: SE2 | None
-    goal_distance: float
-    recoveries: int
-
-
-@dataclass(frozen=True, slots=True)
-class ExploreGoal:
-    """Explore until no reachable frontier is left, then return to the start if wanted."""
-
-    return_to_start: bool = True
-    boundary: tuple[tuple[float, float], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class ExploreFeedback:
-    """Named state of the explorer and what is still open."""
-
-    state: str
-    frontiers_open: int
-    goals_reached: int
-    known_area: float
-
-
-@dataclass(frozen=True, slots=True)
-class ExploreResult:
-    """The proof: the frontiers that remain, each with its reason; and whether the robot came home."""
-
-    remaining: tuple[Frontier, ...]
-    goals_reached: int
-    is_home: bool
-
-
-@dataclass(frozen=True, slots=True)
-class DockGoal:
-    """Drive to a dock of the database and dock."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class UndockGoal:
-    """Back out of a dock to its staging pose."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class DockFeedback:
-    """Named state of the docking, one sentence, failed final approaches so far, and metres to the docked pose (None: not seen)."""
-
-    state: str
-    text: str
-    attempts: int
-    distance: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class DockReport:
-    """How it went: final approaches, seconds in all and from the staging pose on, the dock in the base frame by the last sightings."""
-
-    attempts: int
-    seconds: float
-    docking_seconds: float
-    base_from_dock: SE2 | None
-
-
-FOLLOW_PATH = Task(
+from ambler.wire.ros_types import TRIGGER
+
+# The records are part of the table, so that nodes find all of it in one place.
+__all__ = [
+    "ARM",
+    "CAMERA_PICTURES",
+    "CLEAR_GLOBAL_COSTMAP",
+    "CLEAR_LOCAL_COSTMAP",
+    "CLICKED_GOAL_OVER",
+    "COMPUTE_PATH",
+    "DOCK",
+    "DOCK_FAILURES",
+    "EMERGENCY_STOP",
+    "END_PROGRAM",
+    "EXPLORE",
+    "FINISH_MAP",
+    "FOLLOW_PATH",
+    "NAVIGATE",
+    "NEAREST_REACHED",
+    "PAUSE",
+    "PERMIT_APPROACH",
+    "RECOVER",
+    "RELOCALIZE",
+    "RESET_STOP",
+    "REVOKE_APPROACH",
+    "SAVE_GLASS",
+    "SAVE_MAP",
+    "STOP_CHARGING",
+    "TEACH_DOCK",
+    "UNDOCK",
+    "ApproachRequest",
+    "DockFeedback",
+    "DockGoal",
+    "DockReport",
+    "EndProgramRequest",
+    "ExploreFeedback",
+    "ExploreGoal",
+    "ExploreResult",
+    "FollowPathFeedback",
+    "FollowPathGoal",
+    "GateReply",
+    "GateRequest",
+    "NavigateFeedback",
+    "NavigateGoal",
+    "NavigateResult",
+    "Nothing",
+    "PicturesRequest",
+    "PlanReply",
+    "PlanRequest",
+    "RecoverGoal",
+    "RecoveryKind",
+    "SaveMapRequest",
+    "TeachDockReply",
+    "TeachDockRequest",
+    "UndockGoal",
+    "all_services",
+    "all_tasks",
+    "service_named",
+    "task_named",
+]
+
+Q = TypeVar("Q")
+R = TypeVar("R")
+G = TypeVar("G")
+F = TypeVar("F")
+
+_SERVICES: dict[str, Service[Any, Any]] = {}
+_TASKS: dict[str, Task[Any, Any, Any]] = {}
+
+
+def _service(name: str, request: type[Q], reply: type[R], ros_type: str, *, is_outside: bool = False) -> Service[Q, R]:
+    service = Service(name, request, reply, f"/{name}", ros_type, is_outside)
+    _SERVICES[name] = service
+    return service
+
+
+def _task(
+    name: str,
+    goal: type[G],
+    feedback: type[F],
+    result: type[R],
+    failures: tuple[str, ...],
+    ros_type: str,
+    *,
+    is_outside: bool = False,
+) -> Task[G, F, R]:
+    task = Task(name, goal, feedback, result, failures, f"/{name}", ros_type, is_outside)
+    _TASKS[name] = task
+    return task
+
+
+def all_services() -> tuple[Service[Any, Any], ...]:
+    """Return every declared service in the order of declaration."""
+    return tuple(_SERVICES.values())
+
+
+def all_tasks() -> tuple[Task[Any, Any, Any], ...]:
+    """Return every declared task in the order of declaration."""
+    return tuple(_TASKS.values())
+
+
+def service_named(name: str) -> Service[Any, Any]:
+    """Return a service by its name or ROS name; raises KeyError."""
+    return _SERVICES[name.removeprefix("/")]
+
+
+def task_named(name: str) -> Task[Any, Any, Any]:
+    """Return a task by its name or ROS name; raises KeyError."""
+    return _TASKS[name.removeprefix("/")]
+
+
+COMPUTE_PATH = _service("compute_path", PlanRequest, PlanReply, "ambler_msgs/srv/ComputePath", is_outside=True)
+CLEAR_GLOBAL_COSTMAP = _service("clear_global_costmap", Nothing, Nothing, TRIGGER, is_outside=True)
+CLEAR_LOCAL_COSTMAP = _service("clear_local_costmap", Nothing, Nothing, TRIGGER, is_outside=True)
+ARM = _service("arm", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
+PAUSE = _service("pause", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
+EMERGENCY_STOP = _service("emergency_stop", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
+RESET_STOP = _service("reset_stop", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
+SAVE_MAP = _service("save_map", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
+SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
+CAMERA_PICTURES = _service(
+    "camera_pictures", PicturesRequest, Nothing, "ambler_msgs/srv/CameraPictures", is_outside=True
+)
+STOP_CHARGING = _service("stop_charging", Nothing, Nothing, TRIGGER, is_outside=True)
+PERMIT_APPROACH = _service("permit_approach", ApproachRequest, GateReply, "ambler_msgs/srv/PermitApproach")
+REVOKE_APPROACH = _service("revoke_approach", Nothing, Nothing, TRIGGER)
+TEACH_DOCK = _service("teach_dock", TeachDockRequest, TeachDockReply, "ambler_msgs/srv/TeachDock", is_outside=True)
+END_PROGRAM = _service("end_program", EndProgramRequest, Nothing, "ambler_msgs/srv/EndProgram", is_outside=True)
+RELOCALIZE = _service("relocalize", Nothing, Nothing, TRIGGER, is_outside=True)
+
+
+FOLLOW_PATH = _task(
     "follow_path",
     FollowPathGoal,
     FollowPathFeedback,
     Nothing,
     ("INVALID_PATH", "TRANSFORM_MISSING", "STALE_INPUT", "NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS"),
+    "ambler_msgs/action/FollowPath",
 )
-RECOVER = Task("recover", RecoverGoal, Nothing, Nothing, ("COLLISION_AHEAD", "TIMEOUT", "STALE_INPUT"))
-NAVIGATE = Task(
+RECOVER = _task(
+    "recover",
+    RecoverGoal,
+    Nothing,
+    Nothing,
+    ("COLLISION_AHEAD", "TIMEOUT", "STALE_INPUT"),
+    "ambler_msgs/action/Recover",
+)
+NEAREST_REACHED = "NEAREST_REACHED"
+"""The goal of a drive cannot be reached, and the robot stands as near to it as it can."""
+NAVIGATE = _task(
     "navigate",
     NavigateGoal,
     NavigateFeedback,
     NavigateResult,
-    ("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+    (
+        NEAREST_REACHED,
+        *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+    ),
+    "ambler_msgs/action/Navigate",
+    is_outside=True,
 )
 DOCK_FAILURES = (
     "UNKNOWN_DOCK",
@@ -255,11 +212,21 @@ DOCK_FAILURES = (
     "STALE_INPUT",
     "LOST",
 )
-DOCK = Task("dock", DockGoal, DockFeedback, DockReport, DOCK_FAILURES)
-UNDOCK = Task("undock", UndockGoal, DockFeedback, DockReport, DOCK_FAILURES)
-FINISH_MAP = Task("finish_map", Nothing, Nothing, Nothing, ())
+DOCK = _task("dock", DockGoal, DockFeedback, DockReport, DOCK_FAILURES, "ambler_msgs/action/Dock", is_outside=True)
+UNDOCK = _task(
+    "undock", UndockGoal, DockFeedback, DockReport, DOCK_FAILURES, "ambler_msgs/action/Dock", is_outside=True
+)
+FINISH_MAP = _task("finish_map", Nothing, Nothing, Nothing, (), "ambler_msgs/action/FinishMap", is_outside=True)
 """Search once more for loop closures among everything that is known, and optimize; before a map is saved, while the robot stands."""
-EXPLORE = Task("explore", ExploreGoal, ExploreFeedback, ExploreResult, ("STUCK", "LOST", "RETURN_FAILED"))
+EXPLORE = _task(
+    "explore",
+    ExploreGoal,
+    ExploreFeedback,
+    ExploreResult,
+    ("STUCK", "LOST", "RETURN_FAILED"),
+    "ambler_msgs/action/Explore",
+    is_outside=True,
+)
 
 CLICKED_GOAL_OVER = "CLICKED_GOAL_OVER"
 """Code of the status with which the navigator says that a goal clicked by a person is over; explorers wait for it."""

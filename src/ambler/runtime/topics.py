@@ -61,8 +61,10 @@ def _topic(
 # Sensors
 SCAN = _topic("scan", m.LaserScan, "/scan", max_age=0.5)
 SCANNERS = _topic("scanners", m.LaserScan, "/scanners", depth=20, max_age=0.5, has_many_writers=True)
+MERGED_FREE = _topic("merged_free", m.PointCloud, "/merged_free", depth=2, max_age=0.5)
 MERGED_CLOUD = _topic("merged_cloud", m.PointCloud, "/merged_points", depth=2, max_age=0.5)
 RANGES = _topic("ranges", m.Range, "/ultrasonic", depth=50, max_age=0.5)
+ECHOES = _topic("echoes", m.JudgedEcho, "/echoes", depth=50, max_age=0.5)
 CLOUD = _topic("cloud", m.PointCloud, "/points", max_age=0.5)
 IMU = _topic("imu", m.Imu, "/imu", depth=200, max_age=0.2)
 WHEEL_ODOMETRY = _topic("wheel_odometry", m.Odometry, "/wheel_odom", depth=100, max_age=0.3)
@@ -97,6 +99,8 @@ DOCKING_REQUEST = _topic("docking_request", m.VelocityCommand, "/cmd_vel_docking
 VELOCITY_COMMAND = _topic("velocity_command", m.VelocityCommand, "/cmd_vel", "latest", 1, max_age=0.5)
 GATE_STATUS = _topic("gate_status", m.GateStatus, "/gate_status", "latched", 1)
 STATUS = _topic("status", m.Status, "/status", depth=50, has_many_writers=True)
+# What came through the outside door (runtime.door); written by the executor itself, so that a replay can repeat it
+OUTSIDE_CALLS = _topic("outside_calls", m.OutsideCall, "/outside_calls", depth=100)
 # Docking
 DOCK_POSE = _topic("dock_pose", m.PoseStamped, "/dock_pose", depth=20)
 # Ground truth, in simulation only; no algorithm may subscribe to it

@@ -8,6 +8,7 @@ points are kept, not the points: their extremes would pile up scan by scan and g
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,20 +77,34 @@ class BlindMemory:
         self._travel = 0.0
         self._odom_from_base: SE2 | None = None
 
-    def update(self, points_base: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView) -> F64:
+    def update(
+        self,
+        points_base: F64,
+        odom_from_base: SE2,
+        base_from_sensor: SE3,
+        field: FieldOfView,
+        others: Sequence[tuple[SE3, FieldOfView]] = (),
+    ) -> F64:
         """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
-        columns that the scanner cannot see now and nothing has disproved."""
+        columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
+        is_central = field.shrunk(*SOON).contains(rays)
+        is_fading = ~is_central & ~_is_seen(points_base, others)
+        if len(self._means_odom) == 0 and not is_fading.any():
+            return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom), self._seen_at
         kept_rays = _rays(sensor_from_base, kept)
         sure = field.shrunk(*SLACK)
-        is_kept = ~sure.contains(kept_rays) & ~_looked_through(kept_rays, rays)
-        is_kept &= ~np.isin(_columns(kept), _columns(points_base[sure.contains(rays)]))
+        looks_there = replace(field, range_min=0.0).contains(
+            kept_rays
+        )  # beside the sector nothing can be looked through
+        is_kept = ~sure.contains(kept_rays) & ~_is_seen(kept, others)
+        is_kept &= ~(looks_there & _looked_through(kept_rays, rays))
+        is_kept &= ~np.isin(_columns(kept), _columns(points_base[is_central]))  # at the rim, few may be left of a thing
         is_kept &= self._travel - seen_at < self._max_travel
         kept, seen_at = kept[is_kept], seen_at[is_kept]
-        is_fading = ~field.shrunk(*SOON).contains(rays)
         fading = _column_means(points_base[is_fading], rays[0][is_fading], field.range_min + CUT)
         together = _moved(odom_from_base, np.concatenate((fading, kept)))
         first = np.unique(_columns(together), return_index=True)[1]
@@ -113,6 +128,14 @@ def _rays(sensor_from_base: SE3, points_base: F64) -> Rays:
     p = sensor_from_base.transform(points_base)
     flat = np.hypot(p[:, 0], p[:, 1])
     return np.hypot(flat, p[:, 2]), np.arctan2(p[:, 1], p[:, 0]), np.arctan2(p[:, 2], flat)
+
+
+def _is_seen(points_base: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> NDArray[np.bool_]:
+    """Return bool (N,): whether any scanner looks there, and not just with its rim, which may be gone at its next scan."""
+    is_seen = np.zeros(len(points_base), np.bool_)
+    for base_from_sensor, field in scanners:
+        is_seen |= field.shrunk(*SOON).contains(_rays(base_from_sensor.inverse(), points_base))
+    return is_seen
 
 
 def _looked_through(kept: Rays, seen: Rays) -> NDArray[np.bool_]:

@@ -66,11 +66,23 @@ def build(kind: type[T], values: Mapping[str, Any]) -> T:
     """Make the configuration `kind` (a dataclass) from nested values over its defaults; raises BadInputError naming the key."""
     prepared = _radians(kind, values, "")
     try:
-        return TypeAdapter(kind).validate_python(prepared)
+        built = TypeAdapter(kind).validate_python(prepared)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise BadInputError(f"configuration {where}: {first['msg']}") from error
+    _require_finite(built, "")
+    return built
+
+
+def _require_finite(config: Any, where: str) -> None:
+    """Raise BadInputError for nan, and for an infinite number where the default is finite."""
+    for f in dataclasses.fields(config):
+        value, key = getattr(config, f.name), f"{where}{f.name}"
+        if dataclasses.is_dataclass(value):
+            _require_finite(value, f"{key}.")
+        elif isinstance(value, float) and (math.isnan(value) or (math.isinf(value) and f.default != value)):
+            raise BadInputError(f"configuration {key}: must be a finite number, not {value}")
 
 
 def as_values(config: Any) -> Any:

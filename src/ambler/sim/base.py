@@ -10,12 +10,23 @@ from typing import Protocol
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import VelocityLimits
 from ambler.core.se2 import SE2
+from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Solid
+
+
+@dataclass(frozen=True)
+class PlacedRobot:
+    """A robot that the physics shall move: the name that others touch it by, and where it starts."""
+
+    name: str
+    robot: SimRobot
+    start: SE2
 
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """A contact in the world: names of the robot's part and of the solid, place, speed of the robot there, force."""
+    """A contact in the world: names of the robot's part and of the solid (or of the other robot), place, speed of the robot there,
+    force."""
 
     part: str
     solid: str
@@ -26,7 +37,7 @@ class Touch:
 
 @dataclass(frozen=True, slots=True)
 class Carriage:
-    """State of the moving base without its gait: position and quaternion (wxyz) in the map frame."""
+    """State of the moving base without its gait: position and quaternion (wxyz) in the world."""
 
     position: tuple[float, float, float]
     rotation: tuple[float, float, float, float]
@@ -38,24 +49,24 @@ class Carriage:
 
 
 class Physics(Protocol):
-    """Moves the base. `travel` is what its own encoders (or legs) have counted, in the order of the robot's `sim.drive`."""
+    """Moves the bases of all robots of a world at once, in the order in which they were placed."""
 
-    def step(self, target: BodyVelocity) -> None:
-        """Advance by one physics step with the wanted body velocity."""
+    def step(self, targets: Sequence[BodyVelocity]) -> None:
+        """Advance by one physics step with the wanted body velocities."""
         ...
 
-    @property
-    def carriage(self) -> Carriage: ...
+    def carriage(self, robot: int) -> Carriage: ...
 
-    @property
-    def travel(self) -> tuple[float, ...]: ...
+    def travel(self, robot: int) -> tuple[float, ...]:
+        """What the base's own encoders (or legs) have counted, in the order of the robot's `sim.drive`."""
+        ...
 
     def move(self, movers: Sequence[Solid]) -> None:
         """Put everything that moves by itself (people, doors) to where it is now, always in the same order."""
         ...
 
-    def touches(self) -> tuple[Touch, ...]:
-        """Contacts during the last step, with anything but the ground."""
+    def touches(self, robot: int) -> tuple[Touch, ...]:
+        """Contacts of a robot during the last step, with anything but the ground."""
         ...
 
 

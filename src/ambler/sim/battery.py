@@ -56,10 +56,10 @@ class Battery:
         """Let no current flow until the contacts have opened."""
         self._is_stopped = True
 
-    def update(self, map_from_base: SE2, speed: float, dt: float, *, has_power: bool) -> None:
+    def update(self, world_from_base: SE2, speed: float, dt: float, *, has_power: bool) -> None:
         """Advance by `dt` seconds; docks without power close contacts but give no current."""
         self._seconds += dt
-        if any(self._meets(dock.map_from_dock.inverse() @ map_from_base) for dock in self._docks):
+        if any(self._meets(dock.world_from_dock.inverse() @ world_from_base) for dock in self._docks):
             self._closed_for = dt if self._closed_for is None else self._closed_for + dt
         else:
             self._closed_for, self._is_stopped = None, False

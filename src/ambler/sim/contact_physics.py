@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.protocols import BodyVelocity
-from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.sim.base import Carriage, Touch
+from ambler.sim.base import Carriage, PlacedRobot, Touch
 from ambler.sim.drive import after_strafe_loss, drive_of
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -35,57 +34,103 @@ WHEEL_GAIN = 10.0
 WHEEL_INTEGRAL = 5.0
 
 
-class ContactPhysics:
-    """One robot in one world, in the map frame, starting at the origin."""
+class _Body:
+    """One robot in the model: where its numbers lie in the arrays of MuJoCo."""
 
-    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> None:
-        self._robot = robot
-        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robot, dt, movers))
+    def __init__(self, model: Any, data: Any, placed: PlacedRobot, first_sensor: int, first_motor: int) -> None:
+        self.name, self.robot = placed.name, placed.robot
+        self.drive = drive_of(placed.robot)
+        self.turned = [0.0] * self.drive.parts
+        base = model.body(f"{placed.name}/base")
+        joint = int(model.body_jntadr[base.id])
+        self.qpos, self.qvel = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        self.parts = frozenset(np.nonzero(model.body_rootid[model.geom_bodyid] == base.id)[0].tolist())
+        self.has_wheels = placed.robot.has_two_wheels
+        self.feet = [] if self.has_wheels else _find_feet(model, placed.name)
+        self.sensor, self.motor = first_sensor, first_motor
+        self.start = placed.start
+        self._carried = np.zeros(2)
+        self._carried_max = 0.25 * placed.robot.mass * 9.81 * placed.robot.wheel_radius / WHEEL_GAIN
+        self.speed_before = (0.0, 0.0, 0.0)
+        self.carriage = Carriage((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+
+    def read(self, qpos: Any) -> None:
+        """Take the pose of the base out of MuJoCo's state."""
+        q = qpos[self.qpos : self.qpos + 7].tolist()
+        self.carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
+
+    def carry_load(self, ctrl: Any, qvel: Any, dt: float) -> None:
+        """Add to the wheels' wanted rates in `ctrl` what the load, by which they fall short of them, asks for."""
+        motors = slice(self.motor, self.motor + 2)
+        missing = ctrl[motors] - qvel[self.qvel + 6 : self.qvel + 8]
+        self._carried = np.clip(self._carried + WHEEL_INTEGRAL * dt * missing, -self._carried_max, self._carried_max)
+        ctrl[motors] += self._carried
+
+    def put_back(self, qpos: Any, rest: SE3 | None) -> None:
+        """Move the base along the ground to where it started, and turn it to its first heading. On level ground (`rest` None) it becomes
+        exactly level; `rest` is the pose in which it was put above other ground."""
+        q, start = self.qpos, self.start
+        if rest is None:
+            qpos[q : q + 2] = (start.x, start.y)
+            qpos[q + 3 : q + 7] = (math.cos(0.5 * start.yaw), 0.0, 0.0, math.sin(0.5 * start.yaw))
+        else:
+            rested = SE3(tuple(qpos[q : q + 3]), tuple(qpos[q + 3 : q + 7]))
+            up = rest.matrix()[:3, 2]
+            lifted = up * float(up @ np.subtract(rested.translation, rest.translation))
+            back = rest.to_se2().yaw - rested.to_se2().yaw
+            turned = SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, back) @ rested
+            qpos[q : q + 3], qpos[q + 3 : q + 7] = np.add(rest.translation, lifted), turned.rotation
+        qpos[q + 7 : q + 7 + 2 * self.has_wheels] = 0.0
+        self.turned = [0.0] * self.drive.parts
+
+
+class ContactPhysics:
+    """Robots in one world that push what they touch, each other too. See `sim.base.Physics`."""
+
+    def __init__(
+        self, world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()
+    ) -> None:
+        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robots, dt, movers))
         self._data: Any = mujoco.MjData(self._model)
         self._step: Any = mujoco.mj_step
         self._dt = dt
         self._qpos, self._qvel, self._ctrl = self._data.qpos, self._data.qvel, self._data.ctrl
-        self._has_wheels = robot.has_two_wheels
-        self._drive = drive_of(robot)
-        self._feet = [] if self._has_wheels else self._find_feet()
         self._surface = self._model.geom_surfacevel
-        self._turned = [0.0] * self._drive.parts
-        base = self._model.body("base").id
-        self._is_own = self._model.body_rootid[self._model.geom_bodyid] == base
         self._floor = self._model.geom("floor").id
-        self._start = rest_pose(world, SE2(), robot.model.footprint)
+        self._hull_force = self._data.sensordata
+        self._bodies: list[_Body] = []
+        for k, placed in enumerate(robots):
+            motor = 2 * sum(body.has_wheels for body in self._bodies)
+            self._bodies.append(_Body(self._model, self._data, placed, k, motor))
         self._is_flat = world.is_flat
         self._is_ground, self._is_gear = self._find_ground(world)
-        self._carried = np.zeros(2)
-        self._carried_max = 0.25 * robot.mass * 9.81 * robot.wheel_radius / WHEEL_GAIN
-        self._hull_force = self._data.sensordata
-        self._speed_before = (0.0, 0.0, 0.0)
-        self._carriage = Carriage((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-        self._settle()
+        self._settle(world)
 
-    def step(self, target: BodyVelocity) -> None:
+    def step(self, targets: Sequence[BodyVelocity]) -> None:
         """Advance by one physics step."""
-        if self._has_wheels:
-            self._ctrl[0], self._ctrl[1] = self._drive.rates(target)
-            if not self._is_flat:
-                self._carry_load()
-        else:
-            self._set_surface(target)
-        v = self._qvel
-        self._speed_before = (float(v[0]), float(v[1]), float(v[5]))
+        for body, target in zip(self._bodies, targets, strict=True):
+            if body.has_wheels:
+                self._ctrl[body.motor], self._ctrl[body.motor + 1] = body.drive.rates(target)
+                if not self._is_flat:
+                    body.carry_load(self._ctrl, self._qvel, self._dt)
+            else:
+                self._set_surface(body, target)
+            v, first = self._qvel, body.qvel
+            body.speed_before = (float(v[first]), float(v[first + 1]), float(v[first + 5]))
         self._step(self._model, self._data)
-        q = self._qpos[:7].tolist()
-        self._carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
+        for body in self._bodies:
+            body.read(self._qpos)
 
-    @property
-    def carriage(self) -> Carriage:
-        return self._carriage
+    def carriage(self, robot: int) -> Carriage:
+        """Where a base is."""
+        return self._bodies[robot].carriage
 
-    @property
-    def travel(self) -> tuple[float, ...]:
-        if self._has_wheels:
-            return (float(self._qpos[7]), float(self._qpos[8]))
-        return tuple(self._turned)
+    def travel(self, robot: int) -> tuple[float, ...]:
+        """What its encoders or legs have counted."""
+        body = self._bodies[robot]
+        if body.has_wheels:
+            return (float(self._qpos[body.qpos + 7]), float(self._qpos[body.qpos + 8]))
+        return tuple(body.turned)
 
     def move(self, movers: Sequence[Solid]) -> None:
         """Put everything that moves by itself to where it is now."""
@@ -93,9 +138,10 @@ class ContactPhysics:
             self._data.mocap_pos[k, 0] = solid.map_from_solid.x
             self._data.mocap_pos[k, 1] = solid.map_from_solid.y
 
-    def touches(self) -> tuple[Touch, ...]:
-        """Contacts of the robot's own parts with solids, at the end of the last step."""
-        if self._hull_force[0] == 0.0:
+    def touches(self, robot: int) -> tuple[Touch, ...]:
+        """Contacts of the robot's own parts with solids and other robots, at the end of the last step."""
+        body = self._bodies[robot]
+        if self._hull_force[body.sensor] == 0.0:
             return ()
         contact = self._data.contact
         geoms = contact.geom
@@ -104,113 +150,126 @@ class ContactPhysics:
             is_driving = self._is_ground[geoms].any(axis=1) & self._is_gear[geoms].any(axis=1)
             is_touch &= ~(is_driving & (np.abs(contact.frame[:, 2]) >= STEEP))
         others = np.nonzero(is_touch)[0]
-        return tuple(self._touch(int(k)) for k in others)
+        touches = (self._touch(body, int(k)) for k in others)
+        return tuple(touch for touch in touches if touch is not None)
 
-    def _touch(self, k: int) -> Touch:
+    def _touch(self, body: _Body, k: int) -> Touch | None:
         contact = self._data.contact[k]
         a, b = int(contact.geom[0]), int(contact.geom[1])
-        part, solid = (a, b) if self._is_own[a] else (b, a)
+        if a not in body.parts and b not in body.parts:
+            return None
+        part, solid = (a, b) if a in body.parts else (b, a)
         x, y, z = (float(p) for p in contact.pos)
-        vx, vy, wz = self._speed_before
-        cx, cy, _ = self._carriage.position
+        vx, vy, wz = body.speed_before
+        cx, cy, _ = body.carriage.position
         speed = math.hypot(vx - wz * (y - cy), vy + wz * (x - cx))
         force = np.zeros(6)
         mujoco.mj_contactForce(self._model, self._data, k, force)
-        names = self._model.geom
-        return Touch(names(part).name, names(solid).name.rsplit("#", 1)[0], (x, y, z), speed, float(abs(force[0])))
+        part_name = self._model.geom(part).name.split("/", 1)[1]
+        return Touch(part_name, self._name_of(solid), (x, y, z), speed, float(abs(force[0])))
 
-    def _put_back(self) -> None:
-        """Move the base along the ground to where it started, and turn it to its first heading; what is level becomes exactly so."""
-        if self._is_flat:
-            self._qpos[0], self._qpos[1] = 0.0, 0.0
-            self._qpos[3:7] = (1.0, 0.0, 0.0, 0.0)
-            return
-        rested = SE3(tuple(self._qpos[:3]), tuple(self._qpos[3:7]))
-        up = self._start.matrix()[:3, 2]
-        lifted = up * float(up @ np.subtract(rested.translation, self._start.translation))
-        back = self._start.to_se2().yaw - rested.to_se2().yaw
-        turned = SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, back) @ rested
-        self._qpos[:3], self._qpos[3:7] = np.add(self._start.translation, lifted), turned.rotation
+    def _name_of(self, geom: int) -> str:
+        """The name of a solid, or that of the robot whose part it is."""
+        for body in self._bodies:
+            if geom in body.parts:
+                return body.name
+        return str(self._model.geom(geom).name.rsplit("#", 1)[0])
 
-    def _find_ground(self, world: WorldSpec) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Tell of every geom whether it is terrain or mesh, and whether it is a wheel, caster or foot."""
-        grounds = ground_names(world)
-        names = [str(self._model.geom(k).name) for k in range(self._model.ngeom)]
-        is_ground = np.array([n.rpartition("#")[0] in grounds for n in names]) & ~self._is_own
-        return is_ground, self._is_own & np.array([n != "body" for n in names])
-
-    def _carry_load(self) -> None:
-        """Add to the wheels' wanted rates what the load, by which they fall short of them, asks for."""
-        missing = self._ctrl[:2] - self._qvel[6:8]
-        self._carried = np.clip(
-            self._carried + WHEEL_INTEGRAL * self._dt * missing, -self._carried_max, self._carried_max
-        )
-        self._ctrl[:2] += self._carried
-
-    def _find_feet(self) -> list[tuple[int, float, float]]:
-        ids = [self._model.geom(f"foot_{i}").id for i in range(4)]
-        return [(i, float(self._model.geom_pos[i, 0]), float(self._model.geom_pos[i, 1])) for i in ids]
-
-    def _set_surface(self, target: BodyVelocity) -> None:
-        moved = after_strafe_loss(self._robot, target)
-        for geom, x, y in self._feet:
+    def _set_surface(self, body: _Body, target: BodyVelocity) -> None:
+        moved = after_strafe_loss(body.robot, target)
+        for geom, x, y in body.feet:
             self._surface[geom, 0] = -(moved.vx - moved.wz * y)
             self._surface[geom, 1] = -(moved.vy + moved.wz * x)
-        for k, rate in enumerate(self._drive.rates(target)):
-            self._turned[k] += rate * self._dt
+        for k, rate in enumerate(body.drive.rates(target)):
+            body.turned[k] += rate * self._dt
 
-    def _settle(self) -> None:
-        """Let the robot come to rest on the ground, then put it back to the origin."""
-        self._qpos[:3], self._qpos[3:7] = self._start.translation, self._start.rotation
-        if not self._has_wheels:
-            self._set_surface(BodyVelocity())
+    def _find_ground(self, world: WorldSpec) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Tell of every geom whether it is terrain or mesh, and whether it is a wheel, caster or foot of any robot."""
+        grounds = ground_names(world)
+        names = [str(self._model.geom(k).name) for k in range(self._model.ngeom)]
+        own = frozenset[int]().union(*(body.parts for body in self._bodies))
+        is_ground = [k not in own and name.rpartition("#")[0] in grounds for k, name in enumerate(names)]
+        is_gear = [k in own and name.rpartition("/")[2] != "body" for k, name in enumerate(names)]
+        return np.array(is_ground), np.array(is_gear)
+
+    def _settle(self, world: WorldSpec) -> None:
+        """Let the robots come to rest on the ground, then put them back to where they start."""
+        rests = [None if self._is_flat else rest_pose(world, b.start, b.robot.model.footprint) for b in self._bodies]
+        for body, rest in zip(self._bodies, rests, strict=True):
+            if rest is not None:
+                q = body.qpos
+                self._qpos[q : q + 3], self._qpos[q + 3 : q + 7] = rest.translation, rest.rotation
+            if not body.has_wheels:
+                self._set_surface(body, BodyVelocity())
         for _ in range(200):
-            if self._has_wheels and not self._is_flat:
-                self._ctrl[:] = 0.0
-                self._carry_load()
+            self._ctrl[:] = 0.0
+            for body in self._bodies:
+                if body.has_wheels and not self._is_flat:
+                    body.carry_load(self._ctrl, self._qvel, self._dt)
             self._step(self._model, self._data)
-        self._put_back()
-        self._qpos[7:] = 0.0
+        for body, rest in zip(self._bodies, rests, strict=True):
+            body.put_back(self._qpos, rest)
         self._qvel[:] = 0.0
         self._data.time = 0.0
         mujoco.mj_forward(self._model, self._data)
-        self._turned = [0.0] * self._drive.parts
-        q = self._qpos[:7].tolist()
-        self._carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
+        for body in self._bodies:
+            body.read(self._qpos)
 
 
-def build_mjcf(world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> str:
-    """Return the MuJoCo model of a world with one robot at the origin; `movers` are bodies that are put where they are."""
+def _find_feet(model: Any, name: str) -> list[tuple[int, float, float]]:
+    ids = [model.geom(f"{name}/foot_{i}").id for i in range(4)]
+    return [(i, float(model.geom_pos[i, 0]), float(model.geom_pos[i, 1])) for i in ids]
+
+
+def build_mjcf(world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()) -> str:
+    """Return the MuJoCo model of a world with robots at their starts; `movers` are bodies that are put where they are. The parts of
+    robot A are called `A/body`, `A/wheel_left` and so on."""
     solids = "\n".join(_solid_xml(k, s, _place(s)) for k, s in enumerate(world.solids))
     solids += "\n".join(
         f'<body mocap="true" {_place(s)}>{_solid_xml(len(world.solids) + k, s, "")}</body>'
         for k, s in enumerate(movers)
     )
-    drive, actuators = _wheels_xml(robot) if robot.has_two_wheels else (_feet_xml(robot), "")
+    hulls = "".join(_hull_xml(placed) for placed in robots)
+    bodies = "\n".join(_robot_xml(placed) for placed in robots)
+    motors = "".join(_motors_xml(placed) for placed in robots if placed.robot.has_two_wheels)
     surface_assets, surfaces = surfaces_xml(world)
-    levels = (robot.body_bottom, robot.model.body_height)
-    hull = " ".join(f"{x:.6f} {y:.6f} {z:.6f}" for z in levels for x, y in robot.model.footprint)
-    center_x = -0.05 if robot.has_two_wheels else 0.0
-    return f"""<mujoco model="{robot.model.name}">
+    touches = "".join(f'<touch site="{placed.name}/hull"/>' for placed in robots)
+    return f"""<mujoco model="ambler">
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{dt!r}" integrator="Euler" cone="elliptic" impratio="10"/>
 <default><geom friction="0.3 0.005 0.0001"/></default>
-<asset><mesh name="hull" vertex="{hull}"/>
+<asset>{hulls}
 {surface_assets}</asset>
 <worldbody>
 <geom name="floor" type="plane" pos="0 0 {world.floor!r}" size="0 0 1" priority="1" friction="{world.friction!r} 0.005 0.0001"/>
 {solids}
 {surfaces}
-<body name="base"><freejoint/>
-<inertial pos="{center_x!r} 0 {0.4 * sum(levels)!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
-<geom name="body" type="mesh" mesh="hull"/>
-<site name="hull" type="box" pos="0 0 {0.5 * sum(levels)!r}" size="{_hull_size(robot)}"/>
-{drive}
-</body>
+{bodies}
 </worldbody>
-{actuators}
-<sensor><touch site="hull"/></sensor>
+{f"<actuator>{motors}</actuator>" if motors else ""}
+<sensor>{touches}</sensor>
 </mujoco>"""
+
+
+def _hull_xml(placed: PlacedRobot) -> str:
+    robot = placed.robot
+    levels = (robot.body_bottom, robot.model.body_height)
+    hull = " ".join(f"{x:.6f} {y:.6f} {z:.6f}" for z in levels for x, y in robot.model.footprint)
+    return f'<mesh name="{placed.name}/hull" vertex="{hull}"/>'
+
+
+def _robot_xml(placed: PlacedRobot) -> str:
+    robot, name, start = placed.robot, placed.name, placed.start
+    levels = (robot.body_bottom, robot.model.body_height)
+    center_x = -0.05 if robot.has_two_wheels else 0.0
+    turn = f"{math.cos(start.yaw / 2)!r} 0 0 {math.sin(start.yaw / 2)!r}"
+    drive = _wheels_xml(placed) if robot.has_two_wheels else _feet_xml(placed)
+    return f"""<body name="{name}/base" pos="{start.x!r} {start.y!r} 0" quat="{turn}"><freejoint/>
+<inertial pos="{center_x!r} 0 {0.4 * sum(levels)!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
+<geom name="{name}/body" type="mesh" mesh="{name}/hull"/>
+<site name="{name}/hull" type="box" pos="0 0 {0.5 * sum(levels)!r}" size="{_hull_size(robot)}"/>
+{drive}
+</body>"""
 
 
 def _inertia(robot: SimRobot) -> str:
@@ -241,32 +300,42 @@ def _solid_xml(k: int, s: Solid, place: str) -> str:
     return f'<geom name={quoteattr(f"{s.name}#{k}")} type="{kind}" size="{size}" {place}/>'
 
 
-def _wheels_xml(robot: SimRobot) -> tuple[str, str]:
+def _wheels_xml(placed: PlacedRobot) -> str:
     """Two driven hinge wheels (ellipsoids: one contact each) on the base's y axis and a frictionless caster behind."""
+    robot, name = placed.robot, placed.name
     r, half = robot.wheel_radius, 0.5 * robot.track
     back = -0.7 * float(robot.model.footprint[:, 0].max())
-    bodies, motors = [], []
-    for side, y in (("left", half), ("right", -half)):
-        bodies.append(
-            f'<body name="wheel_{side}" pos="0 {y!r} {r!r}"><joint name="{side}" type="hinge" axis="0 1 0" armature="{WHEEL_ARMATURE!r}"/>'
-            f'<geom name="wheel_{side}" type="ellipsoid" size="{r!r} {0.5 * WHEEL_WIDTH!r} {r!r}" mass="0.8"/></body>'
-        )
-        torque = robot.mass * 9.81 * r
-        motors.append(f'<velocity joint="{side}" kv="{WHEEL_GAIN!r}" forcerange="{-torque!r} {torque!r}"/>')
-    caster = f'<geom name="caster" type="sphere" size="0.03" pos="{back!r} 0 0.03" priority="2" condim="1" mass="0"/>'
-    return "\n".join([*bodies, caster]), f"<actuator>{''.join(motors)}</actuator>"
+    bodies = [
+        f'<body name="{name}/wheel_{side}" pos="0 {y!r} {r!r}">'
+        f'<joint name="{name}/{side}" type="hinge" axis="0 1 0" armature="{WHEEL_ARMATURE!r}"/>'
+        f'<geom name="{name}/wheel_{side}" type="ellipsoid" size="{r!r} {0.5 * WHEEL_WIDTH!r} {r!r}" mass="0.8"/></body>'
+        for side, y in (("left", half), ("right", -half))
+    ]
+    caster = (
+        f'<geom name="{name}/caster" type="sphere" size="0.03" pos="{back!r} 0 0.03" priority="2" condim="1" mass="0"/>'
+    )
+    return "\n".join([*bodies, caster])
 
 
-def _feet_xml(robot: SimRobot) -> str:
+def _motors_xml(placed: PlacedRobot) -> str:
+    torque = placed.robot.mass * 9.81 * placed.robot.wheel_radius
+    return "".join(
+        f'<velocity joint="{placed.name}/{side}" kv="{WHEEL_GAIN!r}" forcerange="{-torque!r} {torque!r}"/>'
+        for side in ("left", "right")
+    )
+
+
+def _feet_xml(placed: PlacedRobot) -> str:
     """Four spheres, wheels or feet near the corners, whose surface moves; MuJoCo wants one non-zero surface velocity when it
     compiles."""
+    robot = placed.robot
     if robot.has_mecanum_wheels:
         radius, x, y = robot.wheel_radius, 0.5 * robot.wheel_base, 0.5 * robot.track
     else:
         radius, (x, y) = FOOT_RADIUS, (robot.model.footprint.max(axis=0) - [0.15, 0.06]).tolist()
     places = [(x, y), (-x, y), (-x, -y), (x, -y)]
     return "\n".join(
-        f'<geom name="foot_{i}" type="sphere" size="{radius!r}" pos="{px!r} {py!r} {radius!r}" mass="0"'
+        f'<geom name="{placed.name}/foot_{i}" type="sphere" size="{radius!r}" pos="{px!r} {py!r} {radius!r}" mass="0"'
         f' surfacevel="1 0 0 0 0 0"/>'
         for i, (px, py) in enumerate(places)
     )

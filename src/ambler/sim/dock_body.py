@@ -29,12 +29,12 @@ V_PLATE, STRIP = "_v_plate", "_strip"  # end the names of what scanners recogniz
 
 
 def dock_solids(dock: SimDock) -> tuple[Solid, ...]:
-    """Return the solids of a dock in the map frame."""
+    """Return the solids of a dock."""
     front, panel = dock.front, dock.panel
     body_height = BODY_HEIGHT if dock.markers else LIP_HEIGHT
 
     def box(part: str, x: tuple[float, float], width: float, height: float) -> Solid:
-        pose = dock.map_from_dock @ SE2(0.5 * (x[0] + x[1]), 0.0, 0.0)
+        pose = dock.world_from_dock @ SE2(0.5 * (x[0] + x[1]), 0.0, 0.0)
         return Solid(dock.name + part, Shape.BOX, pose, x[1] - x[0], width, 0.0, height, 0.5)
 
     return (
@@ -60,29 +60,29 @@ def _v_solids(dock: SimDock) -> tuple[Solid, ...]:
         return ()
     out = []
     for side in (1.0, -1.0):
-        corner = dock.map_from_dock @ SE2(v.x, 0.0, side * (math.pi - 0.5 * v.angle))
+        corner = dock.world_from_dock @ SE2(v.x, 0.0, side * (math.pi - 0.5 * v.angle))
         plate = corner @ SE2(0.5 * v.leg, -side * 0.5 * PLATE, 0.0)
         out.append(Solid(dock.name + V_PLATE, Shape.BOX, plate, v.leg, PLATE, *PROFILE, 0.5))
         x = v.x - v.leg * math.cos(0.5 * v.angle) + PLATE
         y = side * (v.leg * math.sin(0.5 * v.angle) - 0.5 * PLATE)
         if x < dock.panel:
-            middle = dock.map_from_dock @ SE2(0.5 * (x + dock.panel), y, 0.0)
+            middle = dock.world_from_dock @ SE2(0.5 * (x + dock.panel), y, 0.0)
             out.append(Solid(dock.name + "_cheek", Shape.BOX, middle, dock.panel - x, PLATE, *PROFILE, 0.5))
     return tuple(out)
 
 
 def _strips(dock: SimDock) -> tuple[Solid, ...]:
     def strip(y: float, width: float) -> Solid:
-        pose = dock.map_from_dock @ SE2(dock.panel - 0.5 * FILM, y, 0.0)
+        pose = dock.world_from_dock @ SE2(dock.panel - 0.5 * FILM, y, 0.0)
         return Solid(dock.name + STRIP, Shape.BOX, pose, FILM, width, *PROFILE, FILM_ALBEDO)
 
     return tuple(strip(r.y, r.width) for r in dock.reflectors)
 
 
 def marker_poses(dock: SimDock) -> tuple[SE3, ...]:
-    """Return the pose of every marker in the map frame: x to the right and y up for who looks at it, z towards them."""
+    """Return the pose of every marker in the world: x to the right and y up for who looks at it, z towards them."""
     facing = SE3.from_rpy((0.0, 0.0, 0.0), 0.5 * math.pi, 0.0, -0.5 * math.pi)
-    base = SE3.from_se2(dock.map_from_dock)
+    base = SE3.from_se2(dock.world_from_dock)
     return tuple(base @ SE3((dock.panel - PAPER, m.y, m.z)) @ facing for m in dock.markers)
 
 
@@ -90,7 +90,7 @@ def dock_prints(dock: SimDock) -> tuple[Print, tuple[Print, ...]]:
     """Return the panel's face and the markers on it as a camera sees them."""
     facing = SE3.from_rpy((0.0, 0.0, 0.0), 0.5 * math.pi, 0.0, -0.5 * math.pi)
     middle = 0.5 * (BODY_HEIGHT + PANEL_HEIGHT)
-    face = SE3.from_se2(dock.map_from_dock) @ SE3((dock.panel, 0.0, middle)) @ facing
+    face = SE3.from_se2(dock.world_from_dock) @ SE3((dock.panel, 0.0, middle)) @ facing
     board = plain_print(130, dock.width, PANEL_HEIGHT - BODY_HEIGHT, face)
     markers = tuple(
         marker_print(m.dictionary, m.number, m.size, pose)

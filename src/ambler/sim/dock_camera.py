@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from ambler.core.robot import SensorMount
 from ambler.core.se3 import SE3
+from ambler.kernels import raycast
 from ambler.sim.camera import CameraSpec, Light, Print, PrintCamera, plain_print
 from ambler.sim.dock_body import dock_prints, marker_poses
 from ambler.sim.faults import FaultInjector, FaultKind
+from ambler.sim.lidar import NO_MOVERS, Movers
 from ambler.sim.scene import RayScene
 from ambler.sim.sensors import named_generator
 from ambler.sim.solids import SimDock
@@ -28,7 +30,7 @@ STILL = 1e-4  # metres of motion during an exposure that no picture shows
 
 @dataclass(frozen=True, slots=True)
 class _Board:
-    """A dock as the camera sees it, and the points (5, 3) in the map by which each of its markers is looked for."""
+    """A dock as the camera sees it, and the points (5, 3) in the world by which each of its markers is looked for."""
 
     panel: Print
     markers: tuple[Print, ...]
@@ -49,23 +51,24 @@ class DockCamera:
     ) -> None:
         self.spec = spec
         self.mount = mount
-        self._camera = PrintCamera(spec, named_generator(seed, "camera"))
+        self._camera = PrintCamera(spec, named_generator(seed, mount.frame))
         self._scene = scene
         self._faults = faults
         self._boards = [_board(dock) for dock in docks]
 
-    def take(self, map_from_bases: Sequence[SE3], seconds: float) -> NDArray[np.uint8]:
-        """Return the picture uint8 (H, W) on a base that passes these poses during the exposure, `seconds` after the start."""
-        map_from_cameras = [pose @ self.mount.base_from_sensor for pose in map_from_bases]
-        if _moved(map_from_cameras[0], map_from_cameras[-1]) < STILL:
-            map_from_cameras = map_from_cameras[-1:]
-        prints = self._prints(map_from_cameras[-1], seconds)
+    def take(self, world_from_bases: Sequence[SE3], seconds: float, movers: Movers = NO_MOVERS) -> NDArray[np.uint8]:
+        """Return the picture uint8 (H, W) on a base that passes these poses during the exposure, `seconds` after the start; `movers` may
+        hide markers."""
+        world_from_cameras = [pose @ self.mount.base_from_sensor for pose in world_from_bases]
+        if _moved(world_from_cameras[0], world_from_cameras[-1]) < STILL:
+            world_from_cameras = world_from_cameras[-1:]
+        prints = self._prints(world_from_cameras[-1], seconds, movers)
         more_blur_px = BLUR_PX if self._faults.is_on(FaultKind.BLUR, seconds) else 0.0
-        return self._camera.take(map_from_cameras, prints, self._light(seconds), more_blur_px)
+        return self._camera.take(world_from_cameras, prints, self._light(seconds), more_blur_px)
 
-    def _prints(self, map_from_camera: SE3, seconds: float) -> list[Print]:
+    def _prints(self, world_from_camera: SE3, seconds: float, movers: Movers) -> list[Print]:
         prints: list[Print] = []
-        eye = np.array(map_from_camera.translation)
+        eye = np.array(world_from_camera.translation)
         is_missing = self._faults.is_on(FaultKind.MARKER_MISSING, seconds)
         is_hidden = self._faults.is_on(FaultKind.OCCLUSION, seconds)
         for board in self._boards:
@@ -73,7 +76,7 @@ class DockCamera:
                 continue
             prints.append(board.panel)
             for k, (marker, points) in enumerate(zip(board.markers, board.points, strict=True)):
-                if (k == 0 and is_missing) or not self._reaches(eye, points):
+                if (k == 0 and is_missing) or not self._reaches(eye, points, movers):
                     continue
                 prints.append(marker)
                 if k == 0 and is_hidden:
@@ -81,11 +84,28 @@ class DockCamera:
                     prints.append(plain_print(90, marker.width, marker.height, before))
         return prints
 
-    def _reaches(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> bool:
+    def _reaches(self, eye: NDArray[np.float64], points: NDArray[np.float64], movers: Movers) -> bool:
         ways = points - eye
         lengths = np.linalg.norm(ways, axis=1)
-        distances, _, _ = self._scene.cast(np.tile(eye, (len(points), 1)), ways / lengths[:, None])
+        directions = ways / lengths[:, None]
+        distances, _, _ = self._scene.cast(np.tile(eye, (len(points), 1)), directions)
+        if len(movers[0]):
+            distances = np.minimum(distances, self._to_movers(eye, directions, movers))
         return int(np.count_nonzero(distances >= lengths - 1e-3)) >= RAYS
+
+    def _to_movers(
+        self, eye: NDArray[np.float64], directions: NDArray[np.float64], movers: Movers
+    ) -> NDArray[np.float64]:
+        """Distances (N,) along rays (N, 3) from the eye to the nearest surface, moving ones too."""
+        scene, shape = self._scene, (1, len(directions))
+        distance, cosine, intensity = (np.zeros(shape, np.float32) for _ in range(3))
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+        raycast.sweep(
+            *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling, *movers),
+            *(np.array([0.0, 1.0]), np.stack([eye, eye]), still, np.zeros(1), np.ascontiguousarray(directions[None])),
+            *(2.0 * REACH, distance, cosine, intensity),
+        )
+        return np.asarray(distance[0], np.float64)
 
     def _light(self, seconds: float) -> Light:
         gain, shadow, shade = 1.0, 1.0, 0.0

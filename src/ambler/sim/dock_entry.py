@@ -77,13 +77,12 @@ class DockEntry(Entry):
         return self
 
 
-def sim_dock(where: str, entry: DockEntry, start: SE2) -> SimDock:
-    """Return a dock in the map frame; raises BadInputError, which begins with `where`, when its parts do not fit into it."""
+def sim_dock(where: str, entry: DockEntry) -> SimDock:
+    """Return a dock; raises BadInputError, which begins with `where`, when its parts do not fit into it."""
     markers = tuple(SimMarker(k.dictionary, k.id, k.size, k.y, k.z) for k in entry.markers or ())
     v_shape = None if entry.v_shape is None else _v_shape(f"{where}.v_shape", entry, entry.v_shape)
     reflectors = _reflectors(f"{where}.reflectors", entry, entry.reflectors or ())
-    pose = start.inverse() @ entry.pose.to_se2()
-    return SimDock(entry.name, pose, entry.front, entry.width, entry.panel, markers, v_shape, reflectors)
+    return SimDock(entry.name, entry.pose.to_se2(), entry.front, entry.width, entry.panel, markers, v_shape, reflectors)
 
 
 def _v_shape(where: str, entry: DockEntry, v: _VShape) -> SimVShape:

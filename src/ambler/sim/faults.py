@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import enum
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -66,7 +66,9 @@ class FaultKind(enum.Enum):
 
 TARGETED = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS, FaultKind.DOOR)
 LASTING = (FaultKind.GLASS, FaultKind.UNMARKED)
+OF_WORLD = (FaultKind.PEOPLE, FaultKind.DOOR, FaultKind.GLASS, FaultKind.UNMARKED, FaultKind.NO_POWER)
 Measurement = LaserScan | PointCloud | Range
+S = TypeVar("S", LaserScan, PointCloud, Range, LaserScan | PointCloud)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,14 +109,14 @@ class Fault:
 
 
 class FaultInjector:
-    """Applies the faults of a run; asked by the simulation at every tick and for every measurement of a scanner."""
+    """Applies faults; asked at every tick and for every measurement of a scanner. `frames` are the scanners of the robot that they
+    concern; the world itself has one without any."""
 
     def __init__(self, faults: Sequence[Fault], world: WorldSpec, frames: Sequence[str]) -> None:
         self._faults = tuple(faults)
         self._frames = tuple(frames)
-        self._doors = {f: _find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
+        self._doors = {f: find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
         self._last: dict[str, Measurement] = {}
-        self._waiting: deque[tuple[int, Measurement]] = deque()
         self._targets = {f: self._frames_of(f) for f in faults if f.kind in TARGETED and f.kind is not FaultKind.DOOR}
 
     @property
@@ -133,26 +135,17 @@ class FaultInjector:
         """Tell whether a door shall be closed."""
         return any(f.is_on(seconds) for f, name in self._doors.items() if name == door)
 
-    def pass_on(self, message: Measurement, seconds: float) -> Measurement | None:
-        """Return what a scanner sends instead of its measurement, or None while it is silent or late."""
+    def pass_on(self, message: S, seconds: float) -> tuple[S, float] | None:
+        """Return what a scanner sends instead of its measurement, and how many seconds late; None while it is silent."""
         frame = message.frame
         if self._hits(FaultKind.SCANNER_STUCK, frame, seconds):
-            message = replace(self._last.get(frame, message), stamp_ns=message.stamp_ns)
+            message = replace(cast("S", self._last.get(frame, message)), stamp_ns=message.stamp_ns)
         self._last[frame] = message
         if self._hits(FaultKind.SCANNER_DROPOUT, frame, seconds):
             return None
         if self._hits(FaultKind.DELAYED_STAMPS, frame, seconds):
-            late = round(STAMP_DELAY * 1e9)
-            self._waiting.append((round(seconds * 1e9) + late, replace(message, stamp_ns=message.stamp_ns + late)))
-            return None
-        return message
-
-    def take_late(self, seconds: float) -> list[Measurement]:
-        """Return the delayed messages whose time has come."""
-        out = []
-        while self._waiting and self._waiting[0][0] <= round(seconds * 1e9):
-            out.append(self._waiting.popleft()[1])
-        return out
+            return replace(message, stamp_ns=message.stamp_ns + round(STAMP_DELAY * 1e9)), STAMP_DELAY
+        return message, 0.0
 
     def is_on(self, kind: FaultKind, seconds: float) -> bool:
         """Tell whether a fault of this kind holds now."""
@@ -170,11 +163,12 @@ class FaultInjector:
         return (target,)
 
 
-def _find_door(world: WorldSpec, name: str) -> Door:
+def find_door(world: WorldSpec, name: str) -> Door:
+    """Return the door of that name, or without a name the one nearest to the world's start; raises BadInputError."""
     if not world.doors:
         raise BadInputError(f"fault door: world {world.name} has no door that could close")
     if not name:
-        return min(world.doors, key=lambda d: math.hypot(d.leaf.map_from_solid.x, d.leaf.map_from_solid.y))
+        return min(world.doors, key=lambda d: world.start.distance_to(d.leaf.map_from_solid))
     for door in world.doors:
         if door.name == name:
             return door
@@ -182,8 +176,12 @@ def _find_door(world: WorldSpec, name: str) -> Door:
     raise BadInputError(f"fault door: world {world.name} has no door {name!r}; there are {known}")
 
 
-def world_with_faults(world: WorldSpec, faults: Sequence[Fault], seed: int) -> WorldSpec:
-    """Return the world with its glass panels, without the marks of its docks, and with more people; only doors that a fault closes can move."""
+def world_with_faults(
+    world: WorldSpec, faults: Sequence[Fault], seed: int, starts: Sequence[SE2] | None = None
+) -> WorldSpec:
+    """Return the world with its glass panels, without the marks of its docks, and with more people, who keep away from where robots
+    start (None: at the world's start); only doors that a fault closes can move."""
+    starts = starts if starts is not None else (world.start,)
     kinds = {f.kind for f in faults}
     if FaultKind.GLASS in kinds:
         world = replace(world, solids=_with_panels(world, seed))
@@ -191,8 +189,8 @@ def world_with_faults(world: WorldSpec, faults: Sequence[Fault], seed: int) -> W
         docks = tuple(replace(dock, markers=(), v_shape=None, reflectors=()) for dock in world.docks)
         world = replace(world, solids=without_marks(world.solids, world.docks), docks=docks)
     if FaultKind.PEOPLE in kinds:
-        world = replace(world, people=world.people + _people(world, seed))
-    closing = {_find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
+        world = replace(world, people=world.people + _people(world, seed, starts))
+    closing = {find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
     return replace(world, doors=tuple(d for d in world.doors if d.name in closing))
 
 
@@ -225,10 +223,12 @@ def _cut_panel(wall: Solid) -> list[Solid]:
     return out if top >= wall.z_max else [*out, piece(0.0, PANEL[0], top, wall.z_max)]
 
 
-def _people(world: WorldSpec, seed: int) -> tuple[Person, ...]:
-    """Choose straight ways through free space that can be reached from the start."""
+def _people(world: WorldSpec, seed: int, starts: Sequence[SE2]) -> tuple[Person, ...]:
+    """Choose straight ways through free space that can be reached from the world's start, far from where robots start."""
     rng = named_generator(seed, "people")
-    spec, clear = reachable_cells(world, WAY_ROOM, 0.1, 0.5)
+    home = world.from_start()
+    keep_clear = np.array([[p.x, p.y] for p in (world.start.inverse() @ start for start in starts)])
+    spec, clear = reachable_cells(home, WAY_ROOM, 0.1, 0.5)
     cells = np.argwhere(clear)
     people: list[Person] = []
     for _ in range(4000):
@@ -238,9 +238,12 @@ def _people(world: WorldSpec, seed: int) -> tuple[Person, ...]:
         a, b = spec.center_of(int(ay), int(ax)), spec.center_of(int(by), int(bx))
         line = np.linspace(a, b, max(2, int(math.dist(a, b) / 0.05)))
         index = spec.cells_of(line)
-        is_free = bool(clear[index[:, 0], index[:, 1]].all()) and np.hypot(*line.T).min() > START_ROOM
+        gaps = np.hypot(*(line[:, None] - keep_clear).T)
+        is_free = bool(clear[index[:, 0], index[:, 1]].all()) and gaps.min() > START_ROOM
         if is_free and WAY_LENGTH[0] <= math.dist(a, b) <= WAY_LENGTH[1]:
-            people.append(Person(f"{FAULT_PERSON}{len(people)}", (a, b), speed=float(rng.uniform(0.8, 1.3))))
+            ends = world.start.transform(np.array([a, b])).tolist()
+            way = ((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]))
+            people.append(Person(f"{FAULT_PERSON}{len(people)}", way, speed=float(rng.uniform(0.8, 1.3))))
     if not people:
         raise BadInputError(f"fault people: world {world.name} has no room for people to walk")
     return tuple(people)

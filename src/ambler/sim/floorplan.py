@@ -12,7 +12,7 @@ from scipy import ndimage
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, GridSpec
 from ambler.core.se2 import SE2
-from ambler.sim.solids import Shape, Solid, WorldSpec, to_map_frame
+from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.wire.map_files import load_map
 
 OCCUPIED = 65
@@ -34,7 +34,7 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
     if not spec.contains_cell(iy, ix) or occupancy[iy, ix] != OCC_FREE:
         raise BadInputError(f"{yaml_path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
     solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(occupancy >= OCCUPIED))]
-    return WorldSpec(yaml_path.stem, to_map_frame(solids, start), start)
+    return WorldSpec(yaml_path.stem, tuple(solids), start)
 
 
 def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.bool_], SE2 | None]:
@@ -69,7 +69,7 @@ def world_from_picture(path: Path, start: SE2 | None = None, resolution: float =
         raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
     surface = solid & ndimage.binary_dilation(~solid, np.ones((3, 3), bool), iterations=2)
     solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(surface))]
-    return WorldSpec(path.stem, to_map_frame(solids, start), start)
+    return WorldSpec(path.stem, tuple(solids), start)
 
 
 def merge_cells(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:

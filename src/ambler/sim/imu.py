@@ -29,24 +29,24 @@ class ImuSensor:
         densities = np.array([spec.gyro_density] * 3 + [spec.accel_density] * 3)
         self._white = densities * math.sqrt(spec.rate_hz)
         self._limit = np.array([spec.gyro_limit] * 3 + [spec.accel_limit] * 3)
-        self._map_from_imu: SE3 | None = None
+        self._world_from_imu: SE3 | None = None
         self._velocity = (0.0, 0.0, 0.0)
 
-    def update(self, map_from_imu: SE3, velocity: tuple[float, float, float], stamp_ns: int) -> Imu | None:
-        """Take the pose and the velocity in the map at the end of a period; returns its measurement (None the first time).
+    def update(self, world_from_imu: SE3, velocity: tuple[float, float, float], stamp_ns: int) -> Imu | None:
+        """Take the pose and the velocity in the world at the end of a period; returns its measurement (None the first time).
 
         `stamp_ns` should be the middle of the period: rate and force are means over it, so that their sums over time are
         exactly the rotation and the change of velocity.
         """
-        last, self._map_from_imu = self._map_from_imu, map_from_imu
+        last, self._world_from_imu = self._world_from_imu, world_from_imu
         before, self._velocity = self._velocity, velocity
         if last is None:
             return None
         dt = self._period
         ax, ay, az = ((v - u) / dt for u, v in zip(before, velocity, strict=True))
-        middle = last.interpolate(map_from_imu, 0.5)
+        middle = last.interpolate(world_from_imu, 0.5)
         force = SE3(rotation=_conjugate(middle.rotation)).rotate((ax, ay, az + GRAVITY))
-        values = self._corrupt(np.array([*_rate(last.rotation, map_from_imu.rotation, dt), *force]))
+        values = self._corrupt(np.array([*_rate(last.rotation, world_from_imu.rotation, dt), *force]))
         w = values.tolist()
         return Imu(stamp_ns, self._frame, (w[0], w[1], w[2]), (w[3], w[4], w[5]))
 

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.sim.base import Carriage, Touch
-from ambler.sim.drive import after_strafe_loss, drive_of
+from ambler.sim.base import Carriage, PlacedRobot, Touch
+from ambler.sim.drive import Drive, after_strafe_loss, drive_of
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
@@ -35,9 +37,9 @@ class FootprintCollider:
         highs = [c.max(axis=0) for c in self._corners] or [np.full(2, np.inf)]
         self._low, self._high = np.array(lows), np.array(highs)
 
-    def overlapping(self, map_from_base: SE2) -> tuple[Solid, ...]:
+    def overlapping(self, world_from_base: SE2) -> tuple[Solid, ...]:
         """Return the solids that the footprint overlaps at a pose."""
-        x, y = map_from_base.x, map_from_base.y
+        x, y = world_from_base.x, world_from_base.y
         near = np.nonzero(
             (self._low[:, 0] < x + self._reach)
             & (self._high[:, 0] > x - self._reach)
@@ -46,7 +48,7 @@ class FootprintCollider:
         )[0]
         if not len(near):
             return ()
-        polygon = map_from_base.transform(self._footprint)
+        polygon = world_from_base.transform(self._footprint)
         return tuple(self._solids[int(k)] for k in near if self._overlaps(int(k), polygon))
 
     def _overlaps(self, k: int, polygon: F64) -> bool:
@@ -75,51 +77,94 @@ def circle_overlaps(center: F64, radius: float, polygon: F64) -> bool:
     return bool(np.min(np.hypot(gap[:, 0], gap[:, 1])) < radius)
 
 
-class KinematicPhysics:
-    """One robot in one world, in the map frame, starting at the origin; see `sim.base.Physics`."""
+@dataclass(slots=True)
+class _Body:
+    """One robot: where it is, what its drive has counted, what it touched in the last step."""
 
-    def __init__(self, world: WorldSpec, robot: SimRobot, dt: float, movers: Sequence[Solid] = ()) -> None:
+    placed: PlacedRobot
+    collider: FootprintCollider
+    drive: Drive
+    pose: SE2
+    travel: list[float]
+    touches: list[Touch] = field(default_factory=list)
+
+    @property
+    def model(self) -> RobotModel:
+        return self.placed.robot.model
+
+    def has_height_of(self, other: _Body) -> bool:
+        """Tell whether the two bodies share a height above the floor."""
+        a, b = self.placed.robot, other.placed.robot
+        return a.body_bottom < b.model.body_height and b.body_bottom < a.model.body_height
+
+
+class KinematicPhysics:
+    """Robots in one world; each stands in the others' way. See `sim.base.Physics`."""
+
+    def __init__(
+        self, world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()
+    ) -> None:
         if not world.is_flat:
             raise BadInputError(
                 f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors"
             )
-        self._robot = robot
-        self._collider = FootprintCollider(world, robot)
+        self._bodies = []
+        for placed in robots:
+            drive = drive_of(placed.robot)
+            collider = FootprintCollider(world, placed.robot)
+            self._bodies.append(_Body(placed, collider, drive, placed.start, [0.0] * drive.parts))
         self._movers = tuple(movers)
         self._dt = dt
-        self._pose = SE2()
-        self._drive = drive_of(robot)
-        self._travel = [0.0] * self._drive.parts
-        self._touches: tuple[Touch, ...] = ()
 
-    def step(self, target: BodyVelocity) -> None:
-        """Move by one step, unless a solid is in the way."""
+    def step(self, targets: Sequence[BodyVelocity]) -> None:
+        """Move every robot by one step, unless something is in its way."""
+        for body in self._bodies:
+            body.touches.clear()
+        for body, target in zip(self._bodies, targets, strict=True):
+            self._step(body, target)
+
+    def _step(self, body: _Body, target: BodyVelocity) -> None:
         dt = self._dt
-        self._count(target)
-        self._touches = ()
+        for k, rate in enumerate(body.drive.rates(target)):
+            body.travel[k] += rate * dt
         if target == BodyVelocity():
             return
-        moved = after_strafe_loss(self._robot, target)
-        new = self._pose @ SE2.exp(np.array([moved.vx * dt, moved.vy * dt, moved.wz * dt]))
-        hit = self._collider.overlapping(new) + self._overlapping_movers(new)
-        if not hit:
-            self._pose = new
+        moved = after_strafe_loss(body.placed.robot, target)
+        new = body.pose @ SE2.exp(np.array([moved.vx * dt, moved.vy * dt, moved.wz * dt]))
+        solids = body.collider.overlapping(new) + self._overlapping_movers(body, new)
+        others = self._overlapping_robots(body, new)
+        if not solids and not others:
+            body.pose = new
             return
-        speed = math.hypot(target.vx, target.vy) + abs(target.wz) * self._robot.model.circumscribed_radius
-        self._touches = tuple(Touch("body", s.name, (new.x, new.y, 0.0), speed, 0.0) for s in hit)
+        speed = math.hypot(target.vx, target.vy) + abs(target.wz) * body.model.circumscribed_radius
+        names = (*(s.name for s in solids), *(other.placed.name for other in others))
+        body.touches += [Touch("body", name, (new.x, new.y, 0.0), speed, 0.0) for name in names]
+        for other in others:
+            if not any(touch.solid == body.placed.name for touch in other.touches):
+                other.touches.append(Touch("body", body.placed.name, (new.x, new.y, 0.0), 0.0, 0.0))
 
     def move(self, movers: Sequence[Solid]) -> None:
         """Put everything that moves by itself to where it is now; somebody who walks into the robot touches it."""
         self._movers = tuple(movers)
 
-    def _overlapping_movers(self, pose: SE2) -> tuple[Solid, ...]:
-        polygon, reach = None, self._robot.model.circumscribed_radius
+    def _overlapping_robots(self, body: _Body, pose: SE2) -> tuple[_Body, ...]:
+        return tuple(
+            other
+            for other in self._bodies
+            if other is not body
+            and pose.distance_to(other.pose) < body.model.circumscribed_radius + other.model.circumscribed_radius
+            and body.has_height_of(other)
+            and polygons_overlap(pose.transform(body.model.footprint), other.pose.transform(other.model.footprint))
+        )
+
+    def _overlapping_movers(self, body: _Body, pose: SE2) -> tuple[Solid, ...]:
+        polygon, reach = None, body.model.circumscribed_radius
         found = []
         for solid in self._movers:
             place = solid.map_from_solid
             if math.hypot(place.x - pose.x, place.y - pose.y) > reach + max(solid.size_x, solid.size_y):
                 continue
-            polygon = pose.transform(self._robot.model.footprint) if polygon is None else polygon
+            polygon = pose.transform(body.model.footprint) if polygon is None else polygon
             if solid.shape is Shape.BOX:
                 is_hit = polygons_overlap(polygon, solid.corners())
             else:
@@ -128,18 +173,16 @@ class KinematicPhysics:
                 found.append(solid)
         return tuple(found)
 
-    @property
-    def carriage(self) -> Carriage:
-        half = 0.5 * self._pose.yaw
-        return Carriage((self._pose.x, self._pose.y, 0.0), (math.cos(half), 0.0, 0.0, math.sin(half)))
+    def carriage(self, robot: int) -> Carriage:
+        """Where a base is."""
+        pose = self._bodies[robot].pose
+        half = 0.5 * pose.yaw
+        return Carriage((pose.x, pose.y, 0.0), (math.cos(half), 0.0, 0.0, math.sin(half)))
 
-    @property
-    def travel(self) -> tuple[float, ...]:
-        return tuple(self._travel)
+    def travel(self, robot: int) -> tuple[float, ...]:
+        """What its drive has counted."""
+        return tuple(self._bodies[robot].travel)
 
-    def touches(self) -> tuple[Touch, ...]:
-        return self._touches
-
-    def _count(self, velocity: BodyVelocity) -> None:
-        for k, rate in enumerate(self._drive.rates(velocity)):
-            self._travel[k] += rate * self._dt
+    def touches(self, robot: int) -> tuple[Touch, ...]:
+        """What it touched during the last step."""
+        return tuple(self._bodies[robot].touches)

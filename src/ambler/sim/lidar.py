@@ -31,7 +31,7 @@ class LidarSensor:
         )
 
     def sweep(self, times: F64, positions: F64, quaternions: F64, movers: Movers = NO_MOVERS) -> None:
-        """Cast one turn; the sensor's poses in the map at `times` (seconds after the first column) are its knots, `movers` are
+        """Cast one turn; the sensor's poses in the world at `times` (seconds after the first column) are its knots, `movers` are
         where they are at the first column."""
         scene, spec = self._scene, self.spec
         reach = spec.range_max + 1.0

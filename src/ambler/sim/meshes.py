@@ -25,7 +25,7 @@ MIN_ALTITUDE = 1e-5  # metres; a flatter triangle is called degenerate
 class TriangleMesh:
     """A rigid surface: `vertices` float64 (N, 3) in the frame of the solids, metres; `triangles` int32 (M, 3) of vertex numbers,
     counter-clockwise seen from outside. Rays and bodies meet both sides; contact is exact on the outer side (see
-    `sim.mesh_contact`). The arrays become read-only.
+    `sim.surface_contact`). The arrays become read-only.
 
     Raises BadInputError, which names the mesh and the triangle, for numbers that are not finite, vertices that are not
     there, and triangles without area.

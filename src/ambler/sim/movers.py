@@ -61,13 +61,14 @@ class Walker:
             at -= length
         return self._corners[-1]
 
-    def update(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> None:
-        """Walk for one period, or wait if the next step leads too near to the robot or to somebody else."""
+    def update(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> None:
+        """Walk for one period, or wait if the next step leads too near to a robot or to somebody else."""
         here, there = self.position, self.place(self.at + self._direction * self._speed * DT)
         gap, radius, is_blocked = PERSON_GAP, self.person.radius, False
-        if math.hypot(here[0] - footprint_map[0, 0], here[1] - footprint_map[0, 1]) < FAR_OFF:
-            now, then = (distance_to_polygon(p, footprint_map) - radius for p in (here, there))
-            is_blocked = then < gap and then < now
+        for footprint in footprints_world:
+            if math.hypot(here[0] - footprint[0, 0], here[1] - footprint[0, 1]) < FAR_OFF:
+                now, then = (distance_to_polygon(p, footprint) - radius for p in (here, there))
+                is_blocked |= then < gap and then < now
         for other in others:
             before, after = math.dist(here, other), math.dist(there, other)
             is_blocked |= after < 2 * radius + 0.1 and after < before
@@ -101,35 +102,33 @@ class SlidingDoor:
         center, (x, y) = self.door.leaf.map_from_solid, self.door.slide
         return (center.x + self.openness * x, center.y + self.openness * y)
 
-    def update(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> None:
+    def update(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> None:
         """Slide for one period; a closing leaf waits while anybody is where the closed door will be."""
         step = (-1.0 if self.is_closing else 1.0) * DOOR_SPEED * DT / self._length
         wanted = min(max(self.openness + step, 0.0), 1.0)
-        if wanted < self.openness and self._is_occupied(footprint_map, others):
+        if wanted < self.openness and self._is_occupied(footprints_world, others):
             wanted = self.openness
         moved = (wanted - self.openness) / DT
         self.openness = wanted
         self.velocity = (moved * self.door.slide[0], moved * self.door.slide[1])
 
-    def _is_occupied(self, footprint_map: F64, others: Sequence[tuple[float, float]]) -> bool:
+    def _is_occupied(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> bool:
         leaf = self.door.leaf
         half = np.array([0.5 * leaf.size_x, 0.5 * leaf.size_y]) + DOOR_GAP
-        edge = footprint_map + np.linspace(0, 1, 8)[:, None, None] * (
-            np.roll(footprint_map, -1, axis=0) - footprint_map
-        )
+        share = np.linspace(0, 1, 8)[:, None, None]
+        edges = [(f + share * (np.roll(f, -1, axis=0) - f)).reshape(-1, 2) for f in footprints_world]
         people = np.array(others).reshape(-1, 2)
-        local = leaf.map_from_solid.inverse().transform(np.concatenate([edge.reshape(-1, 2), people]))
+        local = leaf.map_from_solid.inverse().transform(np.concatenate([*edges, people]))
         return bool((np.abs(local) < half).all(axis=1).any())
 
 
 class Crowd:
     """Everybody and everything that moves by itself, in one fixed order: first people, then doors."""
 
-    def __init__(self, world: WorldSpec, seed: int, footprint: F64) -> None:
+    def __init__(self, world: WorldSpec, seed: int) -> None:
         self.walkers = [Walker(p, seed) for p in world.people]
         self.doors = [SlidingDoor(d) for d in world.doors]
         self._movers: list[Walker | SlidingDoor] = [*self.walkers, *self.doors]
-        self._footprint = footprint
         self._shapes = [_person_solid(w.person) for w in self.walkers] + [d.door.leaf for d in self.doors]
         self._kinds = np.array([s.shape for s in self._shapes], np.uint8)
         self._rows = np.array([primitive(s) for s in self._shapes]).reshape(-1, 15)
@@ -139,26 +138,26 @@ class Crowd:
 
     @property
     def solids(self) -> tuple[Solid, ...]:
-        """All of them as solids where they are now, in the map frame."""
+        """All of them as solids where they are now, in the world."""
         return tuple(
             replace(s, map_from_solid=SE2(m.position[0], m.position[1], s.map_from_solid.yaw))
             for s, m in zip(self._shapes, self._movers, strict=True)
         )
 
-    def update(self, map_from_base: SE2, faults: FaultInjector, seconds: float) -> None:
-        """Let one period pass; the faults tell which doors close and whether their people walk."""
-        footprint_map = map_from_base.transform(self._footprint)
+    def update(self, footprints_world: Sequence[F64], faults: FaultInjector, seconds: float) -> None:
+        """Let one period pass beside robots with these footprints (N, 2); the faults tell which doors close and whether their people
+        walk."""
         people = [w.position for w in self.walkers]
         is_time = faults.are_people_walking(seconds)
         for k, walker in enumerate(self.walkers):
             if is_time or not walker.person.name.startswith(FAULT_PERSON):
-                walker.update(footprint_map, people[:k] + people[k + 1 :])
+                walker.update(footprints_world, people[:k] + people[k + 1 :])
                 people[k] = walker.position
             else:
                 walker.stand()
         for door in self.doors:
             door.is_closing = faults.is_closing(door.door.name, seconds)
-            door.update(footprint_map, people)
+            door.update(footprints_world, people)
 
     def as_rays_see_it(self, ago: float) -> Movers:
         """Return the kernels' arrays, `ago` seconds before now: shifted back by the present velocities."""

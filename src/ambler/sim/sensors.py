@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ambler.robots.sensors import SCANNERS, TRANSDUCERS, ScannerGeometry, TransducerGeometry
 
 
 def named_generator(seed: int, name: str) -> np.random.Generator:
@@ -20,22 +22,15 @@ def named_generator(seed: int, name: str) -> np.random.Generator:
 
 
 @dataclass(frozen=True, slots=True)
-class LidarSpec:
-    """A spinning scanner: `columns` firings of all `elevations` (rad) over `span` (rad), counter-clockwise from `azimuth_start`.
-
-    It sends a scan every `period` seconds, `phase` seconds after the others, and needs `turn` seconds for a full turn (0: the
-    period). Of a full turn the last firing lies one step before the first; of a sector the last one lies on its limit.
+class LidarSpec(ScannerGeometry):
+    """A scanner as it is: it sends a scan every `period` seconds, `phase` seconds after the others, and needs `turn` seconds for a full
+    turn (0: the period); a scan is on its way for `latency` seconds.
 
     Noise: sigma_0 + sigma_1 * range; `dropout` loses any beam, `grazing_*` beams that meet a surface at a flat angle; `mixed`
     is the probability that a beam at an edge of `mixed_min`..`mixed_max` metres falls between the two surfaces.
     """
 
-    columns: int
-    elevations: tuple[float, ...]
-    azimuth_start: float
     period: float
-    range_min: float
-    range_max: float
     sigma_0: float
     sigma_1: float
     dropout: float
@@ -45,17 +40,8 @@ class LidarSpec:
     mixed_min: float
     mixed_max: float
     latency: float
-    span: float = 2.0 * math.pi
     turn: float = 0.0
     phase: float = 0.0
-
-    @property
-    def is_full_turn(self) -> bool:
-        return self.span >= 2.0 * math.pi - 1e-9
-
-    @property
-    def azimuth_increment(self) -> float:
-        return 2.0 * math.pi / self.columns if self.is_full_turn else self.span / (self.columns - 1)
 
     @property
     def time_increment(self) -> float:
@@ -74,33 +60,18 @@ class LidarSpec:
         """Firing times of the columns after the scan's stamp, seconds."""
         return np.arange(self.columns, dtype=np.float64) * self.time_increment
 
-    def directions(self) -> NDArray[np.float64]:
-        """Return unit vectors in the sensor frame, float64 (columns, rings, 3)."""
-        azimuth = self.azimuth_start + np.arange(self.columns)[:, None] * self.azimuth_increment
-        elevation = np.array(self.elevations)[None, :]
-        out = np.empty((self.columns, len(self.elevations), 3))
-        out[..., 0] = np.cos(azimuth) * np.cos(elevation)
-        out[..., 1] = np.sin(azimuth) * np.cos(elevation)
-        out[..., 2] = np.sin(elevation)
-        return out
-
     def perfect(self) -> LidarSpec:
         """The same scanner without noise and losses; it still turns while the robot moves."""
         return replace(self, sigma_0=0.0, sigma_1=0.0, dropout=0.0, grazing_dropout=0.0, mixed=0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class UltrasonicSpec:
-    """A transducer: it hears the nearest surface within a cone of `field_of_view` (rad, full angle) about its x axis.
-
-    It fires every `period` seconds, `phase` seconds after the others of its ring. Smooth surfaces that are met flatter than
-    `incidence_max` (rad) throw the sound away: walls along the way, and the floor. Noise is `sigma`; an echo is lost with
+class UltrasonicSpec(TransducerGeometry):
+    """A transducer as it is: it fires every `period` seconds, `phase` seconds after the others of its ring. Smooth surfaces that are met
+    flatter than `incidence_max` (rad) throw the sound away: walls along the way, and the floor. Noise is `sigma`; an echo is lost with
     probability `dropout`, and a neighbour's echo is taken for an own one with probability `crosstalk`.
     """
 
-    field_of_view: float
-    range_min: float
-    range_max: float
     period: float
     sigma: float
     dropout: float
@@ -169,12 +140,8 @@ class OdometrySpec:
 
 # A 360° safety-class scanner: 0.5° steps, 10 Hz, 20 m; noise and losses of the nanoScan3.
 SCANNER_360 = LidarSpec(
-    columns=720,
-    elevations=(0.0,),
-    azimuth_start=-math.pi,
+    **asdict(SCANNERS["scanner_360"]),
     period=0.1,
-    range_min=0.1,
-    range_max=20.0,
     sigma_0=0.008,
     sigma_1=0.0005,
     dropout=0.005,
@@ -188,12 +155,8 @@ SCANNER_360 = LidarSpec(
 
 # A 270° safety scanner of the microScan3 class: it turns in 40 ms and sends every second turn; 0.375° steps, 40 m.
 SAFETY_270 = LidarSpec(
-    columns=721,
-    elevations=(0.0,),
-    azimuth_start=-0.75 * math.pi,
+    **asdict(SCANNERS["safety_270"]),
     period=0.08,
-    range_min=0.05,
-    range_max=40.0,
     sigma_0=0.008,
     sigma_1=0.0005,
     dropout=0.005,
@@ -203,18 +166,13 @@ SAFETY_270 = LidarSpec(
     mixed_min=0.25,
     mixed_max=3.0,
     latency=0.005,
-    span=1.5 * math.pi,
     turn=0.04,
 )
 
 # Velodyne VLP-16 at 10 Hz: 16 rings of 2°, 0.2° steps, 28 800 rays per turn, 100 m, blind below 0.4 m.
 VLP_16 = LidarSpec(
-    columns=1800,
-    elevations=tuple(math.radians(e) for e in range(-15, 16, 2)),
-    azimuth_start=-math.pi,
+    **asdict(SCANNERS["vlp_16"]),
     period=0.1,
-    range_min=0.4,
-    range_max=100.0,
     sigma_0=0.012,
     sigma_1=0.0004,
     dropout=0.01,
@@ -228,9 +186,7 @@ VLP_16 = LidarSpec(
 
 # A 40 kHz parking transducer: a cone of 30°, 3 m, noise of 1 cm; four groups of a ring take turns, so each fires at 12.5 Hz.
 TRANSDUCER_30 = UltrasonicSpec(
-    field_of_view=math.radians(30.0),
-    range_min=0.03,
-    range_max=3.0,
+    **asdict(TRANSDUCERS["transducer_30"]),
     period=0.08,
     sigma=0.01,
     dropout=0.01,

@@ -11,8 +11,7 @@ from ambler.sim.sensors import GaitSpec, ImuSpec, LidarSpec, OdometrySpec, Ultra
 
 @dataclass(frozen=True)
 class SimRobot:
-    """`lidars` maps sensor frames of the model to scanners, `ultrasonics` to transducers; `camera` is what the model's mount of kind
-    `camera` carries.
+    """`lidars`, `imus`, `ultrasonics` and `cameras` map sensor frames of the model to what sits there.
 
     `wheel_radius` (0: legs) and `track` describe driven wheels; with a `wheel_base` (distance of the axles) there are four
     mecanum wheels, else two. `strafe_loss` is the share of a sideways motion that the rollers lose and the encoders count.
@@ -21,7 +20,7 @@ class SimRobot:
 
     model: RobotModel
     lidars: dict[str, LidarSpec]
-    imu: ImuSpec
+    imus: dict[str, ImuSpec]
     odometry: OdometrySpec
     mass: float
     body_bottom: float
@@ -32,12 +31,23 @@ class SimRobot:
     gait: GaitSpec | None = None
     watchdog: float = 0.5
     ultrasonics: dict[str, UltrasonicSpec] = field(default_factory=dict)
-    camera: CameraSpec | None = None
+    cameras: dict[str, CameraSpec] = field(default_factory=dict)
 
     @property
     def sensor_height(self) -> float:
         """Height of the main scanner above the floor, metres: where the ground-truth map cuts the world."""
         return self.model.sensor(next(iter(self.lidars))).base_from_sensor.translation[2]
+
+    @property
+    def visible_height(self) -> float:
+        """Height up to which other robots' rays meet it, metres: over its body, and a little over its own scanners."""
+        tops = [self.model.sensor(frame).base_from_sensor.translation[2] + 0.05 for frame in self.lidars]
+        return max(self.model.body_height, *tops) if tops else self.model.body_height
+
+    @property
+    def faulty_frames(self) -> tuple[str, ...]:
+        """What can fail to send: scanners, then transducers."""
+        return (*self.lidars, *self.ultrasonics)
 
     @property
     def has_two_wheels(self) -> bool:

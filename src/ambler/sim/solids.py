@@ -1,7 +1,8 @@
-"""A world: upright solids on a floor, triangle meshes, a height field in the floor's place.
+"""A world: upright solids on a floor, triangle meshes, a height field in the floor's place, in the coordinates of whoever wrote it: the
+frame `world`.
 
-The *map frame*, in which SLAM starts and ground truth is told, has its origin at the robot's start pose: `WorldSpec` holds
-every solid in that frame, so that an estimated trajectory and map can be compared with the truth without alignment.
+A robot's map frame is its own business. `WorldSpec.seen_from` gives the same world in another frame: that of the start pose, in
+which drawn maps are told, or that of a robot's own start, in which its SLAM begins.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2
 from ambler.sim.meshes import HeightField, TriangleMesh, highest_below
 
+TERRAIN_DROP = 0.005  # metres that the floor around a terrain lies below the terrain's lowest point
+STEP_ON = 0.5  # metres; a mesh that begins higher above the ground than this is a roof and not what a robot starts on
+
 
 class Shape(IntEnum):
     """Kinds of solids; the numbers are those of the ray kernel."""
@@ -24,13 +28,9 @@ class Shape(IntEnum):
     CYLINDER = 1
 
 
-TERRAIN_DROP = 0.005  # metres that the floor around a terrain lies below the terrain's lowest point
-STEP_ON = 0.5  # metres; a mesh that begins higher above the ground than this is a roof and not what a robot starts on
-
-
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """An upright solid: planar pose of its centre in the map frame, full sizes (box) or diameters (cylinder), height range. `albedo`: 1 is
+    """An upright solid: planar pose of its centre in the frame of its world, full sizes (box) or diameters (cylinder), height range. `albedo`: 1 is
     white paint; retro-reflecting film has hundreds.
 
     A laser passes a box of glass unless it meets it almost squarely; bodies do not.
@@ -47,14 +47,14 @@ class Solid:
     is_glass: bool = False
 
     def corners(self) -> NDArray[np.float64]:
-        """Return the four corners of a box (or of a cylinder's square) in the map frame, counter-clockwise, float64 (4, 2)."""
+        """Return the four corners of a box (or of a cylinder's square) in the frame of its world, counter-clockwise, float64 (4, 2)."""
         half = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [self.size_x, self.size_y]
         return self.map_from_solid.transform(half)
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Somebody who walks a closed way of straight legs, float points (x, y) in the map frame, at `speed` m/s."""
+    """Somebody who walks a closed way of straight legs, float points (x, y), at `speed` m/s."""
 
     name: str
     way: tuple[tuple[float, float], ...]
@@ -103,12 +103,12 @@ class SimReflector:
 
 @dataclass(frozen=True, slots=True)
 class SimDock:
-    """A charging dock. `map_from_dock` is where the base stands when docked, x into the dock; the robot's front is then `front` metres
+    """A charging dock. `world_from_dock` is where the base stands when docked, x into the dock; the robot's front is then `front` metres
     ahead, the lip with the contacts just beyond it, and the panel `panel` metres ahead of the base. Markers or reflectors hang on
     the panel, a V shape stands before it."""
 
     name: str
-    map_from_dock: SE2
+    world_from_dock: SE2
     front: float
     width: float
     panel: float
@@ -119,11 +119,11 @@ class SimDock:
 
 @dataclass(frozen=True, slots=True)
 class WorldSpec:
-    """A world in the map frame. `world_from_start` is the start pose in the author's coordinates; `ceiling` inf: none."""
+    """A world in its own frame. `start` is where a robot begins unless it is told otherwise; `ceiling` inf: none."""
 
     name: str
     solids: tuple[Solid, ...]
-    world_from_start: SE2
+    start: SE2
     ceiling: float = math.inf
     friction: float = 0.8
     floor_albedo: float = 0.3
@@ -156,7 +156,7 @@ class WorldSpec:
         return np.asarray(np.maximum(bare, highest_below(corners, points, middle + STEP_ON)))
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return (x_min, y_min, x_max, y_max) of all solids, meshes and the terrain in the map frame."""
+        """Return (x_min, y_min, x_max, y_max) of all solids, meshes and the terrain."""
         parts = [s.corners() for s in self.solids] + [m.vertices[:, :2] for m in self.meshes]
         if self.terrain is not None:
             parts.append(self.terrain.outline)
@@ -166,8 +166,32 @@ class WorldSpec:
         low, high = corners.min(axis=0), corners.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
+    def seen_from(self, world_from_frame: SE2) -> WorldSpec:
+        """Return the same world in the coordinates of another frame."""
+        frame_from_world = world_from_frame.inverse()
 
-def to_map_frame(solids: list[Solid], world_from_start: SE2) -> tuple[Solid, ...]:
-    """Move solids from the author's coordinates to the map frame, whose origin is the start pose."""
-    start_from_world = world_from_start.inverse()
-    return tuple(replace(s, map_from_solid=start_from_world @ s.map_from_solid) for s in solids)
+        def moved(solid: Solid) -> Solid:
+            return replace(solid, map_from_solid=frame_from_world @ solid.map_from_solid)
+
+        return replace(
+            self,
+            solids=tuple(moved(s) for s in self.solids),
+            start=frame_from_world @ self.start,
+            people=tuple(replace(p, way=tuple(_moved_point(frame_from_world, w) for w in p.way)) for p in self.people),
+            doors=tuple(
+                replace(d, leaf=moved(d.leaf), slide=_moved_point(SE2(0.0, 0.0, frame_from_world.yaw), d.slide))
+                for d in self.doors
+            ),
+            docks=tuple(replace(d, world_from_dock=frame_from_world @ d.world_from_dock) for d in self.docks),
+            meshes=tuple(m.moved(frame_from_world) for m in self.meshes),
+            terrain=self.terrain.moved(frame_from_world) if self.terrain is not None else None,
+        )
+
+    def from_start(self) -> WorldSpec:
+        """Return the same world in the frame of its start: the map frame of drawn maps, and of goals in them."""
+        return self.seen_from(self.start)
+
+
+def _moved_point(a_from_b: SE2, point: tuple[float, float]) -> tuple[float, float]:
+    moved = a_from_b @ SE2(*point, 0.0)
+    return (moved.x, moved.y)

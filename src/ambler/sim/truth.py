@@ -4,7 +4,7 @@ The height counts from the ground at the start pose: a scanner that stays level 
 the cells that its surface crosses are solid, and of a closed one its inside too.
 
 Free is what can be reached from the start through free cells; occupied are the cells that hold a surface next to it;
-everything else is unknown. Both are in the map frame (origin at the start pose).
+everything else is unknown. Grids are in the frame of the world that is given: `WorldSpec.from_start` for a drawn map.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MARGIN = 0.5
 def truth_grid(world: WorldSpec, sensor_height: float, resolution: float) -> tuple[GridSpec, NDArray[np.int8]]:
     """Return the true map as a grid spec and occupancy int8 [iy, ix]; raises BadInputError if the start is not free."""
     spec, solid = cut(world, _start_height(world) + sensor_height, resolution)
-    iy, ix = spec.cell_of(0.0, 0.0)
+    iy, ix = spec.cell_of(world.start.x, world.start.y)
     if not spec.contains_cell(iy, ix) or solid[iy, ix]:
         raise BadInputError(f"world {world.name}: the start pose lies in a solid")
     regions, _ = ndimage.label(~solid)
@@ -45,7 +45,7 @@ def reachable_cells(
     """Return where the centre of a disc of `radius` metres can get from the start, bool [iy, ix]."""
     spec, solid = cut(world, _start_height(world) + height, resolution)
     clear = ndimage.distance_transform_edt(~solid) * resolution > radius
-    iy, ix = spec.cell_of(0.0, 0.0)
+    iy, ix = spec.cell_of(world.start.x, world.start.y)
     regions, _ = ndimage.label(clear)
     reached = (regions == regions[iy, ix]) & clear
     return spec, np.asarray(reached)
@@ -66,7 +66,8 @@ def cut(world: WorldSpec, height: float, resolution: float) -> tuple[GridSpec, N
 
 
 def _start_height(world: WorldSpec) -> float:
-    return 0.0 if world.is_flat else float(world.ground_at(np.zeros((1, 2)))[0])
+    """The height of the ground at the start pose of the world."""
+    return 0.0 if world.is_flat else float(world.ground_at(np.array([[world.start.x, world.start.y]]))[0])
 
 
 def _grid_around(world: WorldSpec, resolution: float) -> GridSpec:

@@ -11,20 +11,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import BadInputError
 from ambler.core.messages import Range
-from ambler.core.robot import SensorMount
 from ambler.core.se3 import SE3
 from ambler.kernels import raycast
+from ambler.robots.ring import RING, with_transducer_ring
 from ambler.sim.lidar import NO_MOVERS, Movers
 from ambler.sim.scene import RayScene
 from ambler.sim.sensors import TRANSDUCER_30, UltrasonicSpec, named_generator
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape
 
-RING = 12
 GROUPS = 4  # transducers of one group fire together, far apart from each other
-RING_HEIGHT = 0.2  # metres above the floor, or below the top of a lower body
 
 F64 = NDArray[np.float64]
 
@@ -45,10 +42,10 @@ class UltrasonicSensor:
             np.zeros(self._directions.shape[:2], np.float32) for _ in range(3)
         )
 
-    def measure(self, map_from_sensor: SE3, stamp_ns: int, movers: Movers = NO_MOVERS) -> Range:
+    def measure(self, world_from_sensor: SE3, stamp_ns: int, movers: Movers = NO_MOVERS) -> Range:
         """Return the echo of a pulse that is sent now from this pose."""
         spec = self.spec
-        distance = self._nearest(map_from_sensor, movers)
+        distance = self._nearest(world_from_sensor, movers)
         noise, chance, other = self._rng.standard_normal(), self._rng.random(), self._rng.random()
         if chance < spec.dropout:
             distance = math.inf
@@ -61,9 +58,9 @@ class UltrasonicSensor:
             distance = -math.inf
         return Range(stamp_ns, self.frame, spec.field_of_view, spec.range_min, spec.range_max, distance)
 
-    def _nearest(self, map_from_sensor: SE3, movers: Movers) -> float:
+    def _nearest(self, world_from_sensor: SE3, movers: Movers) -> float:
         """Distance to the nearest surface of the cone that sends an echo; inf without one."""
-        position, rotation = np.array(map_from_sensor.translation), np.array(map_from_sensor.rotation)
+        position, rotation = np.array(world_from_sensor.translation), np.array(world_from_sensor.rotation)
         raycast.sweep(
             *(*self._hierarchy, *self._surfaces, *movers),
             *(np.array([0.0, 1.0]), np.stack([position] * 2), np.stack([rotation] * 2), np.zeros(1)),
@@ -74,26 +71,7 @@ class UltrasonicSensor:
 
 
 def with_ultrasonic_ring(robot: SimRobot, count: int = RING, spec: UltrasonicSpec = TRANSDUCER_30) -> SimRobot:
-    """Return the robot with `count` transducers `sonar_0 ...` on its outline, evenly spaced by angle, the first one ahead."""
-    if robot.ultrasonics:
-        raise BadInputError(f"robot {robot.model.name} has ultrasonic transducers already")
-    model = robot.model
-    height = min(RING_HEIGHT, model.body_height - 0.03)
-    mounts, ultrasonics = [], {}
-    for k in range(count):
-        yaw = math.remainder(2.0 * math.pi * k / count, 2.0 * math.pi)
-        reach = _to_outline(model.footprint, yaw)
-        position = (reach * math.cos(yaw), reach * math.sin(yaw), height)
-        mount = SE3.from_rpy(position, 0.0, 0.0, yaw)
-        mounts.append(SensorMount(f"sonar_{k}", "range", mount, spec.range_min))
-        ultrasonics[f"sonar_{k}"] = replace(spec, phase=(k % GROUPS) * spec.period / GROUPS)
-    return replace(robot, model=replace(model, sensors=(*model.sensors, *mounts)), ultrasonics=ultrasonics)
-
-
-def _to_outline(footprint: F64, yaw: float) -> float:
-    """Distance from the base's origin to the convex footprint's edge in a direction."""
-    edge = np.roll(footprint, -1, axis=0) - footprint
-    normals = np.column_stack((edge[:, 1], -edge[:, 0]))
-    along = normals @ np.array([math.cos(yaw), math.sin(yaw)])
-    offset = np.sum(normals * footprint, axis=1)
-    return float(np.min(offset[along > 1e-12] / along[along > 1e-12]))
+    """Return the robot with `count` transducers `sonar_0 ...` on its outline, which fire in four groups; see `robots.ring`."""
+    model = with_transducer_ring(robot.model, count, spec)
+    phases = {mount.frame: (k % GROUPS) * spec.period / GROUPS for k, mount in enumerate(model.rangers)}
+    return replace(robot, model=model, ultrasonics={f: replace(spec, phase=phase) for f, phase in phases.items()})

@@ -78,7 +78,12 @@ class PoseExtrapolator:
             if dt <= 0.0:
                 return
             self._gyro_yaw += wz * dt
-        self._gyro.add(stamp_ns, SE2(0.0, 0.0, wrap_angle(self._gyro_yaw)))
+        self.add_heading(stamp_ns, self._gyro_yaw)
+
+    def add_heading(self, stamp_ns: int, yaw: float) -> None:
+        """Take one heading (rad, from any zero) by a gyroscope, as odometry has it that is fused with one: it holds also where the way of
+        the wheels is not believed. Instead of `add_imu`, not beside it."""
+        self._gyro.add(stamp_ns, SE2(0.0, 0.0, wrap_angle(yaw)))
 
     def add_matched(self, stamp_ns: int, local_from_base: SE2) -> None:
         """Take the pose that the scan matcher found. Odometry is kept from here on: the next scan may be long in coming."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.correlative import Window, correlate
 from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine
-from ambler.registration.planar_scan import PlanarScan, filter_voxels, filter_voxels_adaptively
+from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively
 from ambler.slam2d.config import FrontEndConfig
 from ambler.slam2d.extrapolator import Prediction
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
@@ -43,7 +43,7 @@ class FrontEnd:
     def update(self, scan: PlanarScan, prediction: Prediction) -> LocalResult:
         """Match one scan near its prediction and insert it when the robot has moved."""
         config = self._config
-        scan = replace(scan, points=filter_voxels(scan.points, config.voxel_size))
+        scan = scan.thinned(config.voxel_size)
         points = filter_voxels_adaptively(scan.points, config.match_max_voxel, config.match_min_points)
         pose, match = prediction.local_from_base, None
         target = self.active.target

@@ -11,9 +11,9 @@ from scipy.ndimage import binary_dilation
 
 from ambler.core.grid import OCC_OCCUPIED, GridSpec
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.recordings.log_scans import LogScan
 from ambler.registration.planar_scan import PlanarScan
 from ambler.slam2d.config import Slam2dConfig
-from ambler.slam2d.log_scans import LogScan
 from ambler.slam2d.slam import Slam2d
 
 _METRES_PER_RADIAN = 1.0

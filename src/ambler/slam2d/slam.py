@@ -76,6 +76,10 @@ class Slam2d:
         """Take one yaw rate (rad/s) in the base frame."""
         self._extrapolator.add_imu(stamp_ns, wz)
 
+    def add_heading(self, stamp_ns: int, yaw: float) -> None:
+        """Take one heading (rad) of odometry that is fused with a gyroscope; instead of `add_imu`."""
+        self._extrapolator.add_heading(stamp_ns, yaw)
+
     def twist(self, stamp_ns: int, duration: float) -> NDArray[np.float64]:
         """Return the body twist (vx, vy, wz) expected from an instant on, for the motion compensation of a scan."""
         return self._extrapolator.twist(stamp_ns, duration)

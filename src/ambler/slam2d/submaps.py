@@ -48,10 +48,10 @@ class ActiveSubmaps:
             self._start(local_from_base)
         for submap in self.submaps:
             pose = submap.to_submap(local_from_base)
-            origin = pose.transform(np.array([scan.origin]))[0]
+            starts, free_starts = (pose.transform(s) for s in scan.ray_starts())
             points = pose.transform(scan.points).astype(np.float32)
             free = pose.transform(scan.free_points).astype(np.float32)
-            self._inserter.insert(submap.grid, origin, points, free)
+            self._inserter.insert(submap.grid, starts, points, free, free_starts)
             submap.scans += 1
         used = list(self.submaps)
         finished = None

@@ -105,6 +105,23 @@ def read_recording(path: Path, topics: Collection[str] | None = None) -> Iterato
             yield from sorted(_salvage(file, topics), key=lambda recorded: recorded.log_time_ns)
 
 
+def recorded_topics(path: Path) -> dict[str, str]:
+    """Return the ROS type of every topic of a recording by its name; of a file that was cut off it reads all. Raises BadInputError."""
+    topics: dict[str, str] = {}
+    for file in recording_files(path):
+        if not is_finished(file):
+            topics |= {recorded.topic: recorded.ros_type for recorded in _salvage(file, None)}
+            continue
+        with file.open("rb") as stream:
+            try:
+                summary = make_reader(stream).get_summary()
+            except _DAMAGE as error:
+                raise BadInputError(f"{file} is damaged: {error or type(error).__name__}") from error
+        if summary is not None:
+            topics |= {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values() if c.schema_id}
+    return topics
+
+
 def recover_recording(path: Path, folder: Path) -> int:
     """Copy what can be read of a cut-off recording into a new, finished one; returns the number of messages."""
     recorder = McapRecorder(folder)

@@ -17,6 +17,7 @@ from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.wire import (
     ros_camera,
+    ros_echoes,
     ros_fast,
     ros_geometry,
     ros_glass,
@@ -42,7 +43,7 @@ __all__ = [
 M = TypeVar("M", bound=m.Message)
 
 # What parsing foreign bytes may raise, found by fuzzing (tests/wire/test_ros_messages.py).
-_DAMAGE = (SerdeError, struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, AssertionError)
+DAMAGE = (SerdeError, struct.error, ValueError, IndexError, KeyError, TypeError, OverflowError, AssertionError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +59,7 @@ class Codec:
 _CODECS: dict[type[m.Message], Codec] = {
     m.LaserScan: Codec("sensor_msgs/msg/LaserScan", ros_sensors.laser_scan_to_ros, ros_sensors.laser_scan_from_ros),
     m.Range: Codec("sensor_msgs/msg/Range", ros_sensors.range_to_ros, ros_sensors.range_from_ros),
+    m.JudgedEcho: Codec("ambler_msgs/msg/JudgedEcho", ros_echoes.echo_to_ros, ros_echoes.echo_from_ros),
     m.GlassWalls: Codec("visualization_msgs/msg/Marker", ros_glass.glass_to_ros, ros_glass.glass_from_ros),
     m.PointCloud: Codec("sensor_msgs/msg/PointCloud2", ros_sensors.cloud_to_ros, ros_sensors.cloud_from_ros),
     m.Imu: Codec("sensor_msgs/msg/Imu", ros_sensors.imu_to_ros, ros_sensors.imu_from_ros, ros_fast.encode_imu),
@@ -99,6 +101,9 @@ _CODECS: dict[type[m.Message], Codec] = {
     m.SlamHealth: Codec("ambler_msgs/msg/SlamHealth", ros_status.slam_health_to_ros, ros_status.slam_health_from_ros),
     m.Contact: Codec("ambler_msgs/msg/Contact", ros_status.contact_to_ros, ros_status.contact_from_ros),
     m.GateStatus: Codec("ambler_msgs/msg/GateStatus", ros_status.gate_status_to_ros, ros_status.gate_status_from_ros),
+    m.OutsideCall: Codec(
+        "ambler_msgs/msg/OutsideCall", ros_status.outside_call_to_ros, ros_status.outside_call_from_ros
+    ),
     m.Status: Codec("ambler_msgs/msg/Status", ros_status.status_to_ros, ros_status.status_from_ros),
 }
 # The first class declared for a ROS type is its default reading: OccupancyGrid, not CostGrid.
@@ -142,7 +147,7 @@ def decode(message_class: type[M], data: bytes | memoryview) -> M:
         raise BadInputError(f"{message_class.__name__} cannot be read back from {codec.ros_type}")
     try:
         message = codec.from_ros(STORE.deserialize_cdr(data, codec.ros_type))
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise BadInputError(f"{len(data)} bytes are no {codec.ros_type}: {error}") from error
     assert isinstance(message, message_class)
     return message

@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambler.core import messages as m
+from ambler.wire.cloud_columns import INTENSITY, RING, column, point_times
 from ambler.wire.ros_geometry import header_to_ros, stamp_from_ros, vector_from_ros, vector_to_ros
 from ambler.wire.ros_types import record_class
 
@@ -122,7 +122,7 @@ def cloud_to_ros(message: m.PointCloud) -> Any:
 
 
 def cloud_from_ros(record: Any) -> m.PointCloud:
-    """Read any PointCloud2 that has x, y and z; absent intensity, ring or time become zeros."""
+    """Read any PointCloud2 that has x, y and z, with the columns that drivers add (`cloud_columns`); what is absent becomes zeros."""
     order = ">" if record.is_bigendian else "<"
     layout = np.dtype(
         {
@@ -144,16 +144,10 @@ def cloud_from_ros(record: Any) -> m.PointCloud:
         stamp_from_ros(record.header),
         record.header.frame_id,
         points,
-        _column(packed, "intensity", np.dtype(np.float32)),
-        _column(packed, "time", np.dtype(np.float32)),
-        _column(packed, "ring", np.dtype(np.uint16)),
+        column(packed, INTENSITY, np.dtype(np.float32)),
+        point_times(packed, stamp_from_ros(record.header)),
+        column(packed, RING, np.dtype(np.uint16)),
     )
-
-
-def _column(packed: NDArray[np.void], name: str, dtype: np.dtype[Any]) -> NDArray[Any]:
-    if name not in (packed.dtype.names or ()):
-        return np.zeros(len(packed), dtype)
-    return np.array(packed[name], dtype)
 
 
 def imu_to_ros(message: m.Imu) -> Any:

@@ -1,4 +1,4 @@
-"""Health, contacts, gate and status as records of the own package `ambler_msgs` (definitions in `msg/`), and the battery."""
+"""Health, contacts, gate, status and outside calls as records of the own package `ambler_msgs` (definitions in `msg/`), and the battery."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ _SlamHealth = record_class("ambler_msgs/msg/SlamHealth")
 _Contact = record_class("ambler_msgs/msg/Contact")
 _GateStatus = record_class("ambler_msgs/msg/GateStatus")
 _Status = record_class("ambler_msgs/msg/Status")
+_OutsideCall = record_class("ambler_msgs/msg/OutsideCall")
 _BatteryState = record_class("sensor_msgs/msg/BatteryState")
 
 
@@ -80,6 +81,16 @@ def status_to_ros(message: m.Status) -> Any:
 
 def status_from_ros(record: Any) -> m.Status:
     return m.Status(stamp_from_ros(record.header), record.node, record.code, record.text, record.fields_json)
+
+
+def outside_call_to_ros(message: m.OutsideCall) -> Any:
+    data = np.frombuffer(message.data, np.uint8)
+    return _OutsideCall(header_to_ros(message.stamp_ns, ""), int(message.kind), message.name, message.number, data)
+
+
+def outside_call_from_ros(record: Any) -> m.OutsideCall:
+    kind = m.OutsideKind(record.kind)
+    return m.OutsideCall(stamp_from_ros(record.header), kind, record.name, record.number, record.data.tobytes())
 
 
 def battery_to_ros(message: m.BatteryState) -> Any:

@@ -1,4 +1,5 @@
-"""The ROS 2 types that Ambler speaks: the Jazzy type store of rosbags plus the package `ambler_msgs` (folder `msg/`).
+"""The ROS 2 types that Ambler speaks: the Jazzy type store of rosbags, std_srvs/Trigger, and the package `ambler_msgs` (folders
+`msg/`, `srv/` and `action/`). The parts of a service or action are types of their own, named as ROS names them.
 
 CDR inside Ambler is always that of this store; other distributions exist at the edge only.
 """
@@ -13,17 +14,30 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 OWN_PACKAGE = "ambler_msgs"
+TRIGGER = "std_srvs/srv/Trigger"
+_PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
+_EMPTY = "uint8 structure_needs_at_least_one_member\n"  # what ROS 2 puts into an empty definition
 _QUATERNION = "MSG: geometry_msgs/Quaternion\n"
 
 
 def _load_store() -> Typestore:
     store = get_typestore(Stores.ROS2_JAZZY)
-    folder = resources.files("ambler.wire") / "msg"
-    for file in sorted(folder.iterdir(), key=lambda f: f.name):
-        if file.name.endswith(".msg"):
-            name = f"{OWN_PACKAGE}/msg/{file.name.removesuffix('.msg')}"
-            store.register(get_types_from_msg(file.read_text(encoding="utf-8"), name))
+    for kind, parts in _PARTS.items():
+        folder = resources.files("ambler.wire") / kind
+        for file in sorted(folder.iterdir(), key=lambda f: f.name):
+            name, _, ending = file.name.rpartition(".")
+            if ending == kind:
+                _register(store, f"{OWN_PACKAGE}/{kind}/{name}", parts, file.read_text(encoding="utf-8"))
+    _register(store, TRIGGER, _PARTS["srv"], "---\nbool success\nstring message\n")
     return store
+
+
+def _register(store: Typestore, name: str, parts: tuple[str, ...], text: str) -> None:
+    for part, definition in zip(parts, text.split("---\n"), strict=True):
+        is_empty = not any(line.strip() and not line.startswith("#") for line in definition.splitlines())
+        fields = definition + _EMPTY if is_empty else definition
+        (parsed,) = get_types_from_msg(fields, f"{OWN_PACKAGE}/msg/Any").values()
+        store.register({name + part: parsed})
 
 
 STORE = _load_store()

@@ -1,0 +1,190 @@
+"""Judges a run from its recording and its saved map, whatever its steps were; what is not known is None."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ambler.apps.docks import dock_of_world
+from ambler.apps.simulated import SimulatedRobot, SimulatedRun
+from ambler.core.errors import BadInputError
+from ambler.core.messages import BatteryState
+from ambler.core.se2 import SE2, wrap_angle
+from ambler.evaluation.collisions import Collision, find_collisions
+from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
+from ambler.evaluation.map_quality import MapQuality, compare_maps, reachable_coverage
+from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
+from ambler.evaluation.truth_frame import TruthFrame
+from ambler.nodes.steps import DockStep, NavigateStep, StepEnd, TeachStep, UndockStep, name_of
+from ambler.runtime.topics import BATTERY
+from ambler.sim.dock_body import CONTACTS
+from ambler.wire.map_files import load_map, save_map
+from ambler.wire.mcap_reader import read_recording
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """The result of a run: `fields` as they go into JSON, and what the report draws."""
+
+    fields: dict[str, Any]
+    record: ExplorationRecord
+    quality: MapQuality | None
+    trajectory: TrajectoryError | None
+    collisions: tuple[Collision, ...]
+
+
+def judge(run: SimulatedRun, robot: SimulatedRobot | None = None) -> Verdict:
+    """Compare what a robot (None: the first) believed with the ground truth of its recording, told in the frame of its map."""
+    robot = robot if robot is not None else run.robot
+    record = read_exploration(
+        robot.folder.recording, TruthFrame(robot.world_from_map), robot.truth if robot.options.is_apart else None
+    )
+    save_map(robot.folder.truth_stem, *record.true_map)
+    quality = _map_quality(robot, record)
+    trajectory = None
+    if len(record.stamps_ns) > 1:
+        trajectory = trajectory_error(record.stamps_ns, record.poses, record.true_stamps_ns, record.true_poses)
+    allowed = frozenset(dock.name + CONTACTS for dock in robot.scene.world.docks)
+    collisions = tuple(find_collisions(record.contacts, allowed=allowed))
+    fields: dict[str, Any] = {
+        "world": robot.scene.world.name,
+        "robot": robot.options.robot,
+        "ended": run.ended_of(robot),
+        "text": run.text_of(robot) or None,
+    }
+    if robot.options.makes_map:
+        fields |= _exploration(robot, record, quality, trajectory)
+    else:
+        fields |= {"localizer": robot.config.localizer, "source": robot.config.localization.source}
+    fields |= {"collisions": len(collisions), "path_length_m": record.path_length}
+    fields |= _drives(robot, record)
+    if robot.options.docks_wanted:
+        fields |= _docking(robot, record)
+    fields |= {
+        "sim_seconds": run.run_seconds,
+        "run_seconds": run.wall_seconds,
+        "real_time_factor": run.run_seconds / run.wall_seconds,
+        "peak_memory_mb": _peak_memory(),
+        "recording": str(robot.folder.recording),
+    }
+    return Verdict(fields, record, quality, trajectory, collisions)
+
+
+def is_good(verdict: Verdict) -> bool:
+    """Say whether a robot did all that it was asked, without a collision."""
+    return verdict.fields["ended"] in ("finished", "succeeded") and verdict.fields["collisions"] == 0
+
+
+def _exploration(
+    robot: SimulatedRobot, record: ExplorationRecord, quality: MapQuality | None, trajectory: TrajectoryError | None
+) -> dict[str, Any]:
+    result = next((end.result for end in _ends(robot) if name_of(end.step) == "explore"), None)
+    return {
+        "coverage_ratio": None if quality is None else quality.coverage_ratio,
+        "reachable_coverage_ratio": None if quality is None else _reachable(robot, record, quality),
+        "false_free_ratio": None if quality is None else quality.false_free_ratio,
+        "nne_cells": None if quality is None else quality.nne_cells,
+        "nne_reverse_cells": None if quality is None else quality.nne_reverse_cells,
+        "ssim": None if quality is None else quality.ssim,
+        "ate_rms_m": None if trajectory is None else trajectory.ate_rms_m,
+        "ate_unaligned_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
+        "frontiers_left": None if result is None else len(result.remaining),
+        "targets_reached": None if result is None else result.goals_reached,
+        "is_home": None if result is None else result.is_home,
+    }
+
+
+def _drives(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]:
+    """How the drives to goals went; errors are those of the true pose when the robot said that it had arrived."""
+    wanted = sum(isinstance(step, NavigateStep) for step in robot.steps)
+    if not wanted:
+        return {}
+    errors, reached = [], 0
+    for end in _ends(robot):
+        if isinstance(end.step, NavigateStep) and end.is_success:
+            reached += 1
+            pose = true_pose_at(record, end.ended_ns)
+            if pose is not None:
+                errors.append(pose.distance_to(end.step.map_from_goal))
+    return {"goals": wanted, "goals_reached": reached, "worst_goal_error_m": max(errors, default=None)}
+
+
+def _docking(robot: SimulatedRobot, record: ExplorationRecord) -> dict[str, Any]:
+    """How docking went, kind by kind (the last of each), and where the robot truly stood in that dock's frame at its end."""
+    fields: dict[str, Any] = {
+        "dock_error_m": None,
+        "dock_error_deg": None,
+        "battery_supply": _supply(robot.folder.recording),
+    }
+    world = robot.scene.world.seen_from(robot.world_from_map)
+    for end in _ends(robot):
+        if not isinstance(end.step, DockStep | UndockStep | TeachStep):
+            continue
+        kind = name_of(end.step)
+        fields |= {f"{kind}_code": end.code, f"{kind}_text": end.text}
+        if not isinstance(end.step, TeachStep) and end.result is not None:
+            fields |= {
+                f"{kind}_attempts": end.result.attempts,
+                f"{kind}_seconds": end.result.seconds,
+                f"{kind}_final_seconds": end.result.docking_seconds,
+            }
+        pose = true_pose_at(record, end.ended_ns)
+        if pose is None:
+            continue
+        away = dock_of_world(world, end.step.dock).world_from_dock.inverse() @ pose
+        if isinstance(end.step, UndockStep):
+            fields |= {"undock_x_m": away.x, "undock_y_m": away.y}
+            continue
+        angle = math.degrees(wrap_angle(away.yaw))
+        fields |= {"dock_error_x_m": away.x, "dock_error_y_m": away.y, "dock_error_yaw_deg": angle}
+        fields |= {"dock_error_m": math.hypot(away.x, away.y), "dock_error_deg": abs(angle)}
+    return fields
+
+
+def true_pose_at(record: ExplorationRecord, stamp_ns: int) -> SE2 | None:
+    """Return the true pose nearest to an instant, None when none was recorded."""
+    if not len(record.true_stamps_ns):
+        return None
+    k = int(np.argmin(np.abs(record.true_stamps_ns - stamp_ns)))
+    return SE2.from_array(record.true_poses[k])
+
+
+def _ends(robot: SimulatedRobot) -> tuple[StepEnd, ...]:
+    return () if robot.end is None else robot.end.ends
+
+
+def _reachable(robot: SimulatedRobot, record: ExplorationRecord, quality: MapQuality) -> float | None:
+    if len(record.true_poses) == 0:
+        return None
+    start, radius = SE2.from_array(record.true_poses[0]), robot.model.inscribed_radius
+    built = load_map(robot.folder.map_stem.with_suffix(".yaml"))
+    return reachable_coverage(built, record.true_map, quality.truth_from_built, start, radius)
+
+
+def _map_quality(robot: SimulatedRobot, record: ExplorationRecord) -> MapQuality | None:
+    path = robot.folder.map_stem.with_suffix(".yaml")
+    if not path.exists():
+        return None
+    try:
+        return compare_maps(load_map(path), record.true_map)
+    except BadInputError:
+        return None
+
+
+def _supply(recording: Path) -> str | None:
+    """The last word of the battery."""
+    told = None
+    for recorded in read_recording(recording, [BATTERY.ros_name]):
+        told = recorded.decode_as(BatteryState)
+    return None if told is None else told.supply.name.lower()
+
+
+def _peak_memory() -> float:
+    """Return the peak resident memory of this process, MB."""
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -1,0 +1,118 @@
+"""A robot is a list of nodes: everything between its devices and its base, the same whether it is simulated, live or replayed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.apps.config import RobotConfig
+from ambler.control.local_planners import local_planner
+from ambler.core.grid import GridSpec
+from ambler.core.protocols import GlobalPlanner, LocalPlanner
+from ambler.core.robot import RobotModel
+from ambler.costmap.global_costmap import GlobalCostmap, global_layers
+from ambler.costmap.layer import Layer
+from ambler.costmap.local_costmap import LocalCostmap, local_layers
+from ambler.docking.database import DockDatabase
+from ambler.exploration.strategies import NearestStrategy, Strategy
+from ambler.exploration.survey import DistanceField, FrontierSurvey
+from ambler.exploration.tour import TourStrategy
+from ambler.nodes.controller import ControllerNode
+from ambler.nodes.docking import DockingNode
+from ambler.nodes.echoes import EchoNode
+from ambler.nodes.explorer import ExplorerNode
+from ambler.nodes.gate import GateNode
+from ambler.nodes.glass_mapper import GlassMapperNode
+from ambler.nodes.layer_inputs import LayerInput
+from ambler.nodes.localization import LocalizationNode
+from ambler.nodes.map_server import MapServerNode
+from ambler.nodes.navigator import NavigatorNode
+from ambler.nodes.odometry import OdometryNode
+from ambler.nodes.planner import GlobalPlannerNode
+from ambler.nodes.scan_merger import ScanMergerNode
+from ambler.nodes.slam2d import Slam2dNode
+from ambler.perception.merger import MergerConfig
+from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, with_clock_offsets
+from ambler.planning.distance import distance_field
+from ambler.planning.grid_planner import GridPlanner
+from ambler.runtime.node import Node
+
+MapGrid = tuple[GridSpec, NDArray[np.int8]]
+
+
+@dataclass(frozen=True)
+class Site:
+    """What a robot is told of the place: a map, occupancy int8 [iy, ix] (None: it makes one), and docks (None: it does not dock)."""
+
+    grid: MapGrid | None = None
+    docks: DockDatabase | None = None
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What an integrator brings along: in place of what the configuration would build (None: as configured), layers drawn over
+    the usual ones with what feeds them, and nodes beside the rest. A layer serves one costmap."""
+
+    local_planner: LocalPlanner | None = None
+    global_planner: GlobalPlanner | None = None
+    strategy: Strategy | None = None
+    global_layers: tuple[Layer, ...] = ()
+    local_layers: tuple[Layer, ...] = ()
+    global_inputs: tuple[LayerInput[Any], ...] = ()
+    local_inputs: tuple[LayerInput[Any], ...] = ()
+    nodes: tuple[Node, ...] = ()
+
+
+def robot_nodes(
+    robot: RobotModel, config: RobotConfig, site: Site, seed: int = 0, parts: Parts | None = None
+) -> list[Node]:
+    """Return everything between the sensors and the base: where it is (SLAM, or localization in a map), planning, control, exploration
+    where there is no map, docking where there are docks, the nodes of `parts`, and the gate. Who gives it tasks comes on top."""
+    parts = parts if parts is not None else Parts()
+    robot = calibrated_robot(robot, config.scanners)
+    distances = partial(distance_field, escape_radius=config.planner.escape_radius)
+    nodes: list[Node] = [OdometryNode(robot)]
+    if len(robot.scanners) > 1:
+        nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
+    if site.grid is None:
+        nodes += _mapping_nodes(robot, config)
+    else:
+        localizer = partial(config.make_localizer, seed=seed)
+        nodes += [MapServerNode(*site.grid), LocalizationNode(robot, localizer, config.localization)]
+    nodes += _driving_nodes(robot, config, parts)
+    if site.grid is None:
+        survey = FrontierSurvey(config.survey, distances)
+        nodes.append(ExplorerNode(config.explore, survey, parts.strategy or _strategy(config, distances)))
+    if site.docks is not None:
+        nodes.append(DockingNode(robot, site.docks, config.docking))
+    return [*nodes, *parts.nodes, GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners))]
+
+
+def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
+    glass = [GlassMapperNode(robot, config.specular, config.glass_map)] if config.maps_glass(robot) else []
+    return [*glass, Slam2dNode(robot, config.slam2d)]
+
+
+def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
+    """What judges echoes, global planner, controller and navigator."""
+    global_planner = parts.global_planner or GridPlanner(config.planner)
+    controller = parts.local_planner or local_planner(config.controller, robot, config.rollout, config.pursuit)
+    wide = GlobalCostmap(config.global_costmap, robot, (*global_layers(config.global_costmap), *parts.global_layers))
+    near = LocalCostmap(config.local_costmap, robot, (*local_layers(config.local_costmap), *parts.local_layers))
+    echoes = [EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []
+    return [
+        *echoes,
+        GlobalPlannerNode(wide, global_planner, layer_inputs=parts.global_inputs),
+        ControllerNode(robot, controller, near, config.slam2d.planar, layer_inputs=parts.local_inputs),
+        NavigatorNode(config.navigation),
+    ]
+
+
+def _strategy(config: RobotConfig, distances: DistanceField) -> Strategy:
+    if config.strategy == "tour":
+        return TourStrategy(distances, config.tour)
+    return config.greedy if config.strategy == "greedy" else NearestStrategy()

@@ -1,0 +1,113 @@
+"""The report of a run: pictures, what its steps came to, frontiers that remain, collisions; and its result in the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table as TerminalTable
+
+from ambler.apps.judgement import Verdict, is_good
+from ambler.apps.simulated import SimulatedRobot
+from ambler.core.messages import Frontier
+from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, draw_series
+from ambler.evaluation.report import Picture, Table, collision_table, frontier_table, write_report
+from ambler.evaluation.results import machine_class
+from ambler.nodes.steps import ExploreStep, NavigateStep, Step, TaskStep, name_of
+from ambler.wire.glass_files import SUFFIX, load_glass
+from ambler.wire.map_files import load_map
+
+
+def write_run_report(robot: SimulatedRobot, verdict: Verdict) -> Path:
+    """Draw what a robot did and write `report.html` and `report.json` into its folder; returns the page."""
+    frontiers = _frontiers(robot)
+    tables = [_steps(robot), collision_table(verdict.collisions)]
+    if frontiers is not None:
+        tables.append(frontier_table(frontiers))
+    steps = ", ".join(dict.fromkeys(name_of(step) for step in robot.steps)) or "nothing to do"
+    return write_report(
+        robot.folder.root,
+        f"{robot.options.robot} in {robot.scene.world.name}: {steps}",
+        verdict.fields,
+        _pictures(robot, verdict, frontiers or ()),
+        tables,
+        subtitle=f"seed {robot.options.seed}, {machine_class()}",
+        configuration=robot.folder.config.read_text(encoding="utf-8"),
+        passed={"ended": is_good(verdict), "collisions": not verdict.collisions},
+    )
+
+
+def print_result(fields: dict[str, Any], title: str) -> None:
+    """Print the result as a small table."""
+    table = TerminalTable(title=title, show_header=False, title_justify="left")
+    for name, value in fields.items():
+        text = "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+        table.add_row(name, text)
+    Console(width=100).print(table)
+
+
+def _frontiers(robot: SimulatedRobot) -> tuple[Frontier, ...] | None:
+    """The frontiers that an exploration left, None when it was not over: then nothing is known of them."""
+    for end in () if robot.end is None else robot.end.ends:
+        if isinstance(end.step, ExploreStep) and end.result is not None:
+            remaining: tuple[Frontier, ...] = end.result.remaining
+            return remaining
+    return None
+
+
+def _steps(robot: SimulatedRobot) -> Table:
+    ends = () if robot.end is None else robot.end.ends
+    rows = tuple(
+        (
+            k + 1,
+            _title(end.step),
+            end.code.lower().replace("_", " "),
+            end.text,
+            f"{(end.ended_ns - end.begun_ns) * 1e-9:.1f}",
+        )
+        for k, end in enumerate(ends)
+    )
+    return Table("Steps", ("step", "what", "ended", "why", "seconds"), rows, "no step was begun")
+
+
+def _title(step: Step) -> str:
+    if isinstance(step, ExploreStep):
+        return "explore"
+    if isinstance(step, NavigateStep):
+        x, y, _ = step.map_from_goal.as_array()
+        return f"drive to {x:.2f}, {y:.2f} m"
+    if isinstance(step, TaskStep):
+        return f"task {step.task.name}"
+    return f"{name_of(step)} {step.dock}"
+
+
+def _pictures(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
+    folder, record = robot.folder, verdict.record
+    pictures: list[Picture] = []
+    stem = folder.map_stem if robot.options.makes_map else folder.known_map_stem
+    if stem.with_suffix(".yaml").exists():
+        spec, occupancy = load_map(stem.with_suffix(".yaml"))
+        paths = {"estimated": record.poses, "true": record.true_poses}
+        glass_file = stem.with_name(stem.name + SUFFIX)
+        glass = load_glass(glass_file).segments if glass_file.exists() else None
+        path = draw_map_with_trajectory(folder.root / "map.png", spec, occupancy, paths, frontiers, glass)
+        what = "The map as it was built" if robot.options.makes_map else "The known map"
+        pictures.append(Picture(f"{what}, with the estimated and the true path", path))
+    if verdict.quality is not None:
+        path = draw_overlay(verdict.quality, folder.root / "overlay.png")
+        pictures.append(Picture("Walls of the true map (red) and of the built map (blue), thinned and aligned", path))
+    if len(record.coverage):
+        curve = {"coverage": (record.coverage[:, 0], 100.0 * record.coverage[:, 1])}
+        path = draw_series(folder.root / "coverage.png", "time, s", "truly free area known, %", curve)
+        pictures.append(Picture("Coverage over time", path))
+    if verdict.trajectory is not None:
+        t = verdict.trajectory
+        error = {"error": (t.stamps_ns * 1e-9, 100.0 * t.errors)}
+        path = draw_series(folder.root / "trajectory_error.png", "time, s", "position error, cm", error)
+        pictures.append(Picture("Error of the estimated position", path))
+    if len(record.speeds):
+        speed = {"speed": (record.true_stamps_ns[::10] * 1e-9, record.speeds[::10])}
+        path = draw_series(folder.root / "speed.png", "time, s", "true speed, m/s", speed)
+        pictures.append(Picture("Speed of the base", path))
+    return pictures

@@ -1,0 +1,166 @@
+"""What a run of a simulated robot is told, and what that means: everything is checked before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from ambler.apps.config import RobotConfig, robot_config
+from ambler.apps.docks import dock_of_world
+from ambler.apps.robot import MapGrid
+from ambler.core.camera import CameraModel
+from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
+from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
+from ambler.docking.database import DockDatabase
+from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, TeachStep, UndockStep
+from ambler.sim.faults import Fault
+from ambler.sim.robots import SimRobot, robot_named
+from ambler.sim.solids import WorldSpec
+from ambler.sim.truth import truth_grid
+from ambler.sim.world_file import load_world
+from ambler.wire.camera_info import load_camera_info
+from ambler.wire.map_files import load_map
+
+DRAWN_RESOLUTION = 0.05
+DOCKING_STEPS = (DockStep, UndockStep, TeachStep)
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What to run. A program that begins with exploring makes its map; any other drives in a known one: `map_file`, or None: drawn from
+    the world's plan. `start` is in that map's frame, whose origin is the world's own start; `starts_docked` names a dock to start in
+    instead. A robot that `is_lost` is not told where it starts, and `may_turn` to find out. `docks_file` None: the docks are those of
+    the world's plan; `camera_file` replaces the calibration that the camera tells. `port` None shows nothing; `time_limit` is in seconds
+    of the run; `profile` overrides the robot's defaults; `faults` are written as in `sim.faults`. `is_apart`: the simulator runs in a process of its own, and the
+    robot is a live one, which reaches its devices over a serial line and a socket."""
+
+    steps: tuple[Step, ...] = (ExploreStep(),)
+    world: str = "office"
+    robot: str = "diff"
+    seed: int = 0
+    start: SE2 | None = None
+    starts_docked: str | None = None
+    map_file: Path | None = None
+    docks_file: Path | None = None
+    camera_file: Path | None = None
+    is_lost: bool = False
+    may_turn: bool = False
+    is_realtime: bool = False
+    is_apart: bool = False
+    is_perfect: bool = False
+    physics: Literal["contact", "kinematic"] = "contact"
+    port: int | None = 8765
+    host: str = "127.0.0.1"
+    token: str | None = None
+    time_limit: float = 3600.0
+    profile: Mapping[str, Any] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
+
+    @property
+    def makes_map(self) -> bool:
+        """Whether the robot begins without a map."""
+        return bool(self.steps) and isinstance(self.steps[0], ExploreStep)
+
+    @property
+    def docks_wanted(self) -> tuple[str, ...]:
+        """The names of the docks that the steps speak of."""
+        return tuple(step.dock for step in self.steps if isinstance(step, DOCKING_STEPS))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the options mean, checked: the robot, its configuration, its world, where it starts in the world's frame, and the map that
+    it knows (None: it makes one)."""
+
+    robot: SimRobot
+    config: RobotConfig
+    world: WorldSpec
+    start: SE2
+    grid: MapGrid | None
+    faults: tuple[Fault, ...]
+    camera: CameraModel | None
+
+
+def checked_scene(options: RunOptions) -> Scene:
+    """Load and check everything that options name, before anything runs; raises BadInputError with one sentence."""
+    robot = robot_named(options.robot)
+    world = load_world(options.world)
+    start = _start(options, world)
+    config = _config(robot.model, options, world.start.inverse() @ start)
+    faults = tuple(Fault.parse(text) for text in options.faults)
+    _check_steps(options, robot, world)
+    truth_grid(replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION)  # raises where it lies in a solid
+    grid = _grid(options, robot, world)
+    if grid is not None:
+        _check_map(options, config, grid)
+    if options.docks_file is not None:
+        known = DockDatabase.load(options.docks_file)
+        for name in options.docks_wanted:
+            known.dock(name)
+    camera = None if options.camera_file is None else load_camera_info(options.camera_file)
+    return Scene(robot, config, world, start, grid, faults, camera)
+
+
+def _grid(options: RunOptions, robot: SimRobot, world: WorldSpec) -> MapGrid | None:
+    """The known map: a file, or drawn from the world's plan in the frame of its own start; None when the robot makes one."""
+    if options.makes_map:
+        return None
+    if options.map_file is not None:
+        return load_map(options.map_file)
+    return truth_grid(world.from_start(), robot.sensor_height, DRAWN_RESOLUTION)
+
+
+def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
+    """Refuse a map in which nothing can be localized, and places outside of it."""
+    spec, cells = grid
+    name = options.map_file or f"the map of {options.world}"
+    if not (cells >= OCC_OCCUPIED).any():
+        raise BadInputError(f"{name}: has no wall by which a robot could be localized")
+    start = config.localization.initial_pose
+    if start is not None and not (
+        spec.contains(start.x, start.y) and cells[spec.cell_of(start.x, start.y)] == OCC_FREE
+    ):
+        raise BadInputError(f"{name}: the start pose {start.x:g}, {start.y:g} m does not lie on its free floor")
+    for step in options.steps:
+        goal = step.map_from_goal if isinstance(step, NavigateStep) else None
+        if goal is not None and not spec.contains(goal.x, goal.y):
+            raise BadInputError(f"{name}: the goal {goal.x:g}, {goal.y:g} m lies outside of it")
+
+
+def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2) -> RobotConfig:
+    config = robot_config(robot, options.profile, has_map=not options.makes_map)
+    if not options.makes_map:
+        config.check_localizer()
+        if not options.is_lost and config.localization.initial_pose is None:
+            config = replace(config, localization=replace(config.localization, initial_pose=map_from_start))
+    return config
+
+
+def _start(options: RunOptions, world: WorldSpec) -> SE2:
+    """Where the robot starts, in the world's frame."""
+    if options.starts_docked is not None:
+        return dock_of_world(world, options.starts_docked).world_from_dock
+    return world.start if options.start is None else world.start @ options.start
+
+
+def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None:
+    steps = options.steps
+    if options.is_apart and options.faults:
+        raise BadInputError("the simulator in a process of its own takes no faults yet")
+    if not steps and options.port is None:
+        raise BadInputError("there is nothing to do: no step, and no view from which somebody could click a goal")
+    if any(isinstance(step, ExploreStep) for step in steps[1:]) or (options.makes_map and options.map_file is not None):
+        raise BadInputError("exploring comes first and makes its own map")
+    if not options.docks_wanted:
+        return
+    if not world.docks:
+        raise BadInputError(f"world {options.world} has no docks; dock_room, dock_shapes, dock_hall and building have")
+    if options.docks_file is None:
+        for name in options.docks_wanted:
+            dock_of_world(world, name)
+    if not robot.model.scanners:
+        raise BadInputError(f"robot {options.robot} cannot dock: it has no planar scanner")

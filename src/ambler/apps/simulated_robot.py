@@ -1,0 +1,32 @@
+"""The nodes of a simulated robot's devices, in the place where a real robot has those of its drivers."""
+
+from __future__ import annotations
+
+from ambler.core.camera import CameraModel
+from ambler.core.se2 import SE2
+from ambler.nodes.devices.table import device_nodes
+from ambler.nodes.devices.truth import TruthNode
+from ambler.runtime.node import Node
+from ambler.sim.ground_truth import GroundTruth
+from ambler.sim.robot_devices import robot_devices
+from ambler.sim.sim_robot import SimRobot
+from ambler.sim.solids import WorldSpec
+from ambler.sim.world import BodySpec, SimulationConfig, World
+
+
+def simulated_nodes(world: World, name: str, calibration: CameraModel | None = None) -> list[Node]:
+    """Return the nodes of one robot of a running world: its devices and its ground truth. `calibration` replaces what its camera says."""
+    devices = robot_devices(world, name)
+    nodes = device_nodes(world.body(name).robot.model, devices, calibration=calibration)
+    return [*nodes, TruthNode(GroundTruth(world, world.body(name)))]
+
+
+def lone_robot_nodes(
+    spec: WorldSpec,
+    robot: SimRobot,
+    config: SimulationConfig,
+    start: SE2 | None = None,
+    calibration: CameraModel | None = None,
+) -> list[Node]:
+    """Return the nodes of a robot that is alone in a world; `start` in the world's frame (None: the world's start)."""
+    return simulated_nodes(World(spec, [BodySpec("robot", robot, start)], config), "robot", calibration)

@@ -1,0 +1,24 @@
+"""Where the sensors sit, told once: the fixed transforms from the base."""
+
+from __future__ import annotations
+
+from ambler.core import messages as m
+from ambler.core.robot import RobotModel
+from ambler.runtime.node import Node
+from ambler.runtime.topics import STATIC_TRANSFORMS
+
+
+class MountsNode(Node):
+    """Publishes `base` → sensor of every mount of a robot."""
+
+    name = "mounts"
+    outputs = (STATIC_TRANSFORMS,)
+    latency = 1e-6
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
+
+    def start(self) -> None:
+        now_ns = self.ctx.now_ns
+        edges = (m.TransformStamped(now_ns, "base", s.frame, s.base_from_sensor) for s in self._robot.sensors)
+        self.ctx.publish(STATIC_TRANSFORMS, m.Transforms(now_ns, tuple(edges)))

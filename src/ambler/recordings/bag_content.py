@@ -1,0 +1,79 @@
+"""What a bag offers, chosen by what is unambiguous: the only topic of a kind, the usual frames, and poses from transforms."""
+
+from __future__ import annotations
+
+from ambler.core.errors import BadInputError, TransformError
+from ambler.core.messages import Message, Transforms
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.core.transforms import TransformTree
+from ambler.wire.bags import BagReader
+
+BASE_FRAMES = ("base_link", "base_footprint", "base")
+TRUTH = "/ground_truth/"
+ODOM_FRAME = "odom"
+HISTORY = 1e9  # seconds: transforms of a recording are not forgotten
+
+Track = list[tuple[int, SE2]]
+"""Poses of the base under odometry by their stamps (ns)."""
+
+
+def choose_topic(bag: BagReader, kind: type[Message], name: str | None, option: str) -> str | None:
+    """Return the topic of a kind that is wanted, or the only one with messages; None without any. What a simulation recorded of the truth
+    is no choice unless it is named."""
+    found = sorted(t.name for t in bag.topics() if t.message_class is kind and t.count > 0)
+    if name is None:
+        found = [topic for topic in found if not topic.startswith(TRUTH)]
+    else:
+        if name not in found:
+            raise BadInputError(
+                f"{bag.path}: {option} {name}: no {kind.__name__} there, only on {', '.join(found) or 'no topic'}"
+            )
+        return name
+    if len(found) > 1:
+        raise BadInputError(f"{bag.path}: {kind.__name__} on several topics, choose with {option}: {', '.join(found)}")
+    return found[0] if found else None
+
+
+def listed_topics(bag: BagReader) -> str:
+    return ", ".join(f"{t.name} ({t.ros_type})" for t in bag.topics())
+
+
+def plain_frame(frame: str) -> str:
+    """Return a frame's name without the slash that it may begin with in ROS 1."""
+    return frame.lstrip("/")
+
+
+class RecordedFrames:
+    """The transforms of a recording."""
+
+    def __init__(self) -> None:
+        self._tree = TransformTree(HISTORY)
+        self._odometry: dict[str, Track] = {}
+
+    def add(self, message: Transforms, *, is_static: bool) -> None:
+        """Take the edges of a message; of a frame under two parents the first one holds."""
+        for edge in message.transforms:
+            parent, child = plain_frame(edge.parent), plain_frame(edge.child)
+            if parent == ODOM_FRAME:
+                self._odometry.setdefault(child, []).append((edge.stamp_ns, edge.parent_from_child.to_se2()))
+            if is_static:
+                self._tree.set_static(parent, child, edge.parent_from_child)
+                continue
+            try:
+                self._tree.set(parent, child, edge.stamp_ns, edge.parent_from_child)
+            except TransformError:
+                continue
+
+    def odometry_track(self) -> tuple[str | None, Track]:
+        """Return the base frame and its poses under `odom`; the base by its usual names, else the only child."""
+        for base in BASE_FRAMES:
+            if base in self._odometry:
+                return base, self._odometry[base]
+        if len(self._odometry) == 1:
+            return next(iter(self._odometry.items()))
+        return None, []
+
+    def lookup(self, target: str, source: str, stamp_ns: int | None = None) -> SE3:
+        """Return target_from_source at a time, or the newest; raises TransformError."""
+        return self._tree.lookup(plain_frame(target), plain_frame(source), stamp_ns)

@@ -1,0 +1,208 @@
+"""Opens whatever holds planar scans: CARMEN logs, the Wean Hall log, ROS 1 bags and ROS 2 bags.
+
+What a bag offers is chosen by what is unambiguous, and every choice is told: the scan topic, the odometry (a topic, else the transform
+odom -> base), the base frame (the odometry's child) and the scanner's mount (from the transforms).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ambler.core.errors import BadInputError, TransformError
+from ambler.core.messages import LaserScan, Odometry, Transforms
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.recordings.bag_content import (
+    BASE_FRAMES,
+    ODOM_FRAME,
+    RecordedFrames,
+    Track,
+    choose_topic,
+    listed_topics,
+    plain_frame,
+)
+from ambler.recordings.log_scans import F64, LogScan, LogScanConfig, planar_matrix, scans_of
+from ambler.recordings.sweep import Sweep, SweepFinder, swept
+from ambler.wire.bags import BagReader, open_bag
+from ambler.wire.carmen import load_carmen
+from ambler.wire.wean import read_wean_log
+
+NO_TOPIC = "none"
+_BAG_MAGIC = (b"#ROSBAG", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+_BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+# Many drivers report range_max, not more, where nothing came back.
+_NO_RETURN_RATIO = 0.999
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What the user decides: topic names (None: the only one; `none` as odometry: without), the mount (None: from the transforms), and
+    the order of the beams in time."""
+
+    scan_topic: str | None = None
+    odom_topic: str | None = None
+    base_from_laser: SE2 | None = None
+    sweep: Sweep = Sweep.AUTO
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRecording:
+    """The scans of a recording in the order in which they are mapped; `stamps` are their times in seconds, `notes` say what was chosen
+    and what was left out."""
+
+    scans: Iterable[LogScan]
+    stamps: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+def open_recording(
+    path: Path,
+    choices: Choices | None = None,
+    config: LogScanConfig | None = None,
+    find_sweep: SweepFinder | None = None,
+) -> ScanRecording:
+    """Read a recording, whatever its format. Who chooses `Sweep.AUTO` gives `find_sweep`, such as
+    `ambler.slam2d.sweep_search.find_sweep`; without it the beams are taken forward, as messages promise.
+
+    Raises BadInputError that names the line, byte or topic.
+    """
+    choices, config = choices or Choices(), config or LogScanConfig()
+    if path.is_dir() or path.suffix in _BAG_SUFFIXES or _head(path).startswith(_BAG_MAGIC):
+        with open_bag(path) as bag:
+            return _from_bag(bag, choices, config, find_sweep)
+    if choices != Choices():
+        raise BadInputError(f"{path}: is no ROS bag; topics, mount and sweep can be chosen in bags only")
+    if _head(path).startswith((b"L ", b"O ")):
+        log = read_wean_log(path)
+        scans = [m for m in log.messages if isinstance(m, LaserScan)]
+        track = [(m.stamp_ns, m.pose.to_se2()) for m in log.messages if isinstance(m, Odometry)]
+        return _recording(
+            scans, track, planar_matrix(log.base_from_laser), config, Sweep.FORWARD, ["format: Wean Hall log"]
+        )
+    carmen = load_carmen(path)
+    return ScanRecording(scans_of(carmen, config), tuple(line.stamp for line in carmen.lasers), ())
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(64)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_sweep: SweepFinder | None) -> ScanRecording:
+    scan_topic = choose_topic(bag, LaserScan, choices.scan_topic, "--scan-topic")
+    if scan_topic is None:
+        raise BadInputError(f"{bag.path}: no topic with laser scans, only {listed_topics(bag)}")
+    odom_topic = None
+    if choices.odom_topic != NO_TOPIC:
+        odom_topic = choose_topic(bag, Odometry, choices.odom_topic, "--odom-topic")
+    scans: list[LaserScan] = []
+    odometry: list[Odometry] = []
+    frames = RecordedFrames()
+    wanted = {t.name for t in bag.topics() if t.message_class is Transforms} | {scan_topic, odom_topic or scan_topic}
+    for topic, message, _ in bag.messages(wanted):
+        if isinstance(message, LaserScan):
+            scans.append(message)
+        elif isinstance(message, Odometry):
+            odometry.append(message)
+        elif isinstance(message, Transforms):
+            frames.add(message, is_static=topic.endswith("tf_static"))
+    notes = [f"scans: {scan_topic}, {len(scans)} of {len(scans[0].ranges)} beams in frame {scans[0].frame!r}"]
+    track: Track = []
+    base = None
+    if odometry:
+        base = plain_frame(odometry[0].child)
+        track = [(m.stamp_ns, m.pose.to_se2()) for m in odometry]
+        notes.append(f"odometry: {odom_topic}, {len(track)} poses of {base!r}")
+    elif choices.odom_topic is None:
+        base, track = frames.odometry_track()
+        source = f"transforms {ODOM_FRAME} -> {base}, {len(track)} poses" if track else "none in the recording"
+        notes.append(f"odometry: {source}")
+    if choices.base_from_laser is not None:
+        matrix, text = planar_matrix(choices.base_from_laser), "as given"
+    else:
+        matrix, text = _mount(frames, base, scans)
+    return _recording(scans, track, matrix, config, choices.sweep, [*notes, f"mount: {text}"], find_sweep)
+
+
+def _mount(frames: RecordedFrames, base: str | None, scans: list[LaserScan]) -> tuple[F64, str]:
+    """Return the scanner's (3, 4) matrix in the base frame and how it was found."""
+    laser = plain_frame(scans[0].frame)
+    missing = ""
+    for candidate in (base,) if base is not None else BASE_FRAMES:
+        for stamp_ns in (scans[len(scans) // 2].stamp_ns, None):
+            try:
+                pose = frames.lookup(candidate, laser, stamp_ns)
+            except TransformError as error:
+                missing = missing or str(error)
+                continue
+            return _matrix(pose), f"{laser!r} at {_told(pose)} in {candidate!r}"
+    if base is None:
+        return _matrix(SE3()), f"unknown; the trajectory is that of the scanner {laser!r}"
+    return _matrix(SE3()), f"unknown ({missing}); the scanner is taken to sit at {base!r} (--mount tells otherwise)"
+
+
+def _matrix(pose: SE3) -> F64:
+    return np.ascontiguousarray(pose.matrix()[:3])
+
+
+def _told(pose: SE3) -> str:
+    x, y, z = pose.translation
+    return f"({x:.3f}, {y:.3f}, {z:.3f}) m, {math.degrees(pose.to_se2().yaw):.1f} deg"
+
+
+def _recording(
+    scans: list[LaserScan],
+    track: Track,
+    matrix: F64,
+    config: LogScanConfig,
+    sweep: Sweep,
+    notes: list[str],
+    find_sweep: SweepFinder | None = None,
+) -> ScanRecording:
+    """Order by stamps; scans whose stamp another scan has already are left out, and that is told."""
+    ordered: list[LaserScan] = []
+    for scan in sorted(scans, key=lambda s: s.stamp_ns):
+        if not ordered or scan.stamp_ns > ordered[-1].stamp_ns:
+            ordered.append(scan)
+    if len(ordered) < len(scans):
+        notes.append(f"left out: {len(scans) - len(ordered)} scans with a stamp that another scan has")
+    track = sorted(track, key=lambda t: t[0])
+    if track:
+        first, last = track[0][0], track[-1][0]
+        outside = sum(not first <= s.stamp_ns <= last for s in ordered)
+        if outside:
+            notes.append(f"odometry does not cover {outside} of {len(ordered)} scans")
+    stamps = tuple(s.stamp_ns * 1e-9 for s in ordered)
+    prepared = tuple(_with_odometry(ordered, track, matrix, config))
+    if sweep is Sweep.AUTO and find_sweep is not None:
+        sweep, on_walls = find_sweep(prepared)
+        if on_walls:
+            shares = ", ".join(f"{s.value} {100 * share:.1f} %" for s, share in on_walls.items())
+            notes.append(f"beams in time: {sweep.value} (returns on walls where it turns most: {shares})")
+    return ScanRecording(tuple(swept(scan, sweep) for scan in prepared), stamps, tuple(notes))
+
+
+def _with_odometry(scans: list[LaserScan], track: Track, matrix: F64, config: LogScanConfig) -> Iterator[LogScan]:
+    times = np.array([t for t, _ in track], np.int64)
+    given = 0
+    for scan in scans:
+        end_ns = scan.stamp_ns + int(len(scan.ranges) * max(0.0, scan.time_increment) * 1e9)
+        until = max(given, int(np.searchsorted(times, end_ns, side="right")) + 1)  # one more, to interpolate
+        far = min(config.range_max, _NO_RETURN_RATIO * scan.range_max)
+        yield LogScan(
+            scan.stamp_ns,
+            np.ascontiguousarray(scan.ranges, np.float32),
+            np.array([scan.angle_min, scan.angle_increment, scan.time_increment]),
+            np.array([max(config.range_min, scan.range_min), far, min(config.free_length, far)]),
+            matrix,
+            tuple(track[given:until]),
+        )
+        given = min(until, len(track))

@@ -1,0 +1,55 @@
+"""In which order were the beams of a scan taken? Asked of the recording itself.
+
+The message promises that beam i is later than beam i - 1. Drivers of scanners that turn clockwise sort the beams by angle and keep
+the promise's sign wrong; then motion compensation doubles the distortion it should remove. Mapping the stretch with the most turning
+under each hypothesis shows the truth: under the right one, the returns lie on the walls.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from ambler.core.se2 import wrap_angle
+from ambler.recordings.log_scans import LogScan
+from ambler.recordings.sweep import Sweep, swept
+from ambler.slam2d.offline import run_offline
+
+EXCERPT = 150
+TURNING_MIN = 0.5
+MARGIN = 0.01
+
+
+def find_sweep(scans: Sequence[LogScan]) -> tuple[Sweep, dict[Sweep, float]]:
+    """Return the sweep and the share of returns on walls under each hypothesis (empty when there is nothing to decide by).
+
+    Forward is believed unless another hypothesis is better by more than `MARGIN`.
+    """
+    if not scans or scans[0].duration <= 0.0:
+        return Sweep.FORWARD, {}
+    first = _most_turning(scans)
+    if first is None:
+        return Sweep.FORWARD, {}
+    excerpt = scans[first : first + EXCERPT]
+    on_walls = {
+        sweep: run_offline(swept(scan, sweep) for scan in excerpt).points_on_walls_ratio
+        for sweep in (Sweep.FORWARD, Sweep.BACKWARD, Sweep.NONE)
+    }
+    best = max(on_walls, key=lambda sweep: on_walls[sweep])
+    is_clear = on_walls[best] > on_walls[Sweep.FORWARD] + MARGIN
+    return (best if is_clear else Sweep.FORWARD), on_walls
+
+
+def _most_turning(scans: Sequence[LogScan]) -> int | None:
+    """Return where the excerpt with the most turning begins, None when the odometry nowhere turns enough to tell."""
+    yaws = [scan.odometry[-1][1].yaw if scan.odometry else None for scan in scans]
+    turned = [0.0]
+    for before, after in itertools.pairwise(yaws):
+        turned.append(0.0 if before is None or after is None else abs(wrap_angle(after - before)))
+    total = np.concatenate(([0.0], np.cumsum(turned)))
+    starts = np.arange(max(1, len(scans) - EXCERPT + 1))
+    gains = total[np.minimum(starts + EXCERPT, len(scans))] - total[starts]
+    first = int(np.argmax(gains))
+    return first if gains[first] >= TURNING_MIN else None

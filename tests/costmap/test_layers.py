@@ -1,0 +1,156 @@
+"""What every layer must do. A new layer joins by one line in LAYERS: how it is made, and how chance feeds it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from examples.keep_out_zones import KeepOutLayer
+
+from ambler.core.grid import GridSpec
+from ambler.core.messages import Polygon
+from ambler.core.se2 import SE2
+from ambler.costmap.glass_layer import GlassLayer
+from ambler.costmap.layer import Layer, Moment, box_around, union, whole
+from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
+from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
+from ambler.costmap.static_layer import StaticConfig, StaticLayer
+
+SPEC = GridSpec(0.1, 40, 30, -2.0, -1.5)
+GROWN = GridSpec(0.1, 50, 44, -2.5, -2.0)
+FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
+Feed = Callable[[Layer, np.random.Generator, GridSpec], None]
+
+
+def feed_map(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, StaticLayer)
+    cells = np.zeros(spec.shape, np.int8)
+    y, x = int(rng.integers(0, 25)), int(rng.integers(0, 35))
+    cells[y : y + 5, x : x + 5] = 100
+    layer.set_map(spec, cells)
+
+
+def feed_rays(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, ObstacleLayer)
+    x, y = rng.uniform(-1.5, 1.5, 2)
+    layer.add([SensorRays((float(x), float(y)), rng.uniform(-4, 4, (20, 2)), rng.uniform(-4, 4, (20, 2)))])
+
+
+def feed_cones(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, RangeLayer)
+    (x, y), yaw = rng.uniform(-1.5, 1.5, 2), float(rng.uniform(-3, 3))
+    echo = float(rng.choice([0.5, 1.0, math.inf]))
+    layer.add([RangeCone(float(x), float(y), yaw, 0.3, min(echo, 1.5), echo)] * 3, float(rng.uniform(0, 3)))
+
+
+def feed_glass(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, GlassLayer)
+    layer.set_segments(rng.uniform(-3, 3, (int(rng.integers(0, 4)), 4)))
+
+
+def feed_zones(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, KeepOutLayer)
+    zone = np.zeros((int(rng.choice([0, 3, 5])), 3), np.float32)
+    zone[:, :2] = rng.uniform(-3, 3, (len(zone), 2))
+    layer.take(Polygon(0, "map", zone), None)  # type: ignore[arg-type]
+
+
+LAYERS: dict[str, tuple[Callable[[], Layer], Feed]] = {
+    "static": (lambda: StaticLayer(StaticConfig()), feed_map),
+    "obstacles": (lambda: ObstacleLayer(ObstacleConfig(1.0, 1.5)), feed_rays),
+    "cones": (lambda: RangeLayer(RangeConfig(decay=1.0)), feed_cones),
+    "glass": (GlassLayer, feed_glass),
+    "keep_out": (KeepOutLayer, feed_zones),
+}
+every_layer = pytest.mark.parametrize("name", LAYERS)
+
+
+def drawn(layer: Layer, spec: GridSpec, below: np.ndarray) -> np.ndarray:
+    out = below.copy()
+    layer.draw_into(out, spec, whole(spec))
+    return out
+
+
+def moment(rng: np.random.Generator) -> Moment:
+    pose = SE2(*(float(v) for v in rng.uniform(-0.5, 0.5, 3)))
+    return Moment(pose, SE2(float(rng.uniform(-0.2, 0.2))), pose.transform(FOOTPRINT) if rng.random() < 0.5 else None)
+
+
+@every_layer
+@pytest.mark.parametrize("seed", range(8))
+def test_what_it_draws_differs_only_within_the_box_that_it_tells(name: str, seed: int) -> None:
+    make, feed = LAYERS[name]
+    layer, rng = make(), np.random.default_rng(seed)
+    below = rng.choice(np.array([0, 100, 254, 255], np.uint8), SPEC.shape)
+    feed(layer, rng, SPEC)
+    layer.update(SPEC, moment(rng))
+    before, seen = drawn(layer, SPEC, below), 0
+    for k in range(30):
+        if k % 3:
+            feed(layer, rng, SPEC)
+        if k == 20:
+            layer.clear()
+        box = layer.update(SPEC, moment(rng))
+        after = drawn(layer, SPEC, below)
+        differing = after != before
+        seen += bool(differing.any())
+        if box is not None:
+            assert 0 <= box[0] < box[1] <= SPEC.height
+            assert 0 <= box[2] < box[3] <= SPEC.width
+            differing[box[0] : box[1], box[2] : box[3]] = False
+        assert not differing.any()
+        before = after
+    assert seen >= 5, "a test of nothing"
+
+
+@every_layer
+def test_without_news_there_is_nothing_to_draw(name: str) -> None:
+    make, feed = LAYERS[name]
+    layer, rng = make(), np.random.default_rng(1)
+    feed(layer, rng, SPEC)
+    now = Moment(costmap_from_map=SE2())
+    layer.update(SPEC, now)
+    assert layer.update(SPEC, now) is None
+
+
+@every_layer
+def test_a_box_is_drawn_right_whatever_is_outside(name: str) -> None:
+    make, feed = LAYERS[name]
+    layer, rng = make(), np.random.default_rng(2)
+    for _ in range(5):
+        feed(layer, rng, SPEC)
+        layer.update(SPEC, Moment(costmap_from_map=SE2()))
+    below = rng.choice(np.array([0, 254, 255], np.uint8), SPEC.shape)
+    part, all_of_it = below.copy(), drawn(layer, SPEC, below)
+    box = (5, 20, 8, 31)
+    layer.draw_into(part, SPEC, box)
+    np.testing.assert_array_equal(part[5:20, 8:31], all_of_it[5:20, 8:31])
+
+
+@every_layer
+def test_it_keeps_its_place_when_the_grid_grows(name: str) -> None:
+    if name == "static":
+        return  # it has no place but its map's
+    make, feed = LAYERS[name]
+    layer, rng = make(), np.random.default_rng(6)
+    now = Moment(costmap_from_map=SE2())
+    for _ in range(6):
+        feed(layer, rng, SPEC)
+        layer.update(SPEC, now)
+    before = drawn(layer, SPEC, np.zeros(SPEC.shape, np.uint8))
+    layer.update(GROWN, now)
+    after = drawn(layer, GROWN, np.zeros(GROWN.shape, np.uint8))
+    dy, dx = SPEC.offset_in(GROWN)
+    np.testing.assert_array_equal(after[dy : dy + SPEC.height, dx : dx + SPEC.width], before)
+    assert (before == 254).any()
+
+
+def test_boxes() -> None:
+    assert box_around(np.array([[-0.05, 0.05], [0.36, 0.21]]), SPEC) == (14, 19, 18, 25)
+    assert box_around(np.array([[9.0, 9.0]]), SPEC) is None
+    assert box_around(np.zeros((0, 2)), SPEC) is None
+    assert union((1, 2, 3, 4), (0, 2, 9, 10)) == (0, 2, 3, 10)
+    assert union(None, (1, 2, 3, 4)) == (1, 2, 3, 4) == union((1, 2, 3, 4), None)
+    assert union(None, None) is None

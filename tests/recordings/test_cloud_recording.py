@@ -1,0 +1,158 @@
+"""Clouds of every driver's columns, with the inertial measurements and the odometry that belong to them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+
+from ambler.core import messages as m
+from ambler.core.errors import BadInputError
+from ambler.core.se3 import SE3
+from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording, returns_in_order
+from ambler.wire.ros_messages import encode, ros_type_of
+from ambler.wire.ros_sensors import cloud_from_ros
+from ambler.wire.ros_types import STORE, record_class
+
+START_NS = 1_700_000_000_123_456_789
+SWEEP_NS = 100_000_000
+LIDAR_FROM_IMU = SE3((0.01, -0.02, 0.03))
+BASE_FROM_LIDAR = SE3((0.4, 0.0, 0.6), (0.7071067811865476, 0.0, 0.0, 0.7071067811865476))
+FORMATS = {"u1": 2, "u2": 4, "u4": 6, "f4": 7, "f8": 8}
+
+
+def cloud2(columns: dict[str, np.ndarray], stamp_ns: int = START_NS, *, padding: int = 5) -> Any:
+    """A PointCloud2 record of any columns, with unused bytes between the points, as drivers leave them."""
+    offsets = np.concatenate(([0], np.cumsum([c.itemsize for c in columns.values()])))
+    formats = [c.dtype.str for c in columns.values()]
+    layout = np.dtype({"names": list(columns), "formats": formats, "offsets": offsets[:-1].tolist(), "itemsize": int(offsets[-1]) + padding})  # fmt: skip
+    packed = np.zeros(len(next(iter(columns.values()))), layout)
+    for name, values in columns.items():
+        packed[name] = values
+    kinds = [FORMATS[c.dtype.str[1:]] for c in columns.values()]
+    fields = [
+        record_class("sensor_msgs/msg/PointField")(n, int(o), k, 1)
+        for n, o, k in zip(columns, offsets, kinds, strict=False)
+    ]
+    time = record_class("builtin_interfaces/msg/Time")(stamp_ns // 10**9, stamp_ns % 10**9)
+    header = record_class("std_msgs/msg/Header")(time, "lidar")
+    size = layout.itemsize * len(packed)
+    return record_class("sensor_msgs/msg/PointCloud2")(
+        header, 1, len(packed), fields, False, layout.itemsize, size, packed.view(np.uint8), True
+    )
+
+
+LATE = np.linspace(0.0, 0.0999, 40)
+XYZ = {axis: np.linspace(1.0, 2.0, 40).astype(np.float32) for axis in "xyz"}
+TIMES = {
+    "velodyne": ("time", LATE.astype(np.float32)),
+    "ouster": ("t", np.rint(LATE * 1e9).astype(np.uint32)),
+    "hesai": ("timestamp", START_NS * 1e-9 + LATE),
+    "livox": ("timestamp", (START_NS + np.rint(LATE * 1e9)).astype(np.float64)),
+    "livox_custom": ("offset_time", np.rint(LATE * 1e9).astype(np.uint32)),
+    "seconds_in_doubles": ("timestamp", LATE),
+}
+
+
+@pytest.mark.parametrize("driver", TIMES)
+def test_the_times_of_points_are_read_whatever_their_unit(driver: str) -> None:
+    name, values = TIMES[driver]
+    cloud = cloud_from_ros(cloud2({**XYZ, name: values}))
+    assert cloud.time.dtype == np.float32
+    np.testing.assert_allclose(cloud.time, LATE, atol=5e-7)
+
+
+def test_a_stamp_at_the_end_of_the_sweep_gives_times_before_it() -> None:
+    cloud = cloud_from_ros(cloud2({**XYZ, "timestamp": START_NS * 1e-9 + LATE}, START_NS + SWEEP_NS))
+    np.testing.assert_allclose(cloud.time, LATE - 0.1, atol=5e-7)
+    assert cloud_from_ros(cloud2(XYZ)).time.tolist() == [0.0] * 40
+
+
+def test_rings_and_intensities_go_by_several_names() -> None:
+    line, bright = np.arange(40, dtype=np.uint8), np.arange(40, dtype=np.uint16)
+    cloud = cloud_from_ros(cloud2({**XYZ, "reflectivity": bright, "line": line}))
+    np.testing.assert_array_equal(cloud.ring, line)
+    np.testing.assert_array_equal(cloud.intensity, bright)
+
+
+def test_what_did_not_return_is_left_out_and_the_rest_ordered() -> None:
+    points = np.array([[1, 0, 0], [np.nan, 0, 0], [0, 0, 0], [2, 0, 0], [np.inf, 1, 1], [3, 0, 0]], np.float32)
+    time = np.array([0.05, 0.01, 0.02, 0.0, 0.03, 0.05], np.float32)
+    ring = np.arange(6, dtype=np.uint16)
+    out = returns_in_order(m.PointCloud(9, "lidar", points, time * 10, time, ring))
+    np.testing.assert_array_equal(out.points[:, 0], [2.0, 1.0, 3.0])
+    np.testing.assert_array_equal(out.ring, [3, 0, 5])
+    np.testing.assert_array_equal(out.intensity, np.array([0.0, 0.5, 0.5], np.float32))
+    assert out.stamp_ns == 9
+
+
+def cloud_at(stamp_ns: int, first: float) -> m.PointCloud:
+    points = np.full((40, 3), first, np.float32)
+    return m.PointCloud(
+        stamp_ns, "lidar", points, points[:, 0].copy(), LATE.astype(np.float32), np.zeros(40, np.uint16)
+    )
+
+
+def write(folder: Path, *, imus: tuple[str, ...] = ("/imu",), storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    """Ten clouds, logged when they are complete; 200 Hz of inertial measurements, logged 20 ms late; 50 Hz of odometry."""
+    zero, none = np.zeros((6, 6)), (0.0, 0.0, 0.0)
+    edges = (
+        m.TransformStamped(0, "lidar", "imu", LIDAR_FROM_IMU),
+        m.TransformStamped(0, "base_link", "lidar", BASE_FROM_LIDAR),
+    )
+    out: list[tuple[int, str, m.Message]] = [(0, "/tf_static", m.Transforms(0, edges))]
+    for k in range(10):
+        stamp_ns = START_NS + k * SWEEP_NS
+        out.append((stamp_ns + SWEEP_NS, "/points", cloud_at(stamp_ns, float(k + 1))))
+    out.append((START_NS + 5 * SWEEP_NS + 1, "/points", cloud_at(START_NS + 3 * SWEEP_NS, 99.0)))
+    for k in range(210):
+        stamp_ns = START_NS - 25_000_000 + k * 5_000_000
+        out += [(stamp_ns + 20_000_000, topic, m.Imu(stamp_ns, "imu", none, (0.0, 0.0, float(k)))) for topic in imus]
+        if k % 4 == 0:
+            pose = m.Odometry(stamp_ns, "odom", "base_link", SE3(), none, none, zero, zero.copy())
+            out.append((stamp_ns + 1, "/odom", pose))
+    with Writer2(folder, version=9, storage_plugin=storage) as writer:
+        connections: dict[str, Any] = {}
+        for log_ns, topic, message in sorted(out, key=lambda entry: entry[0]):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, ros_type_of(type(message)), typestore=STORE)
+            writer.write(connections[topic], max(START_NS - 10**9, log_ns), encode(message))
+    return folder
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_each_cloud_comes_with_all_measurements_up_to_its_end_and_one_more(
+    storage: StoragePlugin, tmp_path: Path
+) -> None:
+    recording = open_cloud_recording(write(tmp_path / "bag", storage=storage))
+    scans = list(recording.scans())
+    assert [scan.cloud.points[0, 0] for scan in scans] == list(range(1, 11)), "the cloud of an old stamp is left out"
+    for scan in scans[:-1]:
+        assert scan.end_ns == pytest.approx(scan.cloud.stamp_ns + 99_900_000, abs=100)
+        for stream, period in ((scan.imu, 5_000_000), (scan.odometry, 20_000_000)):
+            assert stream[-1].stamp_ns >= scan.end_ns > stream[-2].stamp_ns
+            assert stream[-1].stamp_ns - scan.end_ns < period
+    told = [sample.linear_acceleration[2] for scan in scans for sample in scan.imu]
+    assert told == sorted(set(told)), "each once, in order"
+    assert told[: len(scans[0].imu)] == [float(k) for k in range(26)], "also what was measured before the first cloud"
+    assert [scan.cloud.stamp_ns for scan in recording.scans()] == [scan.cloud.stamp_ns for scan in scans], "again"
+
+
+def test_mounts_and_choices_are_told(tmp_path: Path) -> None:
+    path = write(tmp_path / "bag", imus=("/imu", "/imu_rear"))
+    with pytest.raises(BadInputError, match="--imu-topic"):
+        open_cloud_recording(path)
+    recording = open_cloud_recording(path, CloudChoices(imu_topic="/imu_rear"))
+    assert recording.lidar_from_imu == LIDAR_FROM_IMU
+    assert recording.base_from_lidar is not None
+    np.testing.assert_allclose(recording.base_from_lidar.matrix(), BASE_FROM_LIDAR.matrix(), atol=1e-12)
+    assert "/points in frame 'lidar', the first 0.100 s long" in recording.notes[0]
+    bare = open_cloud_recording(path, CloudChoices(imu_topic="none", odom_topic="none"))
+    assert (bare.imu_topic, bare.odom_topic, bare.lidar_from_imu) == (None, None, None)
+    assert all(scan.imu == scan.odometry == () for scan in bare.scans())
+    with pytest.raises(BadInputError, match="no PointCloud there"):
+        open_cloud_recording(path, CloudChoices(cloud_topic="/cloud"))

@@ -1,0 +1,258 @@
+"""Bags and the Wean log become the same scans, odometry and mount, whatever the container; what cannot be used is one clear error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from ambler.cli.main import main
+from ambler.core import messages as m
+from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.recordings import scan_recording
+from ambler.recordings.scan_recording import Choices, ScanRecording
+from ambler.recordings.sweep import Sweep
+from ambler.slam2d.offline import run_offline
+from ambler.slam2d.sweep_search import find_sweep
+from ambler.wire.ros_messages import encode, ros_type_of
+from ambler.wire.ros_types import STORE
+
+open_recording = partial(scan_recording.open_recording, find_sweep=find_sweep)
+DATA = Path(__file__).parents[3] / "shared" / "data"
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+Recorded = list[tuple[str, m.Message, int]]
+
+BEAMS = 360
+SCAN_TIME = 0.1
+MOUNT = SE2(0.2, -0.05, math.pi / 2)
+WALLS = ((-4.0, 5.0), (-3.0, 2.5))  # a room in the map frame: x and y of its walls
+
+
+def pose_at(seconds: float) -> SE2:
+    """Goes 0.4 m/s straight ahead while looking left and right at up to 1.6 rad/s, so that wrong beam times cannot look right."""
+    return SE2(0.4 * seconds, 0.0, 0.8 * math.sin(2.0 * seconds))
+
+
+def beam_range(pose: SE2, angle: float) -> float:
+    dx, dy = math.cos(pose.yaw + angle), math.sin(pose.yaw + angle)
+    (x0, x1), (y0, y1) = WALLS
+    to_x = ((x1 if dx > 0 else x0) - pose.x) / dx if abs(dx) > 1e-12 else math.inf
+    to_y = ((y1 if dy > 0 else y0) - pose.y) / dy if abs(dy) > 1e-12 else math.inf
+    return min(to_x, to_y)
+
+
+def scan_at(seconds: float, mount: SE2 = MOUNT, *, backward: bool = False, frame: str = "laser") -> m.LaserScan:
+    """A scan whose beams are taken one after another, in the order of their angles or against it."""
+    step, dt = 2 * math.pi / BEAMS, SCAN_TIME / BEAMS
+    ranges = np.empty(BEAMS, np.float32)
+    for i in range(BEAMS):
+        late = (BEAMS - 1 - i if backward else i) * dt
+        ranges[i] = beam_range(pose_at(seconds + late) @ mount, -math.pi + i * step)
+    stamp_ns = round(seconds * 1e9)
+    return m.LaserScan(stamp_ns, frame, -math.pi, step, dt, SCAN_TIME, 0.1, 20.0, ranges, np.zeros(0, np.float32))
+
+
+def odometry_at(seconds: float) -> m.Odometry:
+    zeros = np.zeros((6, 6))
+    none = (0.0, 0.0, 0.0)
+    pose = SE3.from_se2(SE2(10.0, 0.0, 1.0) @ pose_at(seconds))
+    return m.Odometry(round(seconds * 1e9), "odom", "base_link", pose, none, none, zeros, zeros.copy())
+
+
+def drive(seconds: float = 3.0, *, with_mount: bool = True, slash: str = "", **scan: Any) -> Recorded:
+    out: Recorded = []
+    edge = m.TransformStamped(0, slash + "base_link", slash + "laser", SE3.from_se2(MOUNT, 0.3))
+    if with_mount:
+        out.append(("/tf_static", m.Transforms(0, (edge,)), 1))
+    for k in range(round(seconds / 0.05)):
+        t = 1.0 + 0.05 * k
+        log_ns = round(t * 1e9)
+        out.append(("/odom", odometry_at(t), log_ns + 30_000_000))
+        if k % 2 == 0:
+            out.append(("/scan", scan_at(t, frame=slash + "laser", **scan), log_ns + 100_000_000))
+    return sorted(out, key=lambda entry: entry[2])
+
+
+def write_ros2(folder: Path, recorded: Recorded, storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    with Writer2(folder, version=9, storage_plugin=storage) as writer:
+        connections: dict[str, Any] = {}
+        for topic, message, log_ns in recorded:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, ros_type_of(type(message)), typestore=STORE)
+            writer.write(connections[topic], log_ns, encode(message))
+    return folder
+
+
+def write_sqlite(folder: Path, recorded: Recorded) -> Path:
+    return write_ros2(folder, recorded, StoragePlugin.SQLITE3)
+
+
+def write_ros1(folder: Path, recorded: Recorded) -> Path:
+    path = folder.with_suffix(".bag")
+    with Writer1(path) as writer:
+        connections: dict[str, Any] = {}
+        for topic, message, log_ns in recorded:
+            ros_type = ros_type_of(type(message))
+            record = STORE.deserialize_cdr(encode(message), ros_type)
+            for stamped in [record, *getattr(record, "transforms", [])]:
+                if hasattr(stamped, "header"):
+                    time = ROS1.types["builtin_interfaces/msg/Time"](
+                        stamped.header.stamp.sec, stamped.header.stamp.nanosec
+                    )
+                    stamped.header = ROS1.types["std_msgs/msg/Header"](0, time, stamped.header.frame_id)
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, ros_type, typestore=ROS1)
+            writer.write(connections[topic], log_ns, ROS1.serialize_ros1(record, ros_type))
+    return path
+
+
+def median_error(recording: ScanRecording) -> float:
+    """Median distance between the estimated and the true pose, both relative to the first scan."""
+    poses = run_offline(recording.scans).poses
+    first = pose_at(recording.stamps[0])
+    true = [first.inverse() @ pose_at(t) for t in recording.stamps]
+    start = SE2.from_array(poses[0])
+    errors = [(start.inverse() @ SE2.from_array(p)).distance_to(t) for p, t in zip(poses, true, strict=True)]
+    return float(np.median(errors))
+
+
+@pytest.mark.parametrize("write", [write_ros2, write_sqlite, write_ros1])
+def test_every_kind_of_bag_maps_to_the_true_trajectory(write: Callable[[Path, Recorded], Path], tmp_path: Path) -> None:
+    slash = "/" if write is write_ros1 else ""
+    recording = open_recording(write(tmp_path / "bag", drive(slash=slash)))
+    assert len(recording.stamps) == 30
+    assert any("90.0 deg in 'base_link'" in note for note in recording.notes)
+    assert any("beams in time: forward" in note for note in recording.notes)
+    assert median_error(recording) < 0.02
+
+
+def test_beams_that_run_against_their_promise_are_found_and_turned(tmp_path: Path) -> None:
+    bag = write_ros2(tmp_path / "bag", drive(backward=True))
+    plain = open_recording(bag, Choices(sweep=Sweep.FORWARD))
+    assert find_sweep(tuple(plain.scans))[0] is Sweep.BACKWARD
+    found = open_recording(bag)
+    assert any("beams in time: backward" in note for note in found.notes)
+    assert run_offline(found.scans).points_on_walls_ratio > run_offline(plain.scans).points_on_walls_ratio + 0.01
+    assert median_error(found) < 0.02
+
+
+def test_without_odometry_the_scans_alone_do(tmp_path: Path) -> None:
+    recording = open_recording(write_ros2(tmp_path / "bag", drive()), Choices(odom_topic="none"))
+    assert all(scan.odometry == () for scan in recording.scans)
+    assert median_error(recording) < 0.1
+
+
+def test_transforms_stand_in_for_a_missing_odometry_topic(tmp_path: Path) -> None:
+    recorded: Recorded = []
+    for topic, message, log_ns in drive():
+        if isinstance(message, m.Odometry):
+            edge = m.TransformStamped(message.stamp_ns, "odom", "base_link", message.pose)
+            recorded.append(("/tf", m.Transforms(message.stamp_ns, (edge,)), log_ns))
+        else:
+            recorded.append((topic, message, log_ns))
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    assert any("transforms odom -> base_link, 60 poses" in note for note in recording.notes)
+    assert median_error(recording) < 0.02
+
+
+def test_a_missing_mount_is_told_and_can_be_given(tmp_path: Path) -> None:
+    bag = write_ros2(tmp_path / "bag", drive(with_mount=False))
+    assert any("--mount" in note for note in open_recording(bag).notes)
+    assert median_error(open_recording(bag, Choices(base_from_laser=MOUNT))) < 0.02
+
+
+def test_an_upside_down_scanner_keeps_its_handedness(tmp_path: Path) -> None:
+    turned = SE3.from_rpy((0.2, 0.0, 0.3), math.pi, 0.0, 0.0)
+    edge = m.TransformStamped(0, "base_link", "laser", turned)
+    scan = m.LaserScan(1, "laser", 0.5, 0.1, 0.0, 0.1, 0.1, 20.0, np.array([2.0], np.float32), np.zeros(0, np.float32))
+    bag = write_ros2(tmp_path / "bag", [("/tf_static", m.Transforms(0, (edge,)), 1), ("/scan", scan, 2)])
+    (item,) = open_recording(bag).scans
+    point = item.to_planar(np.zeros(3)).points[0]
+    assert point == pytest.approx([0.2 + 2 * math.cos(0.5), -2 * math.sin(0.5)], abs=1e-6)
+
+
+def test_several_scan_topics_must_be_chosen_from(tmp_path: Path) -> None:
+    recorded = [("/rear" if t == "/scan" and k % 4 == 0 else t, x, n) for k, (t, x, n) in enumerate(drive())]
+    bag = write_ros2(tmp_path / "bag", recorded)
+    with pytest.raises(BadInputError, match=r"--scan-topic: /rear, /scan"):
+        open_recording(bag)
+    assert len(open_recording(bag, Choices("/rear")).stamps) > 0
+    with pytest.raises(BadInputError, match=r"--scan-topic /front: no LaserScan there, only on /rear, /scan"):
+        open_recording(bag, Choices("/front"))
+
+
+def test_the_truth_of_a_simulation_is_no_choice(tmp_path: Path) -> None:
+    recorded = drive()
+    recorded += [("/ground_truth/pose", x, n) for t, x, n in recorded if t == "/odom"]
+    bag = write_ros2(tmp_path / "bag", sorted(recorded, key=lambda entry: entry[2]))
+    assert any(note.startswith("odometry: /odom,") for note in open_recording(bag).notes)
+    chosen = open_recording(bag, Choices(odom_topic="/ground_truth/pose")).notes
+    assert any(note.startswith("odometry: /ground_truth/pose,") for note in chosen)
+
+
+def write_foreign(path: Path) -> Path:
+    path.write_bytes(bytes(range(256)) * 8)
+    return path
+
+
+def write_truncated(path: Path) -> Path:
+    bag = write_ros1(path, drive(0.5))
+    bag.write_bytes(bag.read_bytes()[:-2000])
+    return bag
+
+
+def write_scanless(path: Path) -> Path:
+    return write_ros2(path, [x for x in drive(0.5) if x[0] != "/scan"])
+
+
+def write_broken_scan(path: Path) -> Path:
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
+        writer.write(connection, 1, encode(scan_at(1.0))[:40])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("write", "named"),
+    [
+        (write_foreign, "line 1"),
+        (write_truncated, "cannot be read"),
+        (write_scanless, "no topic with laser scans"),
+        (write_broken_scan, "on /scan"),
+    ],
+)
+def test_unusable_files_are_one_line_and_leave_nothing(
+    write: Callable[[Path], Path], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "in")
+    assert main(["slam2d", str(path), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert named in error
+    assert "Traceback" not in error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(not DATA.exists(), reason=f"recorded data is absent: {DATA}")
+def test_the_real_turtlebot_sweeps_backward_and_its_returns_lie_on_walls() -> None:
+    recording = open_recording(DATA / "turtlebot4" / "macfirst_floor_take_2")
+    assert any("beams in time: backward" in note for note in recording.notes)
+    assert run_offline(recording.scans).points_on_walls_ratio > 0.95
+
+
+@pytest.mark.skipif(not DATA.exists(), reason=f"recorded data is absent: {DATA}")
+def test_the_real_wean_log_closes_its_loops() -> None:
+    result = run_offline(open_recording(DATA / "cmu_wean" / "robotdata1.log").scans)
+    assert result.loop_closures >= 1
+    assert result.points_on_walls_ratio > 0.9

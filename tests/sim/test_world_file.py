@@ -1,0 +1,243 @@
+"""World files: what they mean, that the shipped ones are sane, and that mistakes get one clear line."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.sim.floorplan import merge_cells
+from ambler.sim.kinematic_physics import FootprintCollider
+from ambler.sim.robots import robot_named, robot_names
+from ambler.sim.truth import reachable_cells
+from ambler.sim.world_file import load_world, world_names
+from ambler.wire.map_files import save_map
+
+# The middle of each of the ten rooms of `office`, in the author's coordinates.
+ROOMS = [
+    *[(2.0, 10.5), (6.2, 10.0), (13.2, 11.2), (18.9, 11.5), (22.3, 11.0)],
+    *[(3.2, 1.8), (7.6, 5.2), (12.3, 4.4), (15.0, 3.0), (21.3, 4.5)],
+]
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "world.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_worlds_of_the_issue_are_there() -> None:
+    wanted = {"lab_empty", "lab_obstacle", "office", "warehouse", "maze", "corridor", "building"}
+    assert wanted <= set(world_names())
+
+
+@pytest.mark.parametrize("name", ["warehouse", "maze", "corridor", "building"])
+def test_every_robot_can_get_around_and_turn_in_the_wide_worlds(name: str) -> None:
+    """A disc of 0.65 m, which passes openings of 1.5 m, comes near every place where `amr_omni` can stand at all."""
+    world = load_world(name)
+    spec, wide = reachable_cells(world, 0.65, 0.1, 0.25)
+    _, narrow = reachable_cells(world, 0.42, 0.1, 0.25)
+    near = ndimage.distance_transform_edt(~wide) * spec.resolution < 0.75
+    assert (narrow & near).sum() > 0.97 * narrow.sum()
+    assert ndimage.label(narrow)[1] == 1
+    size = {"warehouse": 250, "maze": 60, "corridor": 90, "building": 280}[name]
+    assert narrow.sum() * 0.01 > size
+
+
+def test_the_corridor_is_long_and_has_few_features() -> None:
+    x0, y0, x1, y1 = load_world("corridor").bounds()
+    assert x1 - x0 == pytest.approx(60.12)
+    assert y1 - y0 < 4.7
+    assert len(load_world("corridor").solids) == 14
+
+
+def test_racks_stand_on_posts_and_their_empty_bays_can_be_passed() -> None:
+    world = load_world("warehouse")
+    names = [s.name for s in world.solids]
+    assert names.count("rack_a_post") == 14
+    assert names.count("rack_a_pallet") == 5
+    spec, reached = reachable_cells(world, 0.5, 0.1, 0.25)
+    assert reached[spec.cell_of(6.0 + 3.5 * 2.7, 3.35)]
+
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+
+
+@pytest.mark.parametrize("name", ["easy/img_1", "medium/img_10", "complex/img_100"])
+def test_pictures_of_the_exploration_benchmark_are_worlds(name: str) -> None:
+    path = DATA / "exploration" / f"{name}.png"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    world = load_world(path)
+    collider = FootprintCollider(world, robot_named("amr_omni"))
+    assert all(not collider.overlapping(world.start @ SE2(0.0, 0.0, 0.1 * k)) for k in range(63))
+    _, reached = reachable_cells(world, 0.5, 0.1, 0.25)
+    assert reached.sum() * 0.01 > 200.0
+    # The block that marks the start is where the robot starts.
+    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[::-1]
+    start = world.start
+    assert abs(int(pixels[int(start.y / 0.1), int(start.x / 0.1)]) - 203) <= 2
+
+
+@pytest.mark.parametrize("name", ["depot", "ac109_3"])
+def test_public_maps_are_worlds(name: str) -> None:
+    path = DATA / "maps" / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    world = load_world(path)
+    collider = FootprintCollider(world, robot_named("diff"))
+    assert not collider.overlapping(world.start)
+    _, reached = reachable_cells(world, 0.3, 0.05, 0.25)
+    assert reached.sum() * 0.0025 > {"depot": 100.0, "ac109_3": 0.9}[name]
+
+
+def test_a_picture_without_a_start_begins_in_the_widest_place(tmp_path: Path) -> None:
+    pixels = np.full((60, 80), 127, np.uint8)
+    pixels[10:30, 10:30] = 194
+    pixels[20:24, 30:70] = 194
+    cv2.imwrite(str(tmp_path / "p.png"), pixels)
+    world = load_world(tmp_path / "p.png")
+    assert world.start.distance_to(SE2(2.0, 4.0, 0.0)) < 0.2
+    with pytest.raises(BadInputError, match="not on a free cell"):
+        load_world(tmp_path / "p.png", start=SE2(0.5, 0.5, 0.0))
+    (tmp_path / "broken.png").write_text("no picture")
+    with pytest.raises(BadInputError, match=r"broken\.png"):
+        load_world(tmp_path / "broken.png")
+
+
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("name", [n for n in world_names() if load_world(n).is_flat])
+def test_robots_start_free_and_can_turn_around(name: str, robot: str) -> None:
+    world = load_world(name)
+    collider = FootprintCollider(world, robot_named(robot))
+    for k in range(36):
+        assert not collider.overlapping(world.start @ SE2(0.0, 0.0, math.radians(10 * k)))
+
+
+@pytest.mark.parametrize("robot", ["diff", "spot"])  # the doors are too narrow for amr_omni
+def test_every_room_of_the_office_can_be_reached(robot: str) -> None:
+    world = load_world("office")
+    model = robot_named(robot).model
+    spec, reached = reachable_cells(world, model.inscribed_radius + 0.1, 0.05, 0.5)
+    for x, y in ROOMS:
+        assert reached[spec.cell_of(x, y)], (x, y)
+
+
+def test_office_doors_are_as_wide_as_said_and_rooms_need_them() -> None:
+    """A disc of 0.40 m passes every door, one of 0.47 m none: the ten rooms and the corridor fall apart."""
+    world = load_world("office")
+    for radius, passes in ((0.40, True), (0.47, False)):
+        spec, reached = reachable_cells(world, radius, 0.025, 0.5)
+        rooms = [spec.cell_of(x, y) for x, y in ROOMS]
+        assert [bool(reached[c]) for c in rooms] == [passes] * 10
+
+
+def test_the_obstacle_stands_free() -> None:
+    empty, obstacle = load_world("lab_empty"), load_world("lab_obstacle")
+    assert len(obstacle.solids) == len(empty.solids) + 1
+    _, clear = reachable_cells(obstacle, 0.6, 0.05, 0.5)
+    _, count = ndimage.label(~clear)
+    assert count == 2
+
+
+def test_a_wall_is_cut_by_its_door(tmp_path: Path) -> None:
+    path = write(tmp_path, "start: {x: 1, y: 1}\nwalls: [{from: [0, 0], to: [4, 0], doors: [{at: 2.0}]}]")
+    pieces = [s for s in load_world(path).solids if s.z_min == 0.0]
+    ends = sorted(float(v) for s in pieces for v in s.corners()[:, 0].round(9))
+    assert ends == pytest.approx([-0.06, -0.06, 1.55, 1.55, 2.45, 2.45, 4.06, 4.06])
+    (lintel,) = [s for s in load_world(path).solids if s.z_min > 0.0]
+    assert (lintel.z_min, lintel.z_max, lintel.size_x) == (2.1, 2.5, pytest.approx(0.9))
+
+
+def test_a_world_keeps_its_own_coordinates_and_can_be_seen_from_its_start(tmp_path: Path) -> None:
+    text = (
+        "start: {x: 2, y: 3, yaw_deg: 90}\nboxes: [{center: [2, 5], size: [1, 1, 1]}]\n"
+        "walls: [{from: [0, 0], to: [6, 0], doors: [{at: 2.0, width: 1.2}]}]\n"
+        "people: [{way: [[2, 7], [3, 7]]}]\n"
+        "docks: [{name: d, pose: {x: 4, y: 3, yaw_deg: 180}, markers: [{id: 1}]}]"
+    )
+    world = load_world(write(tmp_path, text))
+    box = next(s for s in world.solids if s.name == "box")
+    assert (box.map_from_solid.x, box.map_from_solid.y) == (2.0, 5.0)
+    assert world.start == SE2(2.0, 3.0, math.pi / 2)
+    seen = world.from_start()
+    assert seen.start.distance_to(SE2()) < 1e-12
+    box = next(s for s in seen.solids if s.name == "box")
+    assert (box.map_from_solid.x, box.map_from_solid.y) == pytest.approx((2.0, 0.0))
+    assert seen.people[0].way[1] == pytest.approx((4.0, -1.0))
+    assert seen.docks[0].world_from_dock.as_array() == pytest.approx([0.0, -2.0, math.pi / 2])
+    (x, y), (u, v) = world.doors[0].slide, seen.doors[0].slide
+    assert (u, v) == pytest.approx((y, -x))
+    back = seen.seen_from(world.start.inverse())
+    assert back.solids[0].map_from_solid.as_array() == pytest.approx(world.solids[0].map_from_solid.as_array())
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("start: {x: 0, y: 0}\nboxs: []", "boxs"),
+        ("start: {x: 0, y: 0}\nwalls: [{from: [0, 0]}]", "walls.0.to"),
+        ("start: {x: 0, y: 0}\nwalls: [{from: [0, 0], to: [1, 0], doors: [{at: 0.9}]}]", "walls.0.doors"),
+        ("start: {x: 0, y: 0}\nwalls: [{from: [0, 0], to: [0, 0]}]", "walls.0"),
+        ("start: {x: 0, y: zero}", "start.y"),
+        ("start: {x: 0, y: 0}\ncylinders: [{center: [0, 0], radius: -1, height: 1}]", "cylinders.0.radius"),
+        ("start: {x: 0, y: 0}\nboxes: [{center: [0, 0], size: [1, 0, 1]}]", "size"),
+        ("start: {x: .nan, y: 0}", "start.x"),
+        ("walls: []", "start"),
+        ('start: {x: 0, y: 0}\nracks: [{corner: [0, 0], bays: "1x"}]', "racks.0.bays"),
+        ("start: {x: 0, y: 0}\npeople: [{way: [[0, 0]]}]", "people.0.way"),
+        ("extends: world_that_is_not\nstart: {x: 0, y: 0}", "world_that_is_not"),
+        ("[1, 2]", "mapping"),
+        ("start: {x: 0", "YAML"),
+    ],
+)
+def test_mistakes_get_one_clear_line(tmp_path: Path, text: str, place: str) -> None:
+    with pytest.raises(BadInputError) as caught:
+        load_world(write(tmp_path, text))
+    assert place in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_names_list_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="office"):
+        load_world("atlantis")
+    with pytest.raises(BadInputError, match="does not exist"):
+        load_world(tmp_path / "none.yaml")
+    with pytest.raises(BadInputError, match="diff, spot"):
+        robot_named("wallee")
+
+
+def test_a_world_cannot_extend_itself_in_a_circle(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.yaml", tmp_path / "b.yaml"
+    a.write_text(f"extends: {b}\nstart: {{x: 0, y: 0}}")
+    b.write_text(f"extends: {a}\nstart: {{x: 0, y: 0}}")
+    with pytest.raises(BadInputError, match="extends"):
+        load_world(a)
+
+
+def test_merged_boxes_cover_exactly_the_occupied_cells() -> None:
+    cells = np.random.default_rng(3).random((23, 31)) < 0.4
+    cover = np.zeros(cells.shape, int)
+    for iy0, ix0, iy1, ix1 in merge_cells(cells):
+        cover[iy0:iy1, ix0:ix1] += 1
+    np.testing.assert_array_equal(cover, cells.astype(int))
+
+
+def test_a_floor_plan_becomes_a_world(tmp_path: Path) -> None:
+    spec = GridSpec(0.1, 40, 30, -1.0, 2.0)
+    plan = np.zeros(spec.shape, np.int8)
+    plan[0], plan[-1], plan[:, 0], plan[:, -1], plan[10:12, 5:20] = 100, 100, 100, 100, 100
+    save_map(tmp_path / "plan", spec, plan)
+    world = load_world(tmp_path / "plan.yaml")
+    assert len(world.solids) == 5
+    start = world.start
+    area = sum(s.size_x * s.size_y for s in world.solids)
+    assert area == pytest.approx(np.count_nonzero(plan == 100) * 0.01)
+    assert plan[spec.cell_of(start.x, start.y)] == 0
+    with pytest.raises(BadInputError, match="not on a free cell"):
+        load_world(tmp_path / "plan.yaml", start=SE2(-0.95, 2.05, 0.0))
