@@ -131,7 +131,8 @@ def test_agrees_with_mujoco_in_every_world(name: str) -> None:
     places += rng.uniform(-0.04, 0.04, places.shape)  # or rays run along faces of solids
     directions = np.ascontiguousarray(VLP_16.directions()[::15].reshape(-1, 3))
     for x, y in places:
-        origin = np.array([x, y, rng.uniform(0.2, 1.0)])
+        ground = float(world.ground_at(np.array([[x, y]]))[0])
+        origin = np.array([x, y, ground + rng.uniform(0.2, 1.0)])
         ours, _, _ = scene.cast(np.tile(origin, (len(directions), 1)), directions)
         theirs = mujoco_cast(model, data, origin, directions)
         agree = np.isclose(ours, theirs, atol=1e-3, rtol=0) | (np.isinf(ours) & np.isinf(theirs))

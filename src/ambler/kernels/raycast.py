@@ -1,13 +1,14 @@
-"""Rays against oriented boxes and cylinders in a bounding volume hierarchy, for the simulator's sensors only.
+"""Rays against oriented boxes, cylinders and triangles in a bounding volume hierarchy, for the simulator's sensors only.
 
 A primitive is a row of `prims` float64 (P, 15): centre (3), half extents (3), rotation world_from_local row by row (9); a
 cylinder stands along its local z with radius half[0]. `kinds` uint8 (P,): 0 box, 1 cylinder, 2 glass box, which a ray passes
-unless it meets it almost squarely. A node's `bounds` float64 (N, 6)
+unless it meets it almost squarely, 3 triangle: corners (9), unit normal (3), three zeros. A node's `bounds` float64 (N, 6)
 are (lower, upper); `counts` > 0 marks a leaf with primitives `firsts ... firsts + counts - 1`, else its children are
 `firsts` and `firsts + 1`. Floor and ceiling are planes of their own.
 
 Rays travel in packets of 16 neighbours (one column of a 16-ring scanner): a node is opened if any of them enters it, and all
-are tested at once (Wald et al. 2001). Slab test after Kay and Kajiya 1986.
+are tested at once (Wald et al. 2001). Slab test after Kay and Kajiya 1986. Triangles have two sides; their test is watertight (Woop, Benthin
+and Wald 2013): a ray through an edge or a corner that triangles share meets at least one of them.
 """
 
 from __future__ import annotations
@@ -24,13 +25,17 @@ NOTHING = -1
 FLOOR = -2
 CEILING = -3
 GLASS = 2
+TRIANGLE = 3
 GLASS_COSINE = math.cos(math.radians(12.0))  # beyond this angle a pane sends the light elsewhere
 GLASS_DIFFUSE = 0.1  # share of a pane's albedo that dust on it scatters back
 SPECULAR = 4.0  # intensity of a pane met squarely; white paint has 1
 SPECULAR_SIGMA = math.radians(2.5)  # width of that peak, from the divergence of the beam and the receiver's aperture
 TINY = 1e-12
-# Rows of a packet float64 (11, PACKET): origin, direction, 1 / direction, nearest distance so far, cosine of incidence.
+# Rows of a packet float64 (ROWS, PACKET): origin, direction, 1 / direction, nearest distance so far, cosine of incidence, and
+# from SHEAR on a matrix row by row, that turns the direction into (0, 0, 1).
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ, BEST, COSINE = range(11)
+SHEAR = 11
+ROWS = 20
 
 
 @jit_ieee
@@ -120,6 +125,55 @@ def _hit_cylinder(prims, k, packet, hit):
 
 
 @jit_ieee
+def _shear(packet):
+    """Write every ray's matrix: a permutation that makes the longest part of the direction the third, and a shear."""
+    for r in range(PACKET):
+        ax, ay, az = abs(packet[DX, r]), abs(packet[DY, r]), abs(packet[DZ, r])
+        kz = 2 if (az >= ax and az >= ay) else (1 if ay >= ax else 0)
+        kx = kz + 1 if kz < 2 else 0
+        ky = kx + 1 if kx < 2 else 0
+        for j in range(9):
+            packet[SHEAR + j, r] = 0.0
+        scale = 1.0 / packet[DX + kz, r]
+        packet[SHEAR + kx, r] = 1.0
+        packet[SHEAR + kz, r] = -packet[DX + kx, r] * scale
+        packet[SHEAR + 3 + ky, r] = 1.0
+        packet[SHEAR + 3 + kz, r] = -packet[DX + ky, r] * scale
+        packet[SHEAR + 6 + kz, r] = scale
+
+
+@jit_ieee
+def _hit_triangle(prims, k, packet, hit):
+    """Test all rays of the packet against a triangle, from either side; one that is seen edge-on is not met.
+
+    A corner's place across the ray depends on nothing but corner and ray, and the sign of an edge function is right or 0, so
+    two triangles with a common edge never both leave a ray out.
+    """
+    p = prims[k]
+    for r in range(PACKET):
+        ox, oy, oz = packet[OX, r], packet[OY, r], packet[OZ, r]
+        sx, sy, sz = packet[SHEAR, r], packet[SHEAR + 1, r], packet[SHEAR + 2, r]
+        tx, ty, tz = packet[SHEAR + 3, r], packet[SHEAR + 4, r], packet[SHEAR + 5, r]
+        ux, uy, uz = packet[SHEAR + 6, r], packet[SHEAR + 7, r], packet[SHEAR + 8, r]
+        ax, ay, az = p[0] - ox, p[1] - oy, p[2] - oz
+        bx, by, bz = p[3] - ox, p[4] - oy, p[5] - oz
+        cx, cy, cz = p[6] - ox, p[7] - oy, p[8] - oz
+        x0, y0 = sx * ax + sy * ay + sz * az, tx * ax + ty * ay + tz * az
+        x1, y1 = sx * bx + sy * by + sz * bz, tx * bx + ty * by + tz * bz
+        x2, y2 = sx * cx + sy * cy + sz * cz, tx * cx + ty * cy + tz * cz
+        u, v, w = x2 * y1 - y2 * x1, x0 * y2 - y0 * x2, x1 * y0 - y1 * x0
+        det = u + v + w
+        z0, z1, z2 = ux * ax + uy * ay + uz * az, ux * bx + uy * by + uz * bz, ux * cx + uy * cy + uz * cz
+        t = (u * z0 + v * z1 + w * z2) / det
+        is_inside = ((u >= 0.0) & (v >= 0.0) & (w >= 0.0)) | ((u <= 0.0) & (v <= 0.0) & (w <= 0.0))
+        is_hit = is_inside & (det != 0.0) & (t >= 0.0) & (t < packet[BEST, r])
+        cosine = abs(p[9] * packet[DX, r] + p[10] * packet[DY, r] + p[11] * packet[DZ, r])
+        packet[BEST, r] = t if is_hit else packet[BEST, r]
+        packet[COSINE, r] = cosine if is_hit else packet[COSINE, r]
+        hit[r] = k if is_hit else hit[r]
+
+
+@jit_ieee
 def _hit_planes(floor, ceiling, packet, hit):
     for r in range(PACKET):
         oz, dz = packet[OZ, r], packet[DZ, r]
@@ -140,6 +194,7 @@ def _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, h
         packet[IY, r] = 1.0 / _away_from_zero(packet[DY, r])
         packet[IZ, r] = 1.0 / _away_from_zero(packet[DZ, r])
     _hit_planes(floor, ceiling, packet, hit)
+    is_sheared = False
     top = 1
     stack[0] = 0
     while top > 0:
@@ -152,6 +207,11 @@ def _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, h
             for k in range(first, first + counts[node]):
                 if kinds[k] == 1:
                     _hit_cylinder(prims, k, packet, hit)
+                elif kinds[k] == TRIANGLE:
+                    if not is_sheared:
+                        _shear(packet)
+                        is_sheared = True
+                    _hit_triangle(prims, k, packet, hit)
                 else:
                     _hit_box(prims, k, GLASS_COSINE if kinds[k] == GLASS else 0.0, packet, hit)
             continue
@@ -173,7 +233,7 @@ def cast_rays(
 
     Writes distance float64 (N,) (inf: nothing), the primitive hit int64 (N,) and the cosine of incidence float64 (N,).
     """
-    packet, hit, stack = np.empty((11, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
+    packet, hit, stack = np.empty((ROWS, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
     n = origins.shape[0]
     for start in range(0, n, PACKET):
         for r in range(PACKET):
@@ -257,7 +317,7 @@ def sweep(
     (D, 15) outside of the hierarchy, as they are when the scan begins, with velocities (D, 2).
     """
     moved, mover_hit = np.empty((movers.shape[0], 15)), np.empty(PACKET, np.int64)
-    packet, hit, stack = np.empty((11, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
+    packet, hit, stack = np.empty((ROWS, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
     rotation, origin = np.empty((3, 3)), np.empty(3)
     rings, solids = directions.shape[1], prims.shape[0]
     rays = directions.shape[0] * rings

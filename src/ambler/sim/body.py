@@ -42,6 +42,7 @@ class Body:
         self._grip = 1.0
         self._wanted = BodyVelocity()
         self._hull = _hull_of(placed.name, self.robot)
+        self._is_flat = world.is_flat
 
     def place(self, carriage: Carriage, travel: tuple[float, ...]) -> None:
         """Take the state in which the physics begins."""
@@ -103,14 +104,15 @@ class Body:
 
     def hull(self, elapsed_ns: int, ago_ns: int) -> tuple[Solid, tuple[float, float]]:
         """Return the box that others' rays meet, and its velocity (m/s), for rays of the last `ago_ns`: where it was at their first,
-        turned as it was in their middle."""
+        turned as it was in their middle. It is upright on slopes, too, from the height of the base on."""
         now, then = self.world_from_base.to_se2(), self.pose_at(elapsed_ns - ago_ns).to_se2()
         middle = self.pose_at(elapsed_ns - ago_ns // 2).to_se2()
         offset = SE2(0.0, 0.0, middle.yaw) @ self._hull.map_from_solid
         seconds = ago_ns * 1e-9
         rate = ((now.x - then.x) / seconds, (now.y - then.y) / seconds) if ago_ns > 0 else (0.0, 0.0)
         place = SE2(then.x + offset.x, then.y + offset.y, offset.yaw)
-        return Solid(self.name, Shape.BOX, place, *_sizes(self._hull), self._hull.albedo), rate
+        ground = 0.0 if self._is_flat else self._carriage.position[2]
+        return Solid(self.name, Shape.BOX, place, *_sizes(self._hull, ground), self._hull.albedo), rate
 
     def _pose(self, carriage: Carriage) -> SE3:
         self._carriage = carriage
@@ -118,8 +120,8 @@ class Body:
         return pose if self._gait is None else pose @ self.lean
 
 
-def _sizes(solid: Solid) -> tuple[float, float, float, float]:
-    return (solid.size_x, solid.size_y, solid.z_min, solid.z_max)
+def _sizes(solid: Solid, ground: float) -> tuple[float, float, float, float]:
+    return (solid.size_x, solid.size_y, ground + solid.z_min, ground + solid.z_max)
 
 
 def _hull_of(name: str, robot: SimRobot) -> Solid:

@@ -13,12 +13,15 @@ from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.protocols import BodyVelocity
+from ambler.core.se3 import SE3
 from ambler.sim.base import Carriage, PlacedRobot, Touch
 from ambler.sim.drive import after_strafe_loss, drive_of
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.sim.surface_contact import STEEP, ground_names, rest_pose, surfaces_xml
 
 FOOT_RADIUS = 0.05
 WHEEL_WIDTH = 0.04
@@ -26,6 +29,9 @@ WHEEL_WIDTH = 0.04
 # that an explicit integrator is stable; an implicit one would move wheels other than the contact solver assumed.
 WHEEL_ARMATURE = 0.06
 WHEEL_GAIN = 10.0
+# Where the ground is not flat, wheels have an integral part too (1/s), or a robot that stands on a slope would creep down. It takes up
+# to the load of a slope of 30 degrees.
+WHEEL_INTEGRAL = 5.0
 
 
 class _Body:
@@ -43,6 +49,8 @@ class _Body:
         self.feet = [] if self.has_wheels else _find_feet(model, placed.name)
         self.sensor, self.motor = first_sensor, first_motor
         self.start = placed.start
+        self._carried = np.zeros(2)
+        self._carried_max = 0.25 * placed.robot.mass * 9.81 * placed.robot.wheel_radius / WHEEL_GAIN
         self.speed_before = (0.0, 0.0, 0.0)
         self.carriage = Carriage((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
@@ -50,6 +58,30 @@ class _Body:
         """Take the pose of the base out of MuJoCo's state."""
         q = qpos[self.qpos : self.qpos + 7].tolist()
         self.carriage = Carriage((q[0], q[1], q[2]), (q[3], q[4], q[5], q[6]))
+
+    def carry_load(self, ctrl: Any, qvel: Any, dt: float) -> None:
+        """Add to the wheels' wanted rates in `ctrl` what the load, by which they fall short of them, asks for."""
+        motors = slice(self.motor, self.motor + 2)
+        missing = ctrl[motors] - qvel[self.qvel + 6 : self.qvel + 8]
+        self._carried = np.clip(self._carried + WHEEL_INTEGRAL * dt * missing, -self._carried_max, self._carried_max)
+        ctrl[motors] += self._carried
+
+    def put_back(self, qpos: Any, rest: SE3 | None) -> None:
+        """Move the base along the ground to where it started, and turn it to its first heading. On level ground (`rest` None) it becomes
+        exactly level; `rest` is the pose in which it was put above other ground."""
+        q, start = self.qpos, self.start
+        if rest is None:
+            qpos[q : q + 2] = (start.x, start.y)
+            qpos[q + 3 : q + 7] = (math.cos(0.5 * start.yaw), 0.0, 0.0, math.sin(0.5 * start.yaw))
+        else:
+            rested = SE3(tuple(qpos[q : q + 3]), tuple(qpos[q + 3 : q + 7]))
+            up = rest.matrix()[:3, 2]
+            lifted = up * float(up @ np.subtract(rested.translation, rest.translation))
+            back = rest.to_se2().yaw - rested.to_se2().yaw
+            turned = SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, back) @ rested
+            qpos[q : q + 3], qpos[q + 3 : q + 7] = np.add(rest.translation, lifted), turned.rotation
+        qpos[q + 7 : q + 7 + 2 * self.has_wheels] = 0.0
+        self.turned = [0.0] * self.drive.parts
 
 
 class ContactPhysics:
@@ -70,13 +102,17 @@ class ContactPhysics:
         for k, placed in enumerate(robots):
             motor = 2 * sum(body.has_wheels for body in self._bodies)
             self._bodies.append(_Body(self._model, self._data, placed, k, motor))
-        self._settle()
+        self._is_flat = world.is_flat
+        self._is_ground, self._is_gear = self._find_ground(world)
+        self._settle(world)
 
     def step(self, targets: Sequence[BodyVelocity]) -> None:
         """Advance by one physics step."""
         for body, target in zip(self._bodies, targets, strict=True):
             if body.has_wheels:
                 self._ctrl[body.motor], self._ctrl[body.motor + 1] = body.drive.rates(target)
+                if not self._is_flat:
+                    body.carry_load(self._ctrl, self._qvel, self._dt)
             else:
                 self._set_surface(body, target)
             v, first = self._qvel, body.qvel
@@ -109,7 +145,11 @@ class ContactPhysics:
             return ()
         contact = self._data.contact
         geoms = contact.geom
-        others = np.nonzero((geoms != self._floor).all(axis=1) & (contact.dist < 1e-3))[0]
+        is_touch = (geoms != self._floor).all(axis=1) & (contact.dist < 1e-3)
+        if not self._is_flat:
+            is_driving = self._is_ground[geoms].any(axis=1) & self._is_gear[geoms].any(axis=1)
+            is_touch &= ~(is_driving & (np.abs(contact.frame[:, 2]) >= STEEP))
+        others = np.nonzero(is_touch)[0]
         touches = (self._touch(body, int(k)) for k in others)
         return tuple(touch for touch in touches if touch is not None)
 
@@ -143,19 +183,32 @@ class ContactPhysics:
         for k, rate in enumerate(body.drive.rates(target)):
             body.turned[k] += rate * self._dt
 
-    def _settle(self) -> None:
-        """Let the robots come to rest on the floor, then put them back to where they start."""
-        for body in self._bodies:
+    def _find_ground(self, world: WorldSpec) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Tell of every geom whether it is terrain or mesh, and whether it is a wheel, caster or foot of any robot."""
+        grounds = ground_names(world)
+        names = [str(self._model.geom(k).name) for k in range(self._model.ngeom)]
+        own = frozenset[int]().union(*(body.parts for body in self._bodies))
+        is_ground = [k not in own and name.rpartition("#")[0] in grounds for k, name in enumerate(names)]
+        is_gear = [k in own and name.rpartition("/")[2] != "body" for k, name in enumerate(names)]
+        return np.array(is_ground), np.array(is_gear)
+
+    def _settle(self, world: WorldSpec) -> None:
+        """Let the robots come to rest on the ground, then put them back to where they start."""
+        rests = [None if self._is_flat else rest_pose(world, b.start, b.robot.model.footprint) for b in self._bodies]
+        for body, rest in zip(self._bodies, rests, strict=True):
+            if rest is not None:
+                q = body.qpos
+                self._qpos[q : q + 3], self._qpos[q + 3 : q + 7] = rest.translation, rest.rotation
             if not body.has_wheels:
                 self._set_surface(body, BodyVelocity())
         for _ in range(200):
+            self._ctrl[:] = 0.0
+            for body in self._bodies:
+                if body.has_wheels and not self._is_flat:
+                    body.carry_load(self._ctrl, self._qvel, self._dt)
             self._step(self._model, self._data)
-        for body in self._bodies:
-            q, start = body.qpos, body.start
-            self._qpos[q : q + 2] = (start.x, start.y)
-            self._qpos[q + 3 : q + 7] = (math.cos(0.5 * start.yaw), 0.0, 0.0, math.sin(0.5 * start.yaw))
-            self._qpos[q + 7 : q + 7 + 2 * body.has_wheels] = 0.0
-            body.turned = [0.0] * body.drive.parts
+        for body, rest in zip(self._bodies, rests, strict=True):
+            body.put_back(self._qpos, rest)
         self._qvel[:] = 0.0
         self._data.time = 0.0
         mujoco.mj_forward(self._model, self._data)
@@ -179,15 +232,18 @@ def build_mjcf(world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, mover
     hulls = "".join(_hull_xml(placed) for placed in robots)
     bodies = "\n".join(_robot_xml(placed) for placed in robots)
     motors = "".join(_motors_xml(placed) for placed in robots if placed.robot.has_two_wheels)
+    surface_assets, surfaces = surfaces_xml(world)
     touches = "".join(f'<touch site="{placed.name}/hull"/>' for placed in robots)
     return f"""<mujoco model="ambler">
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{dt!r}" integrator="Euler" cone="elliptic" impratio="10"/>
 <default><geom friction="0.3 0.005 0.0001"/></default>
-<asset>{hulls}</asset>
+<asset>{hulls}
+{surface_assets}</asset>
 <worldbody>
-<geom name="floor" type="plane" size="0 0 1" priority="1" friction="{world.friction!r} 0.005 0.0001"/>
+<geom name="floor" type="plane" pos="0 0 {world.floor!r}" size="0 0 1" priority="1" friction="{world.friction!r} 0.005 0.0001"/>
 {solids}
+{surfaces}
 {bodies}
 </worldbody>
 {f"<actuator>{motors}</actuator>" if motors else ""}

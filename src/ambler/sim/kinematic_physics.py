@@ -1,6 +1,6 @@
 """The cheap mode: the base follows the wanted velocity exactly, and stops where its footprint would enter a solid.
 
-Needs no MuJoCo. Collisions are judged in the plane: separating axes of convex polygons, distance of a circle to a polygon.
+Needs no MuJoCo. Knows a flat floor and upright solids only: worlds with terrain or meshes are refused. Collisions are judged in the plane: separating axes of convex polygons, distance of a circle to a polygon.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
@@ -103,6 +104,10 @@ class KinematicPhysics:
     def __init__(
         self, world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()
     ) -> None:
+        if not world.is_flat:
+            raise BadInputError(
+                f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors"
+            )
         self._bodies = []
         for placed in robots:
             drive = drive_of(placed.robot)

@@ -9,16 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.kernels import raycast
+from ambler.kernels import bvh, raycast
+from ambler.sim.meshes import HeightField, TriangleMesh, normals_of
 from ambler.sim.solids import Solid, WorldSpec
 
 F64 = NDArray[np.float64]
-LEAF_SIZE = 1
+HAIR = 1e-9  # metres that bounds are larger than what they hold
+NOWHERE = 1e15  # the only node of an empty world lies where no ray reaches
 
 
 @dataclass(frozen=True)
 class RayScene:
-    """The arrays of kernels/raycast.py; `order[k]` is the index in the world's solids of primitive k."""
+    """The arrays of kernels/raycast.py; `order[k]` is the index of primitive k among the world's solids, then the
+    triangles of its terrain, then those of its meshes, one after the other."""
 
     bounds: F64
     firsts: NDArray[np.int32]
@@ -47,21 +50,28 @@ class RayScene:
 
 
 def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
-    """Build the hierarchy over a world's solids, the floor at z = 0 and the ceiling; `movers` only give their albedos."""
+    """Build the hierarchy over a world's solids, terrain and meshes, the floor and the ceiling; `movers` only give their albedos."""
+    terrain = (world.terrain,) if world.terrain is not None else ()
+    surfaces: tuple[HeightField | TriangleMesh, ...] = (*terrain, *world.meshes)
+    parts = [s.corners for s in surfaces]
+    corners = np.concatenate([np.empty((0, 3, 3)), *parts])
     prims = np.array([primitive(s) for s in world.solids]).reshape(-1, 15)
-    lower, upper = _boxes_around(prims)
-    order, nodes = _split(lower, upper)
-    bounds = np.array([n[0] for n in nodes]).reshape(-1, 6)
-    kinds = np.array([raycast.GLASS if s.is_glass else s.shape for s in world.solids], np.uint8)
-    albedos = np.array([s.albedo for s in world.solids])
+    boxes, triangles = _boxes_around(prims), (corners.min(axis=1) - HAIR, corners.max(axis=1) + HAIR)
+    lower, upper = (np.concatenate(part) for part in zip(boxes, triangles, strict=True))
+    order, bounds, firsts, counts = _hierarchy(lower, upper)
+    prims = np.concatenate([prims, _triangle_rows(corners)])
+    kinds = [raycast.GLASS if s.is_glass else int(s.shape) for s in world.solids] + len(corners) * [raycast.TRIANGLE]
+    albedos = np.concatenate(
+        [[s.albedo for s in world.solids], *(np.full(len(s), t.albedo) for s, t in zip(parts, surfaces, strict=True))]
+    )
     return RayScene(
         bounds,
-        np.array([n[1] for n in nodes], np.int32),
-        np.array([n[2] for n in nodes], np.int32),
+        firsts,
+        counts,
         np.ascontiguousarray(prims[order]),
-        kinds[order],
+        np.array(kinds, np.uint8)[order],
         np.concatenate([albedos[order], [world.floor_albedo, 0.8], [s.albedo for s in movers]]),
-        0.0,
+        float(world.floor),
         float(world.ceiling),
         order,
     )
@@ -76,58 +86,23 @@ def primitive(solid: Solid) -> F64:
     return np.array([*center, *half, c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0])
 
 
+def _triangle_rows(corners: F64) -> F64:
+    """Return triangles (M, 3, 3) as rows of the kernels, float64 (M, 15)."""
+    return np.concatenate([corners.reshape(-1, 9), normals_of(corners), np.zeros((len(corners), 3))], axis=1)
+
+
 def _boxes_around(prims: F64) -> tuple[F64, F64]:
     """Axis-aligned bounds of primitives, a hair larger than they are."""
-    reach = np.einsum("kij,kj->ki", np.abs(prims[:, 6:].reshape(-1, 3, 3)), prims[:, 3:6]) + 1e-9
+    reach = np.einsum("kij,kj->ki", np.abs(prims[:, 6:].reshape(-1, 3, 3)), prims[:, 3:6]) + HAIR
     return prims[:, :3] - reach, prims[:, :3] + reach
 
 
-def _split(lower: F64, upper: F64) -> tuple[NDArray[np.int32], list[tuple[F64, int, int]]]:
-    """Return the leaf order of the primitives and the nodes (bounds, first, count); children are neighbours in the list."""
-    order = np.arange(len(lower), dtype=np.int32)
-    middle = 0.5 * (lower + upper)
-    empty = (np.full(6, np.inf), 0, 0)
-    nodes: list[tuple[F64, int, int]] = [empty]
-    if not len(order):
-        return order, [_nowhere()]
-    waiting = [(0, 0, len(order))]
-    while waiting:
-        node, a, b = waiting.pop()
-        members = order[a:b]
-        bounds = np.concatenate([lower[members].min(axis=0), upper[members].max(axis=0)])
-        if b - a <= LEAF_SIZE:
-            nodes[node] = (bounds, a, b - a)
-            continue
-        members, size = _best_split(members, lower, upper, middle)
-        order[a:b] = members
-        half = a + size
-        nodes[node] = (bounds, len(nodes), 0)
-        waiting += [(len(nodes), a, half), (len(nodes) + 1, half, b)]
-        nodes += [empty, empty]
-    return order, nodes
-
-
-def _best_split(members: NDArray[np.int32], lower: F64, upper: F64, middle: F64) -> tuple[NDArray[np.int32], int]:
-    """Sort the members along the axis, and cut where, sum of (surface area x primitives) of both halves is least."""
-    best, best_members, best_size = np.inf, members, len(members) // 2
-    sizes = np.arange(1, len(members))
-    for axis in range(3):
-        row = members[np.argsort(middle[members, axis], kind="stable")]
-        left = _areas(lower[row], upper[row])
-        right = _areas(lower[row[::-1]], upper[row[::-1]])[::-1]
-        cost = left[:-1] * sizes + right[1:] * sizes[::-1]
-        cut = int(np.argmin(cost))
-        if cost[cut] < best:
-            best, best_members, best_size = float(cost[cut]), row, cut + 1
-    return best_members, best_size
-
-
-def _areas(lower: F64, upper: F64) -> F64:
-    """Surface areas of the boxes around the first 1, 2, ... N of the given ones."""
-    size = np.maximum.accumulate(upper) - np.minimum.accumulate(lower)
-    return np.asarray(size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0])
-
-
-def _nowhere() -> tuple[F64, int, int]:
-    """The only node of an empty world: bounds that no ray reaches."""
-    return (np.full(6, 1e15), 0, 0)
+def _hierarchy(lower: F64, upper: F64) -> tuple[NDArray[np.int32], F64, NDArray[np.int32], NDArray[np.int32]]:
+    """Return the leaf order of the primitives and the nodes' bounds, firsts and counts."""
+    n = len(lower)
+    order = np.empty(n, np.int32)
+    if n == 0:
+        return order, np.full((1, 6), NOWHERE), np.zeros(1, np.int32), np.zeros(1, np.int32)
+    bounds, firsts, counts = np.empty((2 * n - 1, 6)), np.empty(2 * n - 1, np.int32), np.empty(2 * n - 1, np.int32)
+    nodes = bvh.build(np.ascontiguousarray(lower), np.ascontiguousarray(upper), order, bounds, firsts, counts)
+    return order, bounds[:nodes], firsts[:nodes], counts[:nodes]

@@ -1,4 +1,5 @@
-"""A world: upright solids on a floor, in the coordinates of whoever wrote it, the frame `world`.
+"""A world: upright solids on a floor, triangle meshes, a height field in the floor's place, in the coordinates of whoever wrote it: the
+frame `world`.
 
 A robot's map frame is its own business. `WorldSpec.seen_from` gives the same world in another frame: that of the start pose, in
 which drawn maps are told, or that of a robot's own start, in which its SLAM begins.
@@ -14,6 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
+from ambler.sim.meshes import HeightField, TriangleMesh, highest_below
+
+TERRAIN_DROP = 0.005  # metres that the floor around a terrain lies below the terrain's lowest point
+STEP_ON = 0.5  # metres; a mesh that begins higher above the ground than this is a roof and not what a robot starts on
 
 
 class Shape(IntEnum):
@@ -125,12 +130,39 @@ class WorldSpec:
     people: tuple[Person, ...] = ()
     doors: tuple[Door, ...] = ()
     docks: tuple[SimDock, ...] = ()
+    meshes: tuple[TriangleMesh, ...] = ()
+    terrain: HeightField | None = None
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether there is nothing but upright solids on the plane z = 0."""
+        return self.terrain is None and not self.meshes
+
+    @property
+    def floor(self) -> float:
+        """Height of the endless floor: 0, or with a terrain just below its lowest point."""
+        return 0.0 if self.terrain is None else self.terrain.lowest - TERRAIN_DROP
+
+    def ground_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the heights of what a robot that starts at points (N, 2), its middle first, stands on, float64 (N,): floor, terrain, or
+        meshes up to half a metre above the ground in its middle. Solids do not count."""
+        bare = np.full(len(points), self.floor)
+        if self.terrain is not None:
+            bare = np.fmax(bare, self.terrain.heights_at(points))
+        if not self.meshes:
+            return bare
+        corners = np.concatenate([m.corners for m in self.meshes])
+        middle = max(bare[0], highest_below(corners, points[:1], bare[0] + STEP_ON)[0])
+        return np.asarray(np.maximum(bare, highest_below(corners, points, middle + STEP_ON)))
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return (x_min, y_min, x_max, y_max) of all solids."""
-        if not self.solids:
+        """Return (x_min, y_min, x_max, y_max) of all solids, meshes and the terrain."""
+        parts = [s.corners() for s in self.solids] + [m.vertices[:, :2] for m in self.meshes]
+        if self.terrain is not None:
+            parts.append(self.terrain.outline)
+        if not parts:
             return (-5.0, -5.0, 5.0, 5.0)
-        corners = np.concatenate([s.corners() for s in self.solids])
+        corners = np.concatenate(parts)
         low, high = corners.min(axis=0), corners.max(axis=0)
         return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
@@ -151,6 +183,8 @@ class WorldSpec:
                 for d in self.doors
             ),
             docks=tuple(replace(d, world_from_dock=frame_from_world @ d.world_from_dock) for d in self.docks),
+            meshes=tuple(m.moved(frame_from_world) for m in self.meshes),
+            terrain=self.terrain.moved(frame_from_world) if self.terrain is not None else None,
         )
 
     def from_start(self) -> WorldSpec:

@@ -1,5 +1,8 @@
 """The ground-truth map: a planar cut of the world at the sensor's height, as a perfect mapper would draw it.
 
+The height counts from the ground at the start pose: a scanner that stays level there. Terrain is solid below its surface; of a mesh
+the cells that its surface crosses are solid, and of a closed one its inside too.
+
 Free is what can be reached from the start through free cells; occupied are the cells that hold a surface next to it;
 everything else is unknown. Grids are in the frame of the world that is given: `WorldSpec.from_start` for a drawn map.
 """
@@ -15,6 +18,7 @@ from scipy import ndimage
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se2 import SE2
+from ambler.sim.mesh_cut import draw_mesh, draw_terrain
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 SAMPLES = 5
@@ -23,7 +27,7 @@ MARGIN = 0.5
 
 def truth_grid(world: WorldSpec, sensor_height: float, resolution: float) -> tuple[GridSpec, NDArray[np.int8]]:
     """Return the true map as a grid spec and occupancy int8 [iy, ix]; raises BadInputError if the start is not free."""
-    spec, solid = cut(world, sensor_height, resolution)
+    spec, solid = cut(world, _start_height(world) + sensor_height, resolution)
     iy, ix = spec.cell_of(world.start.x, world.start.y)
     if not spec.contains_cell(iy, ix) or solid[iy, ix]:
         raise BadInputError(f"world {world.name}: the start pose lies in a solid")
@@ -39,7 +43,7 @@ def reachable_cells(
     world: WorldSpec, radius: float, resolution: float, height: float
 ) -> tuple[GridSpec, NDArray[np.bool_]]:
     """Return where the centre of a disc of `radius` metres can get from the start, bool [iy, ix]."""
-    spec, solid = cut(world, height, resolution)
+    spec, solid = cut(world, _start_height(world) + height, resolution)
     clear = ndimage.distance_transform_edt(~solid) * resolution > radius
     iy, ix = spec.cell_of(world.start.x, world.start.y)
     regions, _ = ndimage.label(clear)
@@ -48,13 +52,22 @@ def reachable_cells(
 
 
 def cut(world: WorldSpec, height: float, resolution: float) -> tuple[GridSpec, NDArray[np.bool_]]:
-    """Cut all solids at a height: a cell is solid if any of its 5 x 5 sample points lies in one; bool [iy, ix]."""
+    """Cut everything at z = `height`: a cell is solid if any of its 5 x 5 sample points lies in a solid; bool [iy, ix]."""
     spec = _grid_around(world, resolution)
     out = np.zeros(spec.shape, np.bool_)
     for solid in world.solids:
         if solid.z_min <= height <= solid.z_max:
             _draw(solid, spec, out)
+    for mesh in world.meshes:
+        draw_mesh(mesh, height, spec, SAMPLES, out)
+    if world.terrain is not None:
+        draw_terrain(world.terrain, height, spec, SAMPLES, out)
     return spec, out
+
+
+def _start_height(world: WorldSpec) -> float:
+    """The height of the ground at the start pose of the world."""
+    return 0.0 if world.is_flat else float(world.ground_at(np.array([[world.start.x, world.start.y]]))[0])
 
 
 def _grid_around(world: WorldSpec, resolution: float) -> GridSpec:

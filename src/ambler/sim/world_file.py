@@ -1,4 +1,4 @@
-"""Reads worlds: short YAML files of walls with doors, boxes and cylinders, or a floor plan (PGM + YAML).
+"""Reads worlds: short YAML files of walls with doors, boxes, cylinders, meshes and terrain, or a floor plan (PGM + YAML).
 
 A world file is written in its author's coordinates, and these are the frame `world` (see `sim.solids`).
 """
@@ -17,6 +17,7 @@ from ambler.sim.dock_body import dock_solids
 from ambler.sim.dock_entry import DockEntry, Entry, PoseEntry, sim_dock
 from ambler.sim.floorplan import world_from_floor_plan, world_from_picture
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
+from ambler.sim.surface_entry import FOLDER, MeshEntry, TerrainEntry
 
 WORLDS = Path(__file__).parent / "worlds"
 SUFFIXES = (".yaml", ".yml")
@@ -90,9 +91,11 @@ class _World(Entry):
     racks: tuple[_Rack, ...] = ()
     people: tuple[_Person, ...] = ()
     docks: tuple[DockEntry, ...] = ()
+    meshes: tuple[MeshEntry, ...] = ()
+    terrain: TerrainEntry | None = None
 
 
-LISTS = ("walls", "boxes", "cylinders", "racks", "people", "docks")
+LISTS = ("walls", "boxes", "cylinders", "racks", "people", "docks", "meshes")
 
 
 def world_names() -> tuple[str, ...]:
@@ -132,7 +135,16 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
     doors = tuple(d for k, w in enumerate(entry.walls) for d in _doors(k, w, entry))
     docks = tuple(sim_dock(f"{path}: docks.{k}", d) for k, d in enumerate(entry.docks))
     solids += tuple(solid for dock in docks for solid in dock_solids(dock))
-    return WorldSpec(path.stem, solids, start, ceiling, entry.friction, people=people, doors=doors, docks=docks)
+    meshes = tuple(mesh.to_mesh() for mesh in entry.meshes)
+    terrain = entry.terrain.to_terrain(path) if entry.terrain is not None else None
+    return WorldSpec(
+        *(path.stem, solids, start, ceiling, entry.friction),
+        people=people,
+        doors=doors,
+        docks=docks,
+        meshes=meshes,
+        terrain=terrain,
+    )
 
 
 def _find(name: str) -> Path:
@@ -159,7 +171,7 @@ def _read_yaml(path: Path) -> dict[str, object]:
 
 def _parse(path: Path, content: dict[str, object], heirs: tuple[Path, ...] = ()) -> _World:
     try:
-        entry = _World.model_validate(content)
+        entry = _World.model_validate(content, context={FOLDER: path.parent})
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(p) for p in first["loc"])
