@@ -123,7 +123,7 @@ def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
         place = world.docks[0].world_from_dock @ case.start
         for solid in world.solids:
             if solid.z_min < 0.35:
-                inside = solid.map_from_solid.inverse() @ place
+                inside = solid.world_from_solid.inverse() @ place
                 assert abs(inside.x) > 0.5 * solid.size_x + 0.4 or abs(inside.y) > 0.5 * solid.size_y + 0.4
 
 

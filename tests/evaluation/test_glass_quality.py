@@ -14,7 +14,7 @@ WALL = Solid("wall", Shape.BOX, SE2(5.0, 0.0, 0.0), 0.1, 6.0, 0.0, 2.0)
 
 
 def part(first: float, last: float, beside: float = 0.0) -> np.ndarray:
-    ends = PANE.map_from_solid.transform(np.array([[first, beside], [last, beside]]))
+    ends = PANE.world_from_solid.transform(np.array([[first, beside], [last, beside]]))
     return ends.reshape(1, 4).astype(np.float32)
 
 

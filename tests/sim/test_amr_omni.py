@@ -116,7 +116,7 @@ def test_a_scanner_sees_a_post_exactly_when_it_stands_in_its_sector(bearing: int
     seen = 0
     for frame, scan in scans_of(WorldSpec("post", (post,), SE2())).items():
         sensor_from_base = model.sensor(frame).base_from_sensor.to_se2().inverse()
-        place = sensor_from_base @ post.map_from_solid
+        place = sensor_from_base @ post.world_from_solid
         distance, angle = math.hypot(place.x, place.y), math.atan2(place.y, place.x)
         hits = np.flatnonzero(np.isfinite(scan.ranges))
         assert (len(hits) > 0) == (abs(angle) < math.radians(135) + 0.05 / distance), frame

@@ -83,7 +83,7 @@ def test_a_stopped_charge_begins_again_when_the_contacts_close_anew() -> None:
 
 def test_the_lip_stops_the_robot_a_little_beyond_the_docked_pose() -> None:
     lip = next(s for s in ROOM.solids if s.name == DOCK.name + CONTACTS)
-    near = (DOCK.world_from_dock.inverse() @ lip.map_from_solid).x - 0.5 * lip.size_x
+    near = (DOCK.world_from_dock.inverse() @ lip.world_from_solid).x - 0.5 * lip.size_x
     assert math.isclose(near, 0.6 + LIP_GAP)
     assert lip.z_min < 0.04 < lip.z_max, "it is as low as the lower edge of the robot's body"
 

@@ -166,7 +166,7 @@ def test_glass_changes_what_light_sees_and_nothing_else() -> None:
     changed = np.argwhere(before != after)
     centers = np.array([spec.center_of(int(iy), int(ix)) for iy, ix in changed])
     for center in centers:
-        local = [p.map_from_solid.inverse().transform(center[None])[0] for p in panes]
+        local = [p.world_from_solid.inverse().transform(center[None])[0] for p in panes]
         assert any(abs(q[0]) < 0.9 and abs(q[1]) < 0.15 for q in local)
 
 

@@ -26,7 +26,7 @@ def gap_to_solids(world: WorldSpec, points: NDArray[np.float64], height: float) 
     gap = math.inf
     for s in world.solids:
         if s.z_min < height:
-            local = np.abs(s.map_from_solid.inverse().transform(points))
+            local = np.abs(s.world_from_solid.inverse().transform(points))
             if s.shape is Shape.CYLINDER:
                 away = np.hypot(*local.T) - 0.5 * s.size_x
             else:
@@ -129,15 +129,15 @@ def test_doors_of_a_world_slide_into_their_walls(tmp_path: Path) -> None:
     assert math.hypot(*door.slide) == pytest.approx(1.2)
     opened = replace(
         door.leaf,
-        map_from_solid=SE2(
-            door.leaf.map_from_solid.x + door.slide[0],
-            door.leaf.map_from_solid.y + door.slide[1],
-            door.leaf.map_from_solid.yaw,
+        world_from_solid=SE2(
+            door.leaf.world_from_solid.x + door.slide[0],
+            door.leaf.world_from_solid.y + door.slide[1],
+            door.leaf.world_from_solid.yaw,
         ),
     )
     walls = [s for s in world.solids if s.z_min == 0.0]
     for corner in opened.corners():
-        local = [w.map_from_solid.inverse().transform(corner[None])[0] for w in walls]
+        local = [w.world_from_solid.inverse().transform(corner[None])[0] for w in walls]
         assert any(
             abs(p[0]) <= 0.5 * w.size_x + 1e-9 and abs(p[1]) <= 0.5 * w.size_y
             for p, w in zip(local, walls, strict=True)
@@ -147,7 +147,7 @@ def test_doors_of_a_world_slide_into_their_walls(tmp_path: Path) -> None:
 def test_a_door_waits_for_who_stands_in_it_and_then_closes() -> None:
     door = SlidingDoor(load_world("building").doors[0])
     door.is_closing = True
-    center = door.door.leaf.map_from_solid
+    center = door.door.leaf.world_from_solid
     robot = center.transform(robot_named("amr_omni").model.footprint)
     for _ in range(200):
         door.update([robot], [])

@@ -47,8 +47,8 @@ def slow_cast(world: WorldSpec, origin: F64, direction: F64) -> float:
         if direction[2] != 0 and (t := (z - origin[2]) / direction[2]) > 0:
             best = min(best, t)
     for s in world.solids:
-        turn = SE2(0, 0, -s.map_from_solid.yaw)
-        o = np.append(turn.transform((origin[:2] - [s.map_from_solid.x, s.map_from_solid.y])[None])[0], origin[2])
+        turn = SE2(0, 0, -s.world_from_solid.yaw)
+        o = np.append(turn.transform((origin[:2] - [s.world_from_solid.x, s.world_from_solid.y])[None])[0], origin[2])
         d = np.append(turn.transform(direction[None, :2])[0], direction[2])
         candidates = [(z - o[2]) / d[2] for z in (s.z_min, s.z_max)]
         hx, hy = 0.5 * s.size_x, 0.5 * s.size_y

@@ -102,7 +102,7 @@ def test_scans_fit_the_true_map_from_the_true_pose() -> None:
     points_world = world_from_laser.transform(points)
     gaps = []
     for solid in world.solids:
-        local = solid.map_from_solid.inverse().transform(points_world)
+        local = solid.world_from_solid.inverse().transform(points_world)
         if solid.z_min <= 0.28 <= solid.z_max:
             half = 0.5 * np.array([solid.size_x, solid.size_y])
             beyond = np.abs(local) - half if solid.shape == 0 else np.hypot(*local.T)[:, None] - half[:1]

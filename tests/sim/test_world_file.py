@@ -163,18 +163,18 @@ def test_a_world_keeps_its_own_coordinates_and_can_be_seen_from_its_start(tmp_pa
     )
     world = load_world(write(tmp_path, text))
     box = next(s for s in world.solids if s.name == "box")
-    assert (box.map_from_solid.x, box.map_from_solid.y) == (2.0, 5.0)
+    assert (box.world_from_solid.x, box.world_from_solid.y) == (2.0, 5.0)
     assert world.start == SE2(2.0, 3.0, math.pi / 2)
     seen = world.from_start()
     assert seen.start.distance_to(SE2()) < 1e-12
     box = next(s for s in seen.solids if s.name == "box")
-    assert (box.map_from_solid.x, box.map_from_solid.y) == pytest.approx((2.0, 0.0))
+    assert (box.world_from_solid.x, box.world_from_solid.y) == pytest.approx((2.0, 0.0))
     assert seen.people[0].way[1] == pytest.approx((4.0, -1.0))
     assert seen.docks[0].world_from_dock.as_array() == pytest.approx([0.0, -2.0, math.pi / 2])
     (x, y), (u, v) = world.doors[0].slide, seen.doors[0].slide
     assert (u, v) == pytest.approx((y, -x))
     back = seen.seen_from(world.start.inverse())
-    assert back.solids[0].map_from_solid.as_array() == pytest.approx(world.solids[0].map_from_solid.as_array())
+    assert back.solids[0].world_from_solid.as_array() == pytest.approx(world.solids[0].world_from_solid.as_array())
 
 
 @pytest.mark.parametrize(

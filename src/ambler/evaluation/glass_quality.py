@@ -40,7 +40,7 @@ def compare_glass(segments: NDArray[np.floating], solids: Sequence[Solid], near:
 def _middle_line(pane: Solid) -> list[float]:
     """The line along the longer side of a box."""
     along = (0.5 * pane.size_x, 0.0) if pane.size_x >= pane.size_y else (0.0, 0.5 * pane.size_y)
-    ends = pane.map_from_solid.transform(np.array([along, (-along[0], -along[1])]))
+    ends = pane.world_from_solid.transform(np.array([along, (-along[0], -along[1])]))
     return [float(v) for v in ends.ravel()]
 
 

@@ -90,7 +90,7 @@ def distances_to_walls(world: WorldSpec, points: F64) -> F64:
     best = np.full(len(points), np.inf)
     for solid in world.solids:
         if solid.shape is Shape.CYLINDER:
-            pose = solid.map_from_solid
+            pose = solid.world_from_solid
             distance = np.abs(np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y) - 0.5 * solid.size_x)
             best = np.minimum(best, distance)
             continue

@@ -107,7 +107,7 @@ class Body:
         turned as it was in their middle. It is upright on slopes, too, from the height of the base on."""
         now, then = self.world_from_base.to_se2(), self.pose_at(elapsed_ns - ago_ns).to_se2()
         middle = self.pose_at(elapsed_ns - ago_ns // 2).to_se2()
-        offset = SE2(0.0, 0.0, middle.yaw) @ self._hull.map_from_solid
+        offset = SE2(0.0, 0.0, middle.yaw) @ self._hull.world_from_solid
         seconds = ago_ns * 1e-9
         rate = ((now.x - then.x) / seconds, (now.y - then.y) / seconds) if ago_ns > 0 else (0.0, 0.0)
         place = SE2(then.x + offset.x, then.y + offset.y, offset.yaw)

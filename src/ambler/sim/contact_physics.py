@@ -135,8 +135,8 @@ class ContactPhysics:
     def move(self, movers: Sequence[Solid]) -> None:
         """Put everything that moves by itself to where it is now."""
         for k, solid in enumerate(movers):
-            self._data.mocap_pos[k, 0] = solid.map_from_solid.x
-            self._data.mocap_pos[k, 1] = solid.map_from_solid.y
+            self._data.mocap_pos[k, 0] = solid.world_from_solid.x
+            self._data.mocap_pos[k, 1] = solid.world_from_solid.y
 
     def touches(self, robot: int) -> tuple[Touch, ...]:
         """Contacts of the robot's own parts with solids and other robots, at the end of the last step."""
@@ -286,7 +286,7 @@ def _hull_size(robot: SimRobot) -> str:
 
 
 def _place(s: Solid) -> str:
-    pose = s.map_from_solid
+    pose = s.world_from_solid
     turn = f"{math.cos(pose.yaw / 2)!r} 0 0 {math.sin(pose.yaw / 2)!r}"
     return f'pos="{pose.x!r} {pose.y!r} {0.5 * (s.z_min + s.z_max)!r}" quat="{turn}"'
 

@@ -168,7 +168,7 @@ def find_door(world: WorldSpec, name: str) -> Door:
     if not world.doors:
         raise BadInputError(f"fault door: world {world.name} has no door that could close")
     if not name:
-        return min(world.doors, key=lambda d: world.start.distance_to(d.leaf.map_from_solid))
+        return min(world.doors, key=lambda d: world.start.distance_to(d.leaf.world_from_solid))
     for door in world.doors:
         if door.name == name:
             return door
@@ -214,7 +214,7 @@ def _cut_panel(wall: Solid) -> list[Solid]:
 
     def piece(x: float, length: float, low: float, high: float) -> Solid:
         return replace(
-            wall, map_from_solid=wall.map_from_solid @ SE2(x, 0.0, 0.0), size_x=length, z_min=low, z_max=high
+            wall, world_from_solid=wall.world_from_solid @ SE2(x, 0.0, 0.0), size_x=length, z_min=low, z_max=high
         )
 
     side = 0.5 * (PANEL[0] + rest)

@@ -55,7 +55,7 @@ class FootprintCollider:
         solid = self._solids[k]
         if solid.shape is Shape.BOX:
             return polygons_overlap(polygon, self._corners[k])
-        center = np.array([solid.map_from_solid.x, solid.map_from_solid.y])
+        center = np.array([solid.world_from_solid.x, solid.world_from_solid.y])
         return circle_overlaps(center, 0.5 * solid.size_x, polygon)
 
 
@@ -161,7 +161,7 @@ class KinematicPhysics:
         polygon, reach = None, body.model.circumscribed_radius
         found = []
         for solid in self._movers:
-            place = solid.map_from_solid
+            place = solid.world_from_solid
             if math.hypot(place.x - pose.x, place.y - pose.y) > reach + max(solid.size_x, solid.size_y):
                 continue
             polygon = pose.transform(body.model.footprint) if polygon is None else polygon

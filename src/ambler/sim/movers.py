@@ -99,7 +99,7 @@ class SlidingDoor:
 
     @property
     def position(self) -> tuple[float, float]:
-        center, (x, y) = self.door.leaf.map_from_solid, self.door.slide
+        center, (x, y) = self.door.leaf.world_from_solid, self.door.slide
         return (center.x + self.openness * x, center.y + self.openness * y)
 
     def update(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> None:
@@ -118,7 +118,7 @@ class SlidingDoor:
         share = np.linspace(0, 1, 8)[:, None, None]
         edges = [(f + share * (np.roll(f, -1, axis=0) - f)).reshape(-1, 2) for f in footprints_world]
         people = np.array(others).reshape(-1, 2)
-        local = leaf.map_from_solid.inverse().transform(np.concatenate([*edges, people]))
+        local = leaf.world_from_solid.inverse().transform(np.concatenate([*edges, people]))
         return bool((np.abs(local) < half).all(axis=1).any())
 
 
@@ -140,7 +140,7 @@ class Crowd:
     def solids(self) -> tuple[Solid, ...]:
         """All of them as solids where they are now, in the world."""
         return tuple(
-            replace(s, map_from_solid=SE2(m.position[0], m.position[1], s.map_from_solid.yaw))
+            replace(s, world_from_solid=SE2(m.position[0], m.position[1], s.world_from_solid.yaw))
             for s, m in zip(self._shapes, self._movers, strict=True)
         )
 

@@ -79,7 +79,7 @@ def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
 
 def primitive(solid: Solid) -> F64:
     """Return a solid as a row of the kernels, float64 (15,)."""
-    pose = solid.map_from_solid
+    pose = solid.world_from_solid
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     center = [pose.x, pose.y, 0.5 * (solid.z_min + solid.z_max)]
     half = [0.5 * solid.size_x, 0.5 * solid.size_y, 0.5 * (solid.z_max - solid.z_min)]

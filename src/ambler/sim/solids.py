@@ -38,7 +38,7 @@ class Solid:
 
     name: str
     shape: Shape
-    map_from_solid: SE2
+    world_from_solid: SE2
     size_x: float
     size_y: float
     z_min: float
@@ -49,7 +49,7 @@ class Solid:
     def corners(self) -> NDArray[np.float64]:
         """Return the four corners of a box (or of a cylinder's square) in the frame of its world, counter-clockwise, float64 (4, 2)."""
         half = 0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [self.size_x, self.size_y]
-        return self.map_from_solid.transform(half)
+        return self.world_from_solid.transform(half)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ class WorldSpec:
         frame_from_world = world_from_frame.inverse()
 
         def moved(solid: Solid) -> Solid:
-            return replace(solid, map_from_solid=frame_from_world @ solid.map_from_solid)
+            return replace(solid, world_from_solid=frame_from_world @ solid.world_from_solid)
 
         return replace(
             self,

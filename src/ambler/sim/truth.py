@@ -84,7 +84,7 @@ def _draw(solid: Solid, spec: GridSpec, out: NDArray[np.bool_]) -> None:
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
     x = spec.origin_x + (columns[:, None] + offsets).ravel() * spec.resolution
     y = spec.origin_y + (rows[:, None] + offsets).ravel() * spec.resolution
-    px, py = _local(solid.map_from_solid, x[None, :], y[:, None])
+    px, py = _local(solid.world_from_solid, x[None, :], y[:, None])
     if solid.shape is Shape.BOX:
         inside = (np.abs(px) <= 0.5 * solid.size_x) & (np.abs(py) <= 0.5 * solid.size_y)
     else:
