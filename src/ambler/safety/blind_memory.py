@@ -91,7 +91,8 @@ class BlindMemory:
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
         is_central = field.shrunk(*SOON).contains(rays)
-        is_fading = ~is_central & ~_is_seen(points_base, others)
+        is_fading = ~is_central
+        is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom), self._seen_at

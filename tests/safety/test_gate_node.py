@@ -1,0 +1,123 @@
+"""The gate's node: its heartbeat, what it makes of a failed part, of leaning bodies, of moving ones, and of what no scanner sees."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambler.core.messages import LaserScan, Odometry, PointCloud, VelocityCommand
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.nodes.gate import GateNode
+from ambler.runtime.tasks import GateRequest
+from tests.safety.test_gaps import AHEAD, PUCK, Rig
+from tests.safety.test_many_scanners import HandMadeContext
+
+
+def taken_points(rig: Rig) -> list[np.ndarray]:
+    """Keep what the gate is given from now on."""
+    taken: list[np.ndarray] = []
+    take = rig.node.gate.update_points
+
+    def keep(sensor: str, stamp_ns: int, points: np.ndarray, pose: SE2) -> None:
+        taken.append(points)
+        take(sensor, stamp_ns, points, pose)
+
+    rig.node.gate.update_points = keep  # type: ignore[method-assign]
+    return taken
+
+
+def odometry(now_ns: int, pose: SE3, vx: float) -> Odometry:
+    covariance = np.zeros((6, 6))
+    return Odometry(now_ns, "odom", "base", pose, (vx, 0.0, 0.0), (0.0, 0.0, 0.0), covariance, covariance)
+
+
+def test_it_beats_50_times_a_second() -> None:
+    periods: list[float] = []
+
+    class Context(HandMadeContext):
+        def timer(self, period: float, callback: Any) -> None:
+            periods.append(period)
+
+    node = GateNode(Rig(AHEAD[0]).model)
+    node.ctx = Context()  # type: ignore[assignment]
+    node.start()
+    assert periods == [0.02]
+
+
+def test_a_failed_part_stops_the_robot_at_once_and_for_good() -> None:
+    rig = Rig(AHEAD[0])
+    for _ in range(50):
+        command = rig.tick(-0.2)
+    assert command.vx == pytest.approx(-0.2)
+    rig.node.stop_now("slam failed")
+    assert rig.context.last["velocity_command"].vx == 0.0
+    assert not rig.context.callbacks["reset_stop"](GateRequest("test", "")).is_done
+    assert not rig.context.callbacks["arm"](GateRequest("test", "")).is_done
+    assert rig.tick(-0.2).vx == 0.0
+
+
+def speed_before(rig: Rig, points_base: np.ndarray, pitch: float = 0.0) -> float:
+    """Drive with 0.5 m/s at points of a cloud (N, 3), told in the level base frame, with a body that leans forward; return the speed."""
+    tilt = SE3((0.0, 0.0, 0.0), (math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0))
+    sensor_from_level = (tilt @ PUCK.base_from_sensor).inverse()
+    for k in range(40):
+        rig.context.now_ns += 20_000_000
+        now_ns = rig.context.now_ns
+        rig.context.callbacks["odometry"](odometry(now_ns, tilt, 0.0))
+        seen = sensor_from_level.transform(np.add(points_base, [0.0, 0.0, 1e-4 * (k % 2)])).astype(np.float32)
+        zeros = np.zeros(len(seen), np.float32)
+        rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", seen, zeros, zeros, np.zeros(len(seen), np.uint16)))
+        rig.context.callbacks["velocity_request"](VelocityCommand(now_ns, 0.5, 0.0, 0.0))
+        rig.context.step()
+    return float(rig.context.last["velocity_command"].vx)
+
+
+def bar(x: float, z: float) -> np.ndarray:
+    y = np.linspace(-0.15, 0.15, 40)
+    return np.stack((np.full_like(y, x), y, np.full_like(y, z)), axis=1)
+
+
+@pytest.mark.parametrize(("z", "is_free"), [(0.12, True), (0.18, False), (0.59, False), (0.65, True)])
+def test_what_is_higher_than_a_foot_and_lower_than_the_robot_stops_it(z: float, is_free: bool) -> None:
+    """The body is 0.5 m high, its scanner sits at 0.5 m; 10 cm above that count."""
+    speed = speed_before(Rig(PUCK), bar(0.45, z))
+    assert speed == pytest.approx(0.5) if is_free else speed < 0.1
+
+
+def test_obstacles_count_from_where_the_robot_must_brake() -> None:
+    assert 0.05 < speed_before(Rig(PUCK), bar(0.55, 0.3)) < 0.45
+
+
+@pytest.mark.parametrize("pitch", [0.0, math.radians(20.0)])
+def test_the_floor_is_no_obstacle_to_a_body_that_leans(pitch: float) -> None:
+    assert speed_before(Rig(PUCK), bar(0.55, 0.0), pitch) == pytest.approx(0.5)
+    assert speed_before(Rig(PUCK), bar(0.45, 0.3), pitch) < 0.1
+
+
+def test_a_mean_that_is_remembered_counts_as_an_obstacle_alone() -> None:
+    rig = Rig(AHEAD[0])
+    rig.turn_away()
+    taken = taken_points(rig)
+    rig.tick(0.0)
+    behind = taken[-1][np.hypot(*taken[-1].T) < 2.0]
+    assert len(behind) > 0
+    _, counts = np.unique(behind, axis=0, return_counts=True)
+    assert set(counts) == {2}, "two points are what it takes"
+
+
+def test_beams_are_moved_to_the_instant_of_the_stamp() -> None:
+    """At 1 m/s the last beam is measured 0.1 s after the first, 10 cm further on."""
+    rig = Rig(AHEAD[0])
+    taken = taken_points(rig)
+    now_ns = rig.context.now_ns
+    rig.context.callbacks["odometry"](odometry(now_ns, SE3((0.0, 0.0, 0.0)), 1.0))
+    ranges = np.full(2, 2.0, np.float32)
+    scan = LaserScan(now_ns, "left", -0.5 * math.pi, math.pi, 0.1, 0.08, 0.05, 40.0, ranges, ranges[:0])
+    rig.context.callbacks["scan"](scan)
+    first, last = taken[-1]
+    assert first[0] == pytest.approx(0.35, abs=1e-6)
+    assert last[0] == pytest.approx(0.45, abs=1e-6)
