@@ -39,6 +39,7 @@ class HandMadeContext:
         self.services: dict[str, Callable[[Any], Any]] = {}
         self.published: list[tuple[str, Message]] = []
         self.codes: list[str] = []
+        self.pending: list[tuple[int, Callable[[], None]]] = []
 
     def subscribe(self, topic: Any, callback: Callable[[Any], None]) -> None:
         self.callbacks[topic.name] = callback
@@ -51,6 +52,17 @@ class HandMadeContext:
 
     def log(self, code: str, text: str, **fields: Any) -> None:
         self.codes.append(code)
+
+    def background(self, work: Callable[[], Any], duration: float, done: Callable[[Any], None]) -> None:
+        result = work()  # of what is there now
+        self.pending.append((self.now_ns + round(duration * 1e9), lambda: done(result)))
+
+    def settle(self) -> None:
+        """Give back what is done by now."""
+        due = [done for at_ns, done in self.pending if at_ns <= self.now_ns]
+        self.pending = [(at_ns, done) for at_ns, done in self.pending if at_ns > self.now_ns]
+        for done in due:
+            done()
 
     def of(self, topic: Any) -> list[Any]:
         return [m for name, m in self.published if name == topic.name]
@@ -72,6 +84,7 @@ class Drive:
             self.odom = self.odom @ SE2.exp(motion * (1.02 + 0.02 * self.rng.standard_normal(3)))
             self.step += 1
             stamp = self.context.now_ns = self.step * 20_000_000
+            self.context.settle()
             if self.step % 5 == 0:
                 self.context.callbacks["scan"](self.scan(stamp))  # before the odometry of its instant
             covariance = np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3])
@@ -104,7 +117,10 @@ def start(config: LocalizationNodeConfig, *, has_map: bool = True) -> tuple[Loca
     node.start()
     if has_map:
         cells, spec = rooms.office().occupancy()
+        context.now_ns = -1_000_000_000
         context.callbacks["map"](OccupancyGrid(0, "map", spec, cells))
+        context.now_ns = 0
+        context.settle()
     return node, context
 
 

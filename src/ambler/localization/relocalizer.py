@@ -4,6 +4,7 @@ viewpoint must confirm one of them before it is believed, and when several place
 
 from __future__ import annotations
 
+import copy
 import enum
 import math
 from dataclasses import dataclass, field, replace
@@ -114,20 +115,34 @@ class Relocalizer:
         self._viewpoints = self._confirmations = 0
         self._next_search_ns = None
 
+    def fork(self) -> Relocalizer:
+        """Return one with the same map and hypotheses and its own scratch memory, to search on another thread."""
+        other = copy.copy(self)
+        other._matcher = ScanMatcher(self.map, self.config.matcher)
+        return other
+
+    def is_due(self, observation: Observation) -> bool:
+        """Say whether `update` would search, which takes long: at the first viewpoint, unless nothing was found a moment ago, and at each new one."""
+        if self._viewpoints == 0:
+            return self._next_search_ns is None or observation.stamp_ns >= self._next_search_ns
+        motion = self._odom_of_viewpoint.inverse() @ observation.odom_from_base
+        return (
+            math.hypot(motion.x, motion.y) >= self.config.viewpoint_way or abs(motion.yaw) >= self.config.viewpoint_turn
+        )
+
     def update(self, observation: Observation) -> Relocalization:
         """Search at the first viewpoint; at each new one search again and keep the places that explain all scans."""
-        config = self.config
-        if self._viewpoints == 0:
-            if self._next_search_ns is not None and observation.stamp_ns < self._next_search_ns:
+        if not self.is_due(observation):
+            if self._viewpoints == 0:
                 return Relocalization(observation.stamp_ns, RelocalizationState.NOT_FOUND, (), 0)
+            return self._answer(observation.stamp_ns)
+        if self._viewpoints == 0:
             self._hypotheses = self.search(observation.points_base)
             if self._hypotheses:
                 self._viewpoints = 1
                 self._odom_of_viewpoint = observation.odom_from_base
             return self._answer(observation.stamp_ns)
         motion = self._odom_of_viewpoint.inverse() @ observation.odom_from_base
-        if math.hypot(motion.x, motion.y) < config.viewpoint_way and abs(motion.yaw) < config.viewpoint_turn:
-            return self._answer(observation.stamp_ns)
         carried = self._carry(observation.points_base, motion)
         fresh = self.search(observation.points_base)
         if carried and fresh and _is_same(carried[0].map_from_base, fresh[0].map_from_base, 0.3, 0.2):

@@ -3,20 +3,27 @@
 TRACKING → DEGRADED when the map explains too little of the scan for a moment → LOST when it stays so, when rays run through the
 map's walls, or when a search finds a place that fits much better → RELOCALIZING → TRACKING when a second viewpoint confirms.
 People around the robot only hide walls (returns too near); a wrong pose also sees through them (returns too far).
+
+Searching the map takes long. `update` does it at once; on a robot `step` answers immediately, `take_search` hands out the search as a
+pure job for another thread, and `commit` takes its result, to be verified against what is seen by then.
 """
 
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.kernels import likelihood_field as field_kernel
 from ambler.localization.localizer import Estimate, Localizer, Observation
-from ambler.localization.relocalizer import Relocalization, RelocalizationState, Relocalizer
+from ambler.localization.relocalizer import Hypothesis, Relocalization, RelocalizationState, Relocalizer
 from ambler.localization.surface_map import SurfaceMap
+
+F64 = NDArray[np.float64]
 
 
 class LocalizationState(enum.Enum):
@@ -64,6 +71,19 @@ class Supervision:
     text: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchResult:
+    """What a job of `Supervisor.take_search` found: the relocalizer after it and its answer while lost, or, while the pose is only doubted,
+    the best other place and the quality of the believed one. `series`: what was believed when it began."""
+
+    observation: Observation
+    series: int
+    relocalizer: Relocalizer
+    answer: Relocalization | None
+    rival: Hypothesis | None = None
+    here: float = 0.0
+
+
 class Supervisor:
     """Owns a localizer and a relocalizer of the same map. Starts LOST unless the localizer was given a pose."""
 
@@ -82,6 +102,9 @@ class Supervisor:
         self._search_pause = config.search_every
         self._usual, self._usual_through = 0.9, 0.0
         self._rival: SE2 | None = None
+        self._wanted: Callable[[], Callable[[], SearchResult]] | None = None
+        self._newest: Observation | None = None
+        self._series = 0
 
     @property
     def state(self) -> LocalizationState:
@@ -97,10 +120,32 @@ class Supervisor:
         self._enter(LocalizationState.LOST, reason)
 
     def update(self, observation: Observation) -> Supervision:
-        """Track and judge, or search; returns what to believe."""
+        """Track and judge, or search at once; returns what to believe."""
+        seen = self.step(observation)
+        work = self.take_search()
+        return seen if work is None else (self.commit(work()) or seen)
+
+    def step(self, observation: Observation) -> Supervision:
+        """Track and judge without searching; returns what to believe. A search may be due then: `take_search`."""
+        self._newest = observation
         if self._state in (LocalizationState.TRACKING, LocalizationState.DEGRADED):
             return self._track(observation)
-        return self._search(observation)
+        return self._wait(observation)
+
+    def take_search(self) -> Callable[[], SearchResult] | None:
+        """Return the search that is due, if any, as a job that touches nothing of the supervisor's; one at a time, then `commit`."""
+        wanted, self._wanted = self._wanted, None
+        return None if wanted is None else wanted()
+
+    def commit(self, result: SearchResult) -> Supervision | None:
+        """Take the result of a search; returns what to believe now, None when the search is void because something else was decided since."""
+        now = self._newest
+        if result.series != self._series or now is None:
+            return None
+        if result.answer is None:
+            return self._compare(result, now)
+        self.relocalizer = result.relocalizer
+        return self._take_answer(result.answer, result.observation, now)
 
     def _track(self, observation: Observation) -> Supervision:
         estimate = self.localizer.update(observation)
@@ -135,21 +180,38 @@ class Supervisor:
             return
         self._next_search_ns = now + int(self._search_pause * 1e9)
         self._search_pause = min(1.5 * self._search_pause, self.config.search_every_most)
-        here = self.relocalizer.quality_at(observation.points_base, estimate.map_from_base)
-        places = self.relocalizer.search(observation.points_base)
-        best = places[0] if places else None
+        self._wanted = lambda: self._begin_comparison(observation, estimate.map_from_base)
+
+    def _begin_comparison(self, observation: Observation, believed: SE2) -> Callable[[], SearchResult]:
+        relocalizer, series = self.relocalizer.fork(), self._series
+
+        def compare() -> SearchResult:
+            here = relocalizer.quality_at(observation.points_base, believed)
+            places = relocalizer.search(observation.points_base)
+            return SearchResult(observation, series, relocalizer, None, places[0] if places else None, here)
+
+        return compare
+
+    def _begin_search(self, observation: Observation) -> Callable[[], SearchResult]:
+        relocalizer, series = self.relocalizer.fork(), self._series
+        return lambda: SearchResult(observation, series, relocalizer, relocalizer.update(observation))
+
+    def _compare(self, result: SearchResult, now: Observation) -> Supervision | None:
+        """Is the best other place so much better than the believed one that the robot is lost?"""
+        best, here, then = result.rival, result.here, result.observation
+        estimate = self.localizer.estimate
         if best is None or best.quality < max(here + self.config.better_by, self.config.rival_quality):
             self._rival = None
-            return
+            return None
         # One scan may deceive in an old map: a place must be much better twice, or better beyond doubt.
         is_clear = best.quality > here + 2.0 * self.config.better_by and best.quality > 0.9
-        is_again = (
-            self._rival is not None and (self._rival @ observation.odom_from_base).distance_to(best.map_from_base) < 0.5
-        )
-        self._rival = best.map_from_base @ observation.odom_from_base.inverse()
-        if is_clear or is_again:
-            away = best.map_from_base.distance_to(estimate.map_from_base)
-            self._enter(LocalizationState.LOST, f"a place {away:.1f} m away explains the scan much better")
+        is_again = self._rival is not None and (self._rival @ then.odom_from_base).distance_to(best.map_from_base) < 0.5
+        self._rival = best.map_from_base @ then.odom_from_base.inverse()
+        if estimate is None or not (is_clear or is_again):
+            return None
+        away = (self._rival @ now.odom_from_base).distance_to(estimate.map_from_base)
+        self._enter(LocalizationState.LOST, f"a place {away:.1f} m away explains the scan much better")
+        return Supervision(now.stamp_ns, self._state, estimate, None, 0.0, 0.0, self._text)
 
     def _judge(self, observation: Observation, estimate: Estimate) -> tuple[float, float]:
         """Shares of returns that the map explains from the pose, and that went through its walls; (0, 0) without returns."""
@@ -165,28 +227,51 @@ class Supervisor:
         total = max(int(counts.sum()), 1)
         return float(counts[0]) / total, float(counts[1]) / total
 
-    def _search(self, observation: Observation) -> Supervision:
-        found = self.relocalizer.update(observation)
-        text = f"{found.state.value} ({len(found.hypotheses)} possible)"
+    def _wait(self, observation: Observation) -> Supervision:
+        """Lost: ask for a search when one is due."""
+        text = self._text
+        if self.relocalizer.is_due(observation):
+            self._wanted = lambda: self._begin_search(observation)
+            found = None
+        else:
+            found = self.relocalizer.update(observation)
+            text = _describe(found)
+        self._state, self._text = LocalizationState.RELOCALIZING, text
+        return Supervision(observation.stamp_ns, self._state, self.localizer.estimate, found, 0.0, 0.0, text)
+
+    def _take_answer(self, found: Relocalization, then: Observation, now: Observation) -> Supervision:
+        """Believe a place that was found if what is seen now, a little farther on, is explained there too."""
+        text = _describe(found)
         self._state, self._text = LocalizationState.RELOCALIZING, text
         if found.state is RelocalizationState.FOUND:
             best = found.hypotheses[0]
-            covariance = best.covariance + np.diag([4e-4, 4e-4, 1e-4])
-            self.localizer.set_pose(observation.stamp_ns, observation.odom_from_base, best.map_from_base, covariance)
-            estimate = self.localizer.update(observation)
-            self._enter(LocalizationState.TRACKING, text)
+            pose = best.map_from_base @ then.odom_from_base.inverse() @ now.odom_from_base
+            if self.relocalizer.quality_at(now.points_base, pose) >= self.relocalizer.config.accept - 0.1:
+                return self._believe(found, now, pose, best.covariance + np.diag([4e-4, 4e-4, 1e-4]))
+            self._text = text = "the place that was found does not explain what is seen now"
             self.relocalizer.reset()
-            explained, through = self._judge(observation, estimate)
-            self._usual, self._usual_through = explained, through
-            return Supervision(observation.stamp_ns, self._state, estimate, found, explained, through, text)
-        return Supervision(observation.stamp_ns, self._state, self.localizer.estimate, found, 0.0, 0.0, text)
+        return Supervision(now.stamp_ns, self._state, self.localizer.estimate, found, 0.0, 0.0, text)
+
+    def _believe(self, found: Relocalization, now: Observation, pose: SE2, covariance: F64) -> Supervision:
+        self.localizer.set_pose(now.stamp_ns, now.odom_from_base, pose, covariance)
+        estimate = self.localizer.update(now)
+        self._enter(LocalizationState.TRACKING, _describe(found))
+        self.relocalizer.reset()
+        explained, through = self._judge(now, estimate)
+        self._usual, self._usual_through = explained, through
+        return Supervision(now.stamp_ns, self._state, estimate, found, explained, through, self._text)
 
     def _enter(self, state: LocalizationState, text: str) -> None:
-        self._state, self._text, self._rival = state, text, None
+        self._state, self._text, self._rival, self._wanted = state, text, None, None
+        self._series += 1  # searches that were begun before are void
         self._suspect_since_ns = self._wrong_since_ns = None
         self._search_pause, self._next_search_ns = self.config.search_every, 0
         if state is LocalizationState.LOST:
             self.relocalizer.reset()
+
+
+def _describe(found: Relocalization) -> str:
+    return f"{found.state.value} ({len(found.hypotheses)} possible)"
 
 
 def _since(since_ns: int | None, is_so: bool, now_ns: int) -> int | None:

@@ -6,6 +6,7 @@ import json
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -28,7 +29,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.localization.localizer import Estimate, Localizer, Observation
 from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
-from ambler.localization.supervisor import LocalizationState, Supervision, Supervisor, SupervisorConfig
+from ambler.localization.supervisor import LocalizationState, SearchResult, Supervision, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
 from ambler.perception.planar import PlanarConfig, scan_duration, scan_to_points
 from ambler.runtime.node import Node, Topics
@@ -54,11 +55,14 @@ _MOST_WAITING = 20
 @dataclass(frozen=True, slots=True)
 class LocalizationNodeConfig:
     """`source`: the merged scan, the merged cloud, or both (the cloud of the same instant joins the scan). `initial_pose`:
-    where the robot is switched on, None to search the whole map. `covariance` is that of poses set by people (x, y, yaw)."""
+    where the robot is switched on, None to search the whole map. `covariance` is that of poses set by people (x, y, yaw).
+    `search_duration`, `map_duration`: simulated seconds that a search of the whole map, and the preparation of a map, take in the background."""
 
     source: Source = "scan"
     initial_pose: SE2 | None = None
     covariance: tuple[float, float, float] = (0.25, 0.25, 0.07)
+    search_duration: float = 0.25
+    map_duration: float = 0.5
     planar: PlanarConfig = field(default_factory=PlanarConfig)
     relocalizer: RelocalizerConfig = field(default_factory=RelocalizerConfig)
     supervisor: SupervisorConfig = field(default_factory=SupervisorConfig)
@@ -90,6 +94,8 @@ class LocalizationNode(Node):
         self.inputs = (MAP, ODOMETRY, *wanted[self._config.source])
         self._motion = BaseMotion()
         self._odometry: Odometry | None = None
+        self._map: OccupancyGrid | None = None
+        self._is_searching = False
         self._given: tuple[int, SE2] | None = None
         self._waiting: deque[LaserScan | PointCloud] = deque()
         self._cloud: PointCloud | None = None
@@ -109,17 +115,33 @@ class LocalizationNode(Node):
         self.ctx.serve(RELOCALIZE, self._relocalize)
 
     def _on_map(self, message: OccupancyGrid) -> None:
-        """Build localizer and relocalizer for a map; a later map keeps the pose."""
-        before = self.supervisor
-        surfaces = SurfaceMap.from_occupancy(message.data, message.spec)
-        localizer = self._make_localizer(surfaces)
+        """Prepare a map in the background; the newest one counts."""
+        self._map = message
+        config = self._config
+
+        def prepare() -> tuple[SurfaceMap, Localizer, Relocalizer]:
+            surfaces = SurfaceMap.from_occupancy(message.data, message.spec)
+            return surfaces, self._make_localizer(surfaces), Relocalizer(surfaces, config.relocalizer)
+
+        self.ctx.background(prepare, config.map_duration, partial(self._use_map, message))
+
+    def _use_map(self, message: OccupancyGrid, parts: tuple[SurfaceMap, Localizer, Relocalizer]) -> None:
+        """Localize in a prepared map; the pose believed in the last one is kept."""
+        if message is not self._map:
+            return
+        before, (surfaces, localizer, relocalizer) = self.supervisor, parts
         if before is not None and before.localizer.estimate is not None:
             known = before.localizer.estimate
-            localizer.set_pose(known.stamp_ns, self._motion.newest or SE2(), known.map_from_base, known.covariance)
-        relocalizer = Relocalizer(surfaces, self._config.relocalizer)
+            localizer.set_pose(known.stamp_ns, self._odometry_of(known), known.map_from_base, known.covariance)
         self.supervisor = Supervisor(surfaces, localizer, relocalizer, self._config.supervisor)
         if self._config.initial_pose is not None and localizer.estimate is None:
             self._set_pose(self.supervisor, message.stamp_ns, self._config.initial_pose)
+
+    def _odometry_of(self, known: Estimate) -> SE2:
+        """The odometry of an estimate's instant, or the newest."""
+        if self._motion.covers(known.stamp_ns, known.stamp_ns):
+            return self._motion.planar_at(known.stamp_ns)
+        return self._motion.newest or SE2()
 
     def _set_pose(self, supervisor: Supervisor, stamp_ns: int, map_from_base: SE2) -> None:
         """Believe a pose that a person gave; before the first odometry it waits for it, because where odometry begins is not known."""
@@ -187,11 +209,25 @@ class LocalizationNode(Node):
             self.ctx.log("ODOMETRY_MISSING", str(error))
             return
         points, intensities = self._points_of(message)
-        result = supervisor.update(Observation(stamp, odom_from_base, points, intensities))
+        self._tell_result(supervisor.step(Observation(stamp, odom_from_base, points, intensities)))
+        if not self._is_searching:
+            work = supervisor.take_search()
+            if work is not None:
+                self._is_searching = True
+                self.ctx.background(work, self._config.search_duration, partial(self._searched, supervisor))
+
+    def _searched(self, supervisor: Supervisor, found: SearchResult) -> None:
+        """Take what a search in the background found, unless there is another map by now."""
+        self._is_searching = False
+        result = supervisor.commit(found) if supervisor is self.supervisor else None
+        if result is not None:
+            self._tell_result(result)
+
+    def _tell_result(self, result: Supervision) -> None:
         self._tell_state(result)
         is_believed = result.state in (LocalizationState.TRACKING, LocalizationState.DEGRADED)
-        if is_believed and result.estimate is not None:
-            self._publish(result.estimate, odom_from_base)
+        if is_believed and result.estimate is not None and self._motion.covers(result.stamp_ns, result.stamp_ns):
+            self._publish(result.estimate, self._motion.planar_at(result.stamp_ns))
 
     def _has_cloud_of(self, scan: LaserScan | PointCloud) -> bool:
         return self._cloud is not None and self._cloud.stamp_ns >= scan.stamp_ns

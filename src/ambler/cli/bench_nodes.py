@@ -1,0 +1,96 @@
+"""`ambler bench nodes`: how long every callback of every node takes, beside the latency that the node declares."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+TOLERANCE = 0.01  # share of callbacks that may take longer than declared: the machine interrupts us, too
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the sub-verb."""
+    parser = subparsers.add_parser(
+        "nodes", help="wall time of every callback of every node beside its declared latency"
+    )
+    parser.add_argument("--seconds", type=float, default=60.0, help="simulated seconds of exploring the office")
+    parser.add_argument("--robot", default="amr_omni", help="robot that explores")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made")
+    parser.add_argument("--json", type=Path)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Explore the office for a while and dock once; exit 1 when a node's 99th percentile is longer than it declares."""
+    from ambler.apps.demo import Demo, DemoOptions
+    from ambler.apps.docking import DockingOptions, DockingRun
+    from ambler.apps.navigation import NavigationOptions
+    from ambler.apps.run_folder import RunFolder
+    from ambler.evaluation.results import write_results
+    from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.nodes.dock_pilot import Errand, ErrandKind
+
+    begin = time.perf_counter()
+    warm_up(imported_kernel_modules())
+    fields: dict[str, Any] = {}
+    office = Demo(DemoOptions("office", args.robot, args.seed, port=None), RunFolder.new(args.out, "bench-office"))
+    fields |= _measured("office", office, args.seconds)
+    navigation = NavigationOptions("dock_room", "amr_omni", seed=args.seed, port=None, is_lost=True, may_turn=True)
+    errands = (Errand(ErrandKind.DOCK, "charger_1"),)
+    dock = DockingRun(DockingOptions(navigation, errands), RunFolder.new(args.out, "bench-dock"))
+    fields |= _measured("dock", dock, 120.0)
+    offenders = _show(fields)
+    fields["offenders"] = ", ".join(offenders)
+    if args.json:
+        write_results(args.json, "bench nodes", args.seed, time.perf_counter() - begin, fields)
+    return 1 if offenders else 0
+
+
+def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
+    """Run and return median, 99th percentile and maximum (ms) of the callbacks of every node but the simulator, which is no part of a robot."""
+    import numpy as np
+
+    executor, taken = run.executor, defaultdict(list)
+    guarded = executor.guarded
+
+    def timed(context: Any, callback: Any) -> None:
+        start = time.perf_counter()
+        guarded(context, callback)
+        taken[context.node.name].append(1e3 * (time.perf_counter() - start))
+
+    executor.guarded = timed
+    try:
+        run.run(seconds)
+    finally:
+        run.close()
+    fields: dict[str, float] = {}
+    for context in executor.contexts:
+        node = context.node
+        samples = np.array(taken[node.name][1:])  # without `start`, before which the robot may not move
+        if node.name == "simulator" or len(samples) == 0:
+            continue
+        key = f"{name}.{node.name}"
+        fields |= {
+            f"{key}.declared_ms": 1e3 * node.latency,
+            f"{key}.median_ms": float(np.median(samples)),
+            f"{key}.p99_ms": float(np.percentile(samples, 99)),
+            f"{key}.max_ms": float(samples.max()),
+            f"{key}.late_ratio": float(np.mean(samples > 1e3 * node.latency)),
+        }
+    return fields
+
+
+def _show(fields: dict[str, float]) -> list[str]:
+    """Print a table; returns the nodes that work longer than they declare more often than tolerated."""
+    offenders = []
+    print(f"{'node':28s} {'declared':>9s} {'median':>9s} {'p99':>9s} {'max':>9s}   ms")
+    for key in [k.removesuffix(".declared_ms") for k in fields if k.endswith(".declared_ms")]:
+        declared, median, p99, most = (fields[f"{key}.{n}_ms"] for n in ("declared", "median", "p99", "max"))
+        is_late = fields[f"{key}.late_ratio"] > TOLERANCE
+        offenders += [key] if is_late else []
+        print(f"{key:28s} {declared:9.3f} {median:9.3f} {p99:9.3f} {most:9.3f} {'  LATE' if is_late else ''}")
+    return offenders
