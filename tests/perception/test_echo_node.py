@@ -75,7 +75,7 @@ def gap(echo: m.JudgedEcho, solid: Solid) -> float:
     """How far the nearest point of the echo's arc lies from the solid's middle plane, metres."""
     angles = np.linspace(-echo.half_angle, echo.half_angle, 61)
     arc = echo.pose.to_se2().transform(echo.distance * np.column_stack((np.cos(angles), np.sin(angles))))
-    return float(np.abs(solid.map_from_solid.inverse().transform(arc)[:, 0]).min())
+    return float(np.abs(solid.world_from_solid.inverse().transform(arc)[:, 0]).min())
 
 
 @pytest.mark.parametrize("robot", ["diff+ultrasonic", "amr_omni+ultrasonic", "spot+ultrasonic"])

@@ -26,33 +26,35 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explore the office for a while and dock once; exit 1 when a node's 99th percentile is longer than it declares."""
-    from ambler.apps.demo import Demo, DemoOptions
-    from ambler.apps.docking import DockingOptions, DockingRun
-    from ambler.apps.navigation import NavigationOptions
     from ambler.apps.run_folder import RunFolder
+    from ambler.apps.scene import RunOptions
+    from ambler.apps.simulated import SimulatedRun
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.nodes.dock_pilot import Errand, ErrandKind
+    from ambler.nodes.steps import DockStep
 
     begin = time.perf_counter()
     warm_up(imported_kernel_modules())
     fields: dict[str, Any] = {}
-    office = Demo(DemoOptions("office", args.robot, args.seed, port=None), RunFolder.new(args.out, "bench-office"))
-    fields |= _measured("office", office, args.seconds)
-    navigation = NavigationOptions("dock_room", "amr_omni", seed=args.seed, port=None, is_lost=True, may_turn=True)
-    errands = (Errand(ErrandKind.DOCK, "charger_1"),)
-    dock = DockingRun(DockingOptions(navigation, errands), RunFolder.new(args.out, "bench-dock"))
-    fields |= _measured("dock", dock, 120.0)
+    exploring = RunOptions(world="office", robot=args.robot, seed=args.seed, port=None)
+    fields |= _measured("office", SimulatedRun(exploring, RunFolder.new(args.out, "bench-office")), args.seconds)
+    docking = RunOptions(
+        (DockStep("charger_1"),), "dock_room", "amr_omni", args.seed, is_lost=True, may_turn=True, port=None
+    )
+    fields |= _measured("dock", SimulatedRun(docking, RunFolder.new(args.out, "bench-dock")), 120.0)
     offenders = _show(fields)
     fields["offenders"] = ", ".join(offenders)
     if args.json:
-        write_results(args.json, "bench nodes", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 1 if offenders else 0
 
 
 def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
-    """Run and return median, 99th percentile and maximum (ms) of the callbacks of every node but the simulator, which is no part of a robot."""
+    """Run and return median, 99th percentile and maximum (ms) of the callbacks of every node but those of simulated devices, whose
+    time is the simulator's."""
     import numpy as np
+
+    from ambler.nodes.devices.table import device_names
 
     executor, taken = run.executor, defaultdict(list)
     guarded = executor.guarded
@@ -68,10 +70,11 @@ def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
     finally:
         run.close()
     fields: dict[str, float] = {}
+    devices = {*device_names(run.robot.model), "truth"}
     for context in executor.contexts:
         node = context.node
         samples = np.array(taken[node.name][1:])  # without `start`, before which the robot may not move
-        if node.name == "simulator" or len(samples) == 0:
+        if node.name in devices or len(samples) == 0:
             continue
         key = f"{name}.{node.name}"
         fields |= {
