@@ -26,28 +26,34 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explore the office for a while and dock once; exit 1 when a node's 99th percentile is longer than it declares."""
-    from ambler.apps.demo import Demo, DemoOptions
-    from ambler.apps.docking import DockingOptions, DockingRun
-    from ambler.apps.navigation import NavigationOptions
-    from ambler.apps.run_folder import RunFolder
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.nodes.dock_pilot import Errand, ErrandKind
 
     begin = time.perf_counter()
     warm_up(imported_kernel_modules())
     fields: dict[str, Any] = {}
-    office = Demo(DemoOptions("office", args.robot, args.seed, port=None), RunFolder.new(args.out, "bench-office"))
+    office, dock = _runs(args.robot, args.seed, args.out)
     fields |= _measured("office", office, args.seconds)
-    navigation = NavigationOptions("dock_room", "amr_omni", seed=args.seed, port=None, is_lost=True, may_turn=True)
-    errands = (Errand(ErrandKind.DOCK, "charger_1"),)
-    dock = DockingRun(DockingOptions(navigation, errands), RunFolder.new(args.out, "bench-dock"))
     fields |= _measured("dock", dock, 120.0)
     offenders = _show(fields)
     fields["offenders"] = ", ".join(offenders)
     if args.json:
         write_results(args.json, "bench nodes", args.seed, time.perf_counter() - begin, fields)
     return 1 if offenders else 0
+
+
+def _runs(robot: str, seed: int, out: Path) -> tuple[Any, Any]:
+    """Return an exploration of the office, and a robot that finds out where it is and docks."""
+    from ambler.apps.demo import Demo, DemoOptions
+    from ambler.apps.docking import DockingOptions, DockingRun
+    from ambler.apps.navigation import NavigationOptions
+    from ambler.apps.run_folder import RunFolder
+    from ambler.nodes.dock_pilot import Errand, ErrandKind
+
+    office = Demo(DemoOptions("office", robot, seed, port=None), RunFolder.new(out, "bench-office"))
+    navigation = NavigationOptions("dock_room", "amr_omni", seed=seed, port=None, is_lost=True, may_turn=True)
+    errands = (Errand(ErrandKind.DOCK, "charger_1"),)
+    return office, DockingRun(DockingOptions(navigation, errands), RunFolder.new(out, "bench-dock"))
 
 
 def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
