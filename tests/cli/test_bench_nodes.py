@@ -48,7 +48,7 @@ def test_a_node_that_works_longer_than_it_declares_is_named(capsys: pytest.Captu
     fields = bench_nodes._measured("toy", Run(), 3.0)
     assert fields["toy.slow.declared_ms"] == pytest.approx(2.0)
     assert 4.0 <= fields["toy.slow.median_ms"] <= fields["toy.slow.max_ms"]
-    assert fields["toy.slow.late_ratio"] == 1.0
+    assert fields["toy.slow.late_ratio"] > 0.9
     assert fields["toy.quick.median_ms"] < 1.0
     assert bench_nodes._show(fields)[-1] == "toy.slow"
     assert "LATE" in capsys.readouterr().out.splitlines()[-1]
