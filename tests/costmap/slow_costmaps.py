@@ -66,10 +66,10 @@ class SlowLight:
         place = (spec.origin_x, spec.origin_y, spec.resolution)
         c = self.config
         for r in rays:
-            costmap.clear_rays(self.cells, *place, *r.origin, r.hits.copy(), c.raytrace_range, False)
-            costmap.clear_rays(self.cells, *place, *r.origin, r.free_ends.copy(), c.raytrace_range, True)
+            costmap.clear_rays(self.cells, *place, np.array([r.origin]), r.hits.copy(), c.raytrace_range, False)
+            costmap.clear_rays(self.cells, *place, np.array([r.origin]), r.free_ends.copy(), c.raytrace_range, True)
         for r in rays:
-            costmap.mark_points(self.cells, *place, *r.origin, r.hits.copy(), c.obstacle_range)
+            costmap.mark_points(self.cells, *place, np.array([r.origin]), r.hits.copy(), c.obstacle_range)
 
     def over(self, below: np.ndarray) -> np.ndarray:
         if self.cells is None:

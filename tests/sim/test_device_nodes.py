@@ -54,7 +54,7 @@ def test_everything_is_published_in_time_and_on_declared_topics() -> None:
     context.run(1.0)
     assert {t.name for _, t, _ in context.published} <= {t.name for n in nodes for t in n.outputs}
     assert {n.name for n in nodes} - {"truth"} <= device_names(robot_named("diff").model)
-    for topic in (topics.WHEEL_ODOMETRY, topics.ODOMETRY, topics.TRANSFORMS, topics.TRUE_POSE):
+    for topic in (topics.WHEEL_ODOMETRY, topics.TRUE_POSE):
         told = [(now, message) for now, t, message in context.published if t == topic]
         assert len(told) == 51
         assert {now - message.stamp_ns for now, message in told[1:]} == {0}
@@ -84,7 +84,7 @@ def test_the_robot_obeys_the_command_topic() -> None:
         context.callbacks["velocity_command"](m.VelocityCommand(context.now_ns, 0.4, 0.2, 0.0))
         context.run(0.1)
     truth = (LAB.start.inverse() @ context.messages(topics.TRUE_POSE)[-1].pose.to_se2()).as_array()
-    odometry = context.messages(topics.ODOMETRY)[-1].pose.translation
+    odometry = context.messages(topics.WHEEL_ODOMETRY)[-1].pose.translation
     assert 0.6 < truth[0] < 0.85
     assert 0.3 < truth[1] < 0.45
     np.testing.assert_allclose(odometry[:2], truth[:2], atol=0.08)

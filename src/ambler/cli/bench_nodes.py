@@ -26,22 +26,15 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explore the office for a while and dock once; exit 1 when a node's 99th percentile is longer than it declares."""
-    from ambler.apps.run_folder import RunFolder
-    from ambler.apps.scene import RunOptions
-    from ambler.apps.simulated import SimulatedRun
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.nodes.steps import DockStep
 
     begin = time.perf_counter()
     warm_up(imported_kernel_modules())
     fields: dict[str, Any] = {}
-    exploring = RunOptions(world="office", robot=args.robot, seed=args.seed, port=None)
-    fields |= _measured("office", SimulatedRun(exploring, RunFolder.new(args.out, "bench-office")), args.seconds)
-    docking = RunOptions(
-        (DockStep("charger_1"),), "dock_room", "amr_omni", args.seed, is_lost=True, may_turn=True, port=None
-    )
-    fields |= _measured("dock", SimulatedRun(docking, RunFolder.new(args.out, "bench-dock")), 120.0)
+    office, dock = _runs(args.robot, args.seed, args.out)
+    fields |= _measured("office", office, args.seconds)
+    fields |= _measured("dock", dock, 120.0)
     offenders = _show(fields)
     fields["offenders"] = ", ".join(offenders)
     if args.json:
@@ -49,12 +42,28 @@ def run(args: argparse.Namespace) -> int:
     return 1 if offenders else 0
 
 
+def _runs(robot: str, seed: int, out: Path) -> tuple[Any, Any]:
+    """Return an exploration of the office, and a robot that finds out where it is and docks."""
+    from ambler.apps.run_folder import RunFolder
+    from ambler.apps.scene import RunOptions
+    from ambler.apps.simulated import SimulatedRun
+    from ambler.nodes.steps import DockStep
+
+    exploring = RunOptions(world="office", robot=robot, seed=seed, port=None)
+    docking = RunOptions(
+        (DockStep("charger_1"),), "dock_room", "amr_omni", seed, is_lost=True, may_turn=True, port=None
+    )
+    office = SimulatedRun(exploring, RunFolder.new(out, "bench-office"))
+    return office, SimulatedRun(docking, RunFolder.new(out, "bench-dock"))
+
+
 def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
     """Run and return median, 99th percentile and maximum (ms) of the callbacks of every node but those of simulated devices, whose
     time is the simulator's."""
     import numpy as np
 
-    from ambler.nodes.devices.table import device_names
+    from ambler.nodes.devices.node import DeviceNode
+    from ambler.nodes.devices.truth import TruthNode
 
     executor, taken = run.executor, defaultdict(list)
     guarded = executor.guarded
@@ -70,11 +79,10 @@ def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
     finally:
         run.close()
     fields: dict[str, float] = {}
-    devices = {*device_names(run.robot.model), "truth"}
     for context in executor.contexts:
         node = context.node
         samples = np.array(taken[node.name][1:])  # without `start`, before which the robot may not move
-        if node.name in devices or len(samples) == 0:
+        if isinstance(node, DeviceNode | TruthNode) or len(samples) == 0:
             continue
         key = f"{name}.{node.name}"
         fields |= {

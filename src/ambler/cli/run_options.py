@@ -46,6 +46,11 @@ def add_run_options(parser: argparse.ArgumentParser, *, world: str, robot: str, 
     how = parser.add_argument_group("how it runs")
     how.add_argument("--realtime", action="store_true", help="run in the live executor, in real time")
     how.add_argument(
+        "--apart",
+        action="store_true",
+        help="simulate in a process of its own; the robot runs live behind a serial line and a socket",
+    )
+    how.add_argument(
         "--time-limit", type=float, default=time_limit, help=f"seconds of the run (default: {time_limit:g})"
     )
     how.add_argument("--exit", action="store_true", help="end after the run even on a terminal")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ambler.apps.scene import RunOptions
-from ambler.apps.simulated import SimulatedRun
+    from ambler.apps.simulated import SimulatedRun
 
 INTERRUPTED = 130
 

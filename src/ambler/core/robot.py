@@ -60,6 +60,9 @@ class SensorMount:
     elevation: tuple[float, float] = (-math.pi, math.pi)
     azimuth: tuple[float, float] = (-math.pi, math.pi)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kind", SensorKind(self.kind))  # words of a file become kinds
+
 
 @dataclass(frozen=True)
 class RobotModel:

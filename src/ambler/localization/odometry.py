@@ -63,7 +63,7 @@ class OdometryConfig:
     `setbacks` mean that the clock was set back. A gyroscope is missed after `imu_age` s.
     The filter refuses nothing: a bump turns a robot faster than any model of it, and a false pose of the wheels is taken back by the next."""
 
-    gyro_variance: float = 1e-5
+    gyro_variance: float = 1e-4
     wheel_variance: tuple[float, float, float] = (1e-3, 1e-3, 1e-3)
     turn_doubt: float = 1.0
     way_doubt: float = 0.5

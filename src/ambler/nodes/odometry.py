@@ -19,7 +19,7 @@ class OdometryNode(Node):
     inputs = (WHEEL_ODOMETRY,)
     optional_inputs = (IMU,)
     outputs = (ODOMETRY, TRANSFORMS)
-    latency = 2e-4
+    latency = 5e-4
 
     def __init__(self, robot: RobotModel, estimator: OdometryEstimator | None = None) -> None:
         self._estimator = estimator if estimator is not None else WheelInertialOdometry()
