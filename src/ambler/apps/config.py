@@ -129,6 +129,7 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         slam2d=Slam2dNodeConfig(
             uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP_CLOUD if uses_cloud else SHARP)
         ),
+        localization=LocalizationNodeConfig(source="points", planar=planar) if uses_cloud else LocalizationNodeConfig(),
         particles=ParticleFilterConfig(drive=robot.drive),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
         global_costmap=GlobalCostmapConfig(inflation=inflation),

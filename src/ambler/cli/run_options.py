@@ -74,7 +74,11 @@ def add_known_map_options(parser: argparse.ArgumentParser) -> None:
     known = parser.add_argument_group("the known map")
     known.add_argument("--map", type=Path, help="saved map of that world, its YAML (default: drawn from the world)")
     known.add_argument("--localizer", choices=("tracker", "particles", "reflectors"), help="(default: tracker)")
-    known.add_argument("--source", choices=("scan", "cloud", "both"), help="what it looks at (default: scan)")
+    known.add_argument(
+        "--source",
+        choices=("scan", "cloud", "both", "points"),
+        help="what it looks at (default: scan; with a scanner of many rings: points)",
+    )
     known.add_argument("--lost", action="store_true", help="do not tell the robot where it starts")
     known.add_argument("--may-turn", action="store_true", help="it may turn in place to find out")
 

@@ -31,10 +31,11 @@ from ambler.localization.localizer import Estimate, Localizer, Observation
 from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
 from ambler.localization.supervisor import LocalizationState, SearchResult, Supervision, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
-from ambler.perception.planar import PlanarConfig, scan_duration, scan_to_points
+from ambler.perception.planar import PlanarConfig, cloud_to_points, lean_of, level, scan_duration, scan_to_points
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import RELOCALIZE, Nothing
 from ambler.runtime.topics import (
+    CLOUD,
     LOCALIZED_POSE,
     MAP,
     MERGED_CLOUD,
@@ -47,14 +48,15 @@ from ambler.runtime.topics import (
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-Source = Literal["scan", "cloud", "both"]
+Source = Literal["scan", "cloud", "both", "points"]
 _PLANE = [0, 1, 5]
 _MOST_WAITING = 20
 
 
 @dataclass(frozen=True, slots=True)
 class LocalizationNodeConfig:
-    """`source`: the merged scan, the merged cloud, or both (the cloud of the same instant joins the scan). `initial_pose`:
+    """`source`: the merged scan, the merged cloud, both (the cloud of the same instant joins the scan), or the `points` of a scanner of
+    many rings in the height band of `planar`. `initial_pose`:
     where the robot is switched on, None to search the whole map. `covariance` is that of poses set by people (x, y, yaw).
     `search_duration`, `map_duration`: simulated seconds that a search of the whole map, and the preparation of a map, take in the background."""
 
@@ -90,7 +92,12 @@ class LocalizationNode(Node):
         self._robot = robot
         self._make_localizer = make_localizer
         self._config = config or LocalizationNodeConfig()
-        wanted: dict[Source, Topics] = {"scan": (SCAN,), "cloud": (MERGED_CLOUD,), "both": (SCAN, MERGED_CLOUD)}
+        wanted: dict[Source, Topics] = {
+            "scan": (SCAN,),
+            "cloud": (MERGED_CLOUD,),
+            "both": (SCAN, MERGED_CLOUD),
+            "points": (CLOUD,),
+        }
         self.inputs = (MAP, ODOMETRY, *wanted[self._config.source])
         self._motion = BaseMotion()
         self._odometry: Odometry | None = None
@@ -107,10 +114,8 @@ class LocalizationNode(Node):
         """Subscribe to the map, the sensors and poses set by people."""
         self.ctx.subscribe(MAP, self._on_map)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
-        if self._config.source != "cloud":
-            self.ctx.subscribe(SCAN, self._wait)
-        if self._config.source != "scan":
-            self.ctx.subscribe(MERGED_CLOUD, self._on_cloud)
+        for topic in self.inputs[2:]:
+            self.ctx.subscribe(topic, self._on_cloud if topic is MERGED_CLOUD else self._wait)
         self.ctx.subscribe(SET_POSE, self._on_set_pose)
         self.ctx.serve(RELOCALIZE, self._relocalize)
 
@@ -235,6 +240,8 @@ class LocalizationNode(Node):
     def _points_of(self, message: LaserScan | PointCloud) -> tuple[F32, F32 | None]:
         """Points (N, 2) in the base frame and their intensities, of the scan, of the cloud, or of both."""
         if isinstance(message, PointCloud):
+            if self._config.source == "points":
+                return self._points_in_band(message), None
             return np.array(message.points[:, :2], np.float32), np.array(message.intensity, np.float32)
         is_base = message.frame == "base"
         mount = SE3() if is_base else self._robot.sensor(message.frame).base_from_sensor
@@ -244,7 +251,13 @@ class LocalizationNode(Node):
             return np.concatenate([scan.points, cloud.points[:, :2]]), None
         return scan.points, scan.intensities
 
-    def _twist(self, message: LaserScan) -> F64:
+    def _points_in_band(self, message: PointCloud) -> F32:
+        """What a scanner of many rings saw in the height band, float32 (N, 2) in the base frame, levelled as the body leans."""
+        lean = (0.0, 0.0) if self._odometry is None else lean_of(self._odometry.pose)
+        mount = level(self._robot.sensor(message.frame).base_from_sensor, *lean)
+        return cloud_to_points(message, mount, self._twist(message), self._config.planar).points.astype(np.float32)
+
+    def _twist(self, message: LaserScan | PointCloud) -> F64:
         """Velocity (vx, vy, wz) of the base over a scan; still when odometry does not reach back."""
         seconds = max(scan_duration(message), 0.02)
         begin = message.stamp_ns - int(seconds * 1e9)
