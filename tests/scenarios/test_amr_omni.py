@@ -25,6 +25,6 @@ def test_it_explores_with_three_scanners(amr_run: SimulatedRun) -> None:
 
 
 def test_the_raw_scans_replay_to_the_same_bits(amr_run: SimulatedRun, tmp_path: Path) -> None:
-    comparison = replay_run(amr_run.folder.root, tmp_path)
+    comparison = replay_run(amr_run.folder.root, tmp_path).comparison
     assert comparison.is_equal, str(comparison)
     assert {"/scan", "/merged_points", "/map", "/cmd_vel"} <= {t.topic for t in comparison.topics}

@@ -35,7 +35,7 @@ def test_it_ends_with_proof_at_home_and_maps_the_room(lab_run: SimulatedRun) -> 
 
 
 def test_the_report_is_one_page_with_its_pictures(lab_run: SimulatedRun) -> None:
-    page = write_run_report(lab_run, judge(lab_run)).read_text()
+    page = write_run_report(lab_run.robot, judge(lab_run)).read_text()
     assert page.count("data:image/png;base64,") >= 4
     assert "frontier" in page
     assert "<script" not in page
@@ -57,7 +57,7 @@ def test_another_seed_gives_another_run(lab_run: SimulatedRun, tmp_path: Path) -
 
 
 def test_the_recording_replays_to_the_same_bits(lab_run: SimulatedRun, tmp_path: Path) -> None:
-    comparison = replay_run(lab_run.folder.root, tmp_path)
+    comparison = replay_run(lab_run.folder.root, tmp_path).comparison
     assert comparison.is_equal, str(comparison)
     names = {t.topic for t in comparison.topics}
     assert {"/map", "/cmd_vel", "/frontiers", "/plan", "/slam_pose", "/gate_status"} <= names
@@ -69,7 +69,7 @@ def test_a_changed_parameter_is_found_by_the_replay(lab_run: SimulatedRun, tmp_p
     text = lab_run.folder.config.read_text()
     assert "horizon: 1.7" in text
     (tmp_path / "config.yaml").write_text(text.replace("horizon: 1.7", "horizon: 1.5"))
-    comparison = replay_run(tmp_path, tmp_path / "replay")
+    comparison = replay_run(tmp_path, tmp_path / "replay").comparison
     assert comparison.first_difference is not None
     assert comparison.first_difference.topic in ("/cmd_vel_nav", "/local_plan")
 

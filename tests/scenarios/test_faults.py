@@ -44,7 +44,7 @@ def test_a_scanner_that_stays_silent_is_named(tmp_path: Path) -> None:
     assert judge(demo).fields["collisions"] == 0
     assert demo.ended == "stuck"
     assert "STALE_POINTS: no fresh scan or cloud from laser" in demo.text
-    assert 25.0 < demo.sim_seconds < 35.0
+    assert 25.0 < demo.run_seconds < 35.0
     assert_it_stood(demo, 15.0, 40.0)
     assert "STALE_POINTS: no fresh scan or cloud from laser" in demo.folder.log.read_text()
 

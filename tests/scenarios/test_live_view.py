@@ -43,7 +43,7 @@ def test_a_clicked_goal_drives_the_robot_there(encoding: str, tmp_path: Path) ->
             topic, _, data = frame
             seen[topic] = seen.get(topic, 0) + 1
             if topic == "/ground_truth/pose":
-                truth.append(decode(Odometry, data).pose.to_se2())
+                truth.append(demo.scene.start.inverse() @ decode(Odometry, data).pose.to_se2())
                 if truth[-1].distance_to(GOAL) < 0.25:
                     demo.executor.stop()
 
