@@ -138,7 +138,7 @@ class Run:
                 if any(robot.end is None for robot in self.robots):
                     self._wind_up(time_limit)
         except NodeFailedError as failure:
-            self.log.write(self.executor.now_ns, "run", failure.code, str(failure))
+            self.executor.log_line("run", failure.code, str(failure))
         finally:
             self.wall_seconds = time.perf_counter() - started
             self.run_seconds = (self.executor.now_ns - self._started_ns) * 1e-9

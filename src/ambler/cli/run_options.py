@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,20 +177,20 @@ def parse_pose(text: str, what: str) -> SE2:
 
 
 def check_outputs(json_file: Path | None, out: Path | None) -> None:
-    """Raise BadInputError when the result or the folder of runs cannot be written, before anything runs."""
+    """Make the folders of the result and of the runs; raises BadInputError when they cannot be written, before anything runs."""
     from ambler.core.errors import BadInputError
 
-    if json_file is not None and (json_file.is_dir() or not _is_writable(json_file.parent)):
-        raise BadInputError(f"--json {json_file}: cannot be written")
-    if out is not None and (out.is_file() or not _is_writable(out)):
-        raise BadInputError(f"--out {out}: no folder can be made there")
-
-
-def _is_writable(folder: Path) -> bool:
-    """Say whether files can be made in a folder, or the folder itself where it does not exist yet."""
-    while not folder.exists():
-        folder = folder.parent
-    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
+    wanted = {"--json": None if json_file is None else json_file.parent, "--out": out}
+    if json_file is not None and json_file.is_dir():
+        raise BadInputError(f"--json {json_file}: is a folder")
+    for name, folder in wanted.items():
+        try:
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryFile(dir=folder):
+                    pass
+        except OSError as error:
+            raise BadInputError(f"{name}: {folder} cannot be written: {error.strerror}") from error
 
 
 def _check_numbers(args: argparse.Namespace) -> None:
@@ -204,7 +204,6 @@ def _check_numbers(args: argparse.Namespace) -> None:
         raise BadInputError(f"--port {args.port}: must lie between 0 and 65535")
     if args.host not in ("127.0.0.1", "localhost", "::1") and not args.token and not args.no_view:
         raise BadInputError(f"a live view on {args.host} needs --token: everybody there could drive the robot")
-    check_outputs(args.json, args.out)
 
 
 def is_attended(args: argparse.Namespace) -> bool:

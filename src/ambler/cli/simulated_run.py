@@ -19,9 +19,11 @@ def run_program(args: argparse.Namespace, options: RunOptions) -> int:
     from ambler.apps.run_folder import RunFolder
     from ambler.apps.scene import checked_scene
     from ambler.apps.simulated import SimulatedRun
+    from ambler.cli.run_options import check_outputs
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
     scene = checked_scene(options)
+    check_outputs(args.json, args.out)
     warm_up(imported_kernel_modules())
     folder = RunFolder.new(args.out, f"{args.verb}-{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
     try:

@@ -1,0 +1,160 @@
+"""How regularly a live robot commands its base, undisturbed and while its disk, recorder or log fails, beside an empty loop of 50 Hz."""
+
+from __future__ import annotations
+
+import errno
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
+from ambler.core.errors import AmblerError
+from ambler.core.messages import VelocityCommand
+from ambler.runtime.topics import VELOCITY_COMMAND
+
+PERIOD = 0.02
+SETTLED = 5.0  # seconds after the start from which periods count
+DISTURBED_AT = 8.0  # seconds after the start at which a disturbance begins
+STALL = 5.0  # seconds for which a stalled disk takes nothing
+
+Disturb = Callable[[SimulatedRun], None]
+
+
+def _stall(run: SimulatedRun) -> None:
+    write = run.recorders[0]._mcap.write
+    stalled = threading.Event()
+
+    def slow(*values: Any, **named: Any) -> None:
+        if not stalled.is_set():
+            stalled.set()
+            time.sleep(STALL)
+        write(*values, **named)
+
+    run.recorders[0]._mcap.write = slow  # type: ignore[method-assign]
+
+
+def _fill(run: SimulatedRun) -> None:
+    def full(*values: Any, **named: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    run.recorders[0]._mcap.write = full  # type: ignore[method-assign]
+
+
+def _break_recorder(run: SimulatedRun) -> None:
+    def broken(*values: Any, **named: Any) -> None:
+        raise RuntimeError("injected")
+
+    run.recorders[0]._mcap.write = broken  # type: ignore[method-assign]
+
+
+def _break_log(run: SimulatedRun) -> None:
+    def broken(*values: Any, **named: Any) -> None:
+        raise RuntimeError("injected")
+
+    run.log.write = broken  # type: ignore[method-assign]
+
+
+DISTURBANCES: dict[str, Disturb | None] = {
+    "none": None,
+    "stalled_disk": _stall,
+    "full_disk": _fill,
+    "recorder_raises": _break_recorder,
+    "log_raises": _break_log,
+}
+
+
+def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
+    """Run a live robot for `seconds` beside an empty loop; returns the periods (ms) of both, and how many commands there were."""
+    disturb = DISTURBANCES[disturbance]
+    run = SimulatedRun(options, RunFolder.new(out, f"live-{disturbance}"))
+    stamps: list[int] = []
+
+    def watch(topic: Any, message: Any, time_ns: int, writer: str) -> None:
+        if topic is VELOCITY_COMMAND and isinstance(message, VelocityCommand):
+            stamps.append(message.stamp_ns)
+
+    run.executor.tap(watch)
+    theirs, ours = multiprocessing.Pipe()
+    loop = multiprocessing.get_context("spawn").Process(target=_empty_loop, args=(seconds, theirs), daemon=True)
+    loop.start()
+    timer = threading.Timer(DISTURBED_AT, lambda: None if disturb is None else disturb(run))
+    timer.start()
+    try:
+        run.run(seconds)
+    finally:
+        timer.cancel()
+        run.close()
+    empty = np.array(ours.recv()) if ours.poll(10.0) else np.zeros(0)
+    return {
+        **_periods("command", 1e-9 * np.array(stamps, np.float64)),
+        **_periods("empty_loop", empty),
+        "ended": run.ended,
+        "troubles": ", ".join(sorted(run.executor.troubles.counts)) or None,
+    }
+
+
+def stop_after_failure(options: RunOptions, out: Path, *, log_raises: bool) -> dict[str, float | bool | None]:
+    """Let a node fail while the robot drives live; returns seconds until the command was zero for good, and whether the run told it."""
+    run = SimulatedRun(options, RunFolder.new(out, "live-failure"))
+    commands: list[tuple[int, float]] = []
+    failed_ns: list[int] = []
+
+    def watch(topic: Any, message: Any, time_ns: int, writer: str) -> None:
+        if topic is VELOCITY_COMMAND:
+            commands.append((message.stamp_ns, abs(message.vx) + abs(message.vy) + abs(message.wz)))
+
+    def fail() -> None:
+        failed_ns.append(run.executor.now_ns)
+        raise RuntimeError("injected")
+
+    run.executor.tap(watch)
+    victim = run.executor.context_of("planner")
+    timer = threading.Timer(DISTURBED_AT, lambda: run.executor.post(victim, 0, fail))
+    timer.start()
+    if log_raises:
+        _break_log(run)
+    try:
+        run.run(3.0 * DISTURBED_AT)
+    except AmblerError:
+        pass
+    finally:
+        timer.cancel()
+        run.close()
+    later = [(stamp, speed) for stamp, speed in commands if failed_ns and stamp >= failed_ns[0]]
+    moving = [stamp for stamp, speed in later if speed > 0.0]
+    return {
+        "first_slower_s": None if not later else (later[0][0] - failed_ns[0]) * 1e-9,
+        "stopped_s": None if not later else ((moving[-1] if moving else failed_ns[0]) - failed_ns[0]) * 1e-9 + PERIOD,
+        "is_told": run.executor.failure is not None,
+    }
+
+
+def _empty_loop(seconds: float, answer: Connection) -> None:
+    """Wake up every 20 ms and note when."""
+    begin = time.monotonic()
+    instants, due = [], begin + PERIOD
+    while due < begin + seconds:
+        time.sleep(max(0.0, due - time.monotonic()))
+        instants.append(time.monotonic())
+        due += PERIOD
+    answer.send(instants)
+
+
+def _periods(name: str, instants: NDArray[np.float64]) -> dict[str, float | str | None]:
+    """Return median, percentiles and maximum (ms) of the periods after the robot has settled; None when there are none."""
+    names = ("median", "p99", "p999", "max")
+    instants = instants[instants > instants[0] + SETTLED] if len(instants) else instants
+    if len(instants) < 2:
+        return {f"{name}_{what}_ms": None for what in names}
+    periods = 1e3 * np.diff(instants)
+    values = [float(np.percentile(periods, share)) for share in (50.0, 99.0, 99.9, 100.0)]
+    return {f"{name}_{what}_ms": value for what, value in zip(names, values, strict=True)}
