@@ -142,6 +142,12 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     )
 
 
+def recorded_config(profile: Mapping[str, Any]) -> RobotConfig:
+    """Return the defaults for recordings of robots of which nothing else is known, with a profile laid over them; raises
+    BadInputError that names the key."""
+    return build(RobotConfig, merge(as_values(RobotConfig()), profile))
+
+
 def robot_config(robot: RobotModel, profile: Mapping[str, Any], *, has_map: bool = False) -> RobotConfig:
     """Return the defaults for a robot with a profile laid over them; raises BadInputError that names the key."""
     return build(RobotConfig, merge(as_values(default_config(robot, has_map=has_map)), profile))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli.recording_choices import add_choices, choices_of, parse_pose
+from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,8 +33,9 @@ def add_parser(subparsers: Any) -> None:
         action="store_true",
         help="with --pose: never give the pose up, for old maps that contradict every scan",
     )
-    parser.add_argument("--localizer", choices=("tracker", "particles"), default="tracker", help="(default: tracker)")
+    parser.add_argument("--localizer", choices=("tracker", "particles", "reflectors"), help="(default: tracker)")
     add_choices(parser)
+    add_settings(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for trajectory.tum and map.png")
     parser.add_argument("--seed", type=int, default=0, help="of the particles (default: 0)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
@@ -43,41 +45,36 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Localize; 0 when a place was found and believed at the end of the recording."""
     import time
+    from functools import partial
 
     import numpy as np
 
+    from ambler.apps.config import recorded_config
     from ambler.apps.recorded_localization import localize_recording
     from ambler.core.errors import BadInputError
     from ambler.evaluation.pictures import draw_map_with_trajectory
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
-    from ambler.localization.localizer import Localizer
-    from ambler.localization.particle_filter import ParticleFilter, ParticleFilterConfig
-    from ambler.localization.surface_map import SurfaceMap
     from ambler.recordings.scan_recording import open_recording
     from ambler.slam2d.sweep_search import find_sweep
     from ambler.wire.tum import write_tum
 
     if args.unsupervised and args.pose is None:
         raise BadInputError("--unsupervised needs --pose: without supervision nobody searches the map")
+    config = recorded_config(profile_of(args)[0])
+    config.check_localizer()
     start = None if args.pose is None else parse_pose("--pose", args.pose)
     spec, occupancy = _load(args.map)
     recording = open_recording(args.recording, choices_of(args), find_sweep=find_sweep)
     for note in recording.notes:
         print(note)
     warm_up(imported_kernel_modules())
-
-    def localizer(surfaces: SurfaceMap) -> Localizer:
-        if args.localizer == "tracker":
-            return GridTracker(surfaces, GridTrackerConfig())
-        return ParticleFilter(surfaces, ParticleFilterConfig(), np.random.default_rng(args.seed))
-
+    localizer = partial(config.make_localizer, seed=args.seed)
     begin, cpu = time.perf_counter(), time.process_time()
     result = localize_recording(recording.scans, spec, occupancy, localizer, start, is_supervised=not args.unsupervised)
     data_seconds = max(recording.stamps) - min(recording.stamps)
     fields: dict[str, Any] = {
-        "localizer": args.localizer,
+        "localizer": config.localizer,
         "scans": result.scans,
         "data_seconds": data_seconds,
         "real_time_factor": data_seconds / max(time.process_time() - cpu, 1e-9),
@@ -94,10 +91,7 @@ def run(args: argparse.Namespace) -> int:
         write_tum(args.out / "trajectory.tum", (result.stamps_ns * 1e-9).astype(np.float64), result.poses)
         draw_map_with_trajectory(args.out / "map.png", spec, occupancy, {"localized": result.poses})
     if args.json:
-        command = f"localize {args.recording.name} --map {args.map.name} --localizer {args.localizer}"
-        command += f" --pose {args.pose}" if args.pose else ""
-        command += " --unsupervised" if args.unsupervised else ""
-        write_results(args.json, command, args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if result.is_found_at_the_end else 1
 
 

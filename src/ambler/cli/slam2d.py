@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli.recording_choices import add_choices, choices_of
+from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
     from ambler.recordings.scan_recording import ScanRecording
+    from ambler.slam2d.config import Slam2dConfig
     from ambler.slam2d.offline import OfflineResult
 
 FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
@@ -30,6 +32,7 @@ def add_parser(subparsers: Any) -> None:
         help="CARMEN log (plain, .gz, .bz2), Wean Hall log, ROS 1 bag, or ROS 2 bag (folder, .db3, .mcap)",
     )
     add_choices(parser)
+    add_settings(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
     parser.add_argument("--relations", type=Path, metavar="FILE", help="SLAM-benchmark relations to compare with")
     parser.add_argument(
@@ -43,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, map, write, compare."""
     import time
 
+    from ambler.apps.config import recorded_config
     from ambler.core.errors import BadInputError
     from ambler.evaluation.relations import load_relations, relation_errors
     from ambler.evaluation.results import write_results
@@ -50,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.recordings.scan_recording import open_recording
     from ambler.slam2d.sweep_search import find_sweep
 
+    config = recorded_config(profile_of(args)[0]).slam2d.slam
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
     begin = time.perf_counter()
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     for note in recording.notes:
         print(note)
     stamps = list(recording.stamps)
-    result = _map(recording)
+    result = _map(recording, config)
     errors = relation_errors(relations, stamps, result.poses) if relations else None
     _write(args.out, stamps, result)
     cpu_seconds = time.process_time() - cpu
@@ -81,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
         fields |= errors.fields()
     _report(args.out, fields)
     if args.json:
-        write_results(args.json, f"ambler slam2d {args.log}", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0
 
 
-def _map(recording: ScanRecording) -> OfflineResult:
+def _map(recording: ScanRecording, config: Slam2dConfig) -> OfflineResult:
     """Run with a progress bar and the time that is left."""
     from rich.console import Console
     from rich.progress import (
@@ -118,7 +123,7 @@ def _map(recording: ScanRecording) -> OfflineResult:
             if done % 50 == 0 or done == len(recording.stamps):
                 progress.update(task, completed=done)
 
-        return run_offline(recording.scans, on_scan=on_scan)
+        return run_offline(recording.scans, config, on_scan)
 
 
 def _write(out: Path, stamps: list[float], result: OfflineResult) -> None:
