@@ -226,13 +226,13 @@ def test_a_search_in_the_background_is_carried_to_what_is_seen_by_then(office: t
     supervisor.step(seen_at(room, rng, 0.5, 1, start))
     second = supervisor.take_search()
     assert second is not None
-    supervisor.step(seen_at(room, rng, 0.6, 2, start))  # while it searches the robot drives on
+    supervisor.step(seen_at(room, rng, 0.9, 2, start))  # while it searches the robot drives on
     told = supervisor.commit(second())
     assert told is not None
     assert told.state is LocalizationState.TRACKING
     assert told.stamp_ns == 2
     assert told.estimate is not None
-    assert told.estimate.map_from_base.distance_to(start @ SE2(0.6, 0.0, 0.0)) < 0.02
+    assert told.estimate.map_from_base.distance_to(start @ SE2(0.9, 0.0, 0.0)) < 0.02
 
 
 def test_a_place_that_does_not_explain_what_is_seen_by_then_is_not_believed(office: tuple[Room, SurfaceMap]) -> None:
