@@ -60,5 +60,6 @@ def test_the_dock_run_of_the_benchmark_can_be_built(tmp_path: Path) -> None:
         assert {"odometry", "slam2d", "gate"} <= {c.node.name for c in office.executor.contexts}
         assert {"odometry", "localization", "docking"} <= {c.node.name for c in dock.executor.contexts}
     finally:
-        office.close()
-        dock.close()
+        for run in (office, dock):
+            run.recorder.close()  # `run` would have
+            run.close()

@@ -198,3 +198,71 @@ def test_reflectors_that_fit_twice_are_not_believed() -> None:
         ReflectorMap.surveyed(np.array([[math.nan, 0.0]]))
     with pytest.raises(BadInputError):
         detect_reflectors(np.zeros((3, 2), np.float32), np.zeros(2, np.float32), DetectorConfig())
+
+
+def lost_in_the_office(office: tuple[Room, SurfaceMap]) -> tuple[Supervisor, Room, np.random.Generator]:
+    """A supervisor that was told no pose."""
+    (room, surfaces), rng = office, np.random.default_rng(4)
+    localizer = GridTracker(surfaces, GridTrackerConfig())
+    relocalizer = Relocalizer(surfaces, RelocalizerConfig())
+    return Supervisor(surfaces, localizer, relocalizer, SupervisorConfig()), room, rng
+
+
+def seen_at(room: Room, rng: np.random.Generator, way: float, stamp_ns: int, start: SE2) -> Observation:
+    motion = SE2(way, 0.0, 0.0)
+    return Observation(stamp_ns, motion, room.scan(start @ motion, rng, beams=480))
+
+
+def test_a_search_in_the_background_is_carried_to_what_is_seen_by_then(office: tuple[Room, SurfaceMap]) -> None:
+    supervisor, room, rng = lost_in_the_office(office)
+    start = SE2(7.0, 4.0, 0.3)
+    assert supervisor.step(seen_at(room, rng, 0.0, 0, start)).state is LocalizationState.RELOCALIZING
+    first = supervisor.take_search()
+    assert first is not None
+    assert supervisor.take_search() is None, "one at a time"
+    told = supervisor.commit(first())
+    assert told is not None
+    assert told.state is LocalizationState.RELOCALIZING, "one view is not enough"
+    supervisor.step(seen_at(room, rng, 0.5, 1, start))
+    second = supervisor.take_search()
+    assert second is not None
+    supervisor.step(seen_at(room, rng, 0.9, 2, start))  # while it searches the robot drives on
+    told = supervisor.commit(second())
+    assert told is not None
+    assert told.state is LocalizationState.TRACKING
+    assert told.stamp_ns == 2
+    assert told.estimate is not None
+    assert told.estimate.map_from_base.distance_to(start @ SE2(0.9, 0.0, 0.0)) < 0.02
+
+
+def test_a_place_that_does_not_explain_what_is_seen_by_then_is_not_believed(office: tuple[Room, SurfaceMap]) -> None:
+    supervisor, room, rng = lost_in_the_office(office)
+    start = SE2(7.0, 4.0, 0.3)
+    for way in (0.0, 0.5):
+        supervisor.step(seen_at(room, rng, way, int(10 * way), start))
+        work = supervisor.take_search()
+        assert work is not None
+        found = work()
+        if way == 0.0:
+            supervisor.commit(found)
+    carried_off = Observation(9, SE2(0.55, 0.0, 0.0), room.scan(start @ SE2(-2.5, 0.5, 2.0), rng, beams=480))
+    supervisor.step(carried_off)
+    told = supervisor.commit(found)
+    assert told is not None
+    assert found.answer is not None
+    assert found.answer.state is RelocalizationState.FOUND
+    assert told.state is LocalizationState.RELOCALIZING
+    assert told.estimate is None
+
+
+def test_a_search_that_was_overtaken_is_void(office: tuple[Room, SurfaceMap]) -> None:
+    supervisor, room, rng = lost_in_the_office(office)
+    start = SE2(7.0, 4.0, 0.3)
+    seen = seen_at(room, rng, 0.0, 0, start)
+    supervisor.step(seen)
+    work = supervisor.take_search()
+    assert work is not None
+    supervisor.localizer.set_pose(0, SE2(), start)
+    supervisor.trust()
+    assert supervisor.commit(work()) is None
+    assert supervisor.state is LocalizationState.TRACKING
