@@ -144,3 +144,15 @@ def test_coverage_grows_to_the_end(lab_run: SimulatedRun) -> None:
     coverage = read_exploration(lab_run.folder.recording).coverage
     assert coverage[-1, 1] > 0.98
     assert np.all(np.diff(coverage[:, 0]) > 0)
+
+
+def test_a_live_robot_explores_behind_a_serial_line_and_a_socket(tmp_path: Path) -> None:
+    live = explore(tmp_path / "apart", RunOptions(world="lab_empty", port=None, is_apart=True, time_limit=240.0))
+    assert live.ended == "finished", live.text
+    fields = judge(live).fields
+    assert fields["collisions"] == 0
+    assert fields["coverage_ratio"] >= 0.98
+    assert fields["ate_rms_m"] <= 0.05
+    replay = replay_run(live.folder.root, tmp_path / "replay")
+    assert replay.poses is not None
+    assert replay.is_good, replay.poses

@@ -10,6 +10,8 @@ class ProgressLine:
     """Shows how far a run is. On a terminal one line is rewritten, elsewhere one is printed every `period` seconds."""
 
     def __init__(self, period: float = 10.0) -> None:
+        self.begin_ns = 0
+        """When the run began, by its executor's clock."""
         self._is_terminal = sys.stdout.isatty()
         self._period = 0.5 if self._is_terminal else period
         self._started = time.monotonic()
@@ -22,7 +24,7 @@ class ProgressLine:
         if now - self._shown < self._period:
             return
         self._shown = now
-        seconds = now_ns * 1e-9
+        seconds = (now_ns - self.begin_ns) * 1e-9
         factor = seconds / max(1e-3, now - self._started)
         line = f"{seconds:6.0f} s ({factor:.1f} x real time)  {text}"
         if self._is_terminal:

@@ -114,6 +114,8 @@ class Run:
         for robot in robots:
             robot.on_end = self._stop_when_all_are_done
         self._started_ns = self.executor.now_ns
+        for robot in robots:
+            robot.progress.begin_ns = self._started_ns
 
     def ended_of(self, robot: RobotInRun) -> str:
         """How a robot's program ended, in one word of a result: `succeeded`, a failure's name, `interrupted`, `time_limit` or

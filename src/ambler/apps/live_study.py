@@ -1,0 +1,112 @@
+"""Live robots, run by run: explored with the simulator in another process, a cable pulled on the way, and every verb in real time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ambler.apps.judgement import judge
+from ambler.apps.replay import replay_run
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import FIRST, SimulatedRun
+from ambler.core.messages import GateState, GateStatus, VelocityCommand
+from ambler.core.se2 import SE2
+from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, UndockStep
+from ambler.runtime.topics import GATE_STATUS, VELOCITY_COMMAND
+
+PULLED_AT = 8.0  # seconds after the start
+GOALS = (NavigateStep(SE2(3.0, 1.5, 0.0)), NavigateStep(SE2(0.0, 0.0, 1.57)))
+VERBS: dict[str, Callable[[int], RunOptions]] = {
+    "explore": lambda seed: RunOptions((ExploreStep(),), "lab_empty", "diff", seed, port=None, time_limit=120.0),
+    "navigate": lambda seed: RunOptions(GOALS, "lab_empty", "amr_omni", seed, port=None, time_limit=90.0),
+    "navigate_lost": lambda seed: RunOptions(
+        GOALS, "lab_empty", "amr_omni", seed, is_lost=True, may_turn=True, port=None, time_limit=90.0
+    ),
+    "dock": lambda seed: RunOptions(
+        (DockStep("charger_1"),), "dock_room", "amr_omni", seed, port=None, time_limit=90.0
+    ),
+    "undock": lambda seed: RunOptions(
+        (UndockStep("charger_1"),), "dock_room", "amr_omni", seed, starts_docked="charger_1", port=None, time_limit=60.0
+    ),
+}
+
+
+def run_live(options: RunOptions, out: Path, *, replays: bool = False) -> dict[str, Any]:
+    """Run live and judge; with `replays` also say how the poses of its recording come out when it is replayed."""
+    run = SimulatedRun(options, RunFolder.new(out, "live"))
+    try:
+        run.run()
+        fields = judge(run).fields
+    finally:
+        run.close()
+    fields["lost_messages"] = sum(_drops(run).values())
+    if replays:
+        replay = replay_run(run.folder.root)
+        fields["is_replay_within"] = replay.is_good
+        fields["pose_difference_p95_m"] = None if replay.poses is None else replay.poses.p95_m
+    return fields
+
+
+def pull_cable(seed: int, out: Path) -> dict[str, float | None]:
+    """Pull the cable of the base of a live robot on its way: seconds until the gate refused to drive on and commanded nothing any more, and
+    until the base stood, by the ground truth."""
+    options = RunOptions(
+        (ExploreStep(),), "lab_empty", "diff", seed, is_apart=True, port=None, time_limit=PULLED_AT + 8.0
+    )
+    run = SimulatedRun(options, RunFolder.new(out, "cable"))
+    told: dict[str, list[tuple[int, float]]] = {"gate": [], "command": []}
+    pulled: list[int] = []
+
+    def watch(topic: Any, message: Any, time_ns: int, writer: str) -> None:
+        if topic is VELOCITY_COMMAND and isinstance(message, VelocityCommand):
+            told["command"].append((message.stamp_ns, abs(message.vx) + abs(message.wz)))
+        elif topic is GATE_STATUS and isinstance(message, GateStatus):
+            told["gate"].append((message.stamp_ns, float(message.state is GateState.ARMED)))
+
+    def pull() -> None:
+        assert run.simulator is not None
+        pulled.append(run.executor.now_ns)
+        run.simulator.unplug(FIRST)
+
+    run.executor.tap(watch)
+    timer = threading.Timer(PULLED_AT, pull)
+    timer.start()
+    try:
+        run.run()
+        record = judge(run).record
+    finally:
+        timer.cancel()
+        run.close()
+    after = record.true_stamps_ns > pulled[0]
+    still = record.true_stamps_ns[after][record.speeds[after] > 0.02]
+    return {
+        "speed_mps": float(record.speeds[after][0]) if after.any() else None,
+        "gate_refused_s": _first(told["gate"], pulled[0], lambda armed: armed == 0.0),
+        "commands_ended_s": _last(told["command"], pulled[0]),
+        "base_stood_s": (int(still[-1]) - pulled[0]) * 1e-9 if len(still) else 0.0,
+    }
+
+
+def _first(rows: list[tuple[int, float]], since_ns: int, is_wanted: Callable[[float], bool]) -> float | None:
+    return next(((t - since_ns) * 1e-9 for t, v in rows if t >= since_ns and is_wanted(v)), None)
+
+
+def _last(rows: list[tuple[int, float]], since_ns: int) -> float:
+    moving = [t for t, v in rows if t >= since_ns and v > 0.0]
+    return (moving[-1] - since_ns) * 1e-9 if moving else 0.0
+
+
+def _drops(run: SimulatedRun) -> dict[str, int]:
+    drops: dict[str, int] = getattr(run.executor, "drops", {})
+    return drops
+
+
+def worst(values: list[float | None], *, share: float = 100.0) -> float | None:
+    """Return a percentile of those values that are known, None when none is."""
+    known = [v for v in values if v is not None]
+    return float(np.percentile(known, share)) if known else None
