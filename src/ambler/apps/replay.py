@@ -89,9 +89,15 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     outputs = [topic.ros_name for topic in dict.fromkeys(t for node in stack.nodes for t in node.outputs)]
     comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
     poses: list[tuple[int, PoseStamped | Odometry]] = []
-    begin_ns = _first_time(folder.recording) if saved["run"]["is_apart"] else 0
+    first_ns, last_ns = _span(folder.recording)
+    begin_ns = first_ns if saved["run"]["is_apart"] else 0  # by the system's clock
     executor = LockstepExecutor(stack, ReplayClock(begin_ns, rate), RunLog())
-    finish.append(executor.stop)
+
+    def stop_at_the_end() -> None:  # one of a team may be done long before the others
+        if executor.now_ns >= last_ns:
+            executor.stop()
+
+    finish.append(stop_at_the_end)
 
     def watch(topic: Topic[Any], message: Message, time_ns: int, writer: str) -> None:
         comparison.on_message(topic, message, time_ns, writer)
@@ -101,7 +107,7 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     with executor:
         executor.tap(watch)
         try:
-            executor.run(feed=_feed(folder.recording, names))
+            executor.run((last_ns - begin_ns) * 1e-9, _feed(folder.recording, names))
         except NodeFailedError as failure:
             raise BadInputError(f"the replay of {root} ended early: {failure}") from failure
     return Replay(comparison.result(), pose_difference(folder.recording, poses) if is_live else None)
@@ -135,10 +141,10 @@ def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[
     return OperatorNode(steps, config, finish), called
 
 
-def _first_time(recording: Path) -> int:
-    """When a live robot's recording begins, by the system's clock."""
-    first = next(iter(read_recording(recording)), None)
-    return 0 if first is None else first.log_time_ns
+def _span(recording: Path) -> tuple[int, int]:
+    """When the first and the last message of a recording were delivered."""
+    times = [recorded.log_time_ns for recorded in read_recording(recording)]
+    return (min(times), max(times)) if times else (0, 0)
 
 
 def _inputs(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:
