@@ -70,6 +70,21 @@ def test_any_other_angle_agrees_with_a_map_that_was_drawn_there() -> None:
     assert 0.8 < len(walls) / np.count_nonzero(wanted == 100) < 1.25
 
 
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0])
+def test_the_true_map_has_the_cells_of_a_map_that_begins_at_the_start(yaw_deg: float) -> None:
+    """Half a cell beside each other, two equal maps would look 0.8 alike."""
+    walls = [(4.0, 0.0, 8.13, 0.1), (4.0, 6.0, 8.13, 0.1), (0.0, 3.0, 0.1, 6.17), (8.0, 3.0, 0.1, 6.17)]
+    solids = tuple(Solid("s", Shape.BOX, SE2(x, y, 0.0), *size, 0.0, 2.0) for x, y, *size in walls)
+    world = WorldSpec("room", solids, SE2(4.228, 2.231, math.radians(yaw_deg)))
+    spec, data = truth_grid(world, 0.18, 0.05)
+    turned, cells = TruthFrame(world.start).grid(OccupancyGrid(0, "world", spec, data))
+    drawn, wanted = truth_grid(world.from_start(), 0.18, 0.05)
+    shift = np.array([turned.origin_x - drawn.origin_x, turned.origin_y - drawn.origin_y]) / 0.05
+    assert np.abs(shift - np.round(shift)).max() < 1e-6
+    index = drawn.cells_of(turned.centers_of(np.argwhere(cells != -1)))
+    assert np.array_equal(wanted[index[:, 0], index[:, 1]], cells[cells != -1])
+
+
 def test_a_recording_tells_where_the_robot_started(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "told")
     recorder.on_message(TRUE_START, PoseStamped(0, "world", SE3.from_se2(START)), 0)

@@ -71,10 +71,12 @@ def _start_height(world: WorldSpec) -> float:
 
 
 def _grid_around(world: WorldSpec, resolution: float) -> GridSpec:
+    """The start pose lies on a corner of a cell, as it does in the map of a robot that starts there."""
     x0, y0, x1, y1 = world.bounds()
-    ix0, iy0 = math.floor((x0 - MARGIN) / resolution), math.floor((y0 - MARGIN) / resolution)
-    ix1, iy1 = math.ceil((x1 + MARGIN) / resolution), math.ceil((y1 + MARGIN) / resolution)
-    return GridSpec(resolution, ix1 - ix0, iy1 - iy0, ix0 * resolution, iy0 * resolution)
+    start = world.start
+    ix0, iy0 = math.floor((x0 - start.x - MARGIN) / resolution), math.floor((y0 - start.y - MARGIN) / resolution)
+    ix1, iy1 = math.ceil((x1 - start.x + MARGIN) / resolution), math.ceil((y1 - start.y + MARGIN) / resolution)
+    return GridSpec(resolution, ix1 - ix0, iy1 - iy0, start.x + ix0 * resolution, start.y + iy0 * resolution)
 
 
 def _draw(solid: Solid, spec: GridSpec, out: NDArray[np.bool_]) -> None:
