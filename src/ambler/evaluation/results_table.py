@@ -200,6 +200,47 @@ ROWS: Sequence[Row] = (
         "docking.json",
         "{docking_time_median_s:.1f} s; {marker_still_p95_x_mm:.2f} mm, {marker_moving_p95_x_mm:.2f} mm; {collisions} collisions",
     ),
+    Row(
+        "one run: explore `building`, dock, undock, 5 goals, dock, `amr_omni`",
+        "5 of 5, 0 collisions, no restart",
+        "program_amr.json",
+        "{succeeded} of {amr_omni_runs}, {amr_omni_goals_reached} of {amr_omni_goals} goals, {collisions} collisions; docked within "
+        "{amr_omni_dock_error_m_worst:.4f} m, {amr_omni_dock_error_deg_worst:.3f}° (worst)",
+    ),
+    Row(
+        "the same without docks, `spot` and `diff`",
+        "all, 0 collisions",
+        "program_spot_diff.json",
+        "`spot` {spot_succeeded} of {spot_runs} ({spot_goals_reached} of {spot_goals} goals), `diff` {diff_succeeded} of {diff_runs}; "
+        "{collisions} collisions",
+    ),
+    Row(
+        "two `diff` in one process explore `building`",
+        "both with proof, 0 collisions, replays bit-equal",
+        "team.json",
+        "{0_first_ended} and {0_second_ended}, {0_first_collisions} and {0_second_collisions} collisions, trajectory error "
+        "{0_first_ate_rms_m:.3f} and {0_second_ate_rms_m:.3f} m; replays equal: {0_first_is_replay_equal}, {0_second_is_replay_equal}",
+    ),
+    Row(
+        "live, simulator behind a serial line and a socket: `lab_empty`",
+        "all with proof; pulled cable: stopped within 0.5 s",
+        "live.json",
+        "{apart_succeeded} of {apart_runs}, {apart_collisions} collisions; pulled cable: last command that moves after "
+        "{cable_commands_ended_s_max:.2f} s, standing after {cable_base_stood_s_max:.2f} s (worst of {cable_runs})",
+    ),
+    Row(
+        "command period of a live robot, 50 Hz, beside an empty loop",
+        "worst ≤ 40 ms over 10 min; a failing node stops it ≤ 0.2 s",
+        "bench_live.json",
+        "99 % {none_command_p99_ms:.1f} ms, worst {none_command_max_ms:.1f} ms in {seconds:.0f} s (empty loop {none_empty_loop_p99_ms:.1f}, "
+        "{none_empty_loop_max_ms:.1f}); stopped {failure_stopped_s:.2f} s after a failure",
+    ),
+    Row(
+        "velocity gate: random search for a counterexample",
+        "0 in 10⁷",
+        "gate_search.json",
+        "{counterexamples} in {cases} cases",
+    ),
 )
 
 
