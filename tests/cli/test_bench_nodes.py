@@ -61,5 +61,5 @@ def test_the_dock_run_of_the_benchmark_can_be_built(tmp_path: Path) -> None:
         assert {"odometry", "localization", "docking"} <= {c.node.name for c in dock.executor.contexts}
     finally:
         for run in (office, dock):
-            run.recorder.close()  # `run` would have
+            run.recorders[0].close()  # `run` would have
             run.close()
