@@ -32,6 +32,12 @@ def test_the_table_says_what_was_not_measured(tmp_path: Path) -> None:
     assert table.count("not measured yet") == len(ROWS) - 1
 
 
+@pytest.mark.parametrize(("cases", "found", "misses"), [(10**7, 0, False), (10**7, 1, True), (10**6, 0, True)])
+def test_a_row_that_misses_its_bar_says_so(tmp_path: Path, cases: int, found: int, misses: bool) -> None:
+    write_results(tmp_path / "gate_search.json", "ambler eval gate", 0, 1.0, {"cases": cases, "counterexamples": found})
+    assert ("misses the bar" in results_table(tmp_path)) == misses
+
+
 def test_only_the_text_between_the_marks_is_replaced(tmp_path: Path) -> None:
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")

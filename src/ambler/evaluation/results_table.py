@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,13 @@ BEGIN, END = "<!-- results -->", "<!-- /results -->"
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line: `text` is a format string over the fields of `file`, whose dots are written as underscores."""
+    """One line: `text` is a format string over the fields of `file`, whose dots are written as underscores; `is_met` judges them."""
 
     what: str
     bar: str
     file: str
     text: str
+    is_met: Callable[[dict[str, Any]], bool] = lambda fields: True
 
 
 def _explored(world: str, robot: str) -> str:
@@ -51,6 +52,13 @@ _LOG = (
 _PLANNER = (
     "open {open_%d_ms:.1f}, clutter {clutter_%d_ms:.1f}, rooms {rooms_%d_ms:.1f}, serpentine {serpentine_%d_ms:.1f} ms"
 )
+
+
+def _is_localized(fields: dict[str, Any], localizer: str) -> bool:
+    names = [f"{place}_{localizer}_" for place in ("aisle", "wall", "building")]
+    return all(fields[n + "error_rms_m"] <= 0.01 and 0.5 <= fields[n + "nees_mean"] <= 2.0 for n in names)
+
+
 ROWS: Sequence[Row] = (
     Row(
         "`./run.sh --exit`: office, `diff`, everything included",
@@ -127,6 +135,7 @@ ROWS: Sequence[Row] = (
         "bench_exploration.json",
         "{path_at_98pct_m_ratio_vs_greedy:.2f} × `greedy`, {path_at_98pct_m_ratio_vs_nearest:.2f} × `nearest`; until proof and "
         "home {path_total_m_ratio_vs_greedy:.2f} and {path_total_m_ratio_vs_nearest:.2f} ×",
+        lambda f: f["path_at_98pct_m_ratio_vs_greedy"] <= 0.8 and f["path_at_98pct_m_ratio_vs_nearest"] <= 1.0,
     ),
     Row(
         "every fault on demand, two robots",
@@ -159,6 +168,7 @@ ROWS: Sequence[Row] = (
         "localization.json",
         "{aisle_tracker_error_rms_m:.4f}, {wall_tracker_error_rms_m:.4f}, {building_tracker_error_rms_m:.4f} m; "
         "NEES {aisle_tracker_nees_mean:.2f}, {wall_tracker_nees_mean:.2f}, {building_tracker_nees_mean:.2f}",
+        lambda f: _is_localized(f, "tracker"),
     ),
     Row(
         "particle filter with the merged scan, same places",
@@ -166,6 +176,7 @@ ROWS: Sequence[Row] = (
         "localization.json",
         "{aisle_particles_scan_error_rms_m:.4f}, {wall_particles_scan_error_rms_m:.4f}, {building_particles_scan_error_rms_m:.4f} m; "
         "NEES {aisle_particles_scan_nees_mean:.2f}, {wall_particles_scan_nees_mean:.2f}, {building_particles_scan_nees_mean:.2f}",
+        lambda f: _is_localized(f, "particles_scan"),
     ),
     Row(
         "particle update, 2000 × 60 beams (Nav2: 7.2 ms); EKF step",
@@ -206,6 +217,7 @@ ROWS: Sequence[Row] = (
         "program_amr.json",
         "{succeeded} of {amr_omni_runs}, {amr_omni_goals_reached} of {amr_omni_goals} goals, {collisions} collisions; docked within "
         "{amr_omni_dock_error_m_worst:.4f} m, {amr_omni_dock_error_deg_worst:.3f}° (worst)",
+        lambda f: f["succeeded"] >= 5 and f["succeeded"] == f["amr_omni_runs"] and f["collisions"] == 0,
     ),
     Row(
         "the same without docks, `spot` and `diff`",
@@ -213,6 +225,7 @@ ROWS: Sequence[Row] = (
         "program_spot_diff.json",
         "`spot` {spot_succeeded} of {spot_runs} ({spot_goals_reached} of {spot_goals} goals), `diff` {diff_succeeded} of {diff_runs}; "
         "{collisions} collisions",
+        lambda f: f["succeeded"] == f["runs"] and f["collisions"] == 0,
     ),
     Row(
         "two `diff` in one process explore `building`",
@@ -220,6 +233,12 @@ ROWS: Sequence[Row] = (
         "team.json",
         "{0_first_ended} and {0_second_ended}, {0_first_collisions} and {0_second_collisions} collisions, trajectory error "
         "{0_first_ate_rms_m:.3f} and {0_second_ate_rms_m:.3f} m; replays equal: {0_first_is_replay_equal}, {0_second_is_replay_equal}",
+        lambda f: (
+            f["0_first_ended"] == f["0_second_ended"] == "finished"
+            and f["0_first_collisions"] == f["0_second_collisions"] == 0
+            and f["0_first_is_replay_equal"]
+            and f["0_second_is_replay_equal"]
+        ),
     ),
     Row(
         "live, simulator behind a serial line and a socket: `lab_empty`",
@@ -227,6 +246,12 @@ ROWS: Sequence[Row] = (
         "live.json",
         "{apart_succeeded} of {apart_runs}, {apart_collisions} collisions; pulled cable: last command that moves after "
         "{cable_commands_ended_s_max:.2f} s, standing after {cable_base_stood_s_max:.2f} s (worst of {cable_runs})",
+        lambda f: (
+            f["apart_succeeded"] == f["apart_runs"]
+            and f["apart_collisions"] == 0
+            and f["cable_commands_ended_s_max"] <= 0.5
+            and f["cable_base_stood_s_max"] <= 0.5
+        ),
     ),
     Row(
         "command period of a live robot, 50 Hz, beside an empty loop",
@@ -234,12 +259,14 @@ ROWS: Sequence[Row] = (
         "bench_live.json",
         "99 % {none_command_p99_ms:.1f} ms, worst {none_command_max_ms:.1f} ms in {seconds:.0f} s (empty loop {none_empty_loop_p99_ms:.1f}, "
         "{none_empty_loop_max_ms:.1f}); stopped {failure_stopped_s:.2f} s after a failure",
+        lambda f: f["none_command_max_ms"] <= 40.0 and f["seconds"] >= 600.0 and f["failure_stopped_s"] <= 0.2,
     ),
     Row(
         "velocity gate: random search for a counterexample",
         "0 in 10⁷",
         "gate_search.json",
         "{counterexamples} in {cases} cases",
+        lambda f: f["counterexamples"] == 0 and f["cases"] >= 10**7,
     ),
 )
 
@@ -253,7 +280,7 @@ def results_table(folder: Path) -> str:
         if path.exists():
             fields = {name.replace(".", "_"): value for name, value in json.loads(path.read_text()).items()}
             sources.add(f"{fields['date']}, {fields['machine']}")
-            lines.append(f"| {row.what} | {row.bar} | {_fill(row.text, fields)} ([json](docs/results/{row.file})) |")
+            lines.append(f"| {row.what} | {row.bar} | {_fill(row, fields)} ([json](docs/results/{row.file})) |")
         else:
             lines.append(f"| {row.what} | {row.bar} | not measured yet |")
     return "\n".join([*lines, "", f"Measured {'; '.join(sorted(sources)) or 'never'}."])
@@ -267,8 +294,8 @@ def update_readme(readme: Path, folder: Path) -> None:
     readme.write_text(f"{before}{BEGIN}\n{results_table(folder)}\n{END}{after}", encoding="utf-8")
 
 
-def _fill(text: str, fields: dict[str, Any]) -> str:
+def _fill(row: Row, fields: dict[str, Any]) -> str:
     try:
-        return text.format(**fields)
+        return row.text.format(**fields) + ("" if row.is_met(fields) else " **(misses the bar)**")
     except (KeyError, TypeError, ValueError) as error:
         return f"incomplete ({error})"
