@@ -14,12 +14,15 @@ from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import FIRST, SimulatedRun
+from ambler.core.errors import BadInputError
 from ambler.core.messages import GateState, GateStatus, VelocityCommand
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, UndockStep
 from ambler.runtime.topics import GATE_STATUS, VELOCITY_COMMAND
 
-PULLED_AT = 8.0  # seconds after the start
+PULLED_AT = 8.0  # seconds after the start, from which a cable is pulled as soon as the robot is fast
+FAST = 0.6  # m/s commanded for half a second
+WATCHED = 4.0  # seconds after that
 GOALS = (NavigateStep(SE2(3.0, 1.5, 0.0)), NavigateStep(SE2(0.0, 0.0, 1.57)))
 VERBS: dict[str, Callable[[int], RunOptions]] = {
     "explore": lambda seed: RunOptions((ExploreStep(),), "lab_empty", "diff", seed, port=None, time_limit=120.0),
@@ -56,22 +59,32 @@ def pull_cable(seed: int, out: Path) -> dict[str, float | None]:
     """Pull the cable of the base of a live robot on its way: seconds until the gate refused to drive on and commanded nothing any more, and
     until the base stood, by the ground truth."""
     options = RunOptions(
-        (ExploreStep(),), "lab_empty", "diff", seed, is_apart=True, port=None, time_limit=PULLED_AT + 8.0
+        (ExploreStep(),), "office", "diff", seed, is_apart=True, port=None, time_limit=10.0 * PULLED_AT
     )
     run = SimulatedRun(options, RunFolder.new(out, "cable"))
-    told: dict[str, list[tuple[int, float]]] = {"gate": [], "command": []}
+    told: dict[str, list[tuple[int, float]]] = {"gate": [], "command": [], "forward": []}
     pulled: list[int] = []
+    is_over = threading.Event()
 
     def watch(topic: Any, message: Any, time_ns: int, writer: str) -> None:
         if topic is VELOCITY_COMMAND and isinstance(message, VelocityCommand):
             told["command"].append((message.stamp_ns, abs(message.vx) + abs(message.wz)))
+            told["forward"].append((message.stamp_ns, message.vx))
         elif topic is GATE_STATUS and isinstance(message, GateStatus):
             told["gate"].append((message.stamp_ns, float(message.state is GateState.ARMED)))
 
+    def is_fast() -> bool:
+        return min((speed for _, speed in told["forward"][-25:]), default=0.0) >= FAST
+
     def pull() -> None:
         assert run.simulator is not None
-        pulled.append(run.executor.now_ns)
-        run.simulator.unplug(FIRST)
+        while not is_fast() and not is_over.wait(0.02):
+            pass
+        if not is_over.is_set():
+            pulled.append(run.executor.now_ns)
+            run.simulator.unplug(FIRST)
+            is_over.wait(WATCHED)
+            run.executor.stop()
 
     run.executor.tap(watch)
     timer = threading.Timer(PULLED_AT, pull)
@@ -80,8 +93,11 @@ def pull_cable(seed: int, out: Path) -> dict[str, float | None]:
         run.run()
         record = judge(run).record
     finally:
+        is_over.set()
         timer.cancel()
         run.close()
+    if not pulled:
+        raise BadInputError(f"seed {seed}: the robot was never fast for half a second, so no cable was pulled")
     after = record.true_stamps_ns > pulled[0]
     still = record.true_stamps_ns[after][record.speeds[after] > 0.02]
     return {
