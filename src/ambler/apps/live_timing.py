@@ -75,7 +75,7 @@ DISTURBANCES: dict[str, Disturb | None] = {
 def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
     """Run a live robot for `seconds` beside an empty loop; returns the periods (ms) of both.
 
-    The last command is the stop when the run is over and all threads have ended; how long it took stands apart, `closing_stop_ms`.
+    When `seconds` are over, the threads end and the programs are wound up: how long no command came meanwhile stands apart, `wind_up_ms`.
     """
     disturb = DISTURBANCES[disturbance]
     run = SimulatedRun(options, RunFolder.new(out, f"live-{disturbance}"))
@@ -98,9 +98,10 @@ def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) ->
         run.close()
     empty = np.array(ours.recv()) if ours.poll(10.0) else np.zeros(0)
     instants = 1e-9 * np.array(stamps, np.float64)
+    end = int(np.searchsorted(instants, instants[0] + seconds)) if len(instants) else 0
     return {
-        **_periods("command", instants[:-1]),
-        "closing_stop_ms": 1e3 * float(instants[-1] - instants[-2]) if len(instants) > 1 else None,
+        **_periods("command", instants[:end]),
+        "wind_up_ms": 1e3 * float(instants[end] - instants[end - 1]) if 0 < end < len(instants) else None,
         **_periods("empty_loop", empty),
         "ended": run.ended,
         "troubles": ", ".join(sorted(run.executor.troubles.counts)) or None,
