@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambler.core.grid import GridSpec
+from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.memory import FrontierMemory
@@ -70,12 +70,13 @@ class Play:
         self.surveyor.frontiers = list(frontiers)
         self.mission = ExploreMission(ExploreConfig(**config), self.surveyor, NearestStrategy())  # type: ignore[arg-type]
         self.map = np.zeros(SPEC.shape, np.int8)
+        self.costs = np.zeros(SPEC.shape, np.uint8)
         self.pose = SE2(10.0, 10.0)
         self.now_ns = 0
         self.mission.begin(goal or ExploreGoal(), 0)
 
     def view(self) -> ExploreView:
-        costs = CostGrid(self.now_ns, "map", SPEC, np.zeros(SPEC.shape, np.uint8))
+        costs = CostGrid(self.now_ns, "map", SPEC, self.costs.copy())
         return ExploreView(self.now_ns, OccupancyGrid(self.now_ns, "map", SPEC, self.map.copy()), costs, self.pose)
 
     def step(self, seconds: float = 1.0) -> list[Command]:
@@ -331,6 +332,30 @@ def test_the_way_home_is_tried_again_after_a_while_because_people_move_on() -> N
                     turns += 1
                     play.mission.drive_ended(command.drive, "SUCCEEDED", "")
     raise AssertionError("the mission does not end")
+
+
+def test_a_robot_whose_way_home_is_shut_goes_to_where_it_is_and_tries_again_from_there() -> None:
+    play = Play(frontier(12, 10, 2.0))
+    play.drive()
+    for x in np.arange(10.0, 16.0, 0.5):
+        play.pose = SE2(float(x), 10.0)
+        play.step(0.1)
+    play.surveyor.frontiers = []
+    play.step()
+    home = play.drive(3.0)
+    assert home.map_from_goal == SE2(10.0, 10.0)
+    play.costs[:, SPEC.cell_of(12.0, 10.0)[1]] = COST_LETHAL
+    watch = next(c for c in play.end(home, "NO_VALID_PATH") if isinstance(c, DriveTo))
+    assert 12.5 < watch.map_from_goal.x < 14.5
+    assert "the way home is shut" in play.mission.text
+    play.pose = watch.map_from_goal
+    play.end(watch)
+    play.costs[:] = 0
+    again = next(c for _ in range(12) for c in play.step() if isinstance(c, DriveTo))
+    assert again.map_from_goal == home.map_from_goal
+    play.pose = again.map_from_goal
+    play.end(again)
+    assert play.until_ended().result.is_home
 
 
 @pytest.mark.parametrize("pause", [4.0, 9.0])

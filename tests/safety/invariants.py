@@ -661,14 +661,13 @@ def stale_input_stops(m: ModuleType) -> None:
         b = Bench(m)
         b.tick(60, (0.8, 0.0, 0.0))
         setattr(b, name, False)
-        timeout = 25 if name == "has_points" else 15
+        timeout = 25 if name == "has_points" else 10
         step = b.tick(timeout, (0.8, 0.0, 0.0))
         assert step.velocity == BodyVelocity(0.8)
         step = b.tick(1, (0.8, 0.0, 0.0))
         assert step.state == GateState.FAULT
         assert "STALE" in step.reason
-        assert 0.0 < step.velocity.vx < 0.8
-        assert is_zero(b.tick(30, (0.8, 0.0, 0.0)))
+        assert is_zero(step), "it sees nothing: the base stops as hard as it can"
         setattr(b, name, True)
         step = b.tick(24, (0.8, 0.0, 0.0))
         assert is_zero(step), "it waits until the input has been fresh for a while"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from ambler.apps.judgement import judge
@@ -15,6 +18,7 @@ from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import DockStep, NavigateStep, TeachStep, UndockStep
+from ambler.runtime.topics import VELOCITY_COMMAND, Topic
 
 
 @pytest.mark.parametrize("verb", ["navigate_lost", "dock", "undock"])
@@ -31,6 +35,32 @@ def test_a_verb_works_in_real_time(verb: str, tmp_path: Path) -> None:
         assert fields["dock_error_m"] < 0.005
     if verb == "navigate_lost":
         assert fields["worst_goal_error_m"] < 0.25
+
+
+def test_a_live_robot_is_under_command_while_its_run_is_ended(tmp_path: Path) -> None:
+    """Whoever watches the run hangs just when its time is over: the gate commands on until the map is saved."""
+    limit = 4.0
+    run = SimulatedRun(replace(VERBS["explore"](0), is_realtime=True, time_limit=limit), RunFolder(tmp_path / "run"))
+    commands: list[int] = []
+    begin_ns = run.executor.now_ns
+    hung: list[int] = []
+
+    def watch(topic: Topic[Any], message: Any, time_ns: int, writer: str) -> None:
+        if topic is VELOCITY_COMMAND:
+            commands.append(message.stamp_ns - begin_ns)
+        if time_ns - begin_ns > (limit - 0.2) * 1e9 and not hung:
+            hung.append(time_ns)
+            time.sleep(2.0)
+
+    run.executor.tap(watch)
+    try:
+        run.run()
+    finally:
+        run.close()
+    assert (run.ended, bool(hung)) == ("time_limit", True)
+    assert (run.folder.root / "map.yaml").exists()
+    assert max(np.diff(commands)) < 1e9
+    assert commands[-1] > limit * 1e9
 
 
 def test_a_known_map_program_docks_leaves_drives_and_replays_to_the_same_bits(tmp_path: Path) -> None:

@@ -62,6 +62,21 @@ def test_the_commanded_velocity_is_reached(open_floor: WorldSpec, robot: str, co
     np.testing.assert_allclose(velocity(simulation), (command.vx, command.vy, command.wz), atol=0.02)
 
 
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("is_cut_off", [False, True], ids=["told to stop", "told nothing any more"])
+def test_a_base_stops_as_hard_as_it_can(open_floor: WorldSpec, robot: str, mode: str, is_cut_off: bool) -> None:
+    simulation = simulate(open_floor, robot, mode)
+    drive(simulation, BodyVelocity(0.6, 0.0, 0.0), 1.5)
+    begin = simulation.world_from_base.to_se2()
+    if not is_cut_off:
+        simulation.command(BodyVelocity())
+    simulation.step(simulation.now_ns + 2_000_000_000)
+    way = (begin.inverse() @ simulation.world_from_base.to_se2()).x
+    noticed = simulation.robot.watchdog - 0.05 if is_cut_off else 0.0  # the last command is 50 ms old
+    assert way == pytest.approx(0.6 * noticed + 0.6**2 / (2.0 * simulation.robot.model.limits.ax_stop), abs=0.02)
+
+
 @pytest.mark.parametrize("robot", robot_names())
 def test_friction_limits_acceleration(open_floor: WorldSpec, robot: str) -> None:
     """On ice (mu = 0.05) no base can accelerate faster than mu g, whatever its wheels or feet do."""

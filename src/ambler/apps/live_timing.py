@@ -7,6 +7,7 @@ import multiprocessing
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,18 @@ from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
 from ambler.core.errors import AmblerError
 from ambler.core.messages import VelocityCommand
+from ambler.evaluation.goals import draw_goals
+from ambler.nodes.steps import ExploreStep, NavigateStep
 from ambler.runtime.topics import VELOCITY_COMMAND
+from ambler.sim.robots import robot_named
+from ambler.sim.world_file import load_world
 
 PERIOD = 0.02
 SETTLED = 5.0  # seconds after the start from which periods count
 DISTURBED_AT = 8.0  # seconds after the start at which a disturbance begins
 STALL = 5.0  # seconds for which a stalled disk takes nothing
+
+GOALS = 300  # more than anybody waits for
 
 Disturb = Callable[[SimulatedRun], None]
 
@@ -72,11 +79,17 @@ DISTURBANCES: dict[str, Disturb | None] = {
 }
 
 
-def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
-    """Run a live robot for `seconds` beside an empty loop; returns the periods (ms) of both.
+def busy(options: RunOptions) -> RunOptions:
+    """Let a robot explore, and then drive to one random goal after the other until its time is over."""
+    goals = draw_goals(
+        load_world(options.world), robot_named(options.robot), GOALS, np.random.default_rng(options.seed)
+    )
+    return replace(options, steps=(ExploreStep(), *(NavigateStep(goal) for goal in goals)))
 
-    When `seconds` are over, the threads end and the programs are wound up: how long no command came meanwhile stands apart, `wind_up_ms`.
-    """
+
+def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
+    """Run a live robot for `seconds` beside an empty loop; returns the periods (ms) of both, from `SETTLED` s on until the last command,
+    which comes when the program has been ended and the map is saved."""
     disturb = DISTURBANCES[disturbance]
     run = SimulatedRun(options, RunFolder.new(out, f"live-{disturbance}"))
     stamps: list[int] = []
@@ -98,10 +111,9 @@ def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) ->
         run.close()
     empty = np.array(ours.recv()) if ours.poll(10.0) else np.zeros(0)
     instants = 1e-9 * np.array(stamps, np.float64)
-    end = int(np.searchsorted(instants, instants[0] + seconds)) if len(instants) else 0
     return {
-        **_periods("command", instants[:end]),
-        "wind_up_ms": 1e3 * float(instants[end] - instants[end - 1]) if 0 < end < len(instants) else None,
+        "command_seconds": float(instants[-1] - instants[0]) if len(instants) else 0.0,
+        **_periods("command", instants),
         **_periods("empty_loop", empty),
         "ended": run.ended,
         "troubles": ", ".join(sorted(run.executor.troubles.counts)) or None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -91,6 +93,7 @@ class Run:
         self.folder = folder
         self.robots = tuple(robots)
         self.is_interrupted = False
+        self._last_call: threading.Timer | None = None
         self.run_seconds = 0.0
         self.wall_seconds = 0.0
         self.view = None if view is None else FoxgloveBridge(view.port, view.host, view.token, self._on_viewer)
@@ -136,9 +139,10 @@ class Run:
         started = time.perf_counter()
         try:
             with on_interrupt(self._interrupt):
-                self.executor.run(time_limit)
-                if any(robot.end is None for robot in self.robots):
-                    self._wind_up(time_limit)
+                if isinstance(self.executor, LiveExecutor):
+                    self._run_live(time_limit)
+                else:
+                    self._run_lockstep(time_limit)
         except NodeFailedError as failure:
             self.executor.log_line("run", failure.code, str(failure))
         finally:
@@ -164,18 +168,47 @@ class Run:
         self.executor.close()
         self.log.close()
 
-    def _wind_up(self, time_limit: float) -> None:
+    def _run_lockstep(self, time_limit: float) -> None:
+        """While a program is ended the simulated clock stands, so nothing moves."""
+        self.executor.run(time_limit)
+        if any(robot.end is None for robot in self.robots):
+            self._end_programs(time_limit)
+            self.executor.run(WIND_UP)
+
+    def _run_live(self, time_limit: float) -> None:
+        """The nodes go on while programs are ended: no robot is ever without commands, and none drives blindly on its last one."""
+        timer = threading.Timer(min(time_limit, threading.TIMEOUT_MAX), self._wind_up_live, (time_limit,))
+        timer.daemon = True
+        timer.start()
+        try:
+            self.executor.run()
+        finally:
+            timer.cancel()
+            if self._last_call is not None:
+                self._last_call.cancel()
+
+    def _wind_up_live(self, time_limit: float) -> None:
+        if self._last_call is not None:
+            return  # it is being wound up already
+        self._last_call = threading.Timer(WIND_UP, self.executor.stop)
+        self._last_call.daemon = True
+        self._last_call.start()
+        self._end_programs(time_limit)
+
+    def _end_programs(self, time_limit: float) -> None:
         code, text = "TIME_LIMIT", f"the time limit of {time_limit:g} s is over"
         if self.is_interrupted:
             code, text = "INTERRUPTED", "a signal ended the run"
         for robot in self.robots:
             if robot.end is None:
                 self.executor.call(END_PROGRAM, EndProgramRequest(code, text), robot.prefix)
-        self.executor.run(WIND_UP)
 
     def _interrupt(self) -> None:
         self.is_interrupted = True
-        self.executor.stop()
+        if isinstance(self.executor, LiveExecutor):  # on a thread: the one that the signal came to may hold any lock
+            threading.Thread(target=self._wind_up_live, args=(math.inf,), daemon=True).start()
+        else:
+            self.executor.stop()
 
     def _stop_when_all_are_done(self) -> None:
         if all(robot.end is not None for robot in self.robots):

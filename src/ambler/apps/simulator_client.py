@@ -36,7 +36,7 @@ class SimulatorOptions:
     seed: int = 0
     physics: str = "contact"
     is_perfect: bool = False
-    watchdog: float = 0.3
+    watchdog: float = 0.2
     clock_offset: float = 0.0
     clock_drift: float = 0.0
 

@@ -212,7 +212,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--physics", choices=("contact", "kinematic"), default="contact")
     parser.add_argument("--perfect", action="store_true", help="no noise, losses, slip and drift")
-    parser.add_argument("--watchdog", type=float, default=0.3, help="of the bases, seconds")
+    parser.add_argument("--watchdog", type=float, default=0.2, help="of the bases, seconds")
     parser.add_argument("--clock-offset", type=float, default=0.0, help="of the devices' clocks, seconds")
     parser.add_argument("--clock-drift", type=float, default=0.0, help="of the devices' clocks, seconds per second")
     parser.add_argument("--host-offset-ns", type=int, help="host's clock less CLOCK_MONOTONIC; default: the wall clock")

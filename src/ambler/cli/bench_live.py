@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     """Run each and print the periods."""
     import time
 
-    from ambler.apps.live_timing import measure, stop_after_failure
+    from ambler.apps.live_timing import busy, measure, stop_after_failure
     from ambler.apps.scene import RunOptions
     from ambler.cli.run_options import check_outputs
     from ambler.evaluation.results import write_results
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     options = RunOptions(world=args.world, robot=args.robot, seed=args.seed, is_apart=True, port=None)
     fields: dict[str, Any] = {"world": args.world, "robot": args.robot, "seconds": args.seconds}
     for disturbance in args.disturb:
-        found = measure(options, args.seconds, args.out, disturbance)
+        found = measure(busy(options), args.seconds, args.out, disturbance)
         fields |= {f"{disturbance}.{name}": value for name, value in found.items()}
         print(disturbance, {name: round(v, 1) if isinstance(v, float) else v for name, v in found.items()}, flush=True)
     if args.failure:

@@ -7,6 +7,8 @@ import math
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 
+TURNED_AWAY = 0.05  # metres by which turning on the spot may move a base off
+
 
 class GoalChecker:
     """Says when a goal is reached: position once, heading, and at rest.
@@ -31,7 +33,7 @@ class GoalChecker:
         away = odom_from_base.distance_to(odom_from_goal)
         if away <= self._xy_tolerance and path_left <= self._path_tolerance:
             self.is_position_reached = True
-        elif away > 2.0 * self._xy_tolerance:
+        elif away > self._xy_tolerance + TURNED_AWAY:
             self.is_position_reached = False
         yaw_error = abs(wrap_angle(odom_from_goal.yaw - odom_from_base.yaw))
         is_at_rest = math.hypot(velocity.vx, velocity.vy) + abs(velocity.wz) <= self._rest_speed

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.control.config import RolloutConfig
+from ambler.control.goal_turn import GoalTurn
 from ambler.control.local_window import LocalWindow
 from ambler.control.path_tracker import PathTracker
 from ambler.control.velocity_samples import velocity_samples
@@ -43,6 +44,7 @@ class TrajectoryRollout:
         self._robot = robot
         self._limits = robot.limits
         self._window = LocalWindow(robot, config.padding)
+        self._goal_turn = GoalTurn(config, robot, self._window)
         self._tracker = PathTracker()
         self._turn_target: str = ""
         self._turn_sign = 0.0
@@ -63,6 +65,7 @@ class TrajectoryRollout:
         self._has_arrived = False
         self._is_escaping = False
         self._turn_target, self._turn_sign = "", 0.0
+        self._goal_turn.reset()
         self.trajectory = np.zeros((0, 3))
 
     def set_path(self, path_odom: F64) -> None:
@@ -70,6 +73,7 @@ class TrajectoryRollout:
         if not self._tracker.set_path(path_odom):
             self._has_arrived = self._is_escaping = False
             self._turn_target, self._turn_sign = "", 0.0
+            self._goal_turn.reset()
 
     def compute_command(
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
@@ -82,12 +86,26 @@ class TrajectoryRollout:
         start = odom_from_base @ SE2.exp(lead)
         left = self._tracker.locate(start)
         self.trajectory = np.array([odom_from_base.as_array()])
-        if self._arrives(start, left):
-            turn = self._turn_to(start, velocity, self._tracker.goal.yaw, "goal", self._config.arrive_yaw)
-            if turn is None:
-                raise NoValidControlError("there is no room to turn to the goal's heading")
-            return turn
+        if self._goal_turn.is_active or self._arrives(start, left):
+            return self._face_goal(start, velocity)
         return self._follow(start, velocity, left)
+
+    def _face_goal(self, start: SE2, velocity: BodyVelocity) -> BodyVelocity:
+        """Turn to the goal's heading where the robot stands, or by way of a place where there is room."""
+        manoeuvre, goal = self._goal_turn, self._tracker.goal
+        if manoeuvre.is_active and not manoeuvre.wants_turn:
+            slide = manoeuvre.slide(start)
+            if slide is not None:
+                return slide
+            manoeuvre.reset()  # something came into its way
+        turn = self._turn_to(start, velocity, goal.yaw, "goal", self._config.arrive_yaw)
+        if turn is not None:
+            if manoeuvre.wants_turn and abs(wrap_angle(goal.yaw - start.yaw)) <= self._config.arrive_yaw:
+                manoeuvre.turned()
+            return turn
+        if manoeuvre.begin(start, goal):
+            return BodyVelocity()
+        raise NoValidControlError("there is no room to turn to the goal's heading")
 
     def _follow(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity:
         error = self._heading_error(start, left)

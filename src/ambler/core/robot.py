@@ -24,7 +24,11 @@ class DriveKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class VelocityLimits:
-    """Limits of the base, SI: forward, backward (negative), sideways, yaw rate; accelerations and decelerations are positive."""
+    """Limits of the base, SI: forward, backward (negative), sideways, yaw rate; accelerations and decelerations are positive.
+
+    `ax_brake` and `ay_brake` are the decelerations that are planned with; `ax_stop` and `ay_stop` those with which the base's own
+    controller obeys a sudden zero (an emergency stop, its watchdog), when it matters more to stand than to stand gently.
+    """
 
     vx_max: float = 0.8
     vx_min: float = -0.3
@@ -35,6 +39,8 @@ class VelocityLimits:
     az_max: float = 2.5
     ax_brake: float = 1.5
     ay_brake: float = 1.5
+    ax_stop: float = 3.0
+    ay_stop: float = 3.0
 
 
 class SensorKind(enum.StrEnum):

@@ -40,7 +40,7 @@ class EmulatorConfig:
 
     name: str = "emulated base"
     firmware: str = "1"
-    watchdog: float = 0.3
+    watchdog: float = 0.2
     clock_offset: float = 0.0
     clock_drift: float = 0.0
 

@@ -26,6 +26,7 @@ from ambler.missions.explore_commands import (
     StopDriving,
     TurnAround,
 )
+from ambler.missions.trail import Trail
 from ambler.runtime.tasks import NEAREST_REACHED, ExploreFeedback, ExploreGoal, ExploreResult
 
 _OVER = (ExploreState.IDLE, ExploreState.FINISHED, ExploreState.FAILED, ExploreState.CANCELLED)
@@ -53,6 +54,7 @@ class ExploreMission:
         self.target = None
         self._goal = goal
         self._home: SE2 | None = None
+        self._trail = Trail()
         self._is_home = False
         self._goals_reached = 0
         self._begun_ns = self._held_ns = now_ns
@@ -142,6 +144,7 @@ class ExploreMission:
             return []
         if self._home is None:
             self._home = view.map_from_base
+        self._trail.add(view.map_from_base)
         self._look(view)
         steps = {
             ExploreState.STARTING: self._starting,
@@ -242,11 +245,19 @@ class ExploreMission:
         if code is None:
             return []
         if self._returns < self.config.return_attempts:
-            self._next_drive()
-            self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
-            self._wait(view, 3.0 * self.config.return_pause, f"the way home is shut ({code}), waiting")
-            return [ClearCosts(), TurnAround(self._drive, 2.0 * math.pi)]  # a map renews itself only where scans move
+            return [ClearCosts(), *self._watch_the_way(view, code)]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
+
+    def _watch_the_way(self, view: ExploreView, code: str) -> list[Command]:
+        """Go to where the way that the robot came is shut, and look; there, turn: a map renews itself only where scans move."""
+        self._next_drive()
+        self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
+        place = self._trail.lookout(view.costs, view.map_from_base)
+        if place is not None:
+            self._wait(view, self.config.lookout_time, f"the way home is shut ({code}), going to where it is")
+            return [DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
+        self._wait(view, 3.0 * self.config.return_pause, f"the way home is shut ({code}), waiting")
+        return [TurnAround(self._drive, 2.0 * math.pi)]
 
     def _is_near_home(self, view: ExploreView) -> bool:
         """Somebody stands where the robot started: right beside is home as well."""

@@ -28,7 +28,8 @@ class ExploreState(enum.Enum):
 @dataclass(frozen=True, slots=True)
 class ExploreConfig:
     """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again;
-    a robot that stands within `home_near` of an occupied home is at home."""
+    a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
+    shut."""
 
     start_timeout: float = 60.0
     look_time: float = 1.5
@@ -42,6 +43,7 @@ class ExploreConfig:
     min_reachable_area: float = 0.5
     return_attempts: int = 4
     return_pause: float = 8.0
+    lookout_time: float = 120.0
     held_timeout: float = 10.0
     max_resumes: int = 5
     xy_tolerance: float = 0.3

@@ -68,7 +68,7 @@ def _diff() -> RobotDescription:
         name="diff",
         drive=DriveKind.DIFFERENTIAL,
         footprint=np.array(footprint),
-        limits=VelocityLimits(vx_max=0.8, vx_min=-0.3, wz_max=1.5, ax_max=1.0, az_max=2.5, ax_brake=1.5),
+        limits=VelocityLimits(vx_max=0.8, vx_min=-0.3, wz_max=1.5, ax_max=1.0, az_max=2.5, ax_brake=1.5, ax_stop=3.5),
         sensors=(
             SCANNERS["scanner_360"].mount("laser", SE3((0.08, 0.0, 0.28))),
             SensorMount("imu", SensorKind.IMU, SE3((-0.05, 0.0, 0.12))),

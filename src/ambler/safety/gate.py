@@ -151,7 +151,7 @@ class VelocityGate:
             return self._finish(self._towards(STILL, dt), GateState.PAUSED, self._pause_reason)
         stale = self._stale_input(now_ns)
         if stale is not None:
-            return self._finish(self._towards(STILL, dt), GateState.FAULT, stale)
+            return self._finish(STILL, GateState.FAULT, stale)  # it sees nothing: as hard as the base can
         return self._drive(now_ns, dt)
 
     def _drive(self, now_ns: int, dt: float) -> GateStep:

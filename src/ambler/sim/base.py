@@ -71,7 +71,10 @@ class Physics(Protocol):
 
 
 class BaseController:
-    """Turns commands into a velocity that respects the base's limits and accelerations; stops without fresh commands."""
+    """Turns commands into a velocity that respects the base's limits and accelerations; stops without fresh commands.
+
+    It slows down as hard as the base can: whoever wants to brake gently asks for less and less, as the velocity gate does.
+    """
 
     def __init__(self, limits: VelocityLimits, watchdog: float) -> None:
         self._limits = limits
@@ -97,8 +100,8 @@ class BaseController:
         wanted = self._command if now_ns - self._command_ns <= self._watchdog_ns else BodyVelocity()
         lim, v = self._limits, self._velocity
         self._velocity = BodyVelocity(
-            _approach(v.vx, wanted.vx, lim.ax_max * dt, lim.ax_brake * dt),
-            _approach(v.vy, wanted.vy, lim.ay_max * dt, lim.ay_brake * dt),
+            _approach(v.vx, wanted.vx, lim.ax_max * dt, max(lim.ax_brake, lim.ax_stop) * dt),
+            _approach(v.vy, wanted.vy, lim.ay_max * dt, max(lim.ay_brake, lim.ay_stop) * dt),
             _approach(v.wz, wanted.wz, lim.az_max * dt, lim.az_max * dt),
         )
         return self._velocity
