@@ -1,11 +1,14 @@
 """Result files are flat and honest, and the README's table is made of nothing else."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ambler.evaluation import results
 from ambler.evaluation.results import write_results
 from ambler.evaluation.results_table import BEGIN, END, ROWS, Row, results_table, update_readme
 
@@ -14,8 +17,44 @@ def test_results_carry_their_origin_and_unknown_is_null(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "r.json"
     write_results(path, "ambler x", 3, 1.5, {"a_m": np.float64(0.25), "b": float("nan"), "c": None, "d": np.int64(4)})
     result = json.loads(path.read_text())
-    assert {"command", "version", "date", "machine", "seed", "wall_seconds"} <= result.keys()
+    assert {"command", "version", "commit", "is_dirty", "date", "machine", "seed", "wall_seconds"} <= result.keys()
+    assert result["cpu_seconds"] > 0.0
     assert (result["a_m"], result["b"], result["c"], result["d"], result["seed"]) == (0.25, None, None, 4, 3)
+
+
+def test_a_result_knows_its_commit_and_whether_the_code_was_changed(tmp_path: Path) -> None:
+    """The same file as a package of three checkouts: clean, changed, and none at all."""
+    script = "import json, sys; sys.path.insert(0, '.'); from state import code_state; print(json.dumps(code_state()))"
+
+    def state_in(root: Path) -> dict[str, object]:
+        told = subprocess.run(
+            [sys.executable, "-c", script], cwd=root / "pkg/evaluation", capture_output=True, text=True
+        )
+        return json.loads(told.stdout)  # type: ignore[no-any-return]
+
+    def git(root: Path, *words: str) -> str:
+        name = ("-c", "user.name=a", "-c", "user.email=a@b")
+        return subprocess.run(
+            ["git", *name, *words], cwd=root, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    source = Path(results.__file__).read_text()
+    for name in ("clean", "changed", "none"):
+        package = tmp_path / name / "pkg"
+        (package / "evaluation").mkdir(parents=True)
+        (package / "__init__.py").touch()
+        (package / "evaluation" / "state.py").write_text(source)
+        if name != "none":
+            git(package, "init", "-q")
+            git(package, "add", ".")
+            git(package, "commit", "-qm", "x")
+    (tmp_path / "changed/pkg/__init__.py").write_text("# changed\n")
+    assert state_in(tmp_path / "clean") == {
+        "commit": git(tmp_path / "clean/pkg", "rev-parse", "HEAD"),
+        "is_dirty": False,
+    }
+    assert state_in(tmp_path / "changed")["is_dirty"] is True
+    assert state_in(tmp_path / "none") == {"commit": None, "is_dirty": None}
 
 
 def test_nested_results_are_refused(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     for name, value in fields.items():
         print(f"{name:40} {value}")
     if args.json is not None:
-        write_results(args.json, "bench control", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if fields["rollout_differential_60_ms"] <= 3.0 else 1
 
 

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     fields["global_update_1000_ms"] = _global_update(args.runs)
     print(f"global costmap, 1000 x 1000, 2 m changed: {fields['global_update_1000_ms']:.3f} ms per map")
     if args.json:
-        write_results(args.json, "bench costmap", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if is_good else 1
 
 

@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     for key, value in fields.items():
         print(f"{key:45} {value}")
     if args.json is not None:
-        write_results(args.json, "bench exploration", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if is_good else 1
 
 

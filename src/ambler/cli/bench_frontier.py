@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     for key, value in fields.items():
         print(f"{key:24} {value:.3f}" if isinstance(value, float) else f"{key:24} {value}")
     if args.json is not None:
-        write_results(args.json, "bench frontier", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     is_good = fields["search_1000_ms"] <= BAR_FULL_1000_MS and fields["incremental_4000_ms"] <= BAR_INCREMENTAL_4000_MS
     return 0 if is_good else 1
 

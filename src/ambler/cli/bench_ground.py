@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"{key:32} {value if isinstance(value, str) else format(value, '.3f')}")
     if args.json is not None:
         rounded = {k: v if isinstance(v, str) else round(v, 4) for k, v in fields.items()}
-        write_results(args.json, "bench ground", args.seed, time.perf_counter() - begin, rounded)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, rounded)
     return 0
 
 

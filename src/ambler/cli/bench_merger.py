@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     for name, value in fields.items():
         print(f"{name:44} {value:.5g}")
     if args.json:
-        write_results(args.json, "bench merger", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     is_good = (
         fields["cloud_error_max_m"] <= BAR_ERROR_M
         and fields["scan_error_p99_m"] <= BAR_ERROR_M

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     for name, value in fields.items():
         print(f"{name:28s} {value:10.3f}" if isinstance(value, float) else f"{name:28s} {value:10d}")
     if args.json:
-        write_results(args.json, "bench particles", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     is_good = fields["particle_update_ms"] <= PARTICLE_UPDATE_MS and fields["ekf_step_us"] <= EKF_STEP_US
     return 0 if is_good else 1
 

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
                 text += f", SciPy {peer_ms:.0f} ms (graph given), cost difference {difference}, reachable cells missed {missed}"
             print(text, flush=True)
     if args.json:
-        write_results(args.json, "bench planner", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if is_good else 1
 
 

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     if "peer_gtsam_intel_optimize_ms" not in fields:
         print("gtsam is not installed: no peer times (pip install 'ambler[bench]')")
     if args.json:
-        write_results(args.json, "bench posegraph", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if is_good else 1
 
 

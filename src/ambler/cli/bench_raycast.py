@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"{key:32} {value:.3f}")
     if args.json is not None:
         rounded = {k: round(v, 4) for k, v in fields.items()}
-        write_results(args.json, "bench raycast", args.seed, time.perf_counter() - begin, rounded)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, rounded)
     return 0
 
 

@@ -34,6 +34,5 @@ def run(args: argparse.Namespace) -> int:
     for name, value in fields.items():
         print(f"{name:<24} {value:.4g}")
     if args.json:
-        command = f"ambler bench slam2d --seed {args.seed} --runs {args.runs}"
-        write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
     return 0 if fields["match_ms"] <= MATCH_BAR_MS else 1

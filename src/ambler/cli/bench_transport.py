@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     for key, value in sorted(fields.items()):
         print(f"{key:42} {value:.4f}")
     if args.json is not None:
-        write_results(args.json, "bench transport", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     is_good = fields["scan_encode_ms"] <= BAR_SCAN_ENCODE_MS and fields["cloud_encode_ms"] <= BAR_CLOUD_ENCODE_MS
     return 0 if is_good else 1
 

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import subprocess
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -20,20 +21,47 @@ def machine_class() -> str:
     return f"{os.cpu_count()} cores {platform.machine()} {platform.system()}, Python {platform.python_version()}"
 
 
+def code_state() -> dict[str, Any]:
+    """Return the commit that this package runs from and whether its source differs from it; both None outside of a checkout."""
+    package = Path(__file__).resolve().parents[1]
+
+    def git(*words: str) -> str | None:
+        try:
+            done = subprocess.run(
+                ("git", "-C", str(package), *words), check=False, capture_output=True, text=True, timeout=20.0
+            )
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    commit = git("rev-parse", "HEAD") if git("ls-files", "__init__.py") else None
+    changes = git("status", "--porcelain", "--", ".") if commit else None
+    return {"commit": commit, "is_dirty": None if changes is None else bool(changes)}
+
+
+def processor_seconds() -> float:
+    """Seconds of processor time that this process and its ended children have used."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
 def write_results(
     path: Path, command: str, seed: int | None, wall_seconds: float, fields: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write the fields of one command with what every result carries; returns the whole object.
+    """Write the fields of one command with what every result carries: the command line, the state of the code, day, machine, seed, and the
+    seconds of the wall and of the processors (of the whole process); returns the whole object.
 
     Values must be flat: numbers, strings, booleans, None. Non-finite numbers become null (unknown is never zero).
     """
     result: dict[str, Any] = {
         "command": command,
         "version": __version__,
+        **code_state(),
         "date": date.today().isoformat(),
         "machine": machine_class(),
         "seed": seed,
         "wall_seconds": round(wall_seconds, 3),
+        "cpu_seconds": round(processor_seconds(), 3),
     }
     for name, value in fields.items():
         if hasattr(value, "item"):
