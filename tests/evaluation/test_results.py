@@ -27,9 +27,8 @@ def test_a_result_knows_its_commit_and_whether_the_code_was_changed(tmp_path: Pa
     script = "import json, sys; sys.path.insert(0, '.'); from state import code_state; print(json.dumps(code_state()))"
 
     def state_in(root: Path) -> dict[str, object]:
-        told = subprocess.run(
-            [sys.executable, "-c", script], cwd=root / "pkg/evaluation", capture_output=True, text=True
-        )
+        words, folder = [sys.executable, "-c", script], root / "pkg/evaluation"
+        told = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
         return json.loads(told.stdout)  # type: ignore[no-any-return]
 
     def git(root: Path, *words: str) -> str:
