@@ -10,7 +10,7 @@ import pytest
 
 from ambler.evaluation import results
 from ambler.evaluation.results import write_results
-from ambler.evaluation.results_table import BEGIN, END, ROWS, Row, results_table, update_readme
+from ambler.evaluation.results_table import BEGIN, END, HEADLINES, ROWS, Row, results_table, update_page, update_readme
 
 
 def test_results_carry_their_origin_and_unknown_is_null(tmp_path: Path) -> None:
@@ -101,3 +101,13 @@ def test_only_the_text_between_the_marks_is_replaced(tmp_path: Path) -> None:
     assert text.startswith(f"before\n{BEGIN}\n| what")
     assert text.endswith(f"{END}\nafter\n")
     assert "old" not in text
+    assert text.count("not measured yet") == len(HEADLINES)
+
+
+def test_the_headlines_are_rows_of_the_page_with_links_from_the_readme(tmp_path: Path) -> None:
+    update_page(tmp_path / "results.md", RESULTS)
+    page = (tmp_path / "results.md").read_text().splitlines()
+    headlines = [line for line in results_table(RESULTS, "docs/results", HEADLINES).splitlines() if "json))" in line]
+    assert len(headlines) == len(HEADLINES)
+    for line in headlines:
+        assert line.replace("(docs/results/", "(results/") in page

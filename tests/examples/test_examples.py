@@ -10,9 +10,24 @@ import pytest
 from ambler.core.devices import DeviceState
 from ambler.core.errors import DeviceError
 from ambler.core.messages import PowerSupply
-from examples import carrot_planner, keep_out_zones, more_sensors, outside_client, own_driver, own_mission, second_robot
+from examples import (
+    carrot_planner,
+    keep_out_zones,
+    more_sensors,
+    outside_client,
+    own_driver,
+    own_mission,
+    second_robot,
+    simulate,
+)
 
 FOLDER = Path(__file__).parents[2] / "examples"
+
+
+def test_a_simulated_robot_explores(tmp_path: Path) -> None:
+    fields = simulate.main(tmp_path / "run")
+    assert (fields["ended"], fields["collisions"]) == ("finished", 0)
+    assert fields["coverage_ratio"] > 0.99
 
 
 def test_a_local_planner_drives_to_the_goal(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ VERBS = (
     "slam2d",
     "localize",
     "replay",
+    "animate",
     "config",
     "robot",
     "tune",

@@ -57,7 +57,7 @@ def draw_map_with_trajectory(
     shades[occupancy < 0] = UNKNOWN_SHADE
     shades[(occupancy >= 0) & (occupancy <= FREE_UP_TO)] = FREE_SHADE
     shades[occupancy >= OCCUPIED_FROM] = OCCUPIED_SHADE
-    x0, x1, y0, y1 = _known_box(spec, occupancy)
+    x0, x1, y0, y1 = known_box(spec, occupancy)
     figure, axes = _figure_for(x1 - x0, y1 - y0)
     extent = (spec.origin_x, spec.origin_x + spec.width * spec.resolution)
     extent_y = (spec.origin_y, spec.origin_y + spec.height * spec.resolution)
@@ -138,7 +138,8 @@ def draw_series(path: Path, label_x: str, label_y: str, series: Mapping[str, tup
     return _save(figure, path)
 
 
-def _known_box(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[float, float, float, float]:
+def known_box(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[float, float, float, float]:
+    """Return (x0, x1, y0, y1), metres, around what is known, with half a metre of margin; all of the grid when nothing is."""
     rows, columns = np.nonzero((occupancy >= 0).any(axis=1))[0], np.nonzero((occupancy >= 0).any(axis=0))[0]
     if len(rows) == 0:
         rows, columns = np.array([0, spec.height - 1]), np.array([0, spec.width - 1])

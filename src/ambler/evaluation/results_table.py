@@ -1,9 +1,9 @@
-"""The table of results in the README, made from the files in docs/results: what, the bar, what was measured, by which command."""
+"""The tables of results, made from the files in docs/results: all rows in docs/results.md, the headlines in the README."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -397,29 +397,48 @@ ROWS: Sequence[Row] = (
 )
 
 
-def results_table(folder: Path) -> str:
-    """Return the table in Markdown; a row whose file is absent says so instead of showing a number."""
+HEADLINES = ("run_office", "exploration_lab", "slam2d_intel", "docking", "relocalization", "live")
+"""Files whose first row stands in the README, too."""
+
+PAGE = """# Results
+
+Made by `ambler eval results` from the files in [results](results); each tells the command that made it, the commit, the day, the machine, the seed
+and the seconds. A row measured on an earlier day was measured on an earlier state of the code. A row that misses its bar says so.
+
+"""
+
+
+def results_table(folder: Path, link: str = "results", files: Collection[str] = ()) -> str:
+    """Return the table in Markdown; a row whose file is absent says so instead of showing a number. `link` is the way from the page to
+    the folder; with `files` only the first row of each of them is shown."""
     lines = ["| what | bar | measured |", "|---|---|---|"]
-    machines = set()
+    machines, wanted = set(), [f"{name}.json" for name in files]
     for row in ROWS:
+        if files and row.file not in wanted:
+            continue
+        wanted = [name for name in wanted if name != row.file]
         path = folder / row.file
         if path.exists():
             fields = {name.replace(".", "_"): value for name, value in json.loads(path.read_text()).items()}
             machines.add(fields["machine"])
-            lines.append(
-                f"| {row.what} | {row.bar} | {_fill(row, fields)} ([{fields['date']}](docs/results/{row.file})) |"
-            )
+            lines.append(f"| {row.what} | {row.bar} | {_fill(row, fields)} ([{fields['date']}]({link}/{row.file})) |")
         else:
             lines.append(f"| {row.what} | {row.bar} | not measured yet |")
     return "\n".join([*lines, "", f"Each on the day behind it, on: {'; '.join(sorted(machines)) or 'nothing yet'}."])
 
 
+def update_page(page: Path, folder: Path) -> None:
+    """Write the page of all results."""
+    page.write_text(PAGE + results_table(folder) + "\n", encoding="utf-8")
+
+
 def update_readme(readme: Path, folder: Path) -> None:
-    """Replace what stands between the two marks by the present table."""
+    """Replace what stands between the two marks by the headlines."""
     text = readme.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
-    readme.write_text(f"{before}{BEGIN}\n{results_table(folder)}\n{END}{after}", encoding="utf-8")
+    table = results_table(folder, "docs/results", HEADLINES)
+    readme.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}", encoding="utf-8")
 
 
 def _fill(row: Row, fields: dict[str, Any]) -> str:
