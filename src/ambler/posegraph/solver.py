@@ -30,8 +30,10 @@ class RobustKernel(enum.IntEnum):
 
 
 class InitialGuess(enum.Enum):
-    """Where to start: the graph's own poses, or the chordal relaxation (rotations, then translations, both linear)."""
+    """Where to start: the graph's own poses; the chordal relaxation (rotations, then translations, both linear); or the poses, and where
+    these lead uphill or not to an end, the relaxation too, of which the better end counts."""
 
+    AUTO = "auto"
     GIVEN = "given"
     CHORDAL = "chordal"
 
@@ -42,7 +44,7 @@ class SolverConfig:
 
     robust_kernel: RobustKernel = RobustKernel.HUBER
     robust_width: float = 3.0
-    initial_guess: InitialGuess = InitialGuess.GIVEN
+    initial_guess: InitialGuess = InitialGuess.AUTO
     max_iterations: int = 50
     cost_tolerance: float = 1e-6
     step_tolerance: float = 1e-6
@@ -81,22 +83,41 @@ def solve(graph: PoseGraph, fixed: int = 0, config: SolverConfig | None = None) 
     config = config or SolverConfig()
     graph = _checked(graph, fixed)
     equations = NormalEquations(Structure.of(len(graph.poses), graph.edge_from, graph.edge_to, fixed))
-    poses = graph.poses
-    if config.initial_guess is InitialGuess.CHORDAL:
-        poses = _chordal_guess(graph, fixed, equations)
-    poses, cost, iterations, converged = _minimise(graph, poses, config, equations)
+    poses, cost, iterations, converged = _best_end(graph, fixed, config, equations)
     edge_chi2 = np.empty(len(graph.edge_from))
     kernels.edge_chi2(poses, graph.edge_from, graph.edge_to, graph.measurements, graph.information, edge_chi2)
     poses[:, 2] = (poses[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return SolveResult(poses, float(edge_chi2.sum()), cost, edge_chi2, iterations, converged)
 
 
+_End = tuple[F64, float, int, bool]  # poses, cost, iterations, whether they converged
+TRIAL = 10
+"""Iterations after which the given poses count as a bad start."""
+
+
+def _best_end(graph: PoseGraph, fixed: int, config: SolverConfig, equations: NormalEquations) -> _End:
+    """Minimise from where the configuration says."""
+    if config.initial_guess is InitialGuess.GIVEN:
+        return _minimise(graph, graph.poses, config, equations)
+    if config.initial_guess is InitialGuess.CHORDAL:
+        return _minimise(graph, _chordal_guess(graph, fixed, equations), config, equations)
+    trial = _minimise(graph, graph.poses, config, equations, is_trial=True)
+    if trial[3]:
+        return trial
+    relaxed = _minimise(graph, _chordal_guess(graph, fixed, equations), config, equations)
+    if relaxed[1] > trial[1] or not np.isfinite(relaxed[1]):
+        relaxed = _minimise(graph, trial[0], config, equations)
+    return relaxed[0], relaxed[1], trial[2] + relaxed[2], relaxed[3]
+
+
 def _minimise(
-    graph: PoseGraph, poses: F64, config: SolverConfig, equations: NormalEquations
-) -> tuple[F64, float, int, bool]:
+    graph: PoseGraph, poses: F64, config: SolverConfig, equations: NormalEquations, *, is_trial: bool = False
+) -> _End:
+    """Iterate; a trial gives up at the first step uphill, and after a few steps."""
     damping = 0.0
     cost = _linearize(graph, poses, config, equations)
-    for iteration in range(1, config.max_iterations + 1):
+    last = min(TRIAL, config.max_iterations) if is_trial else config.max_iterations
+    for iteration in range(1, last + 1):
         step = equations.step(damping)
         if step is not None:
             moved = poses + step
@@ -115,9 +136,9 @@ def _minimise(
             if new_cost - cost <= config.cost_tolerance * cost:
                 return poses, cost, iteration, True
         damping = max(config.first_damping, damping * 10.0)
-        if damping > config.max_damping:
+        if is_trial or damping > config.max_damping:
             return poses, cost, iteration, False
-    return poses, cost, config.max_iterations, False
+    return poses, cost, last, False
 
 
 def _linearize(
