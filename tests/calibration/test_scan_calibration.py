@@ -99,13 +99,14 @@ def waves(seconds: float, step: float = 0.02) -> np.ndarray:
     return np.column_stack([0.45 * np.sin(2 * np.pi * t / 8.3), 0.0 * t, 0.8 * np.sin(2 * np.pi * t / 6.1 + 0.5)])
 
 
-CONFIG = CalibrationConfig(odometry=OdometryModel.differential(TRACK), pairs=PairConfig(half_width=4), node_period=0.35)
+MODEL = OdometryModel.differential(TRACK)
+CONFIG = CalibrationConfig(pairs=PairConfig(half_width=4), node_period=0.35)
 
 
 @cache
 def calibrated() -> CalibrationResult:
     recording = record(waves(26.0))
-    return calibrate_scanners(recording.scans, recording.odometry, recording.scanners, CONFIG)
+    return calibrate_scanners(recording.scans, recording.odometry, recording.scanners, MODEL, CONFIG)
 
 
 def errors_of(result: CalibrationResult) -> np.ndarray:
@@ -159,21 +160,21 @@ def test_driving_straight_only_is_refused() -> None:
     straight = np.column_stack([0.3 * np.sin(2 * np.pi * t / 8.0), 0.0 * t, 0.0 * t])
     recording = record(straight)
     with pytest.raises(CalibrationError, match="scanner front: the robot hardly turned"):
-        calibrate_scanners(recording.scans, recording.odometry, recording.scanners, CONFIG)
+        calibrate_scanners(recording.scans, recording.odometry, recording.scanners, MODEL, CONFIG)
 
 
 def test_missing_scans_and_odometry_are_named() -> None:
     recording = record(waves(3.0))
     with pytest.raises(CalibrationError, match="holds no odometry"):
-        calibrate_scanners(recording.scans, [], recording.scanners, CONFIG)
+        calibrate_scanners(recording.scans, [], recording.scanners, MODEL, CONFIG)
     with pytest.raises(CalibrationError, match="scanner front: only 0 scans"):
-        calibrate_scanners({}, recording.odometry, recording.scanners, CONFIG)
+        calibrate_scanners({}, recording.odometry, recording.scanners, MODEL, CONFIG)
 
 
 def test_noise_instead_of_walls_is_refused() -> None:
     recording = record(waves(20.0), noise=0.6)
     with pytest.raises(CalibrationError, match=r"scanner front: only .* scans match"):
-        calibrate_scanners(recording.scans, recording.odometry, recording.scanners, CONFIG)
+        calibrate_scanners(recording.scans, recording.odometry, recording.scanners, MODEL, CONFIG)
 
 
 def test_the_first_guess_is_good_to_centimetres() -> None:

@@ -130,13 +130,12 @@ def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[int] = []
 
-    def pretend(case: docking_study.DockingCase, folder: Path, world: str, name: str) -> DockingOutcome:
+    def pretend(case: docking_study.DockingCase, folder: Path, *told: object) -> DockingOutcome:
         ran.append(case.seed)
         return replace(GOOD, seed=case.seed)
 
     monkeypatch.setattr(docking_study, "run_case", pretend)
-    results = tmp_path / "outcomes.jsonl"
     cases = docking_study.random_cases(4, 0)
-    assert len(list(docking_study.run_cases(cases[:2], results))) == 2
-    assert [o.seed for o in docking_study.run_cases(cases, results)] == [0, 1, 2, 3]
+    assert len(list(docking_study.run_cases(cases[:2], tmp_path))) == 2
+    assert [o.seed for o in docking_study.run_cases(cases, tmp_path)] == [0, 1, 2, 3]
     assert ran == [0, 1, 2, 3]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ambler.apps.demo_process import DemoJob, run_demo
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 
 WORST = {
     "coverage_ratio": min,
@@ -26,12 +27,13 @@ MEDIANS = (*WORST, "path_length_m", "real_time_factor", "peak_memory_mb")
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Every combination of these is one run."""
+    """Every combination of these is one run, with these settings."""
 
     worlds: tuple[str, ...]
     robots: tuple[str, ...]
     strategies: tuple[str, ...]
     seeds: tuple[int, ...]
+    settings: StudySettings = DEFAULTS
 
     def runs(self) -> list[tuple[str, str, str, int]]:
         """Return (world, robot, strategy, seed) of every run."""
@@ -42,7 +44,7 @@ def run_campaign(campaign: Campaign, out: Path, processes: int, *, is_resumed: b
     """Run everything and return one result per run, in order; a run that died has `ended` = crashed. A resumed campaign keeps the
     results that `out` holds already."""
     with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(job, out, is_resumed=is_resumed), campaign.runs()))
+        return list(pool.map(lambda job: _run_one(job, campaign.settings, out, is_resumed=is_resumed), campaign.runs()))
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -64,7 +66,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return fields
 
 
-def _run_one(job: tuple[str, str, str, int], out: Path, *, is_resumed: bool) -> dict[str, Any]:
+def _run_one(job: tuple[str, str, str, int], settings: StudySettings, out: Path, *, is_resumed: bool) -> dict[str, Any]:
     world, robot, strategy, seed = job
-    demo = DemoJob(world, robot, seed, strategy, ("--strategy", strategy))
+    demo = DemoJob(world, robot, seed, strategy, ("--strategy", strategy), settings)
     return {**run_demo(demo, out, is_resumed=is_resumed), "strategy": strategy}

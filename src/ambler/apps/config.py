@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ambler.calibration.scan_calibration import CalibrationConfig
 from ambler.control.config import RolloutConfig
 from ambler.control.local_planners import Controller
 from ambler.control.pursuit_config import PursuitConfig
@@ -23,6 +24,7 @@ from ambler.exploration.tour import TourConfig
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.localization.localizer import Localizer
+from ambler.localization.odometry import OdometryConfig
 from ambler.localization.particle_filter import ParticleFilter, ParticleFilterConfig
 from ambler.localization.reflector_localizer import ReflectorConfig, ReflectorLocalizer
 from ambler.localization.reflectors import ReflectorMap
@@ -35,7 +37,7 @@ from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.planar import PlanarConfig
-from ambler.perception.scanner_profile import ScannerCalibration
+from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
 from ambler.settings.profiles import as_values, build, merge
@@ -47,13 +49,14 @@ class RobotConfig:
     """Everything that a robot can be told, in every verb; the defaults come from `default_config`.
 
     `strategy`, `controller` and `localizer` choose one of those whose own sections stand below. `scanners` holds calibrated mounts and
-    clocks, `reflector_positions` (x, y) in the map frame what the reflector localizer looks for.
+    clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
     strategy: Literal["tour", "nearest", "greedy"] = "tour"
     controller: Controller = "rollout"
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     localization: LocalizationNodeConfig = field(default_factory=LocalizationNodeConfig)
     tracker: GridTrackerConfig = field(default_factory=GridTrackerConfig)
@@ -73,6 +76,7 @@ class RobotConfig:
     greedy: GreedyStrategy = field(default_factory=GreedyStrategy)
     docking: DockingNodeConfig = field(default_factory=DockingNodeConfig)
     scanners: Mapping[str, ScannerCalibration] = field(default_factory=dict)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     specular: SpecularConfig = field(default_factory=SpecularConfig)
     glass_map: GlassMapConfig = field(default_factory=GlassMapConfig)
 
@@ -149,5 +153,8 @@ def recorded_config(profile: Mapping[str, Any]) -> RobotConfig:
 
 
 def robot_config(robot: RobotModel, profile: Mapping[str, Any], *, has_map: bool = False) -> RobotConfig:
-    """Return the defaults for a robot with a profile laid over them; raises BadInputError that names the key."""
-    return build(RobotConfig, merge(as_values(default_config(robot, has_map=has_map)), profile))
+    """Return the defaults for a robot with a profile laid over them; raises BadInputError that names the key, or a scanner that the robot
+    does not have."""
+    config = build(RobotConfig, merge(as_values(default_config(robot, has_map=has_map)), profile))
+    calibrated_robot(robot, config.scanners)
+    return config

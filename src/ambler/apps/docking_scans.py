@@ -15,6 +15,7 @@ from ambler.docking.detection import DockDetector, DockObservation
 from ambler.evaluation.docking import SightErrors
 from ambler.nodes.dock_sight import detector_of
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger
+from ambler.perception.scanner_profile import ScannerCalibrations, calibrated_robot, with_clock_offsets
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.world_file import load_world
@@ -30,25 +31,36 @@ SERIES = {
 """Metres from the docked pose at which a series begins, and the velocity."""
 
 
-def measure_scan_sights(seed: int, looks: int, world: str, robot: str, name: str) -> list[SightErrors]:
+def measure_scan_sights(
+    seed: int, looks: int, world: str, robot: str, name: str, scanners: ScannerCalibrations
+) -> list[SightErrors]:
     """Return the errors of a dock that scanners recognize, cloud by cloud, in series from three distances; a series
-    in which it was never seen is left out."""
+    in which it was never seen is left out. `scanners` are calibrated ones of the robot."""
     series = []
     for k, (title, (x, velocity)) in enumerate(SERIES.items()):
-        errors = _errors(seed + k, looks, world, robot, name, SE2(x, 0.0, 0.0), velocity)
+        errors = _errors(seed + k, looks, world, robot, name, SE2(x, 0.0, 0.0), velocity, scanners)
         series += [SightErrors(title, errors)] if len(errors) else []
     return series
 
 
 def _errors(
-    seed: int, looks: int, world: str, robot: str, name: str, dock_from_base: SE2, velocity: BodyVelocity
+    seed: int,
+    looks: int,
+    world: str,
+    robot: str,
+    name: str,
+    dock_from_base: SE2,
+    velocity: BodyVelocity,
+    scanners: ScannerCalibrations,
 ) -> NDArray[np.float64]:
     """Return the errors (looks, 3) of the dock's pose in its own frame, millimetres and degrees; fewer where it was not seen."""
     plan, device = load_world(world), robot_named(robot)
     dock = docks_of_world(plan, Path("unsaved")).dock(name)
     start = plan.start @ dock.map_from_dock @ dock_from_base
     sim = Simulation(plan, device, SimulationConfig(seed), start)
-    detector, merger = detector_of(dock, device.model, None), ScanMerger(MergerConfig.from_robot(device.model))
+    model = calibrated_robot(device.model, scanners)
+    detector = detector_of(dock, model, None)
+    merger = ScanMerger(with_clock_offsets(MergerConfig.from_robot(model), scanners))
     errors: list[list[float]] = []
     for k in range(STEPS * looks):
         if len(errors) == looks:

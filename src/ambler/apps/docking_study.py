@@ -21,6 +21,7 @@ from ambler.apps.judgement import judge
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
@@ -97,25 +98,28 @@ def fault_cases(runs: int, seed: int) -> list[DockingCase]:
 
 
 def run_cases(
-    cases: Sequence[DockingCase], results: Path, world: str = WORLD, name: str = NAME
+    cases: Sequence[DockingCase], out: Path, world: str = WORLD, name: str = NAME, settings: StudySettings = DEFAULTS
 ) -> Iterator[DockingOutcome]:
-    """Yield the outcome of every case; those already in `results` are not run again."""
+    """Yield the outcome of every case; those that the folder `out` already holds with these settings are not run again."""
+    results = out / f"outcomes{settings.suffix}.jsonl"
     known: dict[tuple[str, int], DockingOutcome] = {}
     if results.exists():
         for line in results.read_text(encoding="utf-8").splitlines():
             earlier = DockingOutcome(**json.loads(line))
             known[(earlier.kind, earlier.seed)] = earlier
-    results.parent.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     for case in cases:
         outcome = known.get((case.kind, case.seed))
         if outcome is None:
-            outcome = run_case(case, results.parent / f"{case.kind}-{case.seed}", world, name)
+            outcome = run_case(case, out / f"{case.kind}-{case.seed}{settings.suffix}", world, name, settings)
             with results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(outcome.to_dict()) + "\n")
         yield outcome
 
 
-def run_case(case: DockingCase, folder: Path, world: str = WORLD, name: str = NAME) -> DockingOutcome:
+def run_case(
+    case: DockingCase, folder: Path, world: str = WORLD, name: str = NAME, settings: StudySettings = DEFAULTS
+) -> DockingOutcome:
     """Run one docking and judge it by its recording, which is deleted when the robot docked without a collision."""
     options = RunOptions(
         (DockStep(name),),
@@ -126,7 +130,7 @@ def run_case(case: DockingCase, folder: Path, world: str = WORLD, name: str = NA
         port=None,
         faults=(case.kind,) if case.kind in FAULTS else (),
     )
-    run = SimulatedRun(options, RunFolder(folder))
+    run = SimulatedRun(settings.applied_to(options), RunFolder(folder))
     try:
         run.run(TIME_LIMIT)
         fields = judge(run).fields

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ambler.apps.demo_process import DemoJob, run_demo
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.fault_limits import FaultLimits, FaultOutcome, broken_limits, top_speed_while_standing
 
@@ -84,13 +85,19 @@ def _world_cases() -> list[FaultCase]:
 
 
 def run_cases(
-    cases: Sequence[FaultCase], seeds: Sequence[int], out: Path, processes: int, *, is_resumed: bool = False
+    cases: Sequence[FaultCase],
+    seeds: Sequence[int],
+    out: Path,
+    processes: int,
+    settings: StudySettings = DEFAULTS,
+    *,
+    is_resumed: bool = False,
 ) -> list[dict[str, Any]]:
     """Run every case with every seed, each in a process of its own; returns one result per run with `broken`, in order;
-    `is_resumed` keeps the runs that `out` has."""
+    `is_resumed` keeps the runs with these settings that `out` has."""
     jobs = [(case, seed) for case in cases for seed in seeds]
     with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(job[0], job[1], out, is_resumed=is_resumed), jobs))
+        return list(pool.map(lambda job: _run_one(job[0], job[1], settings, out, is_resumed=is_resumed), jobs))
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -116,9 +123,9 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return fields
 
 
-def _run_one(case: FaultCase, seed: int, out: Path, *, is_resumed: bool) -> dict[str, Any]:
+def _run_one(case: FaultCase, seed: int, settings: StudySettings, out: Path, *, is_resumed: bool) -> dict[str, Any]:
     options = ("--fault", case.fault, "--time-limit", str(TIME_LIMIT))
-    result = run_demo(DemoJob(WORLD, case.robot, seed, case.name, options), out, is_resumed=is_resumed)
+    result = run_demo(DemoJob(WORLD, case.robot, seed, case.name, options, settings), out, is_resumed=is_resumed)
     top_speed, log = None, ""
     if "recording" in result:
         recording = Path(result["recording"])

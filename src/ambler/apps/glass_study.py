@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ambler.apps.demo_process import DemoJob, run_demo
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.evaluation.collisions import find_collisions
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
@@ -29,6 +30,7 @@ class GlassStudy:
     seeds: tuple[int, ...] = (0, 1, 2)
     time_limit: float = 600.0
     is_kinematic: bool = False
+    settings: StudySettings = DEFAULTS
 
     def runs(self) -> list[tuple[str, str, int]]:
         """Return (robot, variant, seed) of every run."""
@@ -68,7 +70,9 @@ def _run_one(study: GlassStudy, job: tuple[str, str, int], out: Path, *, is_resu
     base, variant, seed = job
     robot = f"{base}+ultrasonic" if variant == WITH else base
     options = ("--time-limit", str(study.time_limit), *(("--kinematic",) if study.is_kinematic else ()))
-    result = run_demo(DemoJob(study.world, robot, seed, options=options), out, is_resumed=is_resumed)
+    result = run_demo(
+        DemoJob(study.world, robot, seed, options=options, settings=study.settings), out, is_resumed=is_resumed
+    )
     if "recording" in result:
         result |= _judge_run(study.world, Path(result["recording"]))
     return {**result, "base": base, "variant": variant}

@@ -55,12 +55,14 @@ def run_live(options: RunOptions, out: Path, *, replays: bool = False) -> dict[s
     return fields
 
 
-def pull_cable(seed: int, out: Path) -> dict[str, float | None]:
+def cable_options(seed: int) -> RunOptions:
+    """Return the run of a live robot whose cable is pulled."""
+    return RunOptions((ExploreStep(),), "office", "diff", seed, is_apart=True, port=None, time_limit=10.0 * PULLED_AT)
+
+
+def pull_cable(options: RunOptions, out: Path) -> dict[str, float | None]:
     """Pull the cable of the base of a live robot on its way: seconds until the gate refused to drive on and commanded nothing any more, and
     until the base stood, by the ground truth."""
-    options = RunOptions(
-        (ExploreStep(),), "office", "diff", seed, is_apart=True, port=None, time_limit=10.0 * PULLED_AT
-    )
     run = SimulatedRun(options, RunFolder.new(out, "cable"))
     told: dict[str, list[tuple[int, float]]] = {"gate": [], "command": [], "forward": []}
     pulled: list[int] = []
@@ -97,7 +99,7 @@ def pull_cable(seed: int, out: Path) -> dict[str, float | None]:
         timer.cancel()
         run.close()
     if not pulled:
-        raise BadInputError(f"seed {seed}: the robot was never fast for half a second, so no cable was pulled")
+        raise BadInputError(f"seed {options.seed}: the robot was never fast for half a second, so no cable was pulled")
     after = record.true_stamps_ns > pulled[0]
     still = record.true_stamps_ns[after][record.speeds[after] > 0.02]
     return {

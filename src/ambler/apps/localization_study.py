@@ -15,9 +15,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ambler.apps.config import RobotConfig, default_config
-from ambler.apps.rail import Route, record_drive
+from ambler.apps.config import RobotConfig, robot_config
+from ambler.apps.rail import SENSING, Route, record_drive
 from ambler.apps.robot import MapGrid
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.bridges.recorder import Recorder
 from ambler.core.messages import Message, Odometry
 from ambler.core.se2 import SE2
@@ -25,6 +26,7 @@ from ambler.evaluation.localization_quality import AXES, LocalizationErrors, loc
 from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.localization import LocalizationNode, Source
 from ambler.nodes.map_server import MapServerNode
+from ambler.perception.scanner_profile import calibrated_robot
 from ambler.runtime.clock import ReplayClock
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.stack import Stack
@@ -129,6 +131,7 @@ class LocalizationStudy:
     runs: int = 2
     resolution: float = 0.05
     stand_time: float = 6.0
+    settings: StudySettings = DEFAULTS
 
 
 def run_study(
@@ -152,19 +155,21 @@ def run_study(
 
 
 def record_takes(study: LocalizationStudy, place: Place, out: Path) -> Iterator[Take]:
-    """Record the drives of a place that are not there yet, moving and standing."""
+    """Record the drives of a place that are not there yet with these settings of odometry and scanners, moving and standing."""
     robot, home = robot_named(study.robot), load_world(place.world)
+    sensing = study.settings.only(SENSING)
+    settings = robot_config(robot.model, sensing.profile)
     for run in range(study.runs):
         seed = study.seed + run
-        folder = out / f"{place.name}-{study.robot}-drive-{seed}"
+        folder = out / f"{place.name}-{study.robot}-drive-{seed}{sensing.suffix}"
         if not folder.exists():
-            record_drive(folder, home, robot, place.route, place.drive_time, SimulationConfig(seed))
+            record_drive(folder, home, robot, place.route, place.drive_time, SimulationConfig(seed), settings=settings)
         yield Take(folder, SE2(), TruthFrame(home.start), is_moving=True)
     for k, stand in enumerate(place.stands):
-        folder = out / f"{place.name}-{study.robot}-stand-{study.seed}-{k}"
+        folder = out / f"{place.name}-{study.robot}-stand-{study.seed}-{k}{sensing.suffix}"
         if not folder.exists():
             config = SimulationConfig(study.seed + 100 + k)
-            record_drive(folder, home, robot, Route(), study.stand_time, config, home.start @ stand)
+            record_drive(folder, home, robot, Route(), study.stand_time, config, home.start @ stand, settings)
         yield Take(folder, stand, TruthFrame(home.start), is_moving=False)
 
 
@@ -186,7 +191,7 @@ def localize(recording: Path, config: RobotConfig, robot: str, grid: MapGrid, ou
 def localization_executor(config: RobotConfig, robot: str, grid: MapGrid, seed: int = 0) -> LockstepExecutor:
     """Return an executor of map server and localization alone, fed from outside by `sensor_feed`."""
     localizer = partial(config.make_localizer, seed=seed)
-    node = LocalizationNode(robot_named(robot).model, localizer, config.localization)
+    node = LocalizationNode(calibrated_robot(robot_named(robot).model, config.scanners), localizer, config.localization)
     return LockstepExecutor(Stack([MapServerNode(*grid), node], external=SENSORS), ReplayClock())
 
 
@@ -199,7 +204,7 @@ def sensor_feed(recording: Path) -> Feed:
 
 def study_config(study: LocalizationStudy, method: Method, take: Take) -> RobotConfig:
     """Return the robot's configuration for a method that is told where it starts, as wrong as a person's click is."""
-    config = default_config(robot_named(study.robot).model, has_map=True)
+    config = robot_config(robot_named(study.robot).model, study.settings.profile, has_map=True)
     rng = np.random.default_rng([study.seed, *take.recording.name.encode()])
     error = SE2.from_array(np.sqrt(SET_VARIANCES) * rng.standard_normal(3))
     pose = SE2.from_array(take.map_from_start.as_array() + error.as_array())
@@ -208,7 +213,7 @@ def study_config(study: LocalizationStudy, method: Method, take: Take) -> RobotC
 
 
 def _measure(study: LocalizationStudy, method: Method, take: Take, grid: MapGrid) -> LocalizationErrors:
-    out = take.recording.with_name(f"{take.recording.name}.{method.name}-{study.resolution:g}")
+    out = take.recording.with_name(f"{take.recording.name}.{method.name}-{study.resolution:g}{study.settings.suffix}")
     if not out.exists():
         localize(take.recording, study_config(study, method, take), study.robot, grid, out, study.seed)
     estimates, truth = out / "localized_pose.csv", take.recording / "true_pose.csv"

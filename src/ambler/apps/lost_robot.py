@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ambler.apps.config import default_config
+from ambler.apps.config import RobotConfig
 from ambler.apps.localization_study import Feed, localization_executor, sensor_feed
 from ambler.apps.random_drives import RandomDrive
 from ambler.apps.robot import MapGrid
@@ -23,7 +23,6 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.topics import LOCALIZED_POSE, TRUE_POSE, Topic
-from ambler.sim.robots import robot_named
 from ambler.wire.mcap_reader import read_recording
 
 RIGHT_XY, RIGHT_YAW = 0.3, 0.1  # metres, radians: a told pose beyond them is wrong
@@ -43,20 +42,20 @@ class FoundAgain:
     last_state: str
 
 
-def relocalize(drive: RandomDrive, robot: str, localizer: str, grid: MapGrid, limit: float) -> FoundAgain:
+def relocalize(drive: RandomDrive, robot: str, config: RobotConfig, grid: MapGrid, limit: float) -> FoundAgain:
     """Switch the robot on in a drive without telling it where; it has `limit` seconds."""
     watch = _Watch(_truth(drive), 0)
-    _run(watch, robot, localizer, grid, None, _until(sensor_feed(drive.recording), int(limit * 1e9)))
+    _run(watch, robot, config, grid, None, _until(sensor_feed(drive.recording), int(limit * 1e9)))
     return watch.result()
 
 
-def kidnap(before: RandomDrive, after: RandomDrive, robot: str, localizer: str, grid: MapGrid) -> FoundAgain:
+def kidnap(before: RandomDrive, after: RandomDrive, robot: str, config: RobotConfig, grid: MapGrid) -> FoundAgain:
     """Let the robot drive with a known pose, then carry it in no time to where another drive begins; odometry does not notice."""
     jump_ns = int(KIDNAP_AFTER * 1e9)
     truth = [row for row in _truth(before) if row[0] <= jump_ns]
     truth += [(stamp + jump_ns, pose) for stamp, pose in _truth(after)]
     watch = _Watch(truth, jump_ns)
-    _run(watch, robot, localizer, grid, before.map_from_start, _spliced(before.recording, after.recording, jump_ns))
+    _run(watch, robot, config, grid, before.map_from_start, _spliced(before.recording, after.recording, jump_ns))
     return watch.result()
 
 
@@ -113,14 +112,9 @@ class _Watch:
         return FoundAgain(self._noticed, self._found, self._wrong, self._state)
 
 
-def _run(watch: _Watch, robot: str, localizer: str, grid: MapGrid, pose: SE2 | None, feed: Feed) -> None:
-    config = default_config(robot_named(robot).model, has_map=True)
-    config = replace(
-        config,
-        localizer=localizer,  # type: ignore[arg-type]
-        localization=replace(config.localization, initial_pose=pose, covariance=(0.01, 0.01, 0.003)),
-    )
-    executor = watch.executor = localization_executor(config, robot, grid)
+def _run(watch: _Watch, robot: str, config: RobotConfig, grid: MapGrid, pose: SE2 | None, feed: Feed) -> None:
+    localization = replace(config.localization, initial_pose=pose, covariance=(0.01, 0.01, 0.003))
+    executor = watch.executor = localization_executor(replace(config, localization=localization), robot, grid)
     with executor:
         executor.tap(watch.on_message)
         executor.run(feed=feed)

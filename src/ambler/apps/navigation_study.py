@@ -17,6 +17,7 @@ import numpy as np
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.core.se2 import SE2
 from ambler.evaluation.goals import DriveSpan, draw_goals, judge_drives
 from ambler.evaluation.truth_frame import TruthFrame
@@ -40,6 +41,7 @@ class NavigationStudy:
     per_journey: int = 25
     seed: int = 0
     physics: Literal["contact", "kinematic"] = "contact"
+    settings: StudySettings = DEFAULTS
 
 
 def run_study(study: NavigationStudy, out: Path) -> dict[str, Any]:
@@ -86,7 +88,7 @@ def is_reached(drive: dict[str, Any]) -> bool:
 
 def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, ...], out: Path) -> dict[str, Any]:
     """Drive one journey, or read what an earlier study left. A recording is kept only where something went wrong."""
-    label = f"{_label(world)}-{study.robot}-{study.physics}-{study.seed}-{study.per_journey}-{number}"
+    label = f"{_label(world)}-{study.robot}-{study.physics}-{study.seed}-{study.per_journey}-{number}{study.settings.suffix}"
     file = out / f"{label}.json"
     if file.exists():
         known: dict[str, Any] = json.loads(file.read_text())
@@ -101,7 +103,7 @@ def _journey(study: NavigationStudy, world: str, number: int, goals: tuple[SE2, 
         port=None,
         time_limit=SECONDS_PER_GOAL * len(goals),
     )
-    run = SimulatedRun(options, folder)
+    run = SimulatedRun(study.settings.applied_to(options), folder)
     began = time.process_time()
     try:
         run.run(options.time_limit)

@@ -15,6 +15,7 @@ from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.core.se2 import SE2
 from ambler.evaluation.goals import draw_goals
 from ambler.kernels.warmup import imported_kernel_modules, warm_up
@@ -52,12 +53,12 @@ def steps_of(case: ProgramCase) -> tuple[Step, ...]:
     return (ExploreStep(), DockStep(case.dock), UndockStep(case.dock), *drives, DockStep(case.dock))
 
 
-def run_case(case: ProgramCase, out: Path) -> dict[str, Any]:
+def run_case(case: ProgramCase, out: Path, settings: StudySettings = DEFAULTS) -> dict[str, Any]:
     """Run a program and judge it by its recording, which is deleted when all went well."""
     warm_up(imported_kernel_modules())
     options = RunOptions(steps_of(case), case.world, case.robot, case.seed, port=None, time_limit=TIME_LIMIT)
     folder = RunFolder.new(out, case.label)
-    run = SimulatedRun(options, folder)
+    run = SimulatedRun(settings.applied_to(options), folder)
     try:
         run.run()
         fields = judge(run).fields
@@ -68,18 +69,23 @@ def run_case(case: ProgramCase, out: Path) -> dict[str, Any]:
     return fields
 
 
-def run_cases(cases: list[ProgramCase], out: Path, processes: int) -> list[dict[str, Any]]:
+def run_cases(
+    cases: list[ProgramCase], out: Path, processes: int, settings: StudySettings = DEFAULTS
+) -> list[dict[str, Any]]:
     """Run every case in a process of a pool; returns the results in order."""
     with ProcessPoolExecutor(processes) as pool:
-        return list(pool.map(run_case, cases, [out] * len(cases)))
+        return list(pool.map(run_case, cases, [out] * len(cases), [settings] * len(cases)))
 
 
-def run_team(world: str, robot: str, seed: int, out: Path) -> dict[str, dict[str, Any]]:
+def run_team(
+    world: str, robot: str, seed: int, out: Path, settings: StudySettings = DEFAULTS
+) -> dict[str, dict[str, Any]]:
     """Let two robots explore one world in one process; returns the result of each with `is_replay_equal`."""
     warm_up(imported_kernel_modules())
     first = RunOptions(world=world, robot=robot, seed=seed, port=None, time_limit=TIME_LIMIT)
     second = RunOptions(world=world, robot=robot, seed=seed + 1000, start=ASIDE, port=None)
-    run = SimulatedRun(first, RunFolder.new(out, f"team-{world}-{robot}-{seed}"), mates={"second": second})
+    folder, mates = RunFolder.new(out, f"team-{world}-{robot}-{seed}"), {"second": settings.applied_to(second)}
+    run = SimulatedRun(settings.applied_to(first), folder, mates=mates)
     try:
         run.run()
         results = {member.prefix or "first": judge(run, member).fields for member in run.team}

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.apps.config import RobotConfig, default_config
+from ambler.apps.robot import sensing_nodes
 from ambler.bridges.recorder import Recorder
 from ambler.core.messages import Odometry
 from ambler.core.protocols import BodyVelocity
@@ -20,9 +22,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.devices.table import device_nodes
 from ambler.nodes.devices.truth import TruthNode
-from ambler.nodes.odometry import OdometryNode
-from ambler.nodes.scan_merger import ScanMergerNode
-from ambler.perception.merger import MergerConfig
+from ambler.perception.scanner_profile import calibrated_robot
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.stack import Stack
 from ambler.runtime.topics import IMU, MERGED_CLOUD, ODOMETRY, SCAN, TRUE_POSE, TRUE_START, VELOCITY_COMMAND
@@ -35,6 +35,7 @@ from ambler.sim.solids import WorldSpec
 from ambler.sim.world import BodySpec, SimulationConfig, World
 
 F64 = NDArray[np.float64]
+SENSING = ("odometry", "scanners")  # the settings on which a recording depends
 RECORDED = (SCAN, MERGED_CLOUD, ODOMETRY, IMU, TRUE_POSE, TRUE_START)  # the raw scans are in the merged ones
 
 
@@ -109,16 +110,17 @@ def record_drive(
     duration: float,
     config: SimulationConfig,
     start: SE2 | None = None,
+    settings: RobotConfig | None = None,
 ) -> Path:
     """Drive `route` for `duration` seconds from `start` in the world (None: its start) and record merged scan and cloud, odometry, IMU
-    and truth into `folder`; returns it."""
+    and truth into `folder`; returns it. Of `settings` (None: the robot's defaults) what `SENSING` names is used."""
+    settings = settings if settings is not None else default_config(robot.model)
     running = World(world, [BodySpec("robot", robot, start)], config)
     devices = robot_devices(running, "robot")
     (body,) = running.bodies
     nodes = device_nodes(robot.model, replace(devices, base=RailedBase(running, body, route)))
-    nodes += [TruthNode(GroundTruth(running, body)), OdometryNode(robot.model)]
-    if len(robot.model.scanners) > 1:
-        nodes.append(ScanMergerNode(MergerConfig.from_robot(robot.model)))
+    nodes.append(TruthNode(GroundTruth(running, body)))
+    nodes += sensing_nodes(calibrated_robot(robot.model, settings.scanners), settings)
     recorder = Recorder(folder)
     executor = LockstepExecutor(Stack(nodes, external=(VELOCITY_COMMAND,)))
     with executor:

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambler.apps.rail import Route, record_drive
+from ambler.apps.config import robot_config
+from ambler.apps.rail import SENSING, Route, record_drive
+from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
@@ -37,23 +39,32 @@ class RandomDrive:
 
 
 def record_random_drives(
-    world: str, robot: str, count: int, seed: int, out: Path, tell: Callable[[str], None]
+    world: str,
+    robot: str,
+    count: int,
+    seed: int,
+    out: Path,
+    tell: Callable[[str], None],
+    settings: StudySettings = DEFAULTS,
 ) -> list[RandomDrive]:
     """Record `count` drives of 8 s from random poses of a world, those that are not there yet: half a second at rest, then straight
-    legs between random places that see each other. Raises BadInputError where the robot fits nowhere."""
+    legs between random places that see each other. Of the settings only what `rail.SENSING` names makes other drives. Raises
+    BadInputError where the robot fits nowhere."""
     sim_robot, home = robot_named(robot), load_world(world)
+    sensing = settings.only(SENSING)
+    config = robot_config(sim_robot.model, sensing.profile)
     spec, occupancy = truth_grid(home.from_start(), sim_robot.sensor_height, 0.05)
     clear = _clear_cells(spec, occupancy, sim_robot.model.circumscribed_radius + MARGIN)
     drives = []
     for k in range(count):
         rng = np.random.default_rng([seed, k, *world.encode()])
         start, points = _random_route(spec, clear, rng)
-        folder = out / f"{Path(world).stem}-{robot}-random-{seed}-{k}"
+        folder = out / f"{Path(world).stem}-{robot}-random-{seed}-{k}{sensing.suffix}"
         if not folder.exists():
             local = tuple((float(x), float(y)) for x, y in start.inverse().transform(points))
             route = Route(local, speed=0.5, turn_rate=0.7, rest=0.5)
-            config = SimulationConfig(seed + k, physics="kinematic")
-            record_drive(folder, home, sim_robot, route, DRIVE_TIME, config, home.start @ start)
+            simulated = SimulationConfig(seed + k, physics="kinematic")
+            record_drive(folder, home, sim_robot, route, DRIVE_TIME, simulated, home.start @ start, config)
             if k % 10 == 9:
                 tell(f"{k + 1} of {count} drives in {world} are recorded")
         drives.append(RandomDrive(world, folder, start, TruthFrame(home.start)))

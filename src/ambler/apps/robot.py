@@ -23,6 +23,7 @@ from ambler.docking.database import DockDatabase
 from ambler.exploration.strategies import NearestStrategy, Strategy
 from ambler.exploration.survey import DistanceField, FrontierSurvey
 from ambler.exploration.tour import TourStrategy
+from ambler.localization.odometry import WheelInertialOdometry
 from ambler.nodes.controller import ControllerNode
 from ambler.nodes.docking import DockingNode
 from ambler.nodes.echoes import EchoNode
@@ -81,9 +82,7 @@ def robot_nodes(
     parts = parts if parts is not None else Parts()
     robot = calibrated_robot(robot, config.scanners)
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
-    nodes: list[Node] = [OdometryNode(robot)]
-    if len(robot.scanners) > 1:
-        nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
+    nodes = sensing_nodes(robot, config)
     if site.grid is None:
         nodes += _mapping_nodes(robot, config)
     else:
@@ -96,6 +95,14 @@ def robot_nodes(
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
     return [*nodes, *parts.nodes, GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners))]
+
+
+def sensing_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
+    """Return what makes odometry of wheels and gyroscope, and one scan of several. `robot` has its scanners where they are calibrated."""
+    nodes: list[Node] = [OdometryNode(robot, WheelInertialOdometry(config.odometry))]
+    if len(robot.scanners) > 1:
+        nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
+    return nodes
 
 
 def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:

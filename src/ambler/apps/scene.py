@@ -17,7 +17,7 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
 from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, TeachStep, UndockStep
-from ambler.sim.faults import Fault
+from ambler.sim.faults import Fault, FaultInjector
 from ambler.sim.robots import SimRobot, robot_named
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
@@ -93,6 +93,7 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     start = _start(options, world)
     config = _config(robot.model, options, world.start.inverse() @ start)
     faults = tuple(Fault.parse(text) for text in options.faults)
+    FaultInjector(faults, world, robot.faulty_frames)  # raises where a door or a scanner is not there
     _check_steps(options, robot, world)
     truth_grid(replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION)  # raises where it lies in a solid
     grid = _grid(options, robot, world)

@@ -50,7 +50,6 @@ class CalibrationConfig:
     """`node_period`: one scan per this many seconds and scanner takes part; `own_lags` and `other_lags` (nodes back) choose the
     pairs; an estimate looser than `max_sigma` (m, rad, s) is a failure, not a result."""
 
-    odometry: OdometryModel = field(default_factory=OdometryModel.differential)
     pairs: PairConfig = field(default_factory=PairConfig)
     track_period: float = 0.08
     node_period: float = 0.25
@@ -94,9 +93,11 @@ def calibrate_scanners(
     scans: Mapping[str, Sequence[LaserScan]],
     odometry: Sequence[Odometry],
     scanners: Sequence[Scanner],
+    model: OdometryModel,
     config: CalibrationConfig | None = None,
 ) -> CalibrationResult:
-    """Estimate the mounting and clock offset of every scanner; of `scanners` only frame and upside-down mounting are used.
+    """Estimate the mounting and clock offset of every scanner; of `scanners` only frame and upside-down mounting are used;
+    `model` says how far the odometry is trusted.
 
     Drive for about a minute, forwards and backwards, with turns in both directions, among walls; nothing else should move.
     Raises CalibrationError that names the scanner and the reason.
@@ -111,7 +112,7 @@ def calibrate_scanners(
     ]
     nodes = _Nodes.choose(recordings, origin_ns, turned, config.node_period)
     knots = np.arange(track.times[0], track.times[-1], config.knot_period)
-    graph = CalibrationGraph(track, knots, nodes.scanner, nodes.middles, config.odometry)
+    graph = CalibrationGraph(track, knots, nodes.scanner, nodes.middles, model)
     unknowns = graph.start(
         np.array([g.base_from_scanner for g in guesses]), np.array([g.clock_offset for g in guesses])
     )

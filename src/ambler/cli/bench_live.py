@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, check_outputs, study_settings
+
 DISTURBANCES = ("none", "stalled_disk", "full_disk", "recorder_raises", "log_raises")
 
 
@@ -20,6 +22,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--disturb", nargs="*", default=["none"], choices=DISTURBANCES, help="(default: none)")
     parser.add_argument("--failure", action="store_true", help="let a node fail, too: how soon does the robot stop?")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path)
     parser.set_defaults(run=run)
 
@@ -29,15 +32,16 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps.live_timing import busy, measure, stop_after_failure
-    from ambler.apps.scene import RunOptions
-    from ambler.cli.run_options import check_outputs
+    from ambler.apps.scene import RunOptions, checked_scene
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
+    plain = RunOptions(world=args.world, robot=args.robot, seed=args.seed, is_apart=True, port=None)
+    options = study_settings(args).applied_to(plain)
+    checked_scene(options)
     check_outputs(args.json, args.out)
     started = time.perf_counter()
     warm_up(imported_kernel_modules())
-    options = RunOptions(world=args.world, robot=args.robot, seed=args.seed, is_apart=True, port=None)
     fields: dict[str, Any] = {"world": args.world, "robot": args.robot, "seconds": args.seconds}
     for disturbance in args.disturb:
         found = measure(busy(options), args.seconds, args.out, disturbance)

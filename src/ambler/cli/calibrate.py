@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli import calibrate_camera
+from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
     from ambler.evaluation.calibration import CalibrationDrive
@@ -39,6 +40,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="profile to write, or to complete")
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the simulated drive (default: 60)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulated drive (default: 0)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -47,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
     """Estimate, print, save. 2 when the recording cannot be used, 1 when it does not tell a mounting."""
     if args.recording == Path("camera"):
         return calibrate_camera.run(args)
-    from ambler.calibration.scan_calibration import CalibrationConfig, calibrate_scanners
+    from ambler.apps.config import recorded_config
+    from ambler.calibration.scan_calibration import calibrate_scanners
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.evaluation.robot_calibration import read_drive, simulate_robot_drive
@@ -57,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.simulated == (args.recording is not None):
         raise BadInputError("give either a RECORDING or --simulated")
+    config = recorded_config(profile_of(args)[0]).calibration
     begin = time.perf_counter()
     robot = robot_named(args.robot)
     if not robot.model.scanners:
@@ -67,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         drive = simulate_robot_drive(robot, args.seed, args.seconds)
     else:
         drive = read_drive(args.recording, robot)
-    result = calibrate_scanners(drive.scans, drive.odometry, drive.scanners, CalibrationConfig(odometry=drive.model))
+    result = calibrate_scanners(drive.scans, drive.odometry, drive.scanners, drive.model, config)
     found = scanner_calibrations(result.scanners)
     fields: dict[str, Any] = {"robot": args.robot, "pairs": result.pairs, "residual_rms_mm": 1e3 * result.residual_rms}
     for frame, calibration in found.items():
@@ -83,9 +87,7 @@ def run(args: argparse.Namespace) -> int:
             "this drive's scanners sat a little beside the model; a demo's sit exactly there, so do not use it for one"
         )
     if args.json:
-        what = f"--simulated --seed {args.seed}" if args.simulated else str(args.recording)
-        command = f"ambler calibrate {what} --robot {args.robot} --out {args.out}"
-        write_results(args.json, command, args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0
 
 

@@ -35,6 +35,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.simulated == bool(args.pictures):
         raise BadInputError("give either pictures of a checkerboard or --simulated")
+    if args.profile or args.set:
+        raise BadInputError("--profile and --set: a camera is calibrated without settings of the robot")
     begin = time.perf_counter()
     board = _board(args.board, args.square)
     images = _simulated(board, args.seed) if args.simulated else [_read(path) for path in args.pictures]

@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 if TYPE_CHECKING:
     from ambler.evaluation.calibration import CalibrationDrive
 
@@ -28,6 +30,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="length of each drive")
     parser.add_argument("--seed", type=int, default=0)
+    add_settings(parser)
     parser.add_argument("--json", type=Path)
     parser.set_defaults(run=run)
 
@@ -36,13 +39,15 @@ def run(args: argparse.Namespace) -> int:
     """Calibrate every drive; exit 1 when any error is beyond 5 mm, 0.1° or 2 ms."""
     import numpy as np
 
+    from ambler.apps.config import recorded_config
     from ambler.evaluation.calibration import evaluate_drive
     from ambler.evaluation.results import write_results
 
+    config = recorded_config(study_settings(args, takes_faults=False).profile).calibration
     begin = time.perf_counter()
     rows, nees = [], []
     for k in range(args.runs):
-        errors = evaluate_drive(_drive(args.robot, args.seed + k, args.seconds))
+        errors = evaluate_drive(_drive(args.robot, args.seed + k, args.seconds), config)
         rows.append([1e3 * errors.position, math.degrees(errors.yaw), 1e3 * errors.offset])
         nees.append(errors.nees)
         print(
@@ -65,8 +70,7 @@ def run(args: argparse.Namespace) -> int:
         "drive_seconds": args.seconds,
     }
     if args.json:
-        command = f"ambler eval calibration --robot {args.robot} --runs {args.runs} --seed {args.seed}"
-        write_results(args.json, command, args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if within == args.runs else 1
 
 

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 PARTS = ("sights", "approach", "random", "faults")
 WORLD, DOCK = "dock_hall", "charger_1"
 OUT = "runs/docking"
@@ -26,6 +28,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
     parser.add_argument("--out", type=Path, help=f"results of every run, pictures (default: {OUT}, or {OUT}_DOCK)")
     parser.add_argument("--pictures", type=Path, help="where box plots go (default: --out)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -35,11 +38,14 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps import docking_study as study
+    from ambler.apps.config import robot_config
     from ambler.apps.docking_scans import measure_scan_sights
     from ambler.core.errors import BadInputError
     from ambler.evaluation import docking, docking_pictures
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.nodes.steps import DockStep
+    from ambler.sim.robots import robot_named
 
     if min(args.runs, args.fault_runs, args.looks) < 1:
         raise BadInputError("--runs, --fault-runs and --looks must be positive")
@@ -53,6 +59,10 @@ def run(args: argparse.Namespace) -> int:
     is_marked = study.is_marked(args.world, args.dock)
     if is_marked and not is_standard and "sights" in parts:
         raise BadInputError(f"looks at markers are those at {DOCK} in {WORLD}: choose --only random")
+    settings = study_settings(args)
+    if settings.faults and "sights" in parts:
+        raise BadInputError(f"{args.profile}: looks at a dock take no faults: choose --only random")
+    settings.check([args.world], [study.ROBOT], (DockStep(args.dock),))
     out = args.out if args.out is not None else Path(OUT if is_standard else f"{OUT}_{args.dock}")
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
@@ -67,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
             raise BadInputError(f"no fault {min(unknown)!r}; there are {', '.join(study.FAULTS)}")
         cases += [case for case in study.fault_cases(args.fault_runs, args.seed) if case.kind in wanted]
     outcomes = []
-    for outcome in study.run_cases(cases, out / "outcomes.jsonl", args.world, args.dock):
+    for outcome in study.run_cases(cases, out, args.world, args.dock, settings):
         outcomes.append(outcome)
         print(_line(outcome), flush=True)
     fields: dict[str, Any] = docking.summarize(outcomes)
@@ -76,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
         if is_marked:
             sights = study.measure_sights(args.seed, args.looks)
         else:
-            sights = measure_scan_sights(args.seed, args.looks, args.world, study.ROBOT, args.dock)
+            scanners = robot_config(robot_named(study.ROBOT).model, settings.profile, has_map=True).scanners
+            sights = measure_scan_sights(args.seed, args.looks, args.world, study.ROBOT, args.dock, scanners)
         for series in sights:
             fields |= series.summary()
         docking_pictures.draw_sights(pictures / "docking_sights.png", sights)
@@ -85,12 +96,7 @@ def run(args: argparse.Namespace) -> int:
         docking_pictures.draw_times(pictures / "docking_times.png", outcomes)
     print(docking.table(fields))
     if args.json:
-        only = "".join(f" --only {part}" for part in args.only or ())
-        only += "".join(f" --fault {name}" for name in args.fault or ())
-        counts = f"--runs {args.runs} --fault-runs {args.fault_runs} --looks {args.looks}"
-        place = "" if is_standard else f"--world {args.world} --dock {args.dock} "
-        command = f"ambler eval docking {place}{counts} --seed {args.seed}{only}"
-        write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
     return 0 if all(_is_good(o) for o in outcomes) else 1
 
 

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
@@ -19,6 +21,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
     parser.add_argument("--resume", action="store_true", help="keep the runs whose results are in --out already")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -27,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     """Run all; 0 when no limit of any run is broken."""
     import time
 
-    from ambler.apps.fault_study import fault_cases, run_cases, summarize
+    from ambler.apps.fault_study import WORLD, fault_cases, run_cases, summarize
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
 
@@ -40,15 +43,14 @@ def run(args: argparse.Namespace) -> int:
     cases = [case for case in of_robots if not wanted or case.name in wanted]
     if not cases:
         raise BadInputError(f"no case for {args.robots}; there are some for diff and amr_omni")
+    settings = study_settings(args)
+    settings.check([WORLD], {case.robot for case in cases})
     started = time.perf_counter()
-    results = run_cases(
-        cases, range(args.seed, args.seed + args.runs), args.out, args.processes, is_resumed=args.resume
-    )
+    seeds = range(args.seed, args.seed + args.runs)
+    results = run_cases(cases, seeds, args.out, args.processes, settings, is_resumed=args.resume)
     _print_table(results)
     if args.json:
-        only = f" --only {args.only}" if args.only else ""
-        command = f"ambler eval faults --robots {args.robots} --seed {args.seed} --runs {args.runs}{only}"
-        write_results(args.json, command, args.seed, time.perf_counter() - started, summarize(results))
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, summarize(results))
     return 0 if not any(result["broken"] for result in results) else 1
 
 

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
@@ -15,6 +17,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--runs", type=int, default=1_000_000, help="random cases per seed (default: 1000000)")
     parser.add_argument("--seed", type=int, default=0, help="the first seed (default: 0)")
     parser.add_argument("--seeds", type=int, default=1, help="how many seeds, one after the other (default: 1)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -24,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
     import sys
     import time
 
+    from ambler.apps.config import recorded_config
     from ambler.evaluation.gate_search import GateSearchResult, search_gate
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
@@ -31,6 +35,8 @@ def run(args: argparse.Namespace) -> int:
     if args.runs < 1 or args.seeds < 1 or args.seed < 0:
         print("--runs and --seeds must be positive, --seed not negative", file=sys.stderr)
         return 2
+    settings = study_settings(args, "gate.sources", "gate.stale_delay", takes_faults=False)
+    config = recorded_config(settings.profile).gate
     warm_up(imported_kernel_modules())
     wall, cpu = time.perf_counter(), time.process_time()
     results: list[GateSearchResult] = []
@@ -40,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
             if sys.stderr.isatty():
                 print(f"\rseed {seed}: {done} of {args.runs} cases", end="", file=sys.stderr, flush=True)
 
-        results.append(search_gate(args.runs, seed, tell))
+        results.append(search_gate(args.runs, seed, tell, config))
         print(f"seed {seed}: {results[-1].cases} cases, {results[-1].counterexamples} counterexamples", flush=True)
     names = results[0].violations
     example = next((r.example for r in results if r.example), "")
@@ -57,6 +63,5 @@ def run(args: argparse.Namespace) -> int:
     if example:
         print(example)
     if args.json:
-        command = f"ambler eval gate --runs {args.runs} --seed {args.seed} --seeds {args.seeds} --json {args.json}"
-        write_results(args.json, command, args.seed, time.perf_counter() - wall, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - wall, fields)
     return 0 if fields["counterexamples"] == 0 else 1

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
@@ -22,6 +24,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
     parser.add_argument("--resume", action="store_true", help="keep the runs whose results are in --out already")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -32,27 +35,19 @@ def run(args: argparse.Namespace) -> int:
 
     from ambler.apps.glass_study import WITH, WITHOUT, GlassStudy, run_study, summarize
     from ambler.evaluation.results import write_results
-    from ambler.sim.robots import robot_named
-    from ambler.sim.world_file import load_world
 
     robots = tuple(args.robots.split(","))
-    for robot in robots:
-        robot_named(f"{robot}+ultrasonic")
-    load_world(args.world)
+    settings = study_settings(args, "glass")
+    settings.check([args.world], [*robots, *(f"{robot}+ultrasonic" for robot in robots)])
     variants = (WITH, WITHOUT) if args.only is None else (args.only,)
     seeds = tuple(range(args.seed, args.seed + args.runs))
-    study = GlassStudy(args.world, robots, variants, seeds, args.time_limit, args.kinematic)
+    study = GlassStudy(args.world, robots, variants, seeds, args.time_limit, args.kinematic, settings)
     started = time.perf_counter()
     results = run_study(study, args.out, args.processes, is_resumed=args.resume)
     fields = summarize(results)
     for name, value in fields.items():
         print(f"{name:<48} {value:.4g}" if isinstance(value, float) else f"{name:<48} {value}")
     if args.json:
-        extra = (f" --only {args.only}" if args.only else "") + (" --kinematic" if args.kinematic else "")
-        command = (
-            f"ambler eval glass --world {args.world} --robots {args.robots} --seed {args.seed} --runs {args.runs} "
-            f"--time-limit {args.time_limit:g}{extra}"
-        )
-        write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
     judged = [r for r in results if r["variant"] == WITH]
     return 0 if all(r["ended"] == "finished" and r.get("contacts") == 0 for r in judged) else 1

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from ambler.cli.run_options import add_settings, check_outputs, study_settings
+
+if TYPE_CHECKING:
+    from ambler.apps.study_settings import StudySettings
 
 INTERRUPTED = 130
+ROBOT = "diff"
 LATEST_SIGNAL = 12.0  # seconds after the start of the process
 
 
@@ -18,6 +24,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the instants and signals (default: 0)")
     parser.add_argument("--world", default="office", help="what is explored (default: office)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -28,9 +35,10 @@ def run(args: argparse.Namespace) -> int:
     import signal
     import time
 
-    from ambler.cli.run_options import check_outputs
     from ambler.evaluation.results import write_results
 
+    settings = study_settings(args)
+    settings.check([args.world], [ROBOT])
     check_outputs(args.json, args.out)
     started, chance = time.perf_counter(), random.Random(args.seed)
     fields: dict[str, Any] = {"runs": args.runs, "in_order": 0, "with_map": 0, "with_report": 0, "before_the_run": 0}
@@ -38,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
     for k in range(args.runs):
         number = chance.choice((signal.SIGINT, signal.SIGTERM))
         seconds = chance.uniform(0.2, LATEST_SIGNAL)
-        found = interrupted_run(args.world, k, seconds, number, args.out / f"interrupt-{args.seed}-{k}")
+        folder = args.out / f"interrupt-{args.seed}-{k}{settings.suffix}"
+        found = interrupted_run(args.world, k, seconds, number, folder, settings)
         fields["in_order"] += not found["wrong"]
         for name in ("with_map", "with_report", "before_the_run"):
             fields[name] += bool(found[name])
@@ -50,15 +59,18 @@ def run(args: argparse.Namespace) -> int:
     return 1 if wrong else 0
 
 
-def interrupted_run(world: str, seed: int, seconds: float, number: Any, out: Path) -> dict[str, Any]:
+def interrupted_run(
+    world: str, seed: int, seconds: float, number: Any, out: Path, settings: StudySettings
+) -> dict[str, Any]:
     """Start an exploration in a process of its own, send it a signal after some time, and look at what it leaves."""
     import subprocess
     import sys
     import time
 
     out.mkdir(parents=True, exist_ok=True)
-    words = [sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view", "--world", world]
+    words = [sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view", "--world", world, "--robot", ROBOT]
     words += ["--seed", str(seed), "--out", str(out / "runs"), "--json", str(out / "result.json")]
+    words += settings.words(out / "profile.yaml")
     with (out / "output.txt").open("w") as log:
         process = subprocess.Popen(words, stdout=log, stderr=subprocess.STDOUT)
         time.sleep(seconds)

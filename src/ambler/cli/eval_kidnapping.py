@@ -31,11 +31,12 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.localization_study import drawn_map
     from ambler.apps.lost_robot import kidnap, pairs_far_apart
     from ambler.apps.random_drives import record_random_drives
-    from ambler.cli.eval_relocalization import campaign_command, time_fields
+    from ambler.cli.eval_relocalization import campaign_settings, time_fields
     from ambler.evaluation.proportions import wilson_interval
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
+    settings, config = campaign_settings(args)
     warm_up(imported_kernel_modules())  # else the first robot would wait for the compiler
     started, worlds = time.perf_counter(), args.worlds.split(",")
     noticed: list[float] = []
@@ -44,10 +45,10 @@ def run(args: argparse.Namespace) -> int:
     for k, world in enumerate(worlds):
         count = args.runs // len(worlds) + (k < args.runs % len(worlds))
         grid = drawn_map(world, args.robot, args.resolution)
-        drives = record_random_drives(world, args.robot, args.drives, args.seed, args.out, print)
+        drives = record_random_drives(world, args.robot, args.drives, args.seed, args.out, print, settings)
         rng = np.random.default_rng([args.seed, *world.encode()])
         for before, after in pairs_far_apart(drives, count, rng):
-            result = kidnap(before, after, args.robot, args.localizer, grid)
+            result = kidnap(before, after, args.robot, config, grid)
             noticed += [result.noticed] if result.noticed is not None else []
             recovered += [result.found] if result.found is not None else []
             wrong += result.wrong > 0
@@ -71,5 +72,5 @@ def run(args: argparse.Namespace) -> int:
     }
     print(f"{good} of {args.runs} noticed and recovered in time ({low:.1%} to {high:.1%} at 95 %), {wrong} wrong")
     if args.json:
-        write_results(args.json, campaign_command("kidnapping", args), args.seed, time.perf_counter() - started, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
     return 0 if good >= SHARE_LEAST * args.runs and wrong == 0 else 1

@@ -6,6 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
+OWN = ("localizer", "localization.source", "localization.initial_pose", "localization.covariance")
 ERROR_MOST, NEES_LEAST, NEES_MOST = 0.010, 0.5, 2.0
 
 
@@ -20,6 +23,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, help="seed of every random number (default: 0)")
     parser.add_argument("--resolution", type=float, default=0.05, help="of the known map, metres (default: 0.05)")
     parser.add_argument("--out", type=Path, default=Path("runs/localization"), help="recordings, CSV files, box plots")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -28,19 +32,25 @@ def run(args: argparse.Namespace) -> int:
     """Measure; 0 when every method in every place meets the bars while moving: 10 mm in the observable directions, NEES 0.5 to 2."""
     import time
 
+    from ambler.apps.config import robot_config
     from ambler.apps.localization_study import PLACES, LocalizationStudy, run_study
     from ambler.core.errors import BadInputError
     from ambler.evaluation.localization_quality import draw_boxes
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.sim.robots import robot_named
 
     names = args.places.split(",")
     places = tuple(p for p in PLACES if p.name in names)
     if len(places) != len(names):
         raise BadInputError(f"--places {args.places}: there are {', '.join(p.name for p in PLACES)}")
+    settings = study_settings(args, *OWN, takes_faults=False)
+    robot_config(robot_named(args.robot).model, settings.profile, has_map=True)
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
-    study = LocalizationStudy(args.robot, places, seed=args.seed, runs=args.runs, resolution=args.resolution)
+    study = LocalizationStudy(
+        args.robot, places, seed=args.seed, runs=args.runs, resolution=args.resolution, settings=settings
+    )
     args.out.mkdir(parents=True, exist_ok=True)
     results = run_study(study, args.out, lambda line: print(line, flush=True))
     for place in places:
@@ -49,11 +59,7 @@ def run(args: argparse.Namespace) -> int:
             print(draw_boxes(args.out / f"{place.name}_{how}.png", f"{place.name}, {how}", boxes))
     fields = {"map_resolution_m": args.resolution, "runs": args.runs, **study_fields(study, results)}
     if args.json:
-        command = (
-            f"ambler eval localization --places {args.places} --robot {args.robot} --runs {args.runs} "
-            f"--seed {args.seed} --resolution {args.resolution:g}"
-        )
-        write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
     met = [fields[f"{p.name}.{m.name}.is_met"] for p in places for m in study.methods]
     print(f"{sum(met)} of {len(met)} meet {1e3 * ERROR_MOST:g} mm in every observable direction and NEES 0.5 to 2")
     return 0 if all(met) else 1

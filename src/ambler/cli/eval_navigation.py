@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
@@ -23,6 +25,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("runs/navigation"), help="journeys; the same folder goes on with them"
     )
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -34,24 +37,24 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.navigation_study import NavigationStudy, run_study
     from ambler.apps.run_report import print_result
     from ambler.core.errors import BadInputError
+    from ambler.core.se2 import SE2
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.nodes.steps import NavigateStep
 
     if args.goals < 1 or args.per_journey < 1:
         raise BadInputError("--goals and --per-journey must be at least 1")
     worlds = tuple(world for world in args.worlds.split(",") if world)
     sizes = (args.goals, args.per_journey, args.seed)
-    study = NavigationStudy(worlds, args.robot, *sizes, "kinematic" if args.kinematic else "contact")
+    settings = study_settings(args)
+    settings.check(worlds, [args.robot], (NavigateStep(SE2()),))
+    study = NavigationStudy(worlds, args.robot, *sizes, "kinematic" if args.kinematic else "contact", settings)
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
     fields = run_study(study, args.out)
     print_result(fields, "navigation")
     if args.json:
-        names = ",".join(Path(world).name for world in worlds)
-        command = (
-            f"ambler eval navigation --worlds {names} --robot {args.robot} --goals {args.goals} --seed {args.seed}"
-        )
-        write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
     reached = sum(v for k, v in fields.items() if k.endswith(".reached"))
     collisions = sum(v for k, v in fields.items() if k.endswith(".collisions"))
     return 0 if reached == args.goals * len(worlds) and collisions == 0 else 1

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, study_settings
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
@@ -15,6 +17,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG", help="ROS 1 or ROS 2 bag with odometry, IMU and NavSatFix")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the tracks")
     parser.add_argument("--seed", type=int, default=0, help="recorded in the result; nothing is random here")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -23,18 +26,19 @@ def run(args: argparse.Namespace) -> int:
     """Compare wheels alone and the filter; exit 1 when fusing does not help."""
     import time
 
+    from ambler.apps.config import recorded_config
     from ambler.evaluation.odometry_quality import fused, largest_step, read_odometry_record, way_of, wheels_alone
     from ambler.evaluation.pictures import draw_tracks
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
-    from ambler.localization.odometry import OdometryConfig
 
+    config = recorded_config(study_settings(args, takes_faults=False).profile).odometry
     warm_up(imported_kernel_modules())
     begin = time.perf_counter()
     record = read_odometry_record(args.bag)
     tracks = {
         "wheels": wheels_alone(record),
-        "fused": fused(record, OdometryConfig()),
+        "fused": fused(record, config),
     }
     fields: dict[str, Any] = {
         "seconds": (record.wheels[-1].stamp_ns - record.wheels[0].stamp_ns) * 1e-9,
@@ -53,5 +57,5 @@ def run(args: argparse.Namespace) -> int:
         drawn = {n: t.error.truth_from_estimate.transform(t.poses[:, :2]) for n, t in tracks.items()}
         draw_tracks(args.picture, {"satellites": record.fixes, **drawn})
     if args.json:
-        write_results(args.json, f"eval odometry {args.bag.name}", args.seed, time.perf_counter() - begin, fields)
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if fields["fused_error_rms_m"] < fields["wheels_error_rms_m"] else 1

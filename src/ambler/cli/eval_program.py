@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, check_outputs, study_settings
+
 DOCKING_ROBOT, DOCK = "amr_omni", "charger_1"
 
 
@@ -19,6 +21,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, help="the first seed (default: 0)")
     parser.add_argument("--processes", type=int, default=2, help="runs at once (default: 2)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -28,12 +31,13 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps.program_study import ProgramCase, run_cases
-    from ambler.cli.run_options import check_outputs
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
 
     if args.runs < 1 or args.processes < 1:
         raise BadInputError("--runs and --processes must be positive")
+    settings = study_settings(args)
+    settings.check([args.world], args.robots)
     check_outputs(args.json, args.out)
     started = time.perf_counter()
     cases = [
@@ -41,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         for robot in args.robots
         for k in range(args.runs)
     ]
-    results = run_cases(cases, args.out, args.processes)
+    results = run_cases(cases, args.out, args.processes, settings)
     fields: dict[str, Any] = {"world": args.world, "runs": len(cases)}
     for robot in args.robots:
         members = [r for case, r in zip(cases, results, strict=True) if case.robot == robot]

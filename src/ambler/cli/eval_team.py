@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.run_options import add_settings, check_outputs, study_settings
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
@@ -16,6 +18,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--runs", type=int, default=1, help="seeds (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="the first seed (default: 0)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, help="write the result as JSON")
     parser.set_defaults(run=run)
 
@@ -25,15 +28,16 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps.program_study import run_team
-    from ambler.cli.run_options import check_outputs
     from ambler.evaluation.results import write_results
 
+    settings = study_settings(args)
+    settings.check([args.world], [args.robot])
     check_outputs(args.json, args.out)
     started = time.perf_counter()
     fields: dict[str, Any] = {"world": args.world, "robot": args.robot, "runs": args.runs}
     is_good = True
     for seed in range(args.seed, args.seed + args.runs):
-        for name, result in run_team(args.world, args.robot, seed, args.out).items():
+        for name, result in run_team(args.world, args.robot, seed, args.out, settings).items():
             for key in ("ended", "collisions", "reachable_coverage_ratio", "ate_rms_m", "is_replay_equal"):
                 fields[f"{seed}.{name}.{key}"] = result[key]
             fields[f"{seed}.sim_seconds"] = result["sim_seconds"]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ambler.apps.scene import RunOptions
+    from ambler.apps.study_settings import StudySettings
     from ambler.core.se2 import SE2
     from ambler.nodes.steps import Step
 
@@ -158,6 +159,19 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
     if named.get("source"):
         profile = merge(profile, {"localization": {"source": args.source}})
     return profile, tuple(str(fault) for fault in faults)
+
+
+def study_settings(args: argparse.Namespace, *own: str, takes_faults: bool = True) -> StudySettings:
+    """Return what `profile_of` says, for the robots of a study; raises BadInputError for the study's `own` settings (dotted names), and
+    for faults where it takes none."""
+    from ambler.apps.study_settings import StudySettings
+    from ambler.core.errors import BadInputError
+
+    settings, verb = StudySettings(*profile_of(args)), vars(args)[f"{args.verb}_verb"]
+    settings.refuse(own, f"`ambler {args.verb} {verb}` sets this itself")
+    if settings.faults and not takes_faults:
+        raise BadInputError(f"{args.profile}: `ambler {args.verb} {verb}` takes no faults")
+    return settings
 
 
 def parse_pose(text: str, what: str) -> SE2:

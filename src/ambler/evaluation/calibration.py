@@ -86,10 +86,9 @@ def simulate_drive(seed: int, drive: DriveKind, seconds: float = 60.0, scanner_c
     return CalibrationDrive(scans, odometry, tuple(scanners), tuple(mounts), tuple(offsets), model)
 
 
-def evaluate_drive(drive: CalibrationDrive) -> CalibrationErrors:
+def evaluate_drive(drive: CalibrationDrive, config: CalibrationConfig | None = None) -> CalibrationErrors:
     """Calibrate from the recording alone and compare with the truth."""
-    config = CalibrationConfig(odometry=drive.model)
-    result = calibrate_scanners(drive.scans, drive.odometry, drive.scanners, config)
+    result = calibrate_scanners(drive.scans, drive.odometry, drive.scanners, drive.model, config)
     rows, nees = [], []
     for estimate, mount, offset in zip(result.scanners, drive.mounts, drive.offsets, strict=True):
         found = estimate.base_from_scanner

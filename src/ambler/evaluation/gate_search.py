@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,15 +51,18 @@ class GateSearchResult:
         self.example = self.example or f"{name}: {example}"
 
 
-def search_gate(runs: int, seed: int, progress: Callable[[int], None] = lambda done: None) -> GateSearchResult:
-    """Check `runs` random cases of the field, and one run of the whole gate for every 2000 of them; `progress` hears how many are done."""
+def search_gate(
+    runs: int, seed: int, progress: Callable[[int], None] = lambda done: None, config: GateConfig | None = None
+) -> GateSearchResult:
+    """Check `runs` random cases of the field, whose numbers are drawn too, and one run of the whole gate, told `config`, for every 2000 of
+    them; `progress` hears how many are done."""
     result = GateSearchResult()
     for block in range(math.ceil(runs / BLOCK)):
         rng = np.random.default_rng([seed, block])
         cases = min(BLOCK, runs - block * BLOCK)
         _search_field(rng.random((cases, kernels.CHANCES)), f"seed {seed}, block {block}", result)
         for _ in range(max(1, cases // FIELD_CASES_PER_RUN)):
-            check_gate(rng, result)
+            check_gate(rng, result, config)
         progress(result.cases)
     return result
 
@@ -80,10 +83,11 @@ def _search_field(chances: F64, where: str, result: GateSearchResult) -> None:
     result.grazes += int(grazes[0])
 
 
-def check_gate(rng: np.random.Generator, result: GateSearchResult) -> None:
+def check_gate(rng: np.random.Generator, result: GateSearchResult, config: GateConfig | None = None) -> None:
     """Drive a gate for a moment among random points, with requests that change at random, and judge every output."""
     robot = _drawn_robot(rng)
-    gate, limits = VelocityGate(GateConfig(stale_delay=0.0), robot), robot.limits
+    gate = VelocityGate(replace(config if config is not None else GateConfig(), stale_delay=0.0), robot)
+    limits = robot.limits
     gate.arm(0)
     pose, last = SE2(), BodyVelocity()
     world = rng.uniform(-3.0, 3.0, (int(rng.integers(2, 60)), 2))

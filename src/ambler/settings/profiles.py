@@ -55,7 +55,10 @@ def parse_assignment(text: str) -> dict[str, Any]:
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise BadInputError(f"{text!r} is not of the form name=value")
-    nested: Any = yaml.safe_load(value)
+    try:
+        nested: Any = yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise BadInputError(f"{text!r}: the value is not YAML: {' '.join(str(error).split())}") from error
     for key in reversed(name.strip().split(".")):
         nested = {key: nested}
     result: dict[str, Any] = nested
@@ -75,14 +78,19 @@ def build(kind: type[T], values: Mapping[str, Any]) -> T:
     return built
 
 
-def _require_finite(config: Any, where: str) -> None:
-    """Raise BadInputError for nan, and for an infinite number where the default is finite."""
+def _require_finite(config: Any, where: str, usual: Any = None) -> None:
+    """Raise BadInputError for nan, and for an infinite number where the default is finite: that of the section `usual`, if there is one."""
     for f in dataclasses.fields(config):
         value, key = getattr(config, f.name), f"{where}{f.name}"
+        default = _default(f) if usual is None else getattr(usual, f.name)
         if dataclasses.is_dataclass(value):
-            _require_finite(value, f"{key}.")
-        elif isinstance(value, float) and (math.isnan(value) or (math.isinf(value) and f.default != value)):
+            _require_finite(value, f"{key}.", default if type(default) is type(value) else None)
+        elif isinstance(value, float) and (math.isnan(value) or (math.isinf(value) and default != value)):
             raise BadInputError(f"configuration {key}: must be a finite number, not {value}")
+
+
+def _default(f: dataclasses.Field[Any]) -> Any:
+    return f.default if f.default_factory is dataclasses.MISSING else f.default_factory()
 
 
 def as_values(config: Any) -> Any:
