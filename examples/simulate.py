@@ -1,4 +1,4 @@
-"""A robot explores a world that it has never seen, and is judged against the truth."""
+"""A robot explores a world that it has never seen, and is judged against the truth: `python examples/simulate.py`."""
 
 from __future__ import annotations
 

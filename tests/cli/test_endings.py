@@ -44,6 +44,20 @@ def test_a_signal_ends_a_run_with_its_map_and_a_truthful_report(number: signal.S
     assert (tmp_path / "runs" / "LATEST").resolve() == folder
 
 
+def test_a_signal_while_modules_are_imported_ends_with_the_code_of_an_interruption(tmp_path: Path) -> None:
+    """A plain KeyboardInterrupt in the middle of an import made CPython end by SIGINT in about half of all cases, whatever `main` returned."""
+    words = [sys.executable, "-m", "ambler.cli.main", *DEMO, "--out", str(tmp_path / "runs")]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    codes = []
+    for k in range(10):
+        process = subprocess.Popen(words, **quiet)  # type: ignore[call-overload]
+        time.sleep(0.4 + 0.07 * k)
+        process.send_signal(signal.SIGTERM)
+        codes.append(process.wait(60.0))
+    assert set(codes) <= {130, -signal.SIGTERM}, "the latter before anything of ours was imported"
+    assert 130 in codes
+
+
 def test_what_is_half_done_is_noticed(tmp_path: Path) -> None:
     folder = tmp_path / "runs" / "run"
     folder.mkdir(parents=True)

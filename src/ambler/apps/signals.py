@@ -12,15 +12,25 @@ from typing import Any
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+class Interrupted(KeyboardInterrupt):
+    """A signal came. A class of its own: after a KeyboardInterrupt itself in the middle of an import
+    CPython may end the process by SIGINT, whatever code it was to exit with."""
+
+
 def terminate_like_interrupt() -> None:
-    """Let SIGTERM raise KeyboardInterrupt, as Ctrl-C does, wherever nothing better is asked for."""
+    """Let Ctrl-C and SIGTERM raise Interrupted wherever nothing better is asked for."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        raise Interrupted
+
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        for number in SIGNALS:
+            signal.signal(number, handle)
 
 
 @contextmanager
 def on_interrupt(callback: Callable[[], None]) -> Iterator[None]:
-    """Call back for the first signal within the block, instead of raising; a second one raises KeyboardInterrupt. Outside of the main
+    """Call back for the first signal within the block, instead of raising; a second one raises Interrupted. Outside of the main
     thread, where signals never come, it does nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -29,7 +39,7 @@ def on_interrupt(callback: Callable[[], None]) -> Iterator[None]:
 
     def handle(number: int, frame: FrameType | None) -> None:
         if seen:
-            raise KeyboardInterrupt
+            raise Interrupted
         seen.append(number)
         callback()
 

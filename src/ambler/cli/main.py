@@ -48,14 +48,14 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one verb and return its exit code."""
-    words = sys.argv[1:] if arguments is None else arguments
-    args = build_parser().parse_args([f" {word}" if _NEGATIVE_POSE.fullmatch(word) else word for word in words])
-    args.command_line = shlex.join(["ambler", *words])
     from ambler.apps.signals import terminate_like_interrupt
     from ambler.core.errors import AmblerError, BadInputError
 
     terminate_like_interrupt()
+    words = sys.argv[1:] if arguments is None else arguments
     try:
+        args = build_parser().parse_args([f" {word}" if _NEGATIVE_POSE.fullmatch(word) else word for word in words])
+        args.command_line = shlex.join(["ambler", *words])
         return int(args.run(args))
     except BadInputError as error:
         print(f"ambler: {error}", file=sys.stderr)
