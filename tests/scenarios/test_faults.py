@@ -164,7 +164,7 @@ def test_panes_are_run_into_without_a_ring_and_kept_off_with_it(tmp_path: Path) 
     panes = {solid.name for solid in load_world("glass").solids if solid.is_glass}
 
     def touched(robot: str) -> list[str]:
-        options = RunOptions(world="glass", robot=robot, port=None, time_limit=90.0, seed=1)
+        options = RunOptions(world="glass", robot=robot, port=None, time_limit=90.0)
         demo = explore(tmp_path / robot, options)
         return [c.other_geom for c in read_exploration(demo.folder.recording).contacts]
 
