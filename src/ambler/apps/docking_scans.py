@@ -56,8 +56,8 @@ def _errors(
     """Return the errors (looks, 3) of the dock's pose in its own frame, millimetres and degrees; fewer where it was not seen."""
     plan, device = load_world(world), robot_named(robot)
     dock = docks_of_world(plan, Path("unsaved")).dock(name)
-    start = plan.start @ dock.map_from_dock @ dock_from_base
-    sim = Simulation(plan, device, SimulationConfig(seed), start)
+    world_from_dock = dock.map_from_dock  # the database was drawn in the world's frame
+    sim = Simulation(plan, device, SimulationConfig(seed), world_from_dock @ dock_from_base)
     model = calibrated_robot(device.model, scanners)
     detector = detector_of(dock, model, None)
     merger = ScanMerger(with_clock_offsets(MergerConfig.from_robot(model), scanners))
@@ -73,18 +73,18 @@ def _errors(
         for scan in out.scans:
             merger.add_scan(scan, now_ns)
         if merger.is_due(now_ns):
-            error = _error(sim, merger.merge(now_ns), detector, dock.map_from_dock)
+            error = _error(sim, merger.merge(now_ns), detector, world_from_dock)
             errors += [] if error is None else [error]
     return np.array(errors).reshape(-1, 3)
 
 
-def _error(sim: Simulation, merged: MergeResult, detector: DockDetector, map_from_dock: SE2) -> list[float] | None:
+def _error(sim: Simulation, merged: MergeResult, detector: DockDetector, world_from_dock: SE2) -> list[float] | None:
     cloud = merged.cloud
-    map_from_base = sim.world.start.inverse() @ sim.pose_at(cloud.stamp_ns).to_se2()
+    world_from_base = sim.pose_at(cloud.stamp_ns).to_se2()
     points = cloud.points[:, :2].astype(np.float64)
     observation = DockObservation(cloud.stamp_ns, None, points, cloud.intensity)
-    seen = detector.detect(observation, map_from_base.inverse() @ map_from_dock)
+    seen = detector.detect(observation, world_from_base.inverse() @ world_from_dock)
     if seen is None:
         return None
-    away = (map_from_base @ seen.base_from_dock).inverse() @ map_from_dock
+    away = (world_from_base @ seen.base_from_dock).inverse() @ world_from_dock
     return [-1e3 * away.x, -1e3 * away.y, -math.degrees(wrap_angle(away.yaw))]

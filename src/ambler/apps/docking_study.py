@@ -24,7 +24,6 @@ from ambler.apps.simulated import SimulatedRun
 from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
-from ambler.core.se3 import SE3
 from ambler.docking.detection import DockObservation
 from ambler.docking.marker_dock import MarkerDockDetector
 from ambler.evaluation.docking import DockingOutcome, SightErrors
@@ -202,12 +201,11 @@ def _series(seed: int, pictures: int, world: str, velocity: BodyVelocity) -> tup
 
 
 class _Look:
-    """Compares what the detectors say of one picture with the truth at the middle of its exposure."""
+    """Compares what the detectors say of one picture with the truth at the middle of its exposure; all in the world's frame."""
 
     def __init__(self, sim: Simulation) -> None:
         assert sim.camera is not None
         self._sim, self._world, self._mount = sim, sim.world, sim.robot.model.sensor(sim.camera.frame).base_from_sensor
-        self._map_from_world = SE3.from_se2(self._world.start).inverse()
         self._dock = docks_of_world(self._world, Path("unsaved")).dock(NAME)
         finder = FiducialDetector(sim.camera.spec.model, [m.spec for m in self._dock.markers])
         self._finder, self._detector = finder, MarkerDockDetector(self._dock, finder, self._mount)
@@ -216,7 +214,6 @@ class _Look:
         """Return the errors of the first marker and of the dock; None when one was not seen."""
         picture = self._sim.take_picture()
         world_from_base = self._sim.pose_at(picture.stamp_ns)
-        map_from_base = self._map_from_world @ world_from_base
         first = self._dock.markers[0].spec
         marker = next((s for s in self._finder.detect(picture.data) if s.marker == first), None)
         dock = self._detector.detect(DockObservation(picture.stamp_ns, picture.data))
@@ -228,5 +225,6 @@ class _Look:
         x, _, z = marker.camera_from_marker.translation
         w, _, qy, _ = turn.rotation
         along_across = [1e3 * (z - tz), 1e3 * (x - tx), math.degrees(wrap_angle(2.0 * math.atan2(qy, w)))]
-        away = (map_from_base.to_se2() @ dock.base_from_dock).inverse() @ self._dock.map_from_dock
+        world_from_dock = self._dock.map_from_dock  # the database was drawn in the world's frame
+        away = (world_from_base.to_se2() @ dock.base_from_dock).inverse() @ world_from_dock
         return along_across, [-1e3 * away.x, -1e3 * away.y, -math.degrees(wrap_angle(away.yaw))]
