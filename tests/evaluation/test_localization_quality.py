@@ -61,6 +61,16 @@ def test_errors_drawn_from_the_told_covariance_have_a_nees_of_one(tmp_path: Path
     assert found.variances == pytest.approx(np.tile(np.diag(COVARIANCE), (len(found.nees), 1)))
 
 
+def test_the_ellipse_of_one_sigma_has_a_third_of_a_nees_everywhere(tmp_path: Path) -> None:
+    """An error of one sigma along any axis of the ellipsoid is worth 1/3 per dimension, however the axes lie."""
+    values, vectors = np.linalg.eigh(COVARIANCE)
+    for k in range(3):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        error = math.sqrt(values[k]) * vectors[:, k]
+        assert measured(folder, np.tile(error, (len(STAMPS_NS), 1))).nees == pytest.approx(1.0 / 3.0, rel=0.01)
+
+
 def test_a_covariance_four_times_too_small_has_a_nees_of_four(tmp_path: Path) -> None:
     errors = np.random.default_rng(2).multivariate_normal(np.zeros(3), COVARIANCE, len(STAMPS_NS))
     assert measured(tmp_path, errors, 0.25 * COVARIANCE).nees.mean() == pytest.approx(4.0, rel=0.15)

@@ -61,29 +61,31 @@ class Workshop:
         """Plant a fault, run its tests until one fails, and take it out again."""
         begun = time.monotonic()
         with self._planted(fault):
-            code, output = self.run(fault.tests, has_other_kernels=fault.room == "kernels")
+            code, output = self.run(fault.tests, has_other_kernels=fault.room == "kernels", limit=2.0 * LIMIT)
         found = FAILED.search(output) if code == TESTS_FAILED else None
         return Notice(fault, found.group(1) if found else None, time.monotonic() - begun)
 
-    def run(self, tests: Sequence[str], *, has_other_kernels: bool = False) -> tuple[int, str]:
+    def run(
+        self, tests: Sequence[str], *, has_other_kernels: bool = False, limit: float | None = None
+    ) -> tuple[int, str]:
         """Run tests against the copy; returns pytest's exit code (-1: not within the limit) and what it printed.
 
         Changed kernels get a cache of their own, else compiled callers in other files would outlive the fault.
         """
+        command = [sys.executable, "-m", "pytest", "-x", "-rfE", "--tb=no", "-m", "not slow", *tests]
+        environment = dict(os.environ, PYTHONPATH=str(self._source), MPLBACKEND="Agg", OMP_NUM_THREADS="1")
         with tempfile.TemporaryDirectory() as cache:
-            environment = dict(os.environ, PYTHONPATH=str(self._source), MPLBACKEND="Agg", OMP_NUM_THREADS="1")
             if has_other_kernels:
                 environment["NUMBA_CACHE_DIR"] = cache
-            command = [sys.executable, "-m", "pytest", "-x", "-rfE", "--tb=no", "-m", "not slow", *tests]
             try:
                 done = subprocess.run(
-                    *(command,),
+                    command,
                     cwd=REPOSITORY,
                     env=environment,
                     capture_output=True,
                     text=True,
                     check=False,
-                    timeout=None if not tests else 10.0 * LIMIT,
+                    timeout=limit,
                 )
             except subprocess.TimeoutExpired:
                 return -1, ""

@@ -6,6 +6,7 @@ from tests.mutation.planted import PlantedFault
 
 NOISE = ("tests/sim/test_odometry_noise.py",)
 SENSED = ("tests/sim/test_sensors.py",)
+INERTIAL = ("tests/sim/test_imu_noise.py",)
 ULTRASONIC = ("tests/sim/test_ultrasonic.py",)
 PHYSICS = ("tests/sim/test_physics.py",)
 FAULTS = ("tests/sim/test_faults.py",)
@@ -58,28 +59,28 @@ SENSORS = (
         "sim/imu.py",
         "self._white = densities * math.sqrt(spec.rate_hz)",
         "self._white = 0.0 * densities * math.sqrt(spec.rate_hz)",
-        SENSED,
+        INERTIAL,
     ),
     PlantedFault(
-        "the IMU's white noise does not depend on its rate",
+        "the IMU is white at one rate only",
         "sim/imu.py",
         "self._white = densities * math.sqrt(spec.rate_hz)",
         "self._white = densities * 10.0",
-        SENSED,
+        INERTIAL,
     ),
     PlantedFault(
         "the IMU has no bias when it is switched on",
         "sim/imu.py",
         "self._bias = sigma * rng.standard_normal(6)",
         "self._bias = 0.0 * sigma * rng.standard_normal(6)",
-        SENSED,
+        INERTIAL,
     ),
     PlantedFault(
         "the bias of the IMU stands still",
         "sim/imu.py",
         "self._bias = self._keep * self._bias + self._drive * chance[:6]",
         "self._bias = self._bias + 0.0 * chance[:6]",
-        SENSED,
+        INERTIAL,
     ),
     PlantedFault(
         "gravity pulls the IMU upwards",

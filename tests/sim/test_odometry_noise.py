@@ -97,8 +97,9 @@ def test_the_stated_covariance_covers_the_drift_of_the_real_wheels() -> None:
     along = []
     for seed in range(SEEDS):
         reckoning = DeadReckoning(DIFF, DIFF.odometry, seed)
+        way = 0.0
         for k in range(1, 201):
             odometry = reckoning.update((0.02 * k / DIFF.wheel_radius,) * 2, SE3(), k)
-            way = odometry.linear[0] / DIFF.odometry.rate_hz + (way if k > 1 else 0.0)
+            way += odometry.linear[0] / DIFF.odometry.rate_hz
         along.append((way - 4.0) ** 2 / odometry.pose_covariance[0, 0])
     assert 0.01 < np.mean(along) < 3.0

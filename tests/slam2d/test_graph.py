@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -37,7 +38,7 @@ def ring(noise: float = 0.002) -> tuple[Graph, list[SE2]]:
     truth = [SE2(5.0 * math.cos(a), 5.0 * math.sin(a), a + 0.5 * math.pi) for a in np.linspace(0.0, 2.0 * math.pi, 40)]
     pose = truth[0]
     graph.add_vertex(pose)
-    for a, b in zip(truth, truth[1:], strict=False):
+    for a, b in pairwise(truth):
         motion = (a.inverse() @ b) @ SE2(*(noise * rng.standard_normal(3) + (0.004, 0.0, 0.004)).tolist())
         pose = pose @ motion
         graph.add_vertex(pose)
