@@ -169,4 +169,5 @@ def test_a_study_of_dockings_takes_over_what_the_judge_found(tmp_path: Path) -> 
             assert outcome.error_yaw_deg == pytest.approx(1.5, abs=1e-4)
             assert outcome.docking_seconds == pytest.approx(7.0)
         else:
-            assert (outcome.error, outcome.error_yaw_deg, outcome.docking_seconds) == (None, None, None)
+            told = (outcome.error_x, outcome.error_y, outcome.error_yaw_deg, outcome.docking_seconds)
+            assert told == (None, None, None, None), "a robot that did not dock has no error of docking"

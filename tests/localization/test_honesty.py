@@ -83,6 +83,24 @@ def test_in_wrong_maps_the_covariance_covers_the_errors() -> None:
     assert 0.5 < nees.mean() < 1.9
 
 
+def test_standing_still_does_not_make_a_wrong_map_right() -> None:
+    """60 scans from one place average the scanner's noise away, but not the walls that were drawn wrongly: what is told stays true."""
+    nees, sigmas = [], []
+    for seed in range(10, 18):
+        rng = np.random.default_rng(seed)
+        room = rooms.jittered(rooms.office(), rng)
+        surfaces = SurfaceMap.from_occupancy(*room.occupancy())
+        tracker, pose = GridTracker(surfaces, GridTrackerConfig()), SE2(7.0 + 0.3 * (seed - 14), 4.0, 0.4 * seed)
+        tracker.set_pose(0, SE2(), pose, np.diag([0.01, 0.01, 0.003]))
+        told = [tracker.update(Observation(k, SE2(), room.scan(pose, rng, beams=240))) for k in range(60)]
+        error = error_of(told[-1].map_from_base, pose)
+        nees.append(error @ np.linalg.solve(told[-1].covariance, error) / 3.0)
+        sigmas.append([math.sqrt(np.trace(e.covariance[:2, :2])) for e in (told[4], told[-1])])
+    assert np.mean(nees) < 3.0
+    early, late = np.array(sigmas).T
+    assert (late > 0.5 * early).all()
+
+
 def test_the_kidnapped_tracker_does_not_believe_the_first_match_elsewhere() -> None:
     """A pose that is sure to 1 cm sees a scan from 25 cm away: that is a surprise, and not believed at once."""
     room = rooms.office()

@@ -72,7 +72,8 @@ class Workshop:
 
         Changed kernels get a cache of their own, else compiled callers in other files would outlive the fault.
         """
-        command = [sys.executable, "-m", "pytest", "-x", "-rfE", "--tb=no", "-m", "not slow", *tests]
+        options = ("-x", "-rfE", "--tb=no", "--hypothesis-profile=unshrunk", "-m", "not slow")
+        command = [sys.executable, "-m", "pytest", *options, *tests]
         environment = dict(os.environ, PYTHONPATH=str(self._source), MPLBACKEND="Agg", OMP_NUM_THREADS="1")
         with tempfile.TemporaryDirectory() as cache:
             if has_other_kernels:
@@ -117,9 +118,9 @@ def results_of(notices: Sequence[Notice]) -> dict[str, Any]:
     for room in sorted({n.fault.room for n in notices}):
         fields[f"faults_{room}"] = sum(n.fault.room == room for n in notices)
     for number, n in enumerate(notices, 1):
-        fields[f"fault_{number:02d}"] = n.fault.name
-        fields[f"fault_{number:02d}_noticed_by"] = n.test
-        fields[f"fault_{number:02d}_s"] = round(n.seconds, 1)
+        fields[f"fault_{number:03d}"] = n.fault.name
+        fields[f"fault_{number:03d}_noticed_by"] = n.test
+        fields[f"fault_{number:03d}_s"] = round(n.seconds, 1)
     return fields
 
 

@@ -153,13 +153,6 @@ MAPPING = (
         REFINE,
     ),
     PlantedFault(
-        "the prior's heading is not brought to the start's turn",
-        "registration/gauss_newton.py",
-        "centre[2] = pose[2] + (centre[2] - pose[2] + np.pi) % (2 * np.pi) - np.pi",
-        "centre[2] = centre[2]",
-        REFINE,
-    ),
-    PlantedFault(
         "the correlative search looks at half of its window",
         "registration/correlative.py",
         "half = math.ceil(window.linear / resolution)",
