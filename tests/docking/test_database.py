@@ -90,6 +90,19 @@ def test_every_docking_refines_the_pose(tmp_path: Path) -> None:
     assert base.dock("notch").map_from_dock.as_array() == pytest.approx(dock.map_from_dock.as_array())
 
 
+def test_a_pose_is_the_mean_of_its_dockings_not_the_last_one(tmp_path: Path) -> None:
+    """Twenty dockings, 1 cm to the left and to the right in turn: their mean is in the middle. What moved for good is followed in time."""
+    base = DockDatabase(tmp_path / "docks.yaml", {})
+    base.teach(NOTCH, SE2(1.0, 2.0, 0.0))
+    for k in range(20):
+        base.refine("notch", SE2(1.0, 2.01 if k % 2 else 1.99, 0.02 if k % 2 else -0.02))
+    assert base.dock("notch").map_from_dock.distance_to(SE2(1.0, 2.0)) < 1e-3
+    assert abs(base.dock("notch").map_from_dock.yaw) < 2e-3
+    for _ in range(100):
+        base.refine("notch", SE2(1.1, 2.0, 0.0))
+    assert base.dock("notch").map_from_dock.distance_to(SE2(1.1, 2.0)) < 0.002
+
+
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from ambler.core.se2 import SE2
 from ambler.docking.covariance import difference
@@ -103,3 +104,70 @@ def test_uncertainty_grows_with_the_way_not_with_the_calls() -> None:
     few, many = spread(2), spread(200)
     assert np.allclose(few, many, rtol=0.2)
     assert 0.003 < many[0] < 0.02
+
+
+def track_of(sightings: int = 6) -> tuple[DockTracker, np.ndarray, int]:
+    """A tracker that has seen the dock some times where it is, the covariance that the next sighting will be judged by, and the instant."""
+    tracker, here = DockTracker(), SE2()
+    for k in range(sightings):
+        assert tracker.update(sighting(k, SE2(1.0, 0.0, 0.0)), here, k)
+    track = tracker.track(sightings, here)
+    assert track is not None
+    return tracker, track.covariance + COVARIANCE + np.diag([0.001, 0.001, math.radians(0.1)]) ** 2, sightings
+
+
+def test_of_a_thousand_true_sightings_one_is_refused_and_farther_ones_always_are() -> None:
+    """The gate is chi-squared of three degrees of freedom: 16.3 is exceeded by chance once in a thousand."""
+    for squared, is_used in ((14.0, True), (19.0, False), (40.0, False)):
+        for axis in range(3):
+            tracker, spread, now = track_of()
+            off = np.zeros(3)
+            off[axis] = math.sqrt(squared * spread[axis, axis])
+            assert tracker.update(sighting(now, SE2(1.0, 0.0, 0.0) @ SE2(*off.tolist())), SE2(), now) == is_used
+
+
+def test_errors_that_repeat_from_picture_to_picture_are_allowed_for() -> None:
+    """A detector that states a hundredth of a millimetre is off by 2 mm when the light changes: that is no outlier, and one such
+    sighting tells the dock to no better than a millimetre and a tenth of a degree."""
+    sure = np.diag([1e-5, 1e-5, 1e-5]) ** 2
+    tracker = DockTracker(TrackerConfig(first=1))
+    assert tracker.update(sighting(0, SE2(1.0, 0.0, 0.0), sure), SE2(), 0)
+    track = tracker.track(0, SE2())
+    assert track is not None
+    assert (np.sqrt(np.diag(track.covariance)) > (0.00099, 0.00099, 0.0017)).all()
+    assert tracker.update(sighting(1, SE2(1.002, 0.001, 0.0), sure), SE2(), 1)
+
+
+def test_outliers_that_only_lie_on_one_side_do_not_agree() -> None:
+    """Four in a row, 15 to 30 cm from one another: reflections, not a dock. Four within 3 cm: the dock is there."""
+    for spacing, begins_anew in ((0.15, False), (0.01, True)):
+        tracker, _, now = track_of()
+        used = [
+            tracker.update(sighting(now + k, SE2(1.4 + spacing * (k % 3), 0.3, 0.0)), SE2(), now + k) for k in range(6)
+        ]
+        assert any(used) == begins_anew
+
+
+def test_sightings_that_agree_in_place_but_not_in_heading_do_not_begin_anew() -> None:
+    tracker, _, now = track_of()
+    turned = [SE2(1.4, 0.3, 0.2 * (k % 3)) for k in range(6)]
+    assert not any(tracker.update(sighting(now + k, pose), SE2(), now + k) for k, pose in enumerate(turned))
+
+
+def test_a_turn_moves_a_far_dock_sideways() -> None:
+    """Odometry that drifts by half a degree per radian leaves a dock 2 m away uncertain across, by 2 m times that, and hardly along."""
+    tracker = DockTracker()
+    for k in range(4):
+        tracker.update(sighting(k, SE2(2.0, 0.0, 0.0), 1e-10 * np.eye(3)), SE2(), k)
+    before = tracker.track(4, SE2())
+    for angle in np.linspace(0.0, 1.0, 51):
+        tracker.move(SE2(0.0, 0.0, float(angle)))
+    after = tracker.track(4, SE2(0.0, 0.0, 1.0))
+    assert before is not None
+    assert after is not None
+    grown = np.sqrt(np.diag(after.covariance) - np.diag(before.covariance))
+    assert grown[2] == pytest.approx(math.radians(0.5), rel=0.05)
+    across = math.hypot(2.0 * math.radians(0.5), 0.005)
+    assert math.hypot(grown[0], grown[1]) == pytest.approx(math.hypot(across, 0.005), rel=0.05)
+    # The dock's x axis points along the sight at the time of the sightings.
+    assert grown[1] > 3.0 * grown[0]

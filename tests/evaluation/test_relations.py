@@ -29,6 +29,15 @@ def test_errors_are_those_of_the_relative_motion() -> None:
         relation_errors(relations[1:], [1.0], poses[:1])
 
 
+def test_turns_to_both_sides_do_not_cancel() -> None:
+    """A trajectory that is off by 0.2 rad to the left and to the right in turn is not right in the mean."""
+    poses = np.zeros((3, 3))
+    relations = [Relation(0, k * 1_000_000, SE2(0.0, 0.0, yaw)) for k, yaw in ((1, 0.2), (2, -0.2))]
+    errors = relation_errors(relations, [0.0, 1.0, 2.0], poses)
+    assert errors.rotation.tolist() == pytest.approx([0.2, 0.2])
+    assert errors.fields()["rotation_mean_deg"] == pytest.approx(np.degrees(0.2))
+
+
 @pytest.mark.parametrize("text", ["1 2 3\n", "1 2 0 0 0 0 0 x\n", "1 2 nan 0 0 0 0 0\n", "", "\x80"])
 def test_damaged_relations_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "some.relations"

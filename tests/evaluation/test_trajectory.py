@@ -81,3 +81,23 @@ def test_contacts_cluster_into_collisions() -> None:
 def test_resting_contacts_and_docks_are_no_collisions() -> None:
     assert find_collisions([contact(1.0, 0.05), contact(2.0, 0.0)]) == ()
     assert find_collisions([contact(1.0, 0.2, "dock")], allowed=frozenset({"dock"})) == ()
+
+
+def test_a_contact_at_a_tenth_of_a_metre_per_second_is_a_collision_and_at_a_hundredth_is_none() -> None:
+    assert [c.speed for c in find_collisions([contact(1.0, 0.1)])] == [0.1]
+    assert [c.speed for c in find_collisions([contact(1.0, 0.06)])] == [0.06]
+    assert find_collisions([contact(1.0, 0.04), contact(2.0, 0.01)]) == ()
+
+
+def test_a_true_heading_that_is_told_within_one_turn_is_interpolated_over_its_cut() -> None:
+    """The truth comes ten times a second, its headings between -180 and 180 degrees; the robot turns at 1 rad/s."""
+    truth_ns = np.arange(0, 20_000_000_000, 100_000_000)
+    stamps_ns = truth_ns[:-1] + 37_000_000
+
+    def spin(stamps: np.ndarray) -> np.ndarray:
+        yaw = 1e-9 * stamps
+        return np.column_stack([np.cos(yaw), np.sin(yaw), np.arctan2(np.sin(yaw), np.cos(yaw))])
+
+    result = trajectory_error(stamps_ns, spin(stamps_ns), truth_ns, spin(truth_ns))
+    assert len(result.errors) == len(stamps_ns)
+    assert result.yaw_rms_rad < 1e-3

@@ -187,6 +187,20 @@ def test_reflectors_are_found_recognized_and_learned() -> None:
     assert np.percentile(nearest, 90) < 0.03
 
 
+def test_a_glint_seen_once_is_not_learned_as_a_reflector() -> None:
+    """Two reflectors are seen from twelve poses, something bright (a bumper, a window) from one: it is not in the map."""
+    true, survey = np.array([[4.0, 1.0], [4.0, -2.0]]), ReflectorSurvey()
+    rng = np.random.default_rng(3)
+    for k in range(12):
+        pose = SE2(0.1 * k, 0.0, 0.1 * k)
+        seen = pose.inverse().transform(true) + 0.01 * rng.standard_normal((2, 2))
+        glint = pose.inverse().transform(np.array([[2.0, 2.0]]))
+        survey.add(np.vstack([seen, glint]) if k == 5 else seen, pose, np.diag([1e-6, 1e-6, 1e-8]))
+    learned = survey.result()
+    assert learned.positions == pytest.approx(true, abs=0.01)
+    assert (learned.sigmas < 0.01).all()
+
+
 def test_reflectors_that_fit_twice_are_not_believed() -> None:
     square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
     answer = recognize(SE2(1.0, 1.5, 0.3).inverse().transform(square), ReflectorMap.surveyed(square))

@@ -95,6 +95,21 @@ def test_a_marker_that_vanishes_far_away_leads_back_and_again() -> None:
     assert DockState.BACKING_OUT in site.states
 
 
+def test_a_robot_that_sees_its_dock_no_more_goes_on_by_a_hand_and_not_by_a_step() -> None:
+    """Hidden for good 0.7 m before the contact: 10 cm blind and the way of braking, not the half metre that odometry might carry it."""
+    hidden: list[float] = []
+
+    def is_visible(s: Site) -> bool:
+        if s.mission.state is DockState.APPROACHING and s.dock_from_base.x > -0.7:
+            hidden.append(s.dock_from_base.x)
+        return not hidden
+
+    site = Site(is_visible=is_visible)
+    assert site.run(200.0).code in ("DOCK_LOST", "DOCK_NOT_SEEN")
+    assert hidden
+    assert -0.7 < site.deepest < -0.5
+
+
 def test_a_marker_that_vanishes_near_the_contact_is_gone_without() -> None:
     """The camera loses sight of it in the last 20 cm: odometry carries the robot in."""
     site = Site(is_visible=lambda site: site.dock_from_base.x < -0.2)

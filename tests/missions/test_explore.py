@@ -45,6 +45,7 @@ class ScriptedSurveyor:
         self.config = SurveyConfig()
         self.frontiers: list[Frontier] = []
         self.full_searches = 0
+        self.reachable_area = 50.0
         self.reset()
 
     def reset(self) -> None:
@@ -59,7 +60,7 @@ class ScriptedSurveyor:
             reason = self.memory.reason_against(f, occupancy.spec, occupancy.data)
             judged.append(replace(f, state=FrontierState.UNREACHABLE, reason=reason) if reason else f)
         is_open = tuple(i for i, f in enumerate(judged) if f.state is FrontierState.OPEN)
-        return Survey(tuple(judged), np.ones(len(judged)), is_open, 100.0, 50.0, costs)
+        return Survey(tuple(judged), np.ones(len(judged)), is_open, 100.0, self.reachable_area, costs)
 
 
 class Play:
@@ -444,3 +445,13 @@ def test_time_in_which_a_person_drives_is_no_lack_of_progress() -> None:
     play.mission.resume(play.now_ns)
     assert play.step() == []
     assert play.mission.state is ExploreState.DRIVING
+
+
+@pytest.mark.parametrize(("area", "code"), [(0.3, "STUCK"), (3.0, "SUCCEEDED")])
+def test_a_robot_that_can_reach_next_to_nothing_has_not_explored_but_is_boxed_in(area: float, code: str) -> None:
+    """No frontier is open, but only because it stands between obstacles: that is no proof."""
+    play = Play(goal=ExploreGoal(return_to_start=False))
+    play.surveyor.reachable_area = area
+    ended = play.until_ended()
+    assert ended.code == code
+    assert ("boxed in" in ended.text) == (code == "STUCK")

@@ -187,6 +187,22 @@ def test_wrong_loop_closures_are_outvoted(kernel: RobustKernel) -> None:
         assert set(np.argsort(result.edge_chi2)[-6:]) == set(range(len(z) - 6, len(z)))
 
 
+@pytest.mark.parametrize("kernel", [RobustKernel.DCS, RobustKernel.GEMAN_MCCLURE])
+def test_wrong_loop_closures_do_not_bend_the_first_guess(kernel: RobustKernel) -> None:
+    """From poses that are lost, half of the loop closures wrong: the guess must come from the chain, else the robust kernel would hold
+    on to whichever closures the guess happens to fit."""
+    rng = np.random.default_rng(8)
+    graph, truth = ring(rng, n=60, loops=30)
+    z = graph.measurements.copy()
+    z[-15:] += rng.uniform(2.0, 4.0, (15, 3))
+    lost = truth + rng.normal(0.0, 3.0, truth.shape)
+    lost[0] = truth[0]
+    bad = PoseGraph(lost, graph.edge_from, graph.edge_to, z, graph.information, graph.is_robust)
+    config = SolverConfig(robust_kernel=kernel, robust_width=2.0, initial_guess=InitialGuess.CHORDAL)
+    poses = solve(bad, config=config).poses
+    assert float(np.hypot(*(poses - truth)[:, :2].T).max()) < 0.3
+
+
 def test_same_input_gives_the_same_bits() -> None:
     graph, _ = ring(np.random.default_rng(4))
     assert np.array_equal(solve(graph).poses, solve(graph).poses)

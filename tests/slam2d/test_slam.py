@@ -45,6 +45,13 @@ def test_odometry_that_stands_still_is_overruled_by_the_scans() -> None:
     assert errors(course.truth, [r.map_from_base for r in results])[:, 0].max() < 0.05
 
 
+def test_odometry_that_tells_three_times_the_way_is_found_out_and_not_followed() -> None:
+    """Wheels that spin: after a few scans the windows widen and the last motion is tried as well, and no scan is matched elsewhere."""
+    course = drive(oval(1.0, 80), lambda pose, motion: SE2(3.0 * motion.x, motion.y, motion.yaw))
+    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(1), with_background=False)
+    assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
+
+
 def test_nodes_are_added_on_motion_only() -> None:
     slam, scan = Slam2d(), scan_at(SE2(0.3, 0.1, 0.2))
     nodes = [slam.update(replace(scan, stamp_ns=(k + 1) * PERIOD_NS)).node for k in range(30)]

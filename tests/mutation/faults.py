@@ -1,0 +1,13 @@
+"""Every planted fault, room by room."""
+
+from __future__ import annotations
+
+from tests.mutation.faults_of_localization import LOCALIZATION
+from tests.mutation.faults_of_mapping import MAPPING
+from tests.mutation.faults_of_metrics import METRICS
+from tests.mutation.faults_of_motion import MOTION
+from tests.mutation.faults_of_safety import SAFETY
+from tests.mutation.faults_of_sensors import SENSORS
+from tests.mutation.planted import PlantedFault
+
+FAULTS: tuple[PlantedFault, ...] = METRICS + SENSORS + LOCALIZATION + MAPPING + SAFETY + MOTION

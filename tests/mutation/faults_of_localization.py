@@ -1,0 +1,212 @@
+"""Faults of odometry and of localization in a known map."""
+
+from __future__ import annotations
+
+from tests.mutation.planted import PlantedFault
+
+EKF = ("tests/localization/test_planar_ekf.py",)
+EKF_NOISE = ("tests/localization/test_planar_ekf_noise.py",)
+ODOMETRY = ("tests/localization/test_odometry.py",)
+HONEST = ("tests/localization/test_honesty.py",)
+SUPERVISOR = ("tests/localization/test_supervisor.py",)
+FOUND = ("tests/localization/test_relocalization.py",)
+LOCALIZERS = ("tests/localization/test_localizers.py",)
+
+LOCALIZATION = (
+    PlantedFault(
+        "the EKF's cross term of process noise has the wrong sign",
+        "kernels/planar_ekf.py",
+        "p[0, 1] += cube * ux * uy",
+        "p[0, 1] -= cube * ux * uy",
+        EKF_NOISE,
+    ),
+    PlantedFault(
+        "speeds may change four times as fast (variance)",
+        "localization/planar_ekf.py",
+        "c.speed_noise**2,",
+        "4.0 * c.speed_noise**2,",
+        EKF_NOISE,
+    ),
+    PlantedFault(
+        "wheels that slip keep their weight",
+        "localization/planar_ekf.py",
+        "r *= np.outer(root, root)",
+        "r *= 1.0",
+        EKF_NOISE,
+    ),
+    PlantedFault(
+        "wheels have lost their weight for good once they slipped",
+        "localization/planar_ekf.py",
+        "return entry.stamp_ns < entry.slip_until_ns",
+        "return entry.slip_until_ns > 0",
+        EKF_NOISE,
+    ),
+    PlantedFault(
+        "the EKF's gate refuses nothing",
+        "localization/planar_ekf.py",
+        "r, gate = entry.r, self.config.gate",
+        "r, gate = entry.r, math.inf",
+        EKF,
+    ),
+    PlantedFault(
+        "the gyroscope's bias has the wrong sign where slip is judged",
+        "localization/planar_ekf.py",
+        "difference = float(entry.z[2]) - (rate - float(entry.x[6]))",
+        "difference = float(entry.z[2]) - (rate + float(entry.x[6]))",
+        EKF_NOISE,
+    ),
+    PlantedFault(
+        "late measurements are put at the end",
+        "localization/planar_ekf.py",
+        "at = bisect_right(self._stamps, entry.stamp_ns)",
+        "at = len(self._stamps) if entry.stamp_ns >= min(self._stamps, default=0) else 0",
+        EKF,
+    ),
+    PlantedFault(
+        "odometry's noise is that of half the way",
+        "localization/motion.py",
+        "xy = self.translation**2 * way",
+        "xy = self.translation**2 * 0.5 * way",
+        HONEST,
+    ),
+    PlantedFault(
+        "an uncertain heading does not make the way uncertain",
+        "localization/motion.py",
+        "jacobian[0, 2], jacobian[1, 2] = pose.y - moved.y, moved.x - pose.x",
+        "jacobian[0, 2], jacobian[1, 2] = 0.0, 0.0",
+        HONEST,
+    ),
+    PlantedFault(
+        "the lever of the heading has the wrong sign",
+        "localization/motion.py",
+        "jacobian[0, 2], jacobian[1, 2] = pose.y - moved.y, moved.x - pose.x",
+        "jacobian[0, 2], jacobian[1, 2] = moved.y - pose.y, pose.x - moved.x",
+        HONEST,
+    ),
+    PlantedFault(
+        "walls of one map hardly err together",
+        "localization/matcher.py",
+        "MAP_DOUBT = 2.1",
+        "MAP_DOUBT = 0.5",
+        HONEST,
+    ),
+    PlantedFault(
+        "the covariance of a match is told without the map's errors",
+        "localization/matcher.py",
+        "published = (posterior + kept @ match.map_covariance() @ kept.T)[:3, :3]",
+        "published = posterior[:3, :3]",
+        HONEST,
+    ),
+    PlantedFault(
+        "the covariance that the tracker tells is halved",
+        "localization/grid_tracker.py",
+        "fusion.map_from_base, fusion.published, result.score",
+        "fusion.map_from_base, 0.5 * fusion.published, result.score",
+        HONEST,
+    ),
+    PlantedFault(
+        "a heading beyond 180 degrees is not wrapped when a match is fused",
+        "localization/matcher.py",
+        "innovation[2] = wrap_angle(float(innovation[2]))",
+        "innovation[2] = float(innovation[2])",
+        HONEST,
+    ),
+    PlantedFault(
+        "the grid tracker believes any match",
+        "localization/grid_tracker.py",
+        "if fusion.surprise > config.gate:",
+        "if fusion.surprise > 1e9:",
+        HONEST,
+    ),
+    PlantedFault(
+        "nine tenths of the returns may run through walls",
+        "localization/supervisor.py",
+        "through_most: float = 0.2",
+        "through_most: float = 0.9",
+        SUPERVISOR,
+    ),
+    PlantedFault(
+        "a wrong pose is believed ten times as long",
+        "localization/supervisor.py",
+        "lost_after: float = 1.0",
+        "lost_after: float = 10.0",
+        SUPERVISOR,
+    ),
+    PlantedFault(
+        "a robot is lost at the first bad scan",
+        "localization/supervisor.py",
+        "now - self._wrong_since_ns >= config.lost_after * 1e9",
+        "now - self._wrong_since_ns >= 0",
+        SUPERVISOR,
+    ),
+    PlantedFault(
+        "a pose that explains little is not degraded",
+        "localization/supervisor.py",
+        "explained_good: float = 0.6",
+        "explained_good: float = 0.36",
+        SUPERVISOR,
+    ),
+    PlantedFault(
+        "a place that is a little better makes the robot lost",
+        "localization/supervisor.py",
+        "better_by: float = 0.25",
+        "better_by: float = 0.0",
+        SUPERVISOR,
+    ),
+    PlantedFault(
+        "searches that were begun before a pose was set are not void",
+        "localization/supervisor.py",
+        "if result.series != self._series or now is None:",
+        "if now is None:",
+        ("tests/localization/test_relocalization.py::test_a_search_that_was_overtaken_is_void",),
+    ),
+    PlantedFault(
+        "one view is enough to believe a place",
+        "localization/relocalizer.py",
+        "and viewpoints >= 2",
+        "and viewpoints >= 1",
+        FOUND,
+    ),
+    PlantedFault(
+        "places that look alike are not told",
+        "localization/relocalizer.py",
+        "if lead < config.margin:",
+        "if lead < 0.0:",
+        FOUND,
+    ),
+    PlantedFault(
+        "half of the headings are not searched",
+        "localization/relocalizer.py",
+        "angles = np.arange(turns) * (2.0 * math.pi / turns) - math.pi",
+        "angles = np.arange(turns) * (math.pi / turns) - math.pi",
+        FOUND,
+    ),
+    PlantedFault(
+        "turn rates are taken about the body's own axis",
+        "localization/odometry.py",
+        "yaw_rate = (wy * math.sin(roll) + wz * math.cos(roll)) / max(math.cos(pitch), 0.5)",
+        "yaw_rate = wz",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "the turning of wheels counts fully beside a gyroscope",
+        "localization/odometry.py",
+        "doubt = (config.turn_doubt * turning) ** 2 + (config.way_doubt * speed) ** 2 if has_imu else 0.0",
+        "doubt = 0.0",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "a pose of the wheels that was set is driven",
+        "localization/odometry.py",
+        "            twist = told\n",
+        "            pass\n",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "a reflector is learned from one view",
+        "localization/reflectors.py",
+        "keep = self._views >= self._least_views",
+        "keep = self._views >= 1",
+        ("tests/localization/test_relocalization.py::test_a_glint_seen_once_is_not_learned_as_a_reflector",),
+    ),
+)

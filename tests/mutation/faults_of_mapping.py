@@ -1,0 +1,225 @@
+"""Faults of scan matching, loop closure, the pose graph, of merged scans and of glass."""
+
+from __future__ import annotations
+
+from tests.mutation.planted import PlantedFault
+
+LOOPS = ("tests/slam2d/test_loop_searcher.py",)
+BACK_END = ("tests/slam2d/test_back_end.py::test_surprising_closures_wait_for_one_that_agrees",)
+LINKS = ("tests/slam2d/test_back_end.py::test_path_lengths_take_the_shortest_way_through_loops",)
+SLAM = ("tests/slam2d/test_slam.py",)
+EXTRAPOLATOR = ("tests/slam2d/test_extrapolator.py",)
+GRAPH = ("tests/slam2d/test_graph.py",)
+REFINE = ("tests/registration/test_gauss_newton.py",)
+CORRELATE = ("tests/registration/test_correlative.py",)
+BOUND = ("tests/registration/test_branch_bound.py",)
+SOLVER = ("tests/posegraph/test_solver.py",)
+MERGER = ("tests/perception/test_merger.py",)
+PLANAR = ("tests/perception/test_planar.py",)
+GLASS = ("tests/perception/test_glass.py",)
+
+MAPPING = (
+    PlantedFault(
+        "a loop closure may fit ten times worse than a place does",
+        "slam2d/config.py",
+        "min_score: float = 0.55",
+        "min_score: float = 0.1",
+        LOOPS,
+    ),
+    PlantedFault(
+        "a loop closure need not fit as local matches do",
+        "slam2d/config.py",
+        "min_score_ratio: float = 0.78",
+        "min_score_ratio: float = 0.1",
+        LOOPS,
+    ),
+    PlantedFault(
+        "a loop closure counts whatever its share of inliers",
+        "slam2d/loop_closure.py",
+        " or match.inlier_ratio < candidate.min_inlier_ratio",
+        "",
+        LOOPS,
+    ),
+    PlantedFault(
+        "the shift of a loop closure has the wrong sign",
+        "slam2d/loop_closure.py",
+        "(new.x - old.x, new.y - old.y, wrap_angle(new.yaw - old.yaw))",
+        "(old.x - new.x, old.y - new.y, wrap_angle(old.yaw - new.yaw))",
+        LOOPS,
+    ),
+    PlantedFault(
+        "surprising loop closures are believed alone",
+        "slam2d/loop_closure.py",
+        "if c.size <= config.surprise or any(",
+        "if c.size <= 1e9 or any(",
+        BACK_END,
+    ),
+    PlantedFault(
+        "a loop closure confirms itself from the same node",
+        "slam2d/loop_closure.py",
+        "self.edge.edge_to != other.edge.edge_to and away",
+        "self is not other and away",
+        BACK_END,
+    ),
+    PlantedFault(
+        "headings of two loop closures need not agree",
+        "slam2d/loop_closure.py",
+        " and turned < limits[1]",
+        "",
+        BACK_END,
+    ),
+    PlantedFault(
+        "path lengths between submaps count a loop closure one way only",
+        "slam2d/loop_closure.py",
+        "self._neighbours[b][a] = self._neighbours[a][b]",
+        "self._neighbours[b][a] = length if length > 1.0 else 1e9",
+        LINKS,
+    ),
+    PlantedFault(
+        "loop closures far beyond their sigma stay in the graph",
+        "slam2d/graph.py",
+        "result.edge_chi2 > config.reject_width**2",
+        "result.edge_chi2 > 1e12",
+        GRAPH,
+    ),
+    PlantedFault(
+        "loop closures are not robust in the graph",
+        "slam2d/graph.py",
+        "np.concatenate((graph.is_robust, [e.kind == EdgeKind.INTER for e in extra]))",
+        "np.concatenate((graph.is_robust, [False for e in extra]))",
+        GRAPH,
+    ),
+    PlantedFault(
+        "an edge's covariance is not turned into the measured frame",
+        "slam2d/graph.py",
+        "turned = turn @ covariance @ turn.T + np.diag",
+        "turned = covariance + np.diag",
+        GRAPH,
+    ),
+    PlantedFault(
+        "the information of odometry is that of its sigma, not of its variance",
+        "slam2d/graph.py",
+        "np.diag([sigma[0] ** -2, sigma[0] ** -2, sigma[1] ** -2])",
+        "np.diag([sigma[0] ** -1, sigma[0] ** -1, sigma[1] ** -1])",
+        GRAPH,
+    ),
+    PlantedFault(
+        "the gyroscope does not turn the predicted motion",
+        "slam2d/extrapolator.py",
+        "return SE2(motion.x, motion.y, wrap_angle(yaw1.yaw - yaw0.yaw))",
+        "return motion",
+        EXTRAPOLATOR,
+    ),
+    PlantedFault(
+        "predictions continue the last motion whatever the time between scans",
+        "slam2d/extrapolator.py",
+        "SE2.exp((poses[-2].inverse() @ poses[-1]).log() * min(ratio, 2.0))",
+        "poses[-2].inverse() @ poses[-1]",
+        EXTRAPOLATOR,
+    ),
+    PlantedFault(
+        "the twist for motion compensation is told per scan, not per second",
+        "slam2d/extrapolator.py",
+        "else motion).log() / span",
+        "else motion).log()",
+        EXTRAPOLATOR,
+    ),
+    PlantedFault(
+        "odometry that slips is trusted",
+        "slam2d/front_end.py",
+        "is_trusted = prediction.is_measured and self.odometry_error < 1.0",
+        "is_trusted = prediction.is_measured",
+        SLAM,
+    ),
+    PlantedFault(
+        "scans are inserted although the robot stands",
+        "slam2d/front_end.py",
+        "if self._inserted is None:\n            return True",
+        "return True",
+        SLAM,
+    ),
+    PlantedFault(
+        "a match states a quarter of its variance",
+        "registration/gauss_newton.py",
+        "cov = sigma**2 * np.linalg.inv(",
+        "cov = 0.25 * sigma**2 * np.linalg.inv(",
+        REFINE,
+    ),
+    PlantedFault(
+        "the degeneracy of a corridor is not told",
+        "registration/gauss_newton.py",
+        "return float(max(0.0, low) / high) if high > 0.0 else 0.0",
+        "return 1.0",
+        REFINE,
+    ),
+    PlantedFault(
+        "the correlative search looks at half of its window",
+        "registration/correlative.py",
+        "half = math.ceil(window.linear / resolution)",
+        "half = math.ceil(0.5 * window.linear / resolution)",
+        CORRELATE,
+    ),
+    PlantedFault(
+        "headings between two steps of the search are left out",
+        "registration/correlative.py",
+        "step = angular_step(points, resolution, 0.9)",
+        "step = 4.0 * angular_step(points, resolution, 0.9)",
+        CORRELATE,
+    ),
+    PlantedFault(
+        "branch and bound accepts what lies below the least score",
+        "registration/branch_bound.py",
+        "min_sum = math.floor((min_score - 0.1) / 0.8 * 255.0 * len(points))",
+        "min_sum = 0",
+        BOUND,
+    ),
+    PlantedFault(
+        "solved headings are not brought into one turn",
+        "posegraph/solver.py",
+        "poses[:, 2] = (poses[:, 2] + np.pi) % (2.0 * np.pi) - np.pi",
+        "poses[:, 2] += 2.0 * np.pi",
+        SOLVER,
+    ),
+    PlantedFault(
+        "flagged edges bend the first guess of the pose graph",
+        "posegraph/solver.py",
+        "trust = np.where(graph.is_robust, 1e-3, 1.0)",
+        "trust = np.where(graph.is_robust, 1.0, 1e-3)",
+        SOLVER,
+    ),
+    PlantedFault(
+        "the solver stops after one iteration and calls it converged",
+        "posegraph/solver.py",
+        "                poses, cost = moved, new_cost\n",
+        "                poses, cost = moved, new_cost\n                return poses, cost, iteration, True\n",
+        SOLVER,
+    ),
+    PlantedFault(
+        "the pose graph's chi-squared is that of the guess",
+        "posegraph/solver.py",
+        "kernels.edge_chi2(poses, graph.edge_from",
+        "kernels.edge_chi2(graph.poses, graph.edge_from",
+        SOLVER,
+    ),
+    PlantedFault(
+        "a leaning body does not tilt its scanner",
+        "perception/planar.py",
+        "return SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0) @ base_from_sensor",
+        "return base_from_sensor",
+        PLANAR,
+    ),
+    PlantedFault(
+        "beams are not moved to the stamp of their scan",
+        "perception/planar.py",
+        "np.array([scan.angle_min, scan.angle_increment, scan.time_increment])",
+        "np.array([scan.angle_min, scan.angle_increment, 0.0])",
+        PLANAR,
+    ),
+    PlantedFault(
+        "painted surfaces count as glass",
+        "perception/glass.py",
+        "is_glass = (intensities >= self.config.intensity_min) & (intensities <= self.config.intensity_max)",
+        "is_glass = intensities >= 0.0",
+        GLASS,
+    ),
+)

@@ -1,0 +1,148 @@
+"""Faults of the simulation: a world that is too kind makes every measurement in it too good."""
+
+from __future__ import annotations
+
+from tests.mutation.planted import PlantedFault
+
+NOISE = ("tests/sim/test_odometry_noise.py",)
+SENSED = ("tests/sim/test_sensors.py",)
+INERTIAL = ("tests/sim/test_imu_noise.py",)
+ULTRASONIC = ("tests/sim/test_ultrasonic.py",)
+PHYSICS = ("tests/sim/test_physics.py",)
+FAULTS = ("tests/sim/test_faults.py",)
+
+SENSORS = (
+    PlantedFault(
+        "wheels do not slip",
+        "sim/odometry.py",
+        "noise = spec.slip_sigma * math.sqrt(1.0 - keep * keep)",
+        "noise, self._slip = 0.0, 0.0 * self._slip",
+        NOISE,
+    ),
+    PlantedFault(
+        "slip keeps its first value for ever",
+        "sim/odometry.py",
+        "self._slip = keep * self._slip + noise",
+        "self._slip = self._slip + 0.0",
+        NOISE,
+    ),
+    PlantedFault(
+        "the base knows its track exactly",
+        "sim/odometry.py",
+        "1.0 + spec.track_sigma *",
+        "1.0 + 0.0 *",
+        NOISE,
+    ),
+    PlantedFault(
+        "the base knows its wheels' radii exactly",
+        "sim/odometry.py",
+        "1.0 + spec.radius_sigma *",
+        "1.0 + 0.0 *",
+        NOISE,
+    ),
+    PlantedFault(
+        "roll and pitch of legs have no noise",
+        "sim/odometry.py",
+        "roll, pitch = sigma * self._rng.standard_normal(2)",
+        "roll, pitch = 0.0 * self._rng.standard_normal(2)",
+        NOISE,
+    ),
+    PlantedFault(
+        "the wheels' odometry states a hundredth of its variance",
+        "sim/odometry.py",
+        "along = (0.02 * self._path) ** 2 + 1e-6",
+        "along = (0.002 * self._path) ** 2 + 1e-6",
+        NOISE,
+    ),
+    PlantedFault(
+        "the gyroscope has no noise",
+        "sim/imu.py",
+        "self._white = densities * math.sqrt(spec.rate_hz)",
+        "self._white = 0.0 * densities * math.sqrt(spec.rate_hz)",
+        INERTIAL,
+    ),
+    PlantedFault(
+        "the IMU is white at one rate only",
+        "sim/imu.py",
+        "self._white = densities * math.sqrt(spec.rate_hz)",
+        "self._white = densities * 10.0",
+        INERTIAL,
+    ),
+    PlantedFault(
+        "the IMU has no bias when it is switched on",
+        "sim/imu.py",
+        "self._bias = sigma * rng.standard_normal(6)",
+        "self._bias = 0.0 * sigma * rng.standard_normal(6)",
+        INERTIAL,
+    ),
+    PlantedFault(
+        "the bias of the IMU stands still",
+        "sim/imu.py",
+        "self._bias = self._keep * self._bias + self._drive * chance[:6]",
+        "self._bias = self._bias + 0.0 * chance[:6]",
+        INERTIAL,
+    ),
+    PlantedFault(
+        "gravity pulls the IMU upwards",
+        "sim/imu.py",
+        "(ax, ay, az + GRAVITY)",
+        "(ax, ay, az - GRAVITY)",
+        SENSED,
+    ),
+    PlantedFault(
+        "range noise does not grow with the range",
+        "sim/lidar.py",
+        "spec.sigma_0, spec.sigma_1, spec.dropout)",
+        "spec.sigma_0, 0.0, spec.dropout)",
+        SENSED,
+    ),
+    PlantedFault(
+        "no beam is lost where it meets a surface at a flat angle",
+        "sim/lidar.py",
+        "*(spec.grazing_cosine, spec.grazing_dropout,",
+        "*(spec.grazing_cosine, 0.0,",
+        SENSED,
+    ),
+    PlantedFault(
+        "sound has no noise",
+        "sim/ultrasonic.py",
+        "distance += spec.sigma * noise",
+        "distance += 0.0 * noise",
+        ULTRASONIC,
+    ),
+    PlantedFault(
+        "no echo is lost",
+        "sim/ultrasonic.py",
+        "if chance < spec.dropout:",
+        "if chance < 0.0:",
+        ULTRASONIC,
+    ),
+    PlantedFault(
+        "the base goes on for ever without fresh commands",
+        "sim/base.py",
+        "wanted = self._command if now_ns - self._command_ns <= self._watchdog_ns else BodyVelocity()",
+        "wanted = self._command",
+        PHYSICS,
+    ),
+    PlantedFault(
+        "wheels that slip do not slip",
+        "sim/faults.py",
+        "return SLIP if self.is_on(FaultKind.WHEEL_SLIP, seconds) else 0.0",
+        "return 0.0",
+        FAULTS,
+    ),
+    PlantedFault(
+        "a silent scanner goes on sending",
+        "sim/faults.py",
+        "if self._hits(FaultKind.SCANNER_DROPOUT, frame, seconds):\n            return None",
+        "if self._hits(FaultKind.SCANNER_DROPOUT, frame, seconds):\n            return message, 0.0",
+        FAULTS,
+    ),
+    PlantedFault(
+        "a fault begins at once, whatever its time",
+        "sim/faults.py",
+        "return self.begin <= seconds < self.end",
+        "return seconds < self.end",
+        FAULTS,
+    ),
+)

@@ -1,0 +1,89 @@
+"""Edges of the SLAM graph: what their information means, and what becomes of loop closures that are wrong."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from ambler.core.se2 import SE2
+from ambler.slam2d.config import GraphConfig
+from ambler.slam2d.graph import Edge, EdgeKind, Graph, diagonal_information, information_of, optimize
+
+SIGMA = (0.02, math.radians(0.5))
+
+
+def test_information_is_the_inverse_of_the_variance() -> None:
+    assert np.allclose(np.linalg.inv(diagonal_information((0.1, 0.02))), np.diag([0.01, 0.01, 0.0004]))
+
+
+def test_an_edges_information_holds_in_the_frame_of_its_measurement() -> None:
+    """A pose told along the axes of the submap, 3 cm uncertain along x and 1 cm along y, seen by a base that is turned by 90 degrees:
+    to the base the large uncertainty lies along its own y."""
+    covariance = np.diag([0.03**2, 0.01**2, 0.002**2])
+    turned = np.linalg.inv(information_of(covariance, 0.5 * math.pi, (0.0, 0.0)))
+    assert np.allclose(turned, np.diag([0.01**2, 0.03**2, 0.002**2]))
+    samples = np.random.default_rng(3).multivariate_normal(np.zeros(3), covariance, 40_000)
+    yaw = 0.7
+    local = np.column_stack([SE2(0.0, 0.0, -yaw).transform(samples[:, :2]), samples[:, 2]])
+    floor = np.diag([0.004**2, 0.004**2, 0.001**2])
+    told = np.linalg.inv(information_of(covariance, yaw, (0.004, 0.001)))
+    assert np.allclose(told, np.cov(local.T) + floor, rtol=0.05, atol=2e-6)
+
+
+def ring(noise: float = 0.002) -> tuple[Graph, list[SE2]]:
+    """A chain of 40 vertices around a circle, whose odometry edges drift."""
+    rng, graph = np.random.default_rng(5), Graph()
+    truth = [SE2(5.0 * math.cos(a), 5.0 * math.sin(a), a + 0.5 * math.pi) for a in np.linspace(0.0, 2.0 * math.pi, 40)]
+    pose = truth[0]
+    graph.add_vertex(pose)
+    for a, b in pairwise(truth):
+        motion = (a.inverse() @ b) @ SE2(*(noise * rng.standard_normal(3) + (0.004, 0.0, 0.004)).tolist())
+        pose = pose @ motion
+        graph.add_vertex(pose)
+        graph.add_edge(
+            Edge(graph.vertices - 2, graph.vertices - 1, motion, diagonal_information(SIGMA), EdgeKind.LOCAL)
+        )
+    return graph, truth
+
+
+def worst(poses: np.ndarray, truth: list[SE2]) -> float:
+    return max(math.hypot(p[0] - t.x, p[1] - t.y) for p, t in zip(poses, truth, strict=True))
+
+
+def closing(truth: list[SE2], a: int, b: int, error: SE2 | None = None) -> Edge:
+    measured = truth[a].inverse() @ truth[b] @ (error or SE2())
+    return Edge(a, b, measured, diagonal_information(SIGMA), EdgeKind.INTER)
+
+
+def test_a_right_loop_closure_stays_and_pulls_the_chain_together() -> None:
+    graph, truth = ring()
+    assert worst(graph.poses, truth) > 0.4
+    solved = optimize(graph.snapshot(), [closing(truth, 0, 39), closing(truth, 2, 38)], GraphConfig())
+    assert solved.rejected == ()
+    assert worst(solved.poses, truth) < 0.5 * worst(graph.poses, truth)
+
+
+def test_a_wrong_loop_closure_is_thrown_out_and_bends_nothing() -> None:
+    """Among right ones, one that is 3 m wrong: named, and the poses are those without it."""
+    graph, truth = ring()
+    right = [closing(truth, k, 39 - k) for k in range(4)]
+    wrong = closing(truth, 10, 30, SE2(3.0, 1.0, 0.5))
+    solved = optimize(graph.snapshot(), [*right, wrong], GraphConfig())
+    assert solved.rejected == ((10, 30),)
+    without = optimize(graph.snapshot(), right, GraphConfig())
+    assert np.abs(solved.poses - without.poses).max() < 0.01
+
+
+def test_a_loop_closure_that_disagrees_twice_as_much_does_not_bend_twice_as_much() -> None:
+    """Within the width of rejection the robust kernel holds it; by least squares its pull would grow with its error."""
+    graph, truth = ring(noise=0.0)
+    right = [closing(truth, k, 39 - k) for k in range(4)]
+    base = optimize(graph.snapshot(), right, GraphConfig()).poses
+    bends = []
+    for error in (0.12, 0.24):  # 6 and 12 sigma
+        solved = optimize(graph.snapshot(), [*right, closing(truth, 10, 12, SE2(error, 0.0, 0.0))], GraphConfig())
+        assert solved.rejected == ()
+        bends.append(float(np.hypot(*(solved.poses - base)[:, :2].T).max()))
+    assert 0.01 < bends[0] < bends[1] < 1.3 * bends[0]
