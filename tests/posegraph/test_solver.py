@@ -168,6 +168,21 @@ def test_exact_measurements_are_met_exactly_from_a_far_guess() -> None:
     np.testing.assert_allclose(result.poses[:, :2], truth[:, :2], atol=1e-8)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_poses_that_lead_astray_are_given_up_for_the_relaxation(seed: int) -> None:
+    """From far off the given poses do not get there in as many iterations as the default needs with the relaxation."""
+    rng = np.random.default_rng(seed)
+    graph, truth = ring(rng, noise=5e-3)
+    far = truth + rng.normal(0.0, 3.0, truth.shape)
+    far[0] = truth[0]
+    wild = PoseGraph(far, graph.edge_from, graph.edge_to, graph.measurements, graph.information, graph.is_robust)
+    best, result = solve(graph), solve(wild)
+    config = SolverConfig(initial_guess=InitialGuess.GIVEN, max_iterations=result.iterations)
+    assert not solve(wild, config=config).converged
+    assert result.converged
+    assert result.cost == pytest.approx(best.cost, rel=1e-4)
+
+
 @pytest.mark.parametrize("kernel", [RobustKernel.HUBER, RobustKernel.DCS, RobustKernel.GEMAN_MCCLURE])
 def test_wrong_loop_closures_are_outvoted(kernel: RobustKernel) -> None:
     rng = np.random.default_rng(8)

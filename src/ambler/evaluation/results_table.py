@@ -120,6 +120,10 @@ _PLANNER = (
 )
 
 
+_VERBS = ("explore", "navigate", "navigate_lost", "dock", "undock")
+_DISTURBANCES = ("stalled_disk", "full_disk", "recorder_raises", "log_raises")
+
+
 def _is_localized(fields: dict[str, Any], localizer: str) -> bool:
     names = [f"{place}_{localizer}_" for place in ("aisle", "wall", "building")]
     return all(fields[n + "error_rms_m"] <= 0.01 and 0.5 <= fields[n + "nees_mean"] <= 2.0 for n in names)
@@ -386,6 +390,36 @@ ROWS: Sequence[Row] = (
         "99 % {none_command_p99_ms:.1f} ms, worst {none_command_max_ms:.1f} ms in {none_command_seconds:.0f} s (empty loop {none_empty_loop_p99_ms:.1f}, "
         "{none_empty_loop_max_ms:.1f}); stopped {failure_stopped_s:.2f} s after a failure",
         _all(_at_most(none_command_max_ms=40.0, failure_stopped_s=0.2), _at_least(none_command_seconds=600.0)),
+    ),
+    Row(
+        "the same while the disk stalls for 5 s, is full, the recorder or the log raises: 99 % of the periods",
+        "≤ 10 ms more than undisturbed in the same run",
+        "bench_live_disturbed.json",
+        "undisturbed {none_command_p99_ms:.1f} ms; "
+        + ", ".join(f"{{{name}_command_p99_ms:.1f}}" for name in _DISTURBANCES)
+        + " ms",
+        lambda f: max(f[f"{name}_command_p99_ms"] for name in _DISTURBANCES) <= f["none_command_p99_ms"] + 10.0,
+    ),
+    Row(
+        "live, each verb in real time: " + ", ".join(name.replace("_", " ") for name in _VERBS),
+        "10 of 10 each",
+        "live.json",
+        ", ".join(f"{{{name}_succeeded}}" for name in _VERBS) + " of {explore_runs} each",
+        _all(*(_every(f"{name}_", "succeeded", of=10) for name in _VERBS)),
+    ),
+    Row(
+        "runs ended by a signal at a random instant",
+        "30 of 30 leave what was known, whole",
+        "interrupts.json",
+        "{in_order} of {runs}; {with_map} with their map, {before_the_run} before anything was known",
+        _every("", "in_order", of=30),
+    ),
+    Row(
+        "faults planted into the source, one by one",
+        "≥ 60, each noticed by a fast test in < 60 s",
+        "mutation.json",
+        "{noticed} of {faults} noticed, the slowest after {slowest_seconds:.0f} s",
+        _all(_every("", "noticed", "faults", of=60), _at_most(slowest_seconds=60.0)),
     ),
     Row(
         "velocity gate: random search for a counterexample",
