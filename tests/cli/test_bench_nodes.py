@@ -26,8 +26,8 @@ class Ticking(Node):
         self.ctx.timer(0.1, self._tick)
 
     def _tick(self) -> None:
-        until = time.perf_counter() + self._work
-        while time.perf_counter() < until:
+        until = time.thread_time() + self._work
+        while time.thread_time() < until:
             pass
 
 

@@ -61,8 +61,8 @@ SAFETY = (
     PlantedFault(
         "odometry may be ten times as old",
         "safety/config.py",
-        "odometry_timeout: float = 0.2",
-        "odometry_timeout: float = 2.0",
+        "odometry_timeout: float = 0.3",
+        "odometry_timeout: float = 3.0",
         NUMBERS,
     ),
     PlantedFault(

@@ -661,7 +661,7 @@ def stale_input_stops(m: ModuleType) -> None:
         b = Bench(m)
         b.tick(60, (0.8, 0.0, 0.0))
         setattr(b, name, False)
-        timeout = 25 if name == "has_points" else 10
+        timeout = 25 if name == "has_points" else 15
         step = b.tick(timeout, (0.8, 0.0, 0.0))
         assert step.velocity == BodyVelocity(0.8)
         step = b.tick(1, (0.8, 0.0, 0.0))

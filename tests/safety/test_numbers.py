@@ -90,7 +90,7 @@ def test_how_long_a_silence_is_borne_and_how_long_it_is_distrusted() -> None:
     bench.has_points = True
     assert ticks_until(bench, GateState.ARMED) == pytest.approx(0.5, abs=0.03)
     bench.has_odometry = False
-    assert ticks_until(bench, GateState.FAULT) == pytest.approx(0.2, abs=0.03)
+    assert ticks_until(bench, GateState.FAULT) == pytest.approx(0.3, abs=0.03)
 
 
 @pytest.mark.parametrize(("source", "timeout"), [("teleop", 0.4), ("docking", 0.3), ("navigation", 0.3)])

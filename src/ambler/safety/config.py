@@ -44,7 +44,7 @@ class GateConfig:
     resume_delay: float = 2.0
     stale_delay: float = 0.5
     points_timeout: float = 0.5
-    odometry_timeout: float = 0.2
+    odometry_timeout: float = 0.3
     max_step_gap: float = 0.25
     max_future: float = 0.1
     self_depth: float = 0.05
