@@ -8,21 +8,18 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
-
-import numpy as np
 
 from ambler.core import messages as m
 from ambler.core.camera import CameraModel
 from ambler.core.devices import DeviceHealth, DeviceState
 from ambler.core.protocols import BodyVelocity
-from ambler.core.se3 import SE3, Vector3
+from ambler.core.se3 import Vector3
 from ambler.sim.body import TICK, TICK_NS, Body
 from ambler.sim.camera import CameraSpec
 from ambler.sim.dock_camera import DockCamera
 from ambler.sim.imu import ImuSensor
-from ambler.sim.lidar import LidarSensor, Movers
+from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.sensors import ImuSpec, LidarSpec, UltrasonicSpec
 from ambler.sim.ultrasonic import UltrasonicSensor
@@ -79,14 +76,10 @@ class SimulatedDevice(Generic[M]):
         """Return what has arrived since the last call, oldest first."""
         with self._world.lock:
             self._world.advance(now_ns)
-            sent = self._sent_until(now_ns - self._latency_ns)
-        return [self._finished(message) for message in sent]
+            return self.take(now_ns - self._latency_ns)
 
     def take(self, until_ns: int) -> Sequence[M]:
         """Return what was sent until an instant, oldest first, however long it takes to arrive."""
-        return [self._finished(message) for message in self._sent_until(until_ns)]
-
-    def _sent_until(self, until_ns: int) -> Sequence[M]:
         sent = self._sent
         if not sent or sent[0][0] > until_ns:
             return ()
@@ -94,10 +87,6 @@ class SimulatedDevice(Generic[M]):
         while sent and sent[0][0] <= until_ns:
             out.append(heapq.heappop(sent)[2])
         return out
-
-    def _finished(self, message: M) -> M:
-        """Do what of a measurement takes long, when it is read: the world and the other devices do not wait for it."""
-        return message
 
     def sense(self) -> None:
         """Measure now, and say when to measure next."""
@@ -227,18 +216,6 @@ class SimulatedImu(SimulatedDevice[m.Imu]):
             self._send(sample)
 
 
-@dataclass(frozen=True, slots=True)
-class Exposure:
-    """All that a picture depends on: the poses of the base while the shutter was open, seconds since the world's begin, what moves."""
-
-    poses: Sequence[SE3]
-    seconds: float
-    movers: Movers
-
-
-_NOTHING = np.zeros((0, 0), np.uint8)
-
-
 class SimulatedCamera(SimulatedDevice[m.Image]):
     """A camera: pictures arrive 40 ms after they were taken, and are taken only while they are wanted."""
 
@@ -251,7 +228,6 @@ class SimulatedCamera(SimulatedDevice[m.Image]):
         )
         self._rate_ns, self._exposure_ns = round(1e9 / spec.rate_hz), round(spec.exposure * 1e9)
         self._wanted_until_ns = self._next_ns = NEVER_NS
-        self._exposures: dict[int, Exposure] = {}
 
     @property
     def model(self) -> CameraModel:
@@ -264,24 +240,16 @@ class SimulatedCamera(SimulatedDevice[m.Image]):
 
     def take_picture(self) -> m.Image:
         """Return what the camera sees now, stamped in the middle of its exposure."""
-        return self._finished(self._expose())
-
-    def _expose(self) -> m.Image:
-        """Open the shutter; the picture is empty until it is read."""
         world, body = self._world, self._body
         poses = [pose for t, pose in body.history if t >= world.elapsed_ns - self._exposure_ns]
-        stamp_ns = world.now_ns - self._exposure_ns // 2
-        self._exposures[stamp_ns] = Exposure(poses, world.elapsed_ns * 1e-9, world.movers_around(body, 0.0))
-        return m.Image(stamp_ns, self.frame, _NOTHING)
-
-    def _finished(self, message: m.Image) -> m.Image:
-        e = self._exposures.pop(message.stamp_ns)
-        return replace(message, data=self._eye.take(e.poses, e.seconds, e.movers))
+        movers = world.movers_around(body, 0.0)
+        picture = self._eye.take(poses, world.elapsed_ns * 1e-9, movers)
+        return m.Image(world.now_ns - self._exposure_ns // 2, self.frame, picture)
 
     def _measure(self, now_ns: int, elapsed_ns: int) -> None:
         if self._next_ns <= now_ns <= self._wanted_until_ns:
             self._next_ns = now_ns + self._rate_ns
-            self._send(self._expose())
+            self._send(self.take_picture())
 
 
 class SimulatedBattery(SimulatedDevice[m.BatteryState]):
