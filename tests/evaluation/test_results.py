@@ -42,6 +42,7 @@ def test_a_result_knows_its_commit_and_whether_the_code_was_changed(tmp_path: Pa
         package = tmp_path / name / "pkg"
         (package / "evaluation").mkdir(parents=True)
         (package / "__init__.py").touch()
+        (package / ".gitignore").write_text("__pycache__/\n")
         (package / "evaluation" / "state.py").write_text(source)
         if name != "none":
             git(package, "init", "-q")
