@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ambler.kernels.tour import near_tour_costs, order_cost, tour_costs
+from ambler.kernels.tour import COST, add_up, change, change_saving, near_tour_costs, tour_costs
 
 F64 = NDArray[np.float64]
 
@@ -56,8 +56,34 @@ def test_exact_tours_are_the_best_of_all_orders(seed: int, n: int, urgency: floa
 def test_the_cost_of_an_order_is_its_length_plus_urgent_waiting(seed: int, urgency: float) -> None:
     first, between, weights = places(seed, 7)
     order = np.random.default_rng(seed).permutation(7)
-    cost = order_cost(order, first, between, weights, urgency)
-    assert cost == pytest.approx(twin(tuple(order), first, between, weights, urgency))
+    legs, sums = np.zeros((8, 8)), np.empty((4, 8))
+    legs[:7, :7], legs[7, :7] = between, first
+    add_up(order, legs, weights, urgency, sums)
+    assert sums[COST, -1] == pytest.approx(twin(tuple(order), first, between, weights, urgency))
+
+
+@given(seed=st.integers(0, 10_000), n=st.integers(2, 9), urgency=st.sampled_from([0.0, 0.3, 2.0]))
+@settings(max_examples=150, deadline=None)
+def test_what_a_change_saves_is_the_difference_of_the_costs(seed: int, n: int, urgency: float) -> None:
+    rng = np.random.default_rng(seed)
+    first, between, weights = places(seed, n)
+    legs, sums = np.zeros((n + 1, n + 1)), np.empty((4, n + 1))
+    legs[:n, :n], legs[n, :n] = between, first
+    order = rng.permutation(n)
+    add_up(order, legs, weights, urgency, sums)
+    length = int(rng.integers(1, n + 1))
+    begin = int(rng.integers(0, n - length + 1))
+    stretch, rest = list(order[begin : begin + length]), [*order[:begin], *order[begin + length :]]
+    to = int(rng.integers(-1, n - length + 1))
+    assume(to != begin)
+    changed = [*order[:begin], *stretch[::-1], *order[begin + length :]]
+    if to >= 0:
+        changed = [*rest[:to], *stretch, *rest[to:]]
+    cost = twin(tuple(order), first, between, weights, urgency)
+    saving = change_saving(order, begin, length, to, legs, urgency, sums)
+    assert saving == pytest.approx(cost - twin(tuple(changed), first, between, weights, urgency), abs=1e-9)
+    change(order, begin, length, to, np.empty(n, np.int64))
+    assert list(order) == changed
 
 
 @pytest.mark.parametrize("urgency", [0.0, 0.3, 2.0])

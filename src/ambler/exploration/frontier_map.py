@@ -6,6 +6,7 @@ unknown ones. All cells are grouped anew at every update, which costs time in th
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,9 +69,14 @@ class FrontierGroups:
         """Return the centres of all cells in metres, float64 (N, 2), in the order of `cells`."""
         return self.spec.centers_of(np.stack(np.divmod(self.cells, self.spec.width), axis=1))
 
-    def split(self) -> list[NDArray[np.float64]]:
-        """Return the centres of each group's cells in metres, float64 (n, 2)."""
-        return np.split(self.points(), self.starts[1:-1]) if len(self) else []
+    def split(self) -> list[tuple[NDArray[np.float32], tuple[float, float]]]:
+        """Return the centres of each group's cells, float32 (n, 2), and their mean, metres."""
+        if len(self) == 0:
+            return []
+        points = self.points()
+        means = np.add.reduceat(points, self.starts[:-1], axis=0) / self.sizes[:, None]
+        cells, edges = points.astype(np.float32), itertools.pairwise(self.starts.tolist())
+        return [(cells[a:b], (x, y)) for (a, b), (x, y) in zip(edges, means.tolist(), strict=True)]
 
 
 class FrontierMap:

@@ -6,7 +6,7 @@ of the remembered one. A refused frontier may be tried again when the map near i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,8 @@ def patch_around(
 
 @dataclass(slots=True)
 class Refusal:
-    """One remembered place: its cells (m), how often it was tried and looked at in vain, why, and the map around it then."""
+    """One remembered place: its cells (m), how often it was tried and looked at in vain, why, the map around it then, and the `box` of its
+    cells (x0, y0, x1, y1)."""
 
     tree: cKDTree
     center: tuple[float, float]
@@ -63,6 +64,10 @@ class Refusal:
     reason: str
     patch: NDArray[np.uint8]
     is_pardoned: bool = False
+    box: tuple[float, float, float, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.box = (*self.tree.mins.tolist(), *self.tree.maxes.tolist())
 
 
 class FrontierMemory:
@@ -100,11 +105,12 @@ class FrontierMemory:
         """Return the remembered place that this frontier is, or None."""
         cells = frontier.cells.astype(np.float64)
         reach = self.config.match_distance
-        low, high = cells.min(axis=0) - reach, cells.max(axis=0) + reach
+        (x0, y0), (x1, y1) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
         for refusal in reversed(self._refusals):
-            if (refusal.tree.maxes < low).any() or (refusal.tree.mins > high).any():
+            left, bottom, right, top = refusal.box
+            if right < x0 - reach or left > x1 + reach or top < y0 - reach or bottom > y1 + reach:
                 continue
-            near = np.isfinite(refusal.tree.query(cells, distance_upper_bound=self.config.match_distance)[0])
+            near = np.isfinite(refusal.tree.query(cells, distance_upper_bound=reach)[0])
             if near.mean() >= self.config.match_ratio:
                 return refusal
         return None

@@ -99,17 +99,15 @@ class FrontierSurvey:
         gains, headings = self._gains(occupancy, groups, goals)
         diy, dix = occupancy.spec.offset_in(costs.spec)
         frontiers = []
-        for g, cells in enumerate(groups.split()):
+        for g, (cells, centroid) in enumerate(groups.split()):
             goal, path_distance = None, math.inf
             if goals[g] >= 0:
                 iy, ix = divmod(int(goals[g]), occupancy.spec.width)
                 goal = (*occupancy.spec.center_of(iy, ix), float(headings[g]))
                 path_distance = float(distance[iy + diy, ix + dix])
-            frontier = _frontier(cells, goal, path_distance)
+            frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
             frontiers.append(self._judge(frontier, float(gains[g]), occupancy, boundary))
-        frontiers += [
-            self._judge_over(_frontier(cells, None, math.inf), occupancy.spec.resolution) for cells in over.split()
-        ]
+        frontiers += [self._judge_over(*looked_at, occupancy.spec.resolution) for looked_at in over.split()]
         gains = np.concatenate([gains, np.zeros(len(over))])
         is_open = tuple(i for i, f in enumerate(frontiers) if f.state is FrontierState.OPEN)
         cell_area = occupancy.spec.resolution**2
@@ -170,7 +168,7 @@ class FrontierSurvey:
 
     def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, boundary: Boundary) -> Frontier:
         c = self.config
-        if reason := self._too_small(frontier, occupancy.spec.resolution):
+        if reason := self._too_small(frontier.cells, occupancy.spec.resolution):
             return _refused(frontier, FrontierState.TOO_SMALL, reason)
         if boundary and not is_inside(boundary, frontier.centroid):
             return _refused(frontier, FrontierState.OUTSIDE_BOUNDARY, "its middle lies outside the boundary")
@@ -189,21 +187,15 @@ class FrontierSurvey:
         reason = self.memory.reason_against(frontier, occupancy.spec, occupancy.data)
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
 
-    def _judge_over(self, frontier: Frontier, resolution: float) -> Frontier:
-        if reason := self._too_small(frontier, resolution):
-            return _refused(frontier, FrontierState.TOO_SMALL, reason)
+    def _judge_over(self, cells: NDArray[np.float32], centroid: tuple[float, float], resolution: float) -> Frontier:
+        if reason := self._too_small(cells, resolution):
+            return Frontier(cells, centroid, None, math.inf, FrontierState.TOO_SMALL, reason)
         reason = f"looked at from within {self.config.close.farthest:.1f} m: nothing can be seen behind it"
-        return _refused(frontier, FrontierState.UNREACHABLE, reason)
+        return Frontier(cells, centroid, None, math.inf, FrontierState.UNREACHABLE, reason)
 
-    def _too_small(self, frontier: Frontier, resolution: float) -> str:
-        size, least = len(frontier.cells) * resolution, self.config.min_size
+    def _too_small(self, cells: NDArray[np.float32], resolution: float) -> str:
+        size, least = len(cells) * resolution, self.config.min_size
         return f"{size:.2f} m long, less than {least:.2f} m" if size < least else ""
-
-
-def _frontier(cells: NDArray[np.float64], goal: tuple[float, float, float] | None, path_distance: float) -> Frontier:
-    middle = cells.mean(axis=0)
-    centroid = (float(middle[0]), float(middle[1]))
-    return Frontier(cells.astype(np.float32), centroid, goal, path_distance, FrontierState.OPEN)
 
 
 def _cell_shift(spec: GridSpec, cost_spec: GridSpec) -> tuple[int, int]:

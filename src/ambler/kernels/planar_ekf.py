@@ -1,4 +1,5 @@
-"""Kernel of the planar extended Kalman filter: one prediction and one correction (Joseph form) per call.
+"""Kernel of the planar extended Kalman filter: predictions, corrections (Joseph form), and a history in which late measurements find
+their place.
 
 State (x, y, yaw, vx, vy, wz, gyro bias): pose in the odometry frame, velocity in the base frame. Constant velocity between steps,
 driven by white acceleration noise, or by measured accelerations.
@@ -14,6 +15,40 @@ SIZE = 7
 TWIST = 0
 YAW_RATE = 1
 POSE = 2
+REFUSED_MOST = 5  # so many measurements refused in a row: the sensors are right, the filter is wrong
+GYRO_MAX_AGE_NS = 100_000_000
+
+# One measurement (`kind`, `z`, its covariance `r`; of wheels the variance `doubt` of lasting errors of their turning; accelerations that
+# drive the prediction up to it) and the filter right after it: state `x` with covariance `p`, the last turn rate of a gyroscope
+# (`gyro_ns` < 0: none), until when the wheels slip, and how many measurements in a row were refused.
+ENTRY = np.dtype(
+    [
+        ("stamp_ns", "i8"),
+        ("kind", "i8"),
+        ("z", "f8", (3,)),
+        ("r", "f8", (3, 3)),
+        ("doubt", "f8"),
+        ("acceleration", "f8", (2,)),
+        ("x", "f8", (SIZE,)),
+        ("p", "f8", (SIZE, SIZE)),
+        ("gyro_ns", "i8"),
+        ("gyro_rate", "f8"),
+        ("gyro_variance", "f8"),
+        ("slip_until_ns", "i8"),
+        ("refused", "i8"),
+    ]
+)
+# How measurements are judged, one record; see `localization.planar_ekf.EkfConfig`.
+RULES = np.dtype(
+    [
+        ("density", "f8", (SIZE,)),
+        ("gate", "f8"),
+        ("slip_gate", "f8"),
+        ("slip_factor", "f8"),
+        ("slip_way_factor", "f8"),
+        ("slip_hold_ns", "i8"),
+    ]
+)
 
 
 @jit
@@ -186,9 +221,71 @@ def step(x, p, dt, density, acceleration, kind, z, r, gate, work):
     return correct(x, p, kind, z, r, gate, work)
 
 
+@jit
+def _is_slipping(entry, rules):
+    """Say whether wheels slip: their turning and the gyroscope's differ by more than what both state of themselves."""
+    if entry.gyro_ns < 0 or entry.stamp_ns - entry.gyro_ns > GYRO_MAX_AGE_NS:
+        return False
+    difference = entry.z[2] - (entry.gyro_rate - entry.x[6])
+    sigma2 = entry.r[2, 2] + entry.gyro_variance + entry.p[6, 6]
+    if difference * difference > rules.slip_gate * rules.slip_gate * sigma2:
+        entry.slip_until_ns = entry.stamp_ns + rules.slip_hold_ns
+    return entry.stamp_ns < entry.slip_until_ns
+
+
+@jit
+def _weigh_wheels(entry, rules, r):
+    """Write the covariance of the wheels' velocity, with what is known of lasting errors and of slip, into `r` (3, 3)."""
+    r[:, :] = entry.r
+    r[2, 2] += entry.doubt
+    if _is_slipping(entry, rules):
+        way, turning = math.sqrt(rules.slip_way_factor), math.sqrt(rules.slip_factor)
+        for a in range(3):
+            for b in range(3):
+                r[a, b] *= (turning if a == 2 else way) * (turning if b == 2 else way)
+
+
+@jit
+def _filter(entry, before, rules, work):
+    """Compute the filter after `entry` from the one after `before`."""
+    entry.x[:] = before.x
+    entry.p[:, :] = before.p
+    entry.gyro_ns, entry.gyro_rate, entry.gyro_variance = before.gyro_ns, before.gyro_rate, before.gyro_variance
+    entry.slip_until_ns = before.slip_until_ns
+    r = work[4, :3, :3]
+    r[:, :] = entry.r
+    if entry.kind == YAW_RATE:
+        entry.gyro_ns, entry.gyro_rate, entry.gyro_variance = entry.stamp_ns, entry.z[0], entry.r[0, 0]
+    elif entry.kind == TWIST:
+        _weigh_wheels(entry, rules, r)
+    gate = rules.gate if before.refused < REFUSED_MOST else math.inf
+    dt = (entry.stamp_ns - before.stamp_ns) * 1e-9
+    distance = step(entry.x, entry.p, dt, rules.density, entry.acceleration, entry.kind, entry.z, r, gate, work)
+    entry.refused = 0 if 0.0 <= distance <= gate else before.refused + 1
+
+
+@jit
+def insert(entries, count, at, stamp_ns, kind, z, r, doubt, acceleration, rules, work):
+    """Put a measurement in as number `at` (not the first) of `count` entries sorted by stamp, and filter it and what follows; returns
+    whether it was used.
+
+    `entries` (> `count`,) of ENTRY, `rules` (1,) of RULES, `z` float64 (3,), `r` (3, 3), `acceleration` (2,), `work` (5, 7, 7) is scratch.
+    """
+    for k in range(count, at, -1):
+        entries[k] = entries[k - 1]
+    entry = entries[at]
+    entry.stamp_ns, entry.kind, entry.doubt = stamp_ns, kind, doubt
+    entry.z[:], entry.acceleration[:] = z, acceleration
+    entry.r[:, :] = r
+    for k in range(at, count + 1):
+        _filter(entries[k], entries[k - 1], rules[0], work)
+    return entry.refused == 0
+
+
 def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
-    x, p, work = np.zeros(7), np.eye(7), np.zeros((4, 7, 7))
+    x, p, work = np.zeros(7), np.eye(7), np.zeros((5, 7, 7))
+    insert(np.zeros(2, ENTRY), 1, 1, 0, 0, np.zeros(3), np.eye(3), 0.0, np.zeros(2), np.zeros(1, RULES), work)
     step(x, p, 0.01, np.ones(7), np.zeros(2), 0, np.zeros(3), np.eye(3), 9.0, work)
     predict(x, p, 0.01, np.ones(7), np.zeros(2), work[0])
     correct(x, p, 0, np.zeros(3), np.eye(3), 9.0, work)

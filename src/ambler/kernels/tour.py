@@ -13,6 +13,9 @@ from ambler.kernels.jit import jit
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
+COST, SEEN, WAY, MOMENT = 0, 1, 2, 3
+LEAST_SAVING = 1e-9
+
 
 @jit
 def tour_costs(from_robot: F64, between: F64, weights: F64, urgency: float, waiting: F64, table: F64, out: F64) -> None:
@@ -45,66 +48,104 @@ def tour_costs(from_robot: F64, between: F64, weights: F64, urgency: float, wait
 
 
 @jit
-def order_cost(order: I64, from_robot: F64, between: F64, weights: F64, urgency: float) -> float:
-    """Return the cost of visiting all places in an order."""
-    waiting = 1.0
-    total = from_robot[order[0]] * (1.0 + urgency)
-    for i in range(1, len(order)):
-        waiting -= weights[order[i - 1]]
-        total += between[order[i - 1], order[i]] * (1.0 + urgency * waiting)
-    return float(total)
+def add_up(order: I64, legs: F64, weights: F64, urgency: float, sums: F64) -> None:
+    """Write running sums of an order into `sums` (4, N + 1): what the tour has cost on arrival at each place (COST), the weight of the
+    places before it (SEEN), the length of the way from the first place to it (WAY), and the sum over that way of each leg times the
+    weight of the places before its end (MOMENT). COST at N is that of the whole tour.
+
+    `legs` (N + 1, N + 1) from place to place, symmetric; number N is where the robot stands.
+    """
+    n = len(order)
+    here, cost, seen, way, moment = n, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        leg = legs[here, order[i]]
+        cost += leg * (1.0 + urgency * (1.0 - seen))
+        if i > 0:
+            way += leg
+            moment += leg * seen
+        sums[COST, i], sums[SEEN, i], sums[WAY, i], sums[MOMENT, i] = cost, seen, way, moment
+        here = order[i]
+        seen += weights[here]
+    sums[COST, n], sums[SEEN, n] = cost, seen
 
 
 @jit
-def _turn(order: I64, first: int, length: int, out: I64) -> None:
-    """Write `order` with `length` places from index `first` on turned round."""
-    out[:] = order
-    for i in range(length):
-        out[first + i] = order[first + length - 1 - i]
+def _stretch_cost(first: int, last: int, waiting: float, is_turned: bool, urgency: float, sums: F64) -> float:
+    """Return what it costs to go from index `first` of an order to `last`, or (`is_turned`) back, while `waiting` waits on arrival at the
+    stretch."""
+    way, moment = sums[WAY, last] - sums[WAY, first], sums[MOMENT, last] - sums[MOMENT, first]
+    if is_turned:
+        return float(way * (1.0 + urgency * (waiting - sums[SEEN, last + 1])) + urgency * moment)
+    return float(way * (1.0 + urgency * (waiting + sums[SEEN, first])) - urgency * moment)
 
 
 @jit
-def _move(order: I64, first: int, length: int, to: int, out: I64) -> None:
-    """Write `order` with `length` places from index `first` on taken out and put in before index `to` of the rest."""
-    k = 0
-    rest = len(order) - length
-    for i in range(rest + 1):
-        if i == to:
-            out[k : k + length] = order[first : first + length]
-            k += length
-        if i < rest:
-            out[k] = order[i if i < first else i + length]
-            k += 1
+def change_saving(order: I64, first: int, length: int, to: int, legs: F64, urgency: float, sums: F64) -> float:
+    """Return how much cheaper `order` gets with `length` places from index `first` on turned round (`to` < 0), or taken out and put in
+    before index `to` of the rest. Constant time: the stretches between the cuts come out of the running sums."""
+    n = len(order)
+    last = first + length - 1
+    begin, end = first, last + 1  # what changes, and the first two places there: one stretch after the other
+    a, b, c, d = first, last, 0, -1
+    if to >= 0 and to < first:
+        begin, c, d = to, to, first - 1
+    elif to >= 0:
+        end = to + length
+        a, b, c, d = last + 1, end - 1, first, last
+    waiting = 1.0 - sums[SEEN, begin]
+    before, cost = n, 0.0
+    if begin > 0:
+        before, cost = order[begin - 1], sums[COST, begin - 1]
+    is_turned = to < 0
+    cost += legs[before, order[b if is_turned else a]] * (1.0 + urgency * waiting)
+    cost += _stretch_cost(a, b, waiting, is_turned, urgency, sums)
+    waiting -= sums[SEEN, b + 1] - sums[SEEN, a]
+    tail = order[a if is_turned else b]
+    if c <= d:
+        cost += legs[tail, order[c]] * (1.0 + urgency * waiting)
+        cost += _stretch_cost(c, d, waiting, False, urgency, sums)
+        waiting -= sums[SEEN, d + 1] - sums[SEEN, c]
+        tail = order[d]
+    if end == n:
+        return float(sums[COST, n] - cost)
+    return float(sums[COST, end] - cost - legs[tail, order[end]] * (1.0 + urgency * waiting))
 
 
 @jit
-def _improve(
-    order: I64, fixed: int, sweeps: int, from_robot: F64, between: F64, weights: F64, urgency: float, trial: I64
-) -> float:
+def change(order: I64, first: int, length: int, to: int, trial: I64) -> None:
+    """Change an order in place, see `change_saving`. `trial` (N,) is scratch."""
+    trial[:] = order
+    if to < 0:
+        order[first : first + length] = trial[first : first + length][::-1]
+        return
+    if to < first:
+        order[to + length : first + length] = trial[to:first]
+    else:
+        order[first:to] = trial[first + length : to + length]
+    order[to : to + length] = trial[first : first + length]
+
+
+@jit
+def _improve(order: I64, fixed: int, sweeps: int, legs: F64, weights: F64, urgency: float, trial: I64) -> float:
     """Improve an order in place by turning stretches round (2-opt) and moving up to three places (Or-opt), while the first `fixed`
     places stay. Return its cost."""
     n = len(order)
-    best = order_cost(order, from_robot, between, weights, urgency)
+    sums = np.empty((4, n + 1))
+    add_up(order, legs, weights, urgency, sums)
     for _ in range(sweeps):
-        before = best
-        for i in range(fixed, n - 1):
-            for length in range(2, n - i + 1):
-                _turn(order, i, length, trial)
-                cost = order_cost(trial, from_robot, between, weights, urgency)
-                if cost < best - 1e-9:
-                    best = cost
-                    order[:] = trial
-        for length in range(1, 4):
-            for i in range(fixed, n - length + 1):
-                for to in range(fixed, n - length + 1):
-                    _move(order, i, length, to, trial)
-                    cost = order_cost(trial, from_robot, between, weights, urgency)
-                    if cost < best - 1e-9:
-                        best = cost
-                        order[:] = trial
-        if best == before:
+        before = sums[COST, n]
+        for kind in range(4):  # 0: turned round, otherwise so many places moved
+            for first in range(fixed, n):
+                for other in range(fixed, n):
+                    length, to = (kind, other) if kind > 0 else (other - first + 1, -1)
+                    if length < 1 or first + length > n or to + length > n or to == first:
+                        continue
+                    if change_saving(order, first, length, to, legs, urgency, sums) > LEAST_SAVING:
+                        change(order, first, length, to, trial)
+                        add_up(order, legs, weights, urgency, sums)
+        if sums[COST, n] == before:
             break
-    return float(best)
+    return float(sums[COST, n])
 
 
 @jit
@@ -120,24 +161,26 @@ def near_tour_costs(
     """Write for each place the cost of a good tour that begins there, by local search: for more places than `tour_costs` can take.
 
     One tour is improved from the order of always going to the nearest place; the tours of the other first places start from it,
-    with the place moved to the front. `orders` is scratch, int64 (3, N).
+    with the place moved to the front. `between` is symmetric; `orders` is scratch, int64 (3, N).
     """
     n = len(from_robot)
     order, base, trial = orders[0], orders[1], orders[2]
+    legs = np.zeros((n + 1, n + 1))
+    legs[:n, :n], legs[n, :n] = between, from_robot
     for i in range(n):
         base[i] = i
     for i in range(n):
         best, least = i, np.inf
         for k in range(i, n):
-            d = from_robot[base[k]] if i == 0 else between[base[i - 1], base[k]]
+            d = legs[n if i == 0 else base[i - 1], base[k]]
             if d < least:
                 best, least = k, d
         base[i], base[best] = base[best], base[i]
-    cost = _improve(base, 0, 4 * sweeps, from_robot, between, weights, urgency, trial)
-    out[base[0]] = cost
+    out[base[0]] = _improve(base, 0, 4 * sweeps, legs, weights, urgency, trial)
     for i in range(1, n):
-        _move(base, i, 1, 0, order)
-        out[base[i]] = _improve(order, 1, sweeps, from_robot, between, weights, urgency, trial)
+        order[0] = base[i]
+        order[1 : i + 1], order[i + 1 :] = base[:i], base[i + 1 :]
+        out[base[i]] = _improve(order, 1, sweeps, legs, weights, urgency, trial)
 
 
 def warm_up() -> None:

@@ -40,7 +40,7 @@ class Battery:
     def __init__(self, spec: BatterySpec, docks: Sequence[SimDock], share: float = 0.6) -> None:
         self.spec = spec
         self.share = share
-        self._docks = tuple(docks)
+        self._docks_from_world = tuple(dock.world_from_dock.inverse() for dock in docks)
         self._current = -spec.idle_current
         self._closed_for: float | None = None
         self._is_stopped = False
@@ -59,7 +59,7 @@ class Battery:
     def update(self, world_from_base: SE2, speed: float, dt: float, *, has_power: bool) -> None:
         """Advance by `dt` seconds; docks without power close contacts but give no current."""
         self._seconds += dt
-        if any(self._meets(dock.world_from_dock.inverse() @ world_from_base) for dock in self._docks):
+        if any(self._meets(dock_from_world @ world_from_base) for dock_from_world in self._docks_from_world):
             self._closed_for = dt if self._closed_for is None else self._closed_for + dt
         else:
             self._closed_for, self._is_stopped = None, False

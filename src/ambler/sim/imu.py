@@ -54,7 +54,7 @@ class ImuSensor:
         chance = self._rng.standard_normal(12)
         self._bias = self._keep * self._bias + self._drive * chance[:6]
         measured = self._scale * values + self._bias + self._white * chance[6:]
-        return np.asarray(np.clip(measured, -self._limit, self._limit))
+        return np.asarray(np.minimum(np.maximum(measured, -self._limit), self._limit))
 
 
 def _conjugate(q: Quaternion) -> Quaternion:
