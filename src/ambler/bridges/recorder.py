@@ -18,6 +18,8 @@ from ambler.wire.mcap_file import McapRecorder
 
 CAPACITY = 4096
 _PATIENCE = 20.0
+_PERIOD = 0.01
+_LOCKSTEP_PERIOD = 0.2  # nobody waits for a look: the longer the bunches, the less the run is disturbed
 _Delivered = tuple[Topic[Any], Message, int, str]
 
 
@@ -41,8 +43,9 @@ class Recorder:
         self._mcap = McapRecorder(folder)
         self._tell = tell
         self._is_closed = False
+        period = _PERIOD if is_lossy else _LOCKSTEP_PERIOD
         self._conveyor: Conveyor[_Delivered | None] = Conveyor(
-            "recorder", self._write, capacity, self._fail, is_lossy=is_lossy
+            "recorder", self._write, capacity, self._fail, is_lossy=is_lossy, period=period
         )
 
     @property

@@ -67,7 +67,8 @@ class Refusal:
     box: tuple[float, float, float, float] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.box = (*self.tree.mins.tolist(), *self.tree.maxes.tolist())
+        (x0, y0), (x1, y1) = self.tree.mins.tolist(), self.tree.maxes.tolist()
+        self.box = (x0, y0, x1, y1)
 
 
 class FrontierMemory:

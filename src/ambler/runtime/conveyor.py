@@ -1,7 +1,7 @@
 """A bounded queue that a thread of its own works off, in order: what records, logs and shows, beside a run and never in its way.
 
-Whoever puts something in does nothing but append it: the thread is not woken for each item but looks every few milliseconds,
-because a thread that wakes wants the interpreter's lock at once, and takes it from the one that drives.
+Whoever puts something in does nothing but append it: the thread is not woken for each item but looks every few milliseconds, ever less
+often while nothing comes, because a thread that wakes wants the interpreter's lock at once, and takes it from the one that drives.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-_PERIOD = 0.01
+_IDLE_PERIOD = 0.16  # seconds between looks while nothing comes
 
 
 class Conveyor(Generic[T]):
@@ -30,11 +30,14 @@ class Conveyor(Generic[T]):
         on_trouble: Callable[[str], None],
         *,
         is_lossy: bool = False,
+        period: float = 0.01,
     ) -> None:
+        """`period`: seconds between looks for something to do."""
         self.is_lossy = is_lossy
         self.dropped = 0
         self._work = work
         self._capacity = capacity
+        self._period = period
         self._on_trouble = on_trouble
         self._items: deque[T | threading.Event] = deque()
         self._wake = threading.Event()
@@ -78,12 +81,14 @@ class Conveyor(Generic[T]):
             self._space.wait_for(lambda: len(self._items) <= self._capacity // 2 or not self._thread.is_alive())
 
     def _run(self) -> None:
+        period = self._period
         while True:
             is_last = self._is_closing
+            period = self._period if self._items else min(2.0 * period, max(self._period, _IDLE_PERIOD))
             self._work_off()
             if is_last:
                 return
-            self._wake.wait(_PERIOD)
+            self._wake.wait(period)
             self._wake.clear()
 
     def _work_off(self) -> None:
