@@ -170,7 +170,7 @@ def _ended_when(is_over: threading.Event, process: CaseProcess) -> threading.Eve
 
 
 class ClusterPool:
-    """The workers of a Dask cluster; `address` is that of its scheduler. A case whose worker is lost is run on another one."""
+    """The workers of a Dask cluster, for one study; `address` is that of its scheduler. A case whose worker is lost is run on another."""
 
     def __init__(self, address: str) -> None:
         try:
@@ -194,6 +194,7 @@ class ClusterPool:
                 on_result(numbers[future.key], result)
         finally:
             self._client.cancel(futures)
+            self._client.close()
 
 
 def _lost(future: Any) -> Result:
