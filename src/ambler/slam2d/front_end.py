@@ -17,6 +17,8 @@ from ambler.slam2d.submaps import ActiveSubmaps, Submap
 
 F32 = NDArray[np.float32]
 
+POINTS_LEAST = 10  # of a scan that is matched or inserted
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalResult:
@@ -31,7 +33,11 @@ class LocalResult:
 
 
 class FrontEnd:
-    """Matches and inserts scans; knows nothing of the global frame."""
+    """Local SLAM of Cartographer (Hess, Kohler, Rapp and Andor, ICRA 2016, section IV): `update` is its one step per scan.
+
+    What the paper does not have stands in steps of its own: odometry that is doubted (`_judge_odometry`, `_steady_match`), and a match
+    that is unusually bad (`_rescued_match`). Knows nothing of the global frame.
+    """
 
     def __init__(self, config: FrontEndConfig) -> None:
         self._config = config
@@ -42,52 +48,57 @@ class FrontEnd:
 
     def update(self, scan: PlanarScan, prediction: Prediction) -> LocalResult:
         """Match one scan near its prediction and insert it when the robot has moved."""
-        config = self._config
+        config, target = self._config, self.active.target
         scan = scan.thinned(config.voxel_size)
         points = filter_voxels_adaptively(scan.points, config.match_max_voxel, config.match_min_points)
         pose, match = prediction.local_from_base, None
-        target = self.active.target
-        if target is not None and len(points) >= 10:
+        if target is not None and len(points) >= POINTS_LEAST:
             match = self._match(target, points, prediction)
             pose = target.local_from_submap @ match.grid_from_base
             self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None
-        if len(scan.points) >= 10 and self._has_moved(scan.stamp_ns, pose):
+        if len(scan.points) >= POINTS_LEAST and self._has_moved(scan.stamp_ns, pose):
             submaps, finished = self.active.insert(scan, pose)
             self._inserted = (scan.stamp_ns, pose)
         return LocalResult(pose, match, scan, points, submaps, finished)
 
     def _match(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult:
-        config = self._config
+        """Correlate about the prediction and refine; doubt odometry and bad matches."""
         is_trusted = prediction.is_measured and self.odometry_error < 1.0
         window = self._window(prediction.motion, is_trusted)
-        prior = target.to_submap(prediction.local_from_base)
-        weights = config.refine if is_trusted else config.blind_refine
-        match = self._match_near(target, points, prior, window, weights)
-        steady = target.to_submap(prediction.steady_pose)
+        weights = self._config.refine if is_trusted else self._config.blind_refine
+        match = _match_near(target, points, target.to_submap(prediction.local_from_base), window, weights)
         if prediction.is_measured and not is_trusted:
-            other = self._match_near(target, points, steady, window, weights)
-            if other.score > match.score + config.rescue_margin:
-                match = other
-        usual = self._usual_score - config.rescue_score_drop
-        if match.score < usual:
-            # Either the prediction was wrong, then the right place fits as well as usual; or the view is new, then nothing does.
-            wide = Window(config.window_linear_max, config.window_angular_max)
-            for centre in (prior, steady):
-                start = correlate(target.grid, points, centre, wide).grid_from_base
-                rescued = refine(target.grid, points, start, start, config.blind_refine)
-                if rescued.score > max(usual, match.score + config.rescue_margin):
-                    match = rescued
+            match = self._steady_match(target, points, prediction, window, match)
+        if match.score < self._usual_score - self._config.rescue_score_drop:
+            match = self._rescued_match(target, points, prediction, match)
         self._usual_score += 0.05 * (match.score - self._usual_score)
         return match
 
-    @staticmethod
-    def _match_near(target: Submap, points: F32, prior: SE2, window: Window, weights: RefineConfig) -> MatchResult:
-        start = correlate(target.grid, points, prior, window).grid_from_base
-        return refine(target.grid, points, start, prior, weights)
+    def _steady_match(
+        self, target: Submap, points: F32, prediction: Prediction, window: Window, match: MatchResult
+    ) -> MatchResult:
+        """Odometry is doubted: return what is found where steady motion leads, if it fits clearly better."""
+        steady = target.to_submap(prediction.steady_pose)
+        other = _match_near(target, points, steady, window, self._config.blind_refine)
+        return other if other.score > match.score + self._config.rescue_margin else match
+
+    def _rescued_match(self, target: Submap, points: F32, prediction: Prediction, match: MatchResult) -> MatchResult:
+        """The match is unusually bad. Either the prediction was wrong, then the right place, searched in a wide window, fits as well as
+        usual; or the view is new, then nothing does, and the match stands."""
+        config = self._config
+        wide = Window(config.window_linear_max, config.window_angular_max)
+        usual = self._usual_score - config.rescue_score_drop
+        for pose in (prediction.local_from_base, prediction.steady_pose):
+            start = correlate(target.grid, points, target.to_submap(pose), wide).grid_from_base
+            rescued = refine(target.grid, points, start, start, config.blind_refine)
+            if rescued.score > max(usual, match.score + config.rescue_margin):
+                match = rescued
+        return match
 
     def _window(self, motion: SE2, is_trusted: bool) -> Window:
+        """Return where to search: farther after more motion, and where odometry is not trusted."""
         config = self._config
         linear = config.window_linear if is_trusted else config.blind_window_linear
         angular = config.window_angular if is_trusted else config.blind_window_angular
@@ -115,3 +126,8 @@ class FrontEnd:
             or last.distance_to(pose) > config.motion_distance
             or abs(wrap_angle(pose.yaw - last.yaw)) > config.motion_angle
         )
+
+
+def _match_near(target: Submap, points: F32, prior: SE2, window: Window, weights: RefineConfig) -> MatchResult:
+    start = correlate(target.grid, points, prior, window).grid_from_base
+    return refine(target.grid, points, start, prior, weights)
