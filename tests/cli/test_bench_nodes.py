@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from ambler.cli import bench_nodes
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
+from ambler.studies import bench_nodes
 
 
 class Ticking(Node):

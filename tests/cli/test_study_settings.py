@@ -19,7 +19,6 @@ from ambler.apps import (
     docking_study,
     fault_study,
     live_study,
-    live_timing,
     localization_study,
     navigation_study,
     program_study,
@@ -37,6 +36,7 @@ from ambler.core.errors import BadInputError
 from ambler.evaluation import gate_search
 from ambler.evaluation.docking import DockingOutcome
 from ambler.sim.robots import robot_named
+from ambler.studies import live_timing
 
 WITHOUT_ROBOT = {"map", "results"}
 VERBS = sorted({p.stem.removeprefix("eval_") for p in Path(cli.__file__).parent.glob("eval_*.py")} - WITHOUT_ROBOT)

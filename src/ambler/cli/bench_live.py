@@ -31,10 +31,10 @@ def run(args: argparse.Namespace) -> int:
     """Run each and print the periods."""
     import time
 
-    from ambler.apps.live_timing import busy, measure, stop_after_failure
     from ambler.apps.scene import RunOptions, checked_scene
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.studies.live_timing import busy, measure, stop_after_failure
 
     plain = RunOptions(world=args.world, robot=args.robot, seed=args.seed, is_apart=True, port=None)
     options = study_settings(args).applied_to(plain)

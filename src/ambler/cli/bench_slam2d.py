@@ -25,8 +25,8 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.evaluation.results import write_results
-    from ambler.evaluation.slam_stages import measure_stages
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.studies.slam_stages import measure_stages
 
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
