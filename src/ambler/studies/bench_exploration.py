@@ -1,22 +1,34 @@
-"""`ambler bench exploration`: path lengths and times of each strategy, with an ideal scanner and robot and the real mission.
+"""Path lengths and times of each strategy, with an ideal scanner and robot and the real mission.
 
 Places are the simulator's worlds, seen with the scanner of `diff`, and floor plans, seen as far as their authors saw (80 pixels).
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ambler.exploration.grid_world import GridWorld
-    from ambler.exploration.strategies import Strategy
+import numpy as np
+
+from ambler.core.errors import BadInputError
+from ambler.exploration.grid_world import GridWorld
+from ambler.exploration.strategies import STRATEGIES, Strategy, strategy_named
+from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+from ambler.missions.explore import ExploreMission
+from ambler.missions.explore_commands import (
+    DriveTo,
+    Ended,
+    ExploreConfig,
+    ExploreState,
+    ExploreView,
+    StopDriving,
+    TurnAround,
+)
+from ambler.planning.distance import distance_field
+from ambler.runtime.tasks import ExploreGoal
+from ambler.studies.exploration_places import Place
 
 COVERAGES = (0.9, 0.98, 0.99)
 COLUMNS = (
@@ -30,78 +42,31 @@ COLUMNS = (
 )
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the sub-verb."""
-    parser = subparsers.add_parser("exploration", help="path length of the exploration strategies on floor plans")
-    parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path("../shared/data/exploration"),
-        help="folder with floor plans, *.png, also deeper",
-    )
-    parser.add_argument("--strategies", default="tour,nearest,greedy", help="names, separated by commas")
-    parser.add_argument("--resolution", type=float, default=0.0625, help="metres per pixel")
-    parser.add_argument("--every", type=int, default=1, help="take each n-th plan only")
-    parser.add_argument(
-        "--worlds",
-        default="office,lab_empty,lab_obstacle,warehouse,maze,corridor,building",
-        help="built-in worlds, separated by commas",
-    )
-    parser.add_argument("--plan-range", type=float, default=5.0, help="how far the scanner sees in plans, metres")
-    parser.add_argument("--world-range", type=float, default=20.0, help="how far the scanner sees in worlds, metres")
-    parser.add_argument("--seed", type=int, default=0, help="unused: nothing is random here")
-    parser.add_argument("--json", type=Path)
-    parser.set_defaults(run=run)
+def measure(
+    places: Sequence[Place], strategies: Sequence[str], tell: Callable[[str], None]
+) -> dict[str, list[Exploration]]:
+    """Explore every place with every strategy; tells a line of each place, returns each strategy's explorations."""
+    results: dict[str, list[Exploration]] = {name: [] for name in strategies}
+    for label, make in places:
+        for name in strategies:
+            results[name].append(explore(make(), strategy_named(name, distance_field)))
+        tell(f"{label}: " + ", ".join(results[name][-1].words(name) for name in strategies))
+    return results
 
 
-def run(args: argparse.Namespace) -> int:
-    """Explore every plan with every strategy; exit 1 when an exploration ends without proof or below 98 % coverage."""
-    from ambler.core.errors import BadInputError
-    from ambler.evaluation.results import write_results
-    from ambler.exploration.strategies import STRATEGIES, strategy_named
-    from ambler.planning.distance import distance_field
-    from ambler.studies.exploration_places import built_in_world, plan_world
-
-    begin = time.perf_counter()
-    names = args.strategies.split(",")
+def check_strategies(names: Sequence[str]) -> None:
+    """Raise BadInputError for a strategy that there is not."""
     if unknown := [n for n in names if n not in STRATEGIES]:
         raise BadInputError(f"no strategy {unknown[0]!r}, only {', '.join(STRATEGIES)}")
-    plans = sorted(args.data.rglob("*.png"))[:: args.every]
-    if not plans:
-        raise BadInputError(f"no *.png in {args.data}")
-    places: list[tuple[str, Callable[[], GridWorld]]] = [
-        (name, partial(built_in_world, name, args.world_range)) for name in args.worlds.split(",") if name
-    ]
-    places += [(f"{p.parent.name}/{p.stem}", partial(plan_world, p, args.resolution, args.plan_range)) for p in plans]
-    rows: dict[str, list[tuple[float, ...]]] = {n: [] for n in names}
-    is_good = True
-    for label, make in places:
-        words = []
-        for name in names:
-            result = explore(make(), strategy_named(name, distance_field))
-            is_good &= result.code == "SUCCEEDED" and result.coverage >= 0.98
-            rows[name].append(result.row())
-            words.append(f"{name} {result.at_98:.0f}/{result.explored:.0f}/{result.total:.0f} m {result.coverage:.1%}")
-            if result.code != "SUCCEEDED":
-                words.append(result.code)
-        print(f"{label}: " + ", ".join(words), flush=True)
-    fields = {"plans": len(plans), "places": len(places), **compare(rows)}
-    for key, value in fields.items():
-        print(f"{key:45} {value}")
-    if args.json is not None:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    return 0 if is_good else 1
 
 
-def compare(rows: dict[str, list[tuple[float, ...]]]) -> dict[str, Any]:
+def compare(results: Mapping[str, Sequence[Exploration]]) -> dict[str, Any]:
     """Return the means of each strategy, and the first one's lengths over those of each other one."""
-    import numpy as np
-
     fields: dict[str, Any] = {}
-    for name, values in rows.items():
-        for column, mean in zip(COLUMNS, np.mean(values, axis=0), strict=True):
+    for name, explorations in results.items():
+        for column, mean in zip(COLUMNS, np.mean([e.row() for e in explorations], axis=0), strict=True):
             fields[f"{name}_{column}_mean"] = round(float(mean), 4)
-    first, *peers = rows
+    first, *peers = results
     for peer in peers:
         for column in ("path_at_98pct_m", "path_explored_m", "path_total_m", "path_weighted_m"):
             ratio = fields[f"{first}_{column}_mean"] / fields[f"{peer}_{column}_mean"]
@@ -123,8 +88,18 @@ class Exploration:
     seconds: float
 
     @property
+    def is_good(self) -> bool:
+        """Whether it ended with proof, and at least 98 % were seen."""
+        return self.code == "SUCCEEDED" and self.coverage >= 0.98
+
+    @property
     def at_98(self) -> float:
         return self.at_coverage[1]
+
+    def words(self, name: str) -> str:
+        """Return what it came to, for a line about the strategy of that name."""
+        text = f"{name} {self.at_98:.0f}/{self.explored:.0f}/{self.total:.0f} m {self.coverage:.1%}"
+        return text if self.code == "SUCCEEDED" else f"{text}, {self.code}"
 
     def row(self) -> tuple[float, ...]:
         """Return the values of COLUMNS; the weighted length is the mean of that at 98 % and that to the proof and home."""
@@ -135,20 +110,6 @@ class Exploration:
 
 def explore(world: GridWorld, strategy: Strategy, *, speed: float = 0.5, max_updates: int = 5000) -> Exploration:
     """Run the exploration mission in a grid world, one update per simulated second."""
-    from ambler.exploration.survey import FrontierSurvey, SurveyConfig
-    from ambler.missions.explore import ExploreMission
-    from ambler.missions.explore_commands import (
-        DriveTo,
-        Ended,
-        ExploreConfig,
-        ExploreState,
-        ExploreView,
-        StopDriving,
-        TurnAround,
-    )
-    from ambler.planning.distance import distance_field
-    from ambler.runtime.tasks import ExploreGoal
-
     survey = FrontierSurvey(SurveyConfig(), distance_field)
     mission = ExploreMission(ExploreConfig(), survey, strategy)
     mission.begin(ExploreGoal(), 0)

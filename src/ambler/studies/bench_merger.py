@@ -1,55 +1,38 @@
-"""`ambler bench merger`: how exact, how late and how fast the scan merger is, at 1 m/s and 90°/s."""
+"""How exact, how late and how fast the scan merger is, at 1 m/s and 90°/s; its times beside those of NumPy."""
 
 from __future__ import annotations
 
-import argparse
-import time
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict
+
+import numpy as np
+
+from ambler.evaluation.merge_timing import time_cloud, time_merge
+from ambler.evaluation.merging import Wheels, drive_and_merge
+from ambler.kernels import cloud_bins, scan_draw, scan_motion, self_mask
 
 BAR_ERROR_M = 0.01
 BAR_MS_PER_100K = 2.0
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the sub-verb."""
-    parser = subparsers.add_parser(
-        "merger", help="scan merger: error at full speed, latency, time per 100 thousand points"
-    )
-    parser.add_argument("--runs", type=int, default=200, help="repetitions of each timing")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path)
-    parser.set_defaults(run=run)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Measure; exit 1 when a point is off by more than 1 cm, a scan late by more than one scan, or a merge slower than 2 ms."""
-    from ambler.evaluation.results import write_results
-    from ambler.kernels import cloud_bins, scan_draw, scan_motion, self_mask
-
-    begin = time.perf_counter()
+def measure(runs: int, seed: int) -> dict[str, float]:
+    """Return the errors and latency of a drive, and times of `runs` repetitions."""
     for module in (self_mask, scan_motion, scan_draw, cloud_bins):
         module.warm_up()
-    fields = _errors(args.seed) | _times(args.runs, args.seed)
-    for name, value in fields.items():
-        print(f"{name:44} {value:.5g}")
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    is_good = (
+    return _errors(seed) | _times(runs, seed)
+
+
+def meets_bars(fields: dict[str, float]) -> bool:
+    """Whether no point is off by more than 1 cm, no scan late by more than one scan, and no merge slower than 2 ms."""
+    return (
         fields["cloud_error_max_m"] <= BAR_ERROR_M
         and fields["scan_error_p99_m"] <= BAR_ERROR_M
         and fields["latency_max_ms"] <= fields["scan_period_ms"]
         and fields["merge_100k_points_fastest_ms"] <= BAR_MS_PER_100K
         and fields["cloud_to_scan_100k_points_fastest_ms"] <= BAR_MS_PER_100K
     )
-    return 0 if is_good else 1
 
 
 def _errors(seed: int) -> dict[str, float]:
-    import numpy as np
-
-    from ambler.evaluation.merging import Wheels, drive_and_merge
-
     moving, noisy, blind = (drive_and_merge(seed, wheels) for wheels in Wheels)
     return {
         "cloud_error_max_m": float(moving.cloud.max()),
@@ -65,10 +48,6 @@ def _errors(seed: int) -> dict[str, float]:
 
 
 def _times(runs: int, seed: int) -> dict[str, float]:
-    from dataclasses import asdict
-
-    from ambler.evaluation.merge_timing import time_cloud, time_merge
-
     cases = {
         "three_scans_of_1618_beams": time_merge(1618, runs),
         "merge_100k_points": time_merge(33334, runs),

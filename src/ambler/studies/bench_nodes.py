@@ -1,55 +1,35 @@
-"""`ambler bench nodes`: how long every callback of every node takes, beside the latency that the node declares."""
+"""How long every callback of every node takes, beside the latency that the node declares."""
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
+from ambler.kernels.warmup import imported_kernel_modules, warm_up
+from ambler.nodes.devices.node import DeviceNode
+from ambler.nodes.devices.truth import TruthNode
+from ambler.nodes.steps import DockStep
+
 MEASURING_MS = 0.005  # what looking at the clock takes
 TOLERANCE = 0.01  # share of callbacks that may take longer than declared: the machine interrupts us, too
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the sub-verb."""
-    parser = subparsers.add_parser(
-        "nodes", help="wall time of every callback of every node beside its declared latency"
-    )
-    parser.add_argument("--seconds", type=float, default=60.0, help="simulated seconds of exploring the office")
-    parser.add_argument("--robot", default="amr_omni", help="robot that explores")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made")
-    parser.add_argument("--json", type=Path)
-    parser.set_defaults(run=run)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Explore the office for a while and dock once; exit 1 when a node's 99th percentile is longer than it declares."""
-    from ambler.evaluation.results import write_results
-    from ambler.kernels.warmup import imported_kernel_modules, warm_up
-
-    begin = time.perf_counter()
+def measure(robot: str, seed: int, seconds: float, out: Path) -> dict[str, float]:
+    """Explore the office for some seconds and dock once; returns `<run>.<node>.<what>`."""
     warm_up(imported_kernel_modules())
-    fields: dict[str, Any] = {}
-    office, dock = _runs(args.robot, args.seed, args.out)
-    fields |= _measured("office", office, args.seconds)
-    fields |= _measured("dock", dock, 120.0)
-    offenders = _show(fields)
-    fields["offenders"] = ", ".join(offenders)
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    return 1 if offenders else 0
+    office, dock = build_runs(robot, seed, out)
+    return callback_times("office", office, seconds) | callback_times("dock", dock, 120.0)
 
 
-def _runs(robot: str, seed: int, out: Path) -> tuple[Any, Any]:
+def build_runs(robot: str, seed: int, out: Path) -> tuple[Any, Any]:
     """Return an exploration of the office, and a robot that finds out where it is and docks."""
-    from ambler.apps.run_folder import RunFolder
-    from ambler.apps.scene import RunOptions
-    from ambler.apps.simulated import SimulatedRun
-    from ambler.nodes.steps import DockStep
-
     exploring = RunOptions(world="office", robot=robot, seed=seed, port=None)
     docking = RunOptions(
         (DockStep("charger_1"),), "dock_room", "amr_omni", seed, is_lost=True, may_turn=True, port=None
@@ -58,14 +38,9 @@ def _runs(robot: str, seed: int, out: Path) -> tuple[Any, Any]:
     return office, SimulatedRun(docking, RunFolder.new(out, "bench-dock"))
 
 
-def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
+def callback_times(name: str, run: Any, seconds: float) -> dict[str, float]:
     """Run and return median, 99th percentile and maximum (ms) of the callbacks of every node but those of simulated devices, whose
     time is the simulator's."""
-    import numpy as np
-
-    from ambler.nodes.devices.node import DeviceNode
-    from ambler.nodes.devices.truth import TruthNode
-
     executor, taken = run.executor, defaultdict(list)
     guarded = executor.guarded
 
@@ -96,13 +71,21 @@ def _measured(name: str, run: Any, seconds: float) -> dict[str, float]:
     return fields
 
 
-def _show(fields: dict[str, float]) -> list[str]:
-    """Print a table; returns the nodes that work longer than they declare more often than tolerated."""
-    offenders = []
-    print(f"{'node':28s} {'declared':>9s} {'median':>9s} {'p99':>9s} {'max':>9s}   ms")
-    for key in [k.removesuffix(".declared_ms") for k in fields if k.endswith(".declared_ms")]:
-        declared, median, p99, most = (fields[f"{key}.{n}_ms"] for n in ("declared", "median", "p99", "max"))
-        is_late = fields[f"{key}.late_ratio"] > TOLERANCE
-        offenders += [key] if is_late else []
-        print(f"{key:28s} {declared:9.3f} {median:9.3f} {p99:9.3f} {most:9.3f} {'  LATE' if is_late else ''}")
-    return offenders
+def late_nodes(fields: dict[str, float]) -> list[str]:
+    """Return the nodes that work longer than they declare more often than tolerated."""
+    return [name for name in _nodes(fields) if fields[f"{name}.late_ratio"] > TOLERANCE]
+
+
+def table(fields: dict[str, float]) -> str:
+    """Return a line per node, with the late ones marked."""
+    late = late_nodes(fields)
+    lines = [f"{'node':28s} {'declared':>9s} {'median':>9s} {'p99':>9s} {'max':>9s}   ms"]
+    for name in _nodes(fields):
+        declared, median, p99, most = (fields[f"{name}.{n}_ms"] for n in ("declared", "median", "p99", "max"))
+        mark = "  LATE" if name in late else ""
+        lines.append(f"{name:28s} {declared:9.3f} {median:9.3f} {p99:9.3f} {most:9.3f} {mark}")
+    return "\n".join(lines)
+
+
+def _nodes(fields: dict[str, float]) -> list[str]:
+    return [name.removesuffix(".declared_ms") for name in fields if name.endswith(".declared_ms")]

@@ -1,109 +1,74 @@
-"""`ambler bench planner`: the global planner on four grids at two sizes, its costs checked against SciPy's Dijkstra, its times (of
-the processor, one thread) beside those of navfn (docs/planning.md) and of SciPy."""
+"""The global planner on four grids at any size: its costs checked against SciPy's Dijkstra, its times (of the processor, one thread)
+beside those of SciPy in the same run."""
 
 from __future__ import annotations
 
-import argparse
 import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from ambler.core.protocols import PlanResult
+from ambler.core.grid import GridSpec
+from ambler.core.protocols import PlanResult
+from ambler.core.se2 import SE2
+from ambler.kernels import graph_search as kernels
+from ambler.planning.grid_planner import INT32_LIMIT, GridPlanner, PlannerConfig, weight_table
+from ambler.planning.oracle import grid_graph, sweep
+from ambler.studies.planner_worlds import MARGIN, WORLDS, inflated, make_world
+from ambler.studies.timing import median_ms
 
-# navfn, Dijkstra as ROS 1 runs it, compiled -O2 on a 2-core x86-64: milliseconds per plan, measured once for docs/planning.md
-NAVFN_MS = {
+# Milliseconds per plan that navfn, Dijkstra as ROS 1 runs it, took on another day (docs/planning.md): bars, no peers
+BARS_MS = {
     1000: {"open": 32.6, "clutter": 36.6, "rooms": 42.6, "serpentine": 25.0},
     4000: {"open": 818.0, "clutter": 858.0, "rooms": 898.0, "serpentine": 448.0},
 }
 RESOLUTION = 0.05
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the sub-verb."""
-    parser = subparsers.add_parser(
-        "planner", help="global planner: optimality and time beside SciPy's Dijkstra and navfn"
-    )
-    parser.add_argument("--sizes", type=int, nargs="+", default=[1000, 4000])
-    parser.add_argument("--runs", type=int, default=15)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--oracle-up-to",
-        type=int,
-        default=4000,
-        help="largest size whose costs SciPy checks (4000: 4 GB, a minute each)",
-    )
-    parser.add_argument("--json", type=Path)
-    parser.set_defaults(run=run)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Plan on every grid; exit 1 when a cost differs from the oracle's or a median exceeds navfn's."""
-    import numpy as np
-
-    from ambler.evaluation.results import write_results
-    from ambler.studies.planner_worlds import WORLDS, inflated, make_world
-
-    begin = time.perf_counter()
-    fields: dict[str, Any] = {"ratios_are_of": "median time to that of the peer; navfn's was measured on another day"}
-    is_good = True
-    for n in args.sizes:
+def measure(
+    sizes: Sequence[int], runs: int, seed: int, oracle_up_to: int, tell: Callable[[str], None]
+) -> dict[str, Any]:
+    """Plan on every grid, up to one size also with SciPy; tells a line of each."""
+    fields: dict[str, Any] = {"ratios_are_of": "median time to that of the peer"}
+    for n in sizes:
         for name in WORLDS:
-            costs = inflated(make_world(name, n, np.random.default_rng(args.seed)))
-            median, result = _measure(costs, n, args.runs)
+            costs = inflated(make_world(name, n, np.random.default_rng(seed)))
+            median, result = _plan(costs, n, runs)
             key = f"{name}_{n}"
             fields |= {f"{key}_ms": median, f"{key}_cost_m": result.cost, f"{key}_points": len(result.path)}
             text = f"{key}: {median:.1f} ms, cost {result.cost:.2f} m"
-            if n in NAVFN_MS:
-                fields[f"ratio_vs_navfn_{key}"] = median / NAVFN_MS[n][name]
-                is_good &= median <= NAVFN_MS[n][name]
-                text += f", navfn {NAVFN_MS[n][name]} ms"
-            if n <= args.oracle_up_to:
+            if n <= oracle_up_to:
                 peer_ms, difference, missed = _compare(costs, n, result)
                 fields |= {f"{key}_cost_difference": difference, f"{key}_goals_missed": missed}
                 fields |= {f"peer_scipy_{key}_ms": peer_ms, f"ratio_vs_scipy_{key}": median / peer_ms}
-                is_good &= difference == 0.0 and missed == 0
                 text += f", SciPy {peer_ms:.0f} ms (graph given), cost difference {difference}, reachable cells missed {missed}"
-            print(text, flush=True)
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    return 0 if is_good else 1
+            tell(text)
+    return fields
 
 
-def _measure(costs: NDArray[np.uint8], n: int, runs: int) -> tuple[float, PlanResult]:
-    """Return the median CPU time of whole plans (weights, search, path, shortcuts; one thread) in ms, and the last result."""
-    import statistics
+def meets_bars(fields: dict[str, Any]) -> bool:
+    """Whether every checked cost is the oracle's, and every size that has a bar is planned in time."""
+    is_right = all(v == 0 for name, v in fields.items() if name.endswith(("_cost_difference", "_goals_missed")))
+    bars = {f"{world}_{n}_ms": bar for n, of_worlds in BARS_MS.items() for world, bar in of_worlds.items()}
+    return is_right and all(fields[name] <= bar for name, bar in bars.items() if name in fields)
 
-    from ambler.core.grid import GridSpec
-    from ambler.core.se2 import SE2
-    from ambler.planning.grid_planner import GridPlanner
-    from ambler.studies.planner_worlds import MARGIN
 
+def _plan(costs: NDArray[np.uint8], n: int, runs: int) -> tuple[float, PlanResult]:
+    """Return the median CPU time of whole plans (weights, search, path, shortcuts; one thread) in ms, and the result."""
     spec = GridSpec(RESOLUTION, n, n, 0.0, 0.0)
     planner = GridPlanner()
     start, goal = (SE2(*spec.center_of(at, at)) for at in (MARGIN, n - MARGIN - 1))
-    result = planner.plan(costs, spec, start, goal)
-    times = []
-    for _ in range(runs):
-        begin = time.process_time()
-        result = planner.plan(costs, spec, start, goal)
-        times.append(1e3 * (time.process_time() - begin))
-    return statistics.median(times), result
+    plan = partial(planner.plan, costs, spec, start, goal)
+    result = plan()
+    return median_ms(plan, runs, time.process_time), result
 
 
 def _compare(costs: NDArray[np.uint8], n: int, result: PlanResult) -> tuple[float, float, int]:
     """Return SciPy's time in ms, the difference of the goal's cost in the integers of the search, and how many cells that
     SciPy reaches a full sweep of ours does not."""
-    import numpy as np
-
-    from ambler.kernels import graph_search as kernels
-    from ambler.planning.grid_planner import INT32_LIMIT, PlannerConfig, weight_table
-    from ambler.planning.oracle import grid_graph, sweep
-    from ambler.studies.planner_worlds import MARGIN
-
     config = PlannerConfig()
     table = weight_table(config)
     graph = grid_graph(table[costs])

@@ -1,49 +1,39 @@
-"""`ambler bench raycast`: rays of one VLP-16 turn and one 720-beam scan beside MuJoCo's rays, and the cost of a simulated second.
+"""Rays of one VLP-16 turn and one 720-beam scan beside MuJoCo's rays, and the cost of a simulated second.
 
 Times are CPU time of this thread, medians, so that other work on the machine disturbs little.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+import mujoco
+import numpy as np
 
-    from ambler.sim.scene import RayScene
-    from ambler.sim.sensors import LidarSpec
-    from ambler.sim.solids import WorldSpec
+from ambler.core.protocols import BodyVelocity
+from ambler.core.se2 import SE2
+from ambler.kernels import raycast
+from ambler.sim.base import PlacedRobot
+from ambler.sim.body import TICK
+from ambler.sim.contact_physics import build_mjcf
+from ambler.sim.lidar import LidarSensor
+from ambler.sim.robots import robot_named, robot_names
+from ambler.sim.scene import RayScene, build_scene
+from ambler.sim.sensors import SCANNER_360, VLP_16, LidarSpec
+from ambler.sim.simulation import Simulation, SimulationConfig
+from ambler.sim.solids import WorldSpec
+from ambler.sim.world_file import load_world
+from ambler.studies.timing import median_ms
 
 PLACES = 10
 SECONDS = 5
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the sub-verb."""
-    parser = subparsers.add_parser(
-        "raycast", help="the simulator's ray caster beside MuJoCo's, and the whole simulator"
-    )
-    parser.add_argument("--world", default="office", help="name of a world, or a world or floor plan file (.yaml)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path)
-    parser.set_defaults(run=run)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Measure and print; always 0."""
-    from ambler.evaluation.results import write_results
-    from ambler.kernels import raycast
-    from ambler.sim.robots import robot_names
-    from ambler.sim.scene import build_scene
-    from ambler.sim.sensors import SCANNER_360, VLP_16
-    from ambler.sim.world_file import load_world
-
-    begin = time.perf_counter()
+def measure(world_name: str, seed: int) -> dict[str, Any]:
+    """Return the times of rays in a world, built-in or a file, and of the whole simulator there."""
     raycast.warm_up()
-    world = load_world(args.world).from_start()
+    world = load_world(world_name).from_start()
     scene = build_scene(world)
     vlp = median_sweep_ms(VLP_16, scene, 0.78)
     peer = median_mujoco_ms(VLP_16, world, 0.78)
@@ -58,51 +48,21 @@ def run(args: argparse.Namespace) -> int:
     }
     for robot in robot_names():
         for physics in ("contact", "kinematic"):
-            fields[f"{robot}_{physics}_cpu_ms_per_s"] = cpu_ms_per_second(world, robot, physics, args.seed)
-    for key, value in fields.items():
-        print(f"{key:32} {value:.3f}")
-    if args.json is not None:
-        rounded = {k: round(v, 4) for k, v in fields.items()}
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, rounded)
-    return 0
-
-
-def median_ms(call: Callable[[], object], repeats: int) -> float:
-    """Return the median CPU time of a call in milliseconds."""
-    import statistics
-
-    times = []
-    for _ in range(repeats):
-        start = time.thread_time()
-        call()
-        times.append(time.thread_time() - start)
-    return 1e3 * statistics.median(times)
+            fields[f"{robot}_{physics}_cpu_ms_per_s"] = cpu_ms_per_second(world, robot, physics, seed)
+    return fields
 
 
 def median_sweep_ms(spec: LidarSpec, scene: RayScene, height: float) -> float:
     """Time one turn of a moving scanner with its noise, at the start of the world."""
-    import numpy as np
-
-    from ambler.sim.lidar import LidarSensor
-
     sensor = LidarSensor(spec, "bench", scene, 0)
     times = np.linspace(0.0, spec.period, 21)
     quaternions = np.column_stack([np.cos(0.5 * times), 0 * times, 0 * times, np.sin(0.5 * times)])
     positions = np.column_stack([0.5 * times, 0 * times, height + 0 * times])
-    return median_ms(lambda: sensor.sweep(times, positions, quaternions), 4 * PLACES)
+    return median_ms(lambda: sensor.sweep(times, positions, quaternions), 4 * PLACES, time.thread_time)
 
 
 def median_mujoco_ms(spec: LidarSpec, world: WorldSpec, height: float) -> float:
     """Time the same rays with `mj_multiRay`, all from one origin."""
-    import mujoco
-    import numpy as np
-
-    from ambler.core.se2 import SE2
-    from ambler.sim.base import PlacedRobot
-    from ambler.sim.body import TICK
-    from ambler.sim.contact_physics import build_mjcf
-    from ambler.sim.robots import robot_named
-
     model: Any = mujoco.MjModel.from_xml_string(
         build_mjcf(world, [PlacedRobot("robot", robot_named("diff"), SE2())], TICK)
     )
@@ -118,15 +78,12 @@ def median_mujoco_ms(spec: LidarSpec, world: WorldSpec, height: float) -> float:
             model, data, origin, vectors, None, 1, base, geoms, distance, None, n, spec.range_max
         ),
         PLACES,
+        time.thread_time,
     )
 
 
 def cpu_ms_per_second(world: WorldSpec, robot: str, physics: str, seed: int) -> float:
     """CPU milliseconds of a simulated second: physics, all sensors with noise, ground truth, while driving."""
-    from ambler.core.protocols import BodyVelocity
-    from ambler.sim.robots import robot_named
-    from ambler.sim.simulation import Simulation, SimulationConfig
-
     config = SimulationConfig(seed, physics="contact" if physics == "contact" else "kinematic")
     simulation = Simulation(world, robot_named(robot), config)
     simulation.step(500_000_000)
