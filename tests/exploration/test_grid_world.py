@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ambler.cli.bench_exploration import explore
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.exploration.grid_world import GridWorld
 from ambler.exploration.strategies import STRATEGIES, strategy_named
 from ambler.planning.distance import distance_field
+from ambler.studies.bench_exploration import explore
 
 
 def flat() -> tuple[GridSpec, NDArray[np.int8]]:

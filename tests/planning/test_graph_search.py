@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ambler.cli.planner_worlds import WORLDS, inflated, make_world
 from ambler.kernels import graph_search as kernels
 from ambler.planning.grid_planner import INT32_LIMIT, PlannerConfig, weight_table
 from ambler.planning.oracle import scipy_costs
+from ambler.studies.planner_worlds import WORLDS, inflated, make_world
 
 TABLE = weight_table(PlannerConfig())
 FREE = (np.arange(256) < 253).astype(np.uint16)

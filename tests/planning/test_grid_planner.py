@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from ambler.cli.planner_worlds import inflated
 from ambler.core.errors import (
     BadInputError,
     GoalOutsideMapError,
@@ -19,6 +18,7 @@ from ambler.kernels.graph_search import STRAIGHT
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner, PlannerConfig, weight_table
 from ambler.planning.oracle import scipy_costs
+from ambler.studies.planner_worlds import inflated
 
 SPEC = GridSpec(0.05, 200, 160, -3.0, -2.0)
 

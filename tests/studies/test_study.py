@@ -166,12 +166,13 @@ def test_seeds_that_nobody_chose_are_drawn_once(tmp_path: Path) -> None:
             seeds_of(text, runs, file)
 
 
+@pytest.mark.filterwarnings("ignore")  # Dask's own, when ports are taken and sockets collected
 def test_a_cluster_gives_the_same_results_when_a_worker_is_lost(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is not installed (the extra `cluster`)")
     cases = [Sum(k, k) for k in range(6)]
     local = conduct(study_of(*cases), tmp_path / "local", LocalPool(2), tell=lambda line: None)
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
         victim = next(iter(cluster.workers.values())).process.pid
         threading.Timer(1.0, os.kill, (victim, signal.SIGKILL)).start()
@@ -180,6 +181,7 @@ def test_a_cluster_gives_the_same_results_when_a_worker_is_lost(tmp_path: Path) 
     assert apart == local
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_a_cluster_that_is_not_there_is_one_sentence() -> None:
     pytest.importorskip("distributed", reason="Dask is not installed (the extra `cluster`)")
     with pytest.raises(BadInputError, match="no scheduler answers"):

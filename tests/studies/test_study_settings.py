@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import yaml
 
-from ambler.apps import live_timing
 from ambler.apps.config import recorded_config
 from ambler.apps.robot import sensing_nodes
 from ambler.cli import main as cli
@@ -29,6 +28,7 @@ from ambler.studies import (
     exploration_study,
     fault_study,
     live_study,
+    live_timing,
     localization_study,
     lost_robot_study,
     navigation_study,

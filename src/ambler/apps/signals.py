@@ -10,6 +10,7 @@ from types import FrameType
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_heard: list[int] = []  # signals that were raised as Interrupted
 
 
 class Interrupted(KeyboardInterrupt):
@@ -18,9 +19,11 @@ class Interrupted(KeyboardInterrupt):
 
 
 def terminate_like_interrupt() -> None:
-    """Let Ctrl-C and SIGTERM raise Interrupted wherever nothing better is asked for."""
+    """Let Ctrl-C and SIGTERM raise Interrupted wherever nothing better is asked for; see also `was_interrupted`."""
+    _heard.clear()
 
     def handle(number: int, frame: FrameType | None) -> None:
+        _heard.append(number)
         raise Interrupted
 
     if threading.current_thread() is threading.main_thread():
@@ -28,13 +31,20 @@ def terminate_like_interrupt() -> None:
             signal.signal(number, handle)
 
 
+def was_interrupted() -> bool:
+    """Say whether a signal raised Interrupted. Where Python ignores what is raised (in the middle of some imports) nobody else hears of it."""
+    return bool(_heard)
+
+
 @contextmanager
 def on_interrupt(callback: Callable[[], None]) -> Iterator[None]:
     """Call back for the first signal within the block, instead of raising; a second one raises Interrupted. Outside of the main
-    thread, where signals never come, it does nothing."""
+    thread, where signals never come, it does nothing. Raises Interrupted for a signal that came before and was lost."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    if was_interrupted():
+        raise Interrupted
     seen: list[int] = []
 
     def handle(number: int, frame: FrameType | None) -> None:

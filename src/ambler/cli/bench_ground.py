@@ -1,22 +1,13 @@
-"""`ambler bench ground`: contact and rays on meshes and height fields of more and more triangles, beside the plain floor.
-
-All grounds are flat and 10 x 10 m, so that a robot's way on them must be that on the floor. Times are CPU time of this thread.
-"""
+"""`ambler bench ground`: contact and rays on meshes and height fields of more and more triangles, beside the plain floor."""
 
 from __future__ import annotations
 
 import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ambler.sim.meshes import TriangleMesh
-    from ambler.sim.solids import WorldSpec
-
-SIZE = 10.0
-STEPS = 600
-CELLS = {"mesh": (22, 71), "field": (22, 71, 200)}
+from ambler.cli.results_output import print_fields, save_json
 
 
 def add_parser(subparsers: Any) -> None:
@@ -30,94 +21,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print; always 0."""
-    import numpy as np
-
-    from ambler.core.se2 import SE2
-    from ambler.evaluation.results import write_results
-    from ambler.kernels import bvh, raycast
-    from ambler.sim.solids import WorldSpec
+    from ambler.studies.bench_ground import measure
 
     begin = time.perf_counter()
-    raycast.warm_up()
-    bvh.warm_up()
-    worlds = {"plane": WorldSpec("plane", (), SE2())}
-    for kind, sizes in CELLS.items():
-        for cells in sizes:
-            worlds[f"{kind}_{2 * cells * cells}"] = flat_ground(kind, cells, args.seed)
-    fields: dict[str, Any] = {"robot": args.robot}
-    plain = None
-    for name, world in worlds.items():
-        way, measured = drive(world, args.robot)
-        plain = way if plain is None else plain
-        fields |= {f"{name}_{key}": value for key, value in measured.items()}
-        fields[f"{name}_way_differs_mm"] = 1e3 * float(np.linalg.norm(way - plain))
-        fields[f"{name}_vlp16_turn_ms"] = turn_ms(world)
-    for key, value in fields.items():
-        print(f"{key:32} {value if isinstance(value, str) else format(value, '.3f')}")
-    if args.json is not None:
-        rounded = {k: v if isinstance(v, str) else round(v, 4) for k, v in fields.items()}
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, rounded)
+    fields = measure(args.robot, args.seed)
+    print_fields(fields, 32, ".3f")
+    save_json(args, begin, {k: v if isinstance(v, str) else round(v, 4) for k, v in fields.items()})
     return 0
-
-
-def flat_ground(kind: str, cells: int, seed: int) -> WorldSpec:
-    """Return a world whose level ground of `cells` x `cells` squares is a `mesh` of uneven triangles or a height `field`."""
-    import numpy as np
-
-    from ambler.core.se2 import SE2
-    from ambler.sim.meshes import HeightField
-    from ambler.sim.solids import WorldSpec
-
-    if kind == "mesh":
-        return WorldSpec("mesh", (), SE2(), meshes=(_uneven_mesh(cells, seed),))
-    corner = SE2(-0.5 * SIZE, -0.5 * SIZE, 0.0)
-    field = HeightField("field", np.full((cells + 1, cells + 1), 0.1), SIZE / cells, corner)
-    return WorldSpec("field", (), SE2(), terrain=field)
-
-
-def _uneven_mesh(cells: int, seed: int) -> TriangleMesh:
-    """A level mesh 0.1 m above the floor, each vertex up to 0.3 cells away from its place in the grid."""
-    import numpy as np
-
-    from ambler.sim.meshes import TriangleMesh
-
-    line = np.linspace(-0.5 * SIZE, 0.5 * SIZE, cells + 1)
-    x, y = np.meshgrid(line, line)
-    shift = np.random.default_rng(seed).uniform(-0.3, 0.3, (2, *x.shape)) * (SIZE / cells)
-    vertices = np.stack([x + shift[0], y + shift[1], np.full_like(x, 0.1)], axis=-1).reshape(-1, 3)
-    a = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
-    b, c, d = a + 1, a + cells + 2, a + cells + 1
-    return TriangleMesh("mesh", vertices, np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3))
-
-
-def drive(world: WorldSpec, robot: str) -> tuple[Any, dict[str, float]]:
-    """Drive ahead at 0.4 m/s; returns the way float64 (3,), and the times of building the model and of a step."""
-    import statistics
-
-    import numpy as np
-
-    from ambler.core.protocols import BodyVelocity
-    from ambler.sim.base import PlacedRobot
-    from ambler.sim.body import TICK
-    from ambler.sim.contact_physics import ContactPhysics
-    from ambler.sim.robots import robot_named
-
-    start = time.thread_time()
-    physics = ContactPhysics(world, [PlacedRobot("robot", robot_named(robot), world.start)], TICK)
-    build = time.thread_time() - start
-    begin, times = np.array(physics.carriage(0).position), []
-    for _ in range(STEPS):
-        start = time.thread_time()
-        physics.step([BodyVelocity(0.4, 0.0, 0.0)])
-        times.append(time.thread_time() - start)
-    way = np.array(physics.carriage(0).position) - begin
-    return way, {"build_ms": 1e3 * build, "step_us": 1e6 * statistics.median(times)}
-
-
-def turn_ms(world: WorldSpec) -> float:
-    """Time one turn of a moving VLP-16 over the ground."""
-    from ambler.cli.bench_raycast import median_sweep_ms
-    from ambler.sim.scene import build_scene
-    from ambler.sim.sensors import VLP_16
-
-    return median_sweep_ms(VLP_16, build_scene(world), 0.88)

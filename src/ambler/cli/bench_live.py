@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ambler.cli.results_output import save_json
 from ambler.cli.run_options import add_settings, check_outputs, study_settings
 
 DISTURBANCES = ("none", "stalled_disk", "full_disk", "recorder_raises", "log_raises")
@@ -29,30 +32,17 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run each and print the periods."""
-    import time
-
-    from ambler.apps.live_timing import busy, measure, stop_after_failure
     from ambler.apps.scene import RunOptions, checked_scene
-    from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.studies.bench_live import measure
 
     plain = RunOptions(world=args.world, robot=args.robot, seed=args.seed, is_apart=True, port=None)
     options = study_settings(args).applied_to(plain)
     checked_scene(options)
     check_outputs(args.json, args.out)
-    started = time.perf_counter()
+    begin = time.perf_counter()
     warm_up(imported_kernel_modules())
-    fields: dict[str, Any] = {"world": args.world, "robot": args.robot, "seconds": args.seconds}
-    for disturbance in args.disturb:
-        found = measure(busy(options), args.seconds, args.out, disturbance)
-        fields |= {f"{disturbance}.{name}": value for name, value in found.items()}
-        print(disturbance, {name: round(v, 1) if isinstance(v, float) else v for name, v in found.items()}, flush=True)
-    if args.failure:
-        for log_raises in (False, True):
-            name = "failure_and_log" if log_raises else "failure"
-            told = stop_after_failure(options, args.out, log_raises=log_raises)
-            fields |= {f"{name}.{key}": value for key, value in told.items()}
-            print(name, told, flush=True)
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
+    tell = partial(print, flush=True)
+    found = measure(options, args.disturb, args.seconds, args.out, tell, with_failure=args.failure)
+    save_json(args, begin, {"world": args.world, "robot": args.robot, "seconds": args.seconds, **found})
     return 0

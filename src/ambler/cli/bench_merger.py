@@ -7,8 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-BAR_ERROR_M = 0.01
-BAR_MS_PER_100K = 2.0
+from ambler.cli.results_output import print_fields, save_json
 
 
 def add_parser(subparsers: Any) -> None:
@@ -24,59 +23,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure; exit 1 when a point is off by more than 1 cm, a scan late by more than one scan, or a merge slower than 2 ms."""
-    from ambler.evaluation.results import write_results
-    from ambler.kernels import cloud_bins, scan_draw, scan_motion, self_mask
+    from ambler.studies.bench_merger import measure, meets_bars
 
     begin = time.perf_counter()
-    for module in (self_mask, scan_motion, scan_draw, cloud_bins):
-        module.warm_up()
-    fields = _errors(args.seed) | _times(args.runs, args.seed)
-    for name, value in fields.items():
-        print(f"{name:44} {value:.5g}")
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    is_good = (
-        fields["cloud_error_max_m"] <= BAR_ERROR_M
-        and fields["scan_error_p99_m"] <= BAR_ERROR_M
-        and fields["latency_max_ms"] <= fields["scan_period_ms"]
-        and fields["merge_100k_points_fastest_ms"] <= BAR_MS_PER_100K
-        and fields["cloud_to_scan_100k_points_fastest_ms"] <= BAR_MS_PER_100K
-    )
-    return 0 if is_good else 1
-
-
-def _errors(seed: int) -> dict[str, float]:
-    import numpy as np
-
-    from ambler.evaluation.merging import Wheels, drive_and_merge
-
-    moving, noisy, blind = (drive_and_merge(seed, wheels) for wheels in Wheels)
-    return {
-        "cloud_error_max_m": float(moving.cloud.max()),
-        "cloud_error_rms_m": float(np.sqrt(np.mean(moving.cloud**2))),
-        "scan_error_p99_m": float(np.percentile(moving.bins, 99)),
-        "scan_error_max_m": float(moving.bins.max()),
-        "noisy_wheels_error_p99_m": float(np.percentile(noisy.cloud, 99)),
-        "uncompensated_error_p99_m": float(np.percentile(blind.cloud, 99)),
-        "latency_max_ms": 1e3 * float(moving.latency.max()),
-        "scan_period_ms": 1e3 * moving.period,
-        "merged_scans": float(len(moving.latency)),
-    }
-
-
-def _times(runs: int, seed: int) -> dict[str, float]:
-    from dataclasses import asdict
-
-    from ambler.evaluation.merge_timing import time_cloud, time_merge
-
-    cases = {
-        "three_scans_of_1618_beams": time_merge(1618, runs),
-        "merge_100k_points": time_merge(33334, runs),
-        "cloud_to_scan_100k_points": time_cloud(100_000, runs, seed),
-    }
-    fields: dict[str, float] = {}
-    for name, (ours, peer) in cases.items():
-        fields |= {f"{name}_{key}": value for key, value in asdict(ours).items()}
-        fields |= {f"peer_numpy_{name}_{key}": value for key, value in asdict(peer).items()}
-        fields[f"ratio_vs_numpy_{name}"] = ours.median_cpu_ms / peer.median_cpu_ms
-    return fields
+    fields = measure(args.runs, args.seed)
+    print_fields(fields, 44, ".5g")
+    save_json(args, begin, fields)
+    return 0 if meets_bars(fields) else 1

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 from typing import Any
 
-MATCH_BAR_MS = 3.0
+from ambler.cli.results_output import print_fields, save_json
 
 
 def add_parser(subparsers: Any) -> None:
@@ -22,17 +23,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure; 1 when a match takes longer than its bar."""
-    import time
-
-    from ambler.evaluation.results import write_results
-    from ambler.evaluation.slam_stages import measure_stages
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.studies.bench_slam2d import measure, meets_bars
 
     warm_up(imported_kernel_modules())
-    started = time.perf_counter()
-    fields = measure_stages(args.seed, args.runs)
-    for name, value in fields.items():
-        print(f"{name:<24} {value:.4g}")
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
-    return 0 if fields["match_ms"] <= MATCH_BAR_MS else 1
+    begin = time.perf_counter()
+    fields = measure(args.seed, args.runs)
+    print_fields(fields, 24, ".4g")
+    save_json(args, begin, fields)
+    return 0 if meets_bars(fields) else 1

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ambler.cli.results_output import print_fields
 from ambler.cli.run_options import study_settings
-from ambler.cli.study_options import add_study_options, conduct_study, print_fields, seeds_of, write_summary
+from ambler.cli.study_options import add_study_options, conduct_study, seeds_of, write_summary
 
 
 def add_parser(subparsers: Any) -> None:
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     cases = [ExplorationCase(*case, options, settings) for case in product(worlds, robots, strategies, seeds)]
     results = conduct_study(args, exploration_study(cases))
     fields = summarize(results)
-    print_fields(fields)
+    print_fields(fields, 48, ".4g")
     write_summary(args, fields, seeds)
     return 0 if all(map(is_good, results)) else 1
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ambler.cli.results_output import print_fields
 from ambler.cli.run_options import study_settings
-from ambler.cli.study_options import add_study_options, conduct_study, first_seed, print_fields, write_summary
+from ambler.cli.study_options import add_study_options, conduct_study, first_seed, write_summary
 
 VERBS = ("explore", "navigate", "navigate_lost", "dock", "undock")
 
@@ -34,6 +35,6 @@ def run(args: argparse.Namespace) -> int:
         checked_scene(options)
     results = conduct_study(args, live_study(cases))
     fields = summarize(results)
-    print_fields(fields)
+    print_fields(fields, 48, ".4g")
     write_summary(args, fields, [seed])
     return 0 if all(map(is_good, results)) else 1

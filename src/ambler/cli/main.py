@@ -48,7 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one verb and return its exit code."""
-    from ambler.apps.signals import terminate_like_interrupt
+    from ambler.apps.signals import Interrupted, terminate_like_interrupt, was_interrupted
     from ambler.core.errors import AmblerError, BadInputError
 
     terminate_like_interrupt()
@@ -56,7 +56,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         args = build_parser().parse_args([f" {word}" if _NEGATIVE_POSE.fullmatch(word) else word for word in words])
         args.command_line = shlex.join(["ambler", *words])
-        return int(args.run(args))
+        code = int(args.run(args))
+        if was_interrupted():
+            raise Interrupted
+        return code
     except BadInputError as error:
         print(f"ambler: {error}", file=sys.stderr)
         return 2

@@ -61,12 +61,6 @@ def conduct_study(args: argparse.Namespace, study: Study[C]) -> list[dict[str, A
     return conduct(study, args.out, pool, is_fresh=args.fresh, tell=lambda line: print(line, flush=True))
 
 
-def print_fields(fields: dict[str, Any]) -> None:
-    """Print a line per field."""
-    for name, value in fields.items():
-        print(f"{name:<48} {value:.4g}" if isinstance(value, float) else f"{name:<48} {value}")
-
-
 def write_summary(args: argparse.Namespace, fields: dict[str, Any], seeds: Sequence[int]) -> None:
     """Write the summary of a study with its seeds, where it was asked for."""
     from ambler.evaluation.results import write_results

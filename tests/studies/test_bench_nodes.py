@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from ambler.cli import bench_nodes
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
+from ambler.studies import bench_nodes
 
 
 class Ticking(Node):
@@ -44,18 +44,18 @@ class Run:
         self.executor.close()
 
 
-def test_a_node_that_works_longer_than_it_declares_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    fields = bench_nodes._measured("toy", Run(), 3.0)
+def test_a_node_that_works_longer_than_it_declares_is_named() -> None:
+    fields = bench_nodes.callback_times("toy", Run(), 3.0)
     assert fields["toy.slow.declared_ms"] == pytest.approx(2.0)
     assert 4.0 <= fields["toy.slow.median_ms"] <= fields["toy.slow.max_ms"]
     assert fields["toy.slow.late_ratio"] > 0.9
     assert fields["toy.quick.median_ms"] < 1.0
-    assert bench_nodes._show(fields)[-1] == "toy.slow"
-    assert "LATE" in capsys.readouterr().out.splitlines()[-1]
+    assert bench_nodes.late_nodes(fields)[-1] == "toy.slow"
+    assert "LATE" in bench_nodes.table(fields).splitlines()[-1]
 
 
 def test_the_dock_run_of_the_benchmark_can_be_built(tmp_path: Path) -> None:
-    office, dock = bench_nodes._runs("diff", 0, tmp_path)
+    office, dock = bench_nodes.build_runs("diff", 0, tmp_path)
     try:
         assert {"odometry", "slam2d", "gate"} <= {c.node.name for c in office.executor.contexts}
         assert {"odometry", "localization", "docking"} <= {c.node.name for c in dock.executor.contexts}

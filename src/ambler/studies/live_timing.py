@@ -87,7 +87,7 @@ def busy(options: RunOptions) -> RunOptions:
     return replace(options, steps=(ExploreStep(), *(NavigateStep(goal) for goal in goals)))
 
 
-def measure(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
+def measure_periods(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
     """Run a live robot for `seconds` beside an empty loop; returns the periods (ms) of both, from `SETTLED` s on until the last command,
     which comes when the program has been ended and the map is saved."""
     disturb = DISTURBANCES[disturbance]

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.costmap.inflation import cost_table
+from ambler.kernels.distance_transform import inflate
+
 U8 = NDArray[np.uint8]
 WORLDS = ("open", "clutter", "rooms", "serpentine")
 MARGIN = 30  # the start and goal cells lie this far from their corners
@@ -61,9 +64,6 @@ def _add_serpentine(cells: U8) -> None:
 
 def inflated(cells: U8, inscribed: float = 0.25, radius: float = 0.55, scaling: float = 10.0) -> U8:
     """Return the costs at 5 cm per cell."""
-    from ambler.costmap.inflation import cost_table
-    from ambler.kernels.distance_transform import inflate
-
     resolution = 0.05
     across = round(radius / resolution)
     out = np.empty_like(cells)

@@ -1,9 +1,8 @@
-"""Times the stages of 2-D SLAM on the scans of a simulated drive through the office."""
+"""The stages of 2-D SLAM on the scans of a simulated drive through the office, one thread, medians in milliseconds."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,13 @@ from ambler.sim.world_file import load_world
 from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
 from ambler.slam2d.slam import Slam2d
 from ambler.slam2d.submaps import ActiveSubmaps
+from ambler.studies.timing import elapsed_ms, median_ms
 
 PERIOD_NS = 100_000_000
+BAR_MATCH_MS = 3.0
 
 
-def measure_stages(seed: int, scans: int) -> dict[str, float]:
+def measure(seed: int, scans: int) -> dict[str, float]:
     """Return medians: `match_ms` is the whole match (filters, a window of 0.1 m and 20 degrees, refinement), `refine_ms` its last
     part, `insert_ms` one scan into both active submaps, `update_ms` a whole update of `Slam2d`, `render_ms` the map."""
     config = FrontEndConfig()
@@ -42,18 +43,19 @@ def measure_stages(seed: int, scans: int) -> dict[str, float]:
                     filter_voxels(scan.points, config.voxel_size), config.match_max_voxel, config.match_min_points
                 )
                 start = correlate(target.grid, points, prior, Window()).grid_from_base
-                begin = time.perf_counter()
-                refine(target.grid, points, start, prior, config.refine)
-                times["refine"].append(1e3 * (time.perf_counter() - begin))
+                fine = partial(refine, target.grid, points, start, prior, config.refine)
+                times["refine"].append(elapsed_ms(fine))
 
-            _time(times["match"], match)
-        _time(times["insert"], lambda scan=scan, pose=pose: active.insert(scan, pose))  # type: ignore[misc]
-        _time(times["update"], lambda scan=scan: slam.update(scan))  # type: ignore[misc]
+            times["match"].append(elapsed_ms(match))
+        times["insert"].append(elapsed_ms(partial(active.insert, scan, pose)))
+        times["update"].append(elapsed_ms(partial(slam.update, scan)))
     result = {f"{name}_ms": float(np.median(values)) for name, values in times.items()}
-    render: list[float] = []
-    for _ in range(9):
-        _time(render, slam.render_map)
-    return {**result, "render_ms": float(np.median(render)), "scans": float(scans)}
+    return {**result, "render_ms": median_ms(slam.render_map, 9), "scans": float(scans)}
+
+
+def meets_bars(fields: dict[str, float]) -> bool:
+    """Whether a match is quick enough."""
+    return fields["match_ms"] <= BAR_MATCH_MS
 
 
 def drive(seed: int, scans: int) -> list[tuple[PlanarScan, SE2]]:
@@ -73,9 +75,3 @@ def drive(seed: int, scans: int) -> list[tuple[PlanarScan, SE2]]:
         out += [(scan_to_points(scan, mount, twist, PlanarConfig(range_max=20.0)), pose) for scan in step.scans]
         pose = after
     return out
-
-
-def _time(times: list[float], work: Callable[[], object]) -> None:
-    begin = time.perf_counter()
-    work()
-    times.append(1e3 * (time.perf_counter() - begin))
