@@ -47,8 +47,13 @@ def test_a_signal_that_was_lost_ends_the_next_run(monkeypatch: pytest.MonkeyPatc
 
 def test_the_first_signal_of_a_run_calls_back_and_the_second_raises() -> None:
     heard: list[str] = []
-    with pytest.raises(Interrupted), on_interrupt(lambda: heard.append("first")):
-        os.kill(os.getpid(), signal.SIGINT)
-        assert heard == ["first"]
-        os.kill(os.getpid(), signal.SIGTERM)
+
+    def run() -> None:
+        with on_interrupt(lambda: heard.append("first")):
+            os.kill(os.getpid(), signal.SIGINT)
+            assert heard == ["first"]
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.raises(Interrupted):
+        run()
     assert heard == ["first"]
