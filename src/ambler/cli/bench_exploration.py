@@ -34,10 +34,7 @@ def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
     parser = subparsers.add_parser("exploration", help="path length of the exploration strategies on floor plans")
     parser.add_argument(
-        "--data",
-        type=Path,
-        default=Path("../shared/data/exploration"),
-        help="folder with floor plans, *.png, also deeper",
+        "--data", type=Path, help="folder with floor plans, *.png, also deeper (default: $AMBLER_DATA/exploration)"
     )
     parser.add_argument("--strategies", default="tour,nearest,greedy", help="names, separated by commas")
     parser.add_argument("--resolution", type=float, default=0.0625, help="metres per pixel")
@@ -61,14 +58,16 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.results import write_results
     from ambler.exploration.strategies import STRATEGIES, strategy_named
     from ambler.planning.distance import distance_field
+    from ambler.recordings.public_data import public_data
 
     begin = time.perf_counter()
     names = args.strategies.split(",")
     if unknown := [n for n in names if n not in STRATEGIES]:
         raise BadInputError(f"no strategy {unknown[0]!r}, only {', '.join(STRATEGIES)}")
-    plans = sorted(args.data.rglob("*.png"))[:: args.every]
+    data = public_data("exploration") if args.data is None else args.data
+    plans = sorted(data.rglob("*.png"))[:: args.every]
     if not plans:
-        raise BadInputError(f"no *.png in {args.data}")
+        raise BadInputError(f"no *.png in {data}")
     places: list[tuple[str, Callable[[], GridWorld]]] = [
         (name, partial(built_in_world, name, args.world_range)) for name in args.worlds.split(",") if name
     ]

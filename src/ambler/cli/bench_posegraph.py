@@ -21,9 +21,7 @@ TOLERANCE = 1e-3
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
     parser = subparsers.add_parser("posegraph", help="pose graph solver: optimum and time beside gtsam")
-    parser.add_argument(
-        "--data", type=Path, default=Path("../shared/data/posegraph"), help="folder with the .g2o files"
-    )
+    parser.add_argument("--data", type=Path, help="folder with the .g2o files (default: $AMBLER_DATA/posegraph)")
     parser.add_argument("--runs", type=int, default=15)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
@@ -36,13 +34,15 @@ def run(args: argparse.Namespace) -> int:
 
     from ambler.evaluation.results import write_results
     from ambler.posegraph.solver import PoseGraph, solve
+    from ambler.recordings.public_data import public_data
     from ambler.wire.g2o import read_g2o
 
     begin = time.perf_counter()
+    data = public_data("posegraph") if args.data is None else args.data
     fields: dict[str, Any] = {}
     is_good = True
     for name, optimum in OPTIMA.items():
-        file = read_g2o(args.data / f"{name}.g2o")
+        file = read_g2o(data / f"{name}.g2o")
         flags = np.zeros(len(file.edge_from), np.bool_)
         graph = PoseGraph(file.poses, file.edge_from, file.edge_to, file.measurements, file.information, flags)
         result = solve(graph)
@@ -61,10 +61,10 @@ def run(args: argparse.Namespace) -> int:
             fields |= _gtsam_fields(name, times)
             is_good &= times["own"] <= times["gtsam_optimize"]
     for name, optimum in OPTIMA_FROM_ODOMETRY.items():
-        if not (args.data / f"{name}.g2o").exists():
-            print(f"{name}: no such file in {args.data}, left out")
+        if not (data / f"{name}.g2o").exists():
+            print(f"{name}: no such file in {data}, left out")
             continue
-        graph = _from_odometry(read_g2o(args.data / f"{name}.g2o"))
+        graph = _from_odometry(read_g2o(data / f"{name}.g2o"))
         result = solve(graph)
         time_ms = _interleaved_medians({"own": lambda graph=graph: solve(graph)}, args.runs)["own"]  # type: ignore[misc]
         error = result.chi2 / optimum - 1.0
