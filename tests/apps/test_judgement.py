@@ -11,7 +11,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from ambler.apps.docking_study import DockingCase, _outcome
 from ambler.apps.docks import dock_of_world
 from ambler.apps.judgement import Verdict, is_good, judge
 from ambler.apps.run_folder import RunFolder
@@ -27,6 +26,7 @@ from ambler.runtime.tasks import ExploreResult
 from ambler.runtime.topics import BATTERY, CONTACT, SLAM_POSE, TRUE_MAP, TRUE_POSE
 from ambler.sim.robots import robot_named
 from ambler.sim.world_file import load_world
+from ambler.studies.docking_study import DockingCase, _outcome
 
 S = 1_000_000_000
 WORLD = load_world("dock_hall")

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.apps import docking_study
 from ambler.cli.main import main
 from ambler.evaluation.docking import DockingOutcome, SightErrors, lower_bound, summarize, table
 from ambler.evaluation.docking_pictures import draw_final_errors, draw_sights, draw_times
 from ambler.sim.camera import FRONT_CAMERA
 from ambler.sim.world_file import load_world
+from ambler.studies import docking_study
 from ambler.wire.camera_info import load_camera_info
 
 GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -0.0004, 0.01, 0)
@@ -35,7 +35,8 @@ GOOD = DockingOutcome("random", 0, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0003, -
         (["calibrate", "camera", "--out", "c.yaml"], "pictures"),
         (["calibrate", "camera", "missing.png", "--out", "c.yaml"], "missing.png"),
         (["calibrate", "camera", "--simulated", "--board", "7by5", "--out", "c.yaml"], "7by5"),
-        (["eval", "docking", "--runs", "0"], "positive"),
+        (["eval", "docking", "--runs", "0"], "at least 1"),
+        (["eval", "docking", "--looks", "0"], "positive"),
         (["eval", "docking", "--world", "dock_shapes", "--dock", "bay"], "no dock 'bay'"),
         (["eval", "docking", "--world", "dock_shapes", "--dock", "charger_v", "--only", "faults"], "sights, random"),
         (["eval", "docking", "--world", "dock_room", "--only", "sights"], "--only random"),
@@ -127,15 +128,12 @@ def test_starts_are_random_and_the_same_for_the_same_seed() -> None:
                 assert abs(inside.x) > 0.5 * solid.size_x + 0.4 or abs(inside.y) > 0.5 * solid.size_y + 0.4
 
 
-def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ran: list[int] = []
-
-    def pretend(case: docking_study.DockingCase, folder: Path, *told: object) -> DockingOutcome:
-        ran.append(case.seed)
-        return replace(GOOD, seed=case.seed)
-
-    monkeypatch.setattr(docking_study, "run_case", pretend)
-    cases = docking_study.random_cases(4, 0)
-    assert len(list(docking_study.run_cases(cases[:2], tmp_path))) == 2
-    assert [o.seed for o in docking_study.run_cases(cases, tmp_path)] == [0, 1, 2, 3]
-    assert ran == [0, 1, 2, 3]
+def test_an_outcome_is_the_same_when_it_was_kept() -> None:
+    kept = {**json.loads(json.dumps(GOOD.to_dict())), "label": "random-0", "world": "dock_hall"}
+    assert docking_study.outcome_of(kept) == GOOD
+    assert docking_study.docking_line(kept) == "SUCCEEDED in 1 0.50 mm +0.010° approach 10.0 s docking 7.0 s"
+    assert docking_study.is_good(GOOD)
+    assert not docking_study.is_good(replace(GOOD, attempts=3))
+    assert not docking_study.is_good(replace(GOOD, collisions=1))
+    assert docking_study.is_good(replace(GOOD, kind="no_power", code="NO_CHARGE", attempts=3))
+    assert not docking_study.is_good(replace(GOOD, kind="no_power", code="CRASHED"))

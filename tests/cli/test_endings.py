@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from ambler.cli.eval_interrupts import judge_remains
 from ambler.cli.main import main
+from ambler.studies.interrupt_study import judge_remains
 from ambler.wire.map_files import load_map
 
 DEMO = ["demo", "--world", "office", "--exit", "--no-view"]

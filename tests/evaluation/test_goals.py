@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.apps.navigation_study import is_reached, summarize
 from ambler.bridges.recorder import Recorder
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Contact, Odometry
@@ -19,6 +18,7 @@ from ambler.evaluation.truth_frame import TruthFrame
 from ambler.runtime.topics import CONTACT, TRUE_POSE
 from ambler.sim.robots import robot_named
 from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.studies.navigation_study import is_reached, summarize
 
 UNKNOWN = (np.zeros((6, 6)), np.zeros((6, 6)))
 

@@ -23,8 +23,8 @@ LOCALIZATION = (
     PlantedFault(
         "speeds may change four times as fast (variance)",
         "localization/planar_ekf.py",
-        "c.yaw_noise, c.speed_noise, ",
-        "c.yaw_noise, 2.0 * c.speed_noise, ",
+        "c.speed_noise,",
+        "2.0 * c.speed_noise,",
         EKF_NOISE,
     ),
     PlantedFault(

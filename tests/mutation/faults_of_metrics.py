@@ -8,7 +8,7 @@ QUALITY = ("tests/evaluation/test_localization_quality.py",)
 TRAJECTORY = ("tests/evaluation/test_trajectory.py",)
 MAPS = ("tests/evaluation/test_map_quality.py",)
 JUDGEMENT = ("tests/apps/test_judgement.py",)
-LOST = ("tests/apps/test_lost_robot.py",)
+LOST = ("tests/studies/test_lost_robot.py",)
 DOCKING = ("tests/cli/test_docking.py",)
 
 METRICS = (
@@ -49,35 +49,35 @@ METRICS = (
     ),
     PlantedFault(
         "every pose that a lost robot tells counts as right",
-        "apps/lost_robot.py",
+        "studies/lost_robot.py",
         "        at = min(int(np.searchsorted",
         "        return True\n        at = min(int(np.searchsorted",
         LOST,
     ),
     PlantedFault(
         "the heading that a lost robot tells does not count",
-        "apps/lost_robot.py",
+        "studies/lost_robot.py",
         " and abs(wrap_angle(pose.yaw - true.yaw)) < RIGHT_YAW",
         "",
         LOST,
     ),
     PlantedFault(
         "headings beside the cut at 180 degrees count as wrong",
-        "apps/lost_robot.py",
+        "studies/lost_robot.py",
         "abs(wrap_angle(pose.yaw - true.yaw))",
         "abs(pose.yaw - true.yaw)",
         LOST,
     ),
     PlantedFault(
         "poses that a lost robot tells wrongly are not counted",
-        "apps/lost_robot.py",
+        "studies/lost_robot.py",
         "            self._wrong += 1\n",
         "",
         LOST,
     ),
     PlantedFault(
         "a found pose need not stay right",
-        "apps/lost_robot.py",
+        "studies/lost_robot.py",
         "            self._wrong += 1\n            self._found = None",
         "            self._wrong += 1",
         LOST,
@@ -141,15 +141,15 @@ METRICS = (
     ),
     PlantedFault(
         "a dock's error is told although the robot failed to dock",
-        "apps/docking_study.py",
-        'fields["dock_error_x_m"] if is_docked else None',
-        'fields["dock_error_x_m"]',
+        "studies/docking_study.py",
+        'verdict["dock_error_x_m"] if is_docked else None',
+        'verdict["dock_error_x_m"]',
         JUDGEMENT,
     ),
     PlantedFault(
         "a study of dockings counts no collision",
-        "apps/docking_study.py",
-        'int(fields["collisions"] or 0)',
+        "studies/docking_study.py",
+        'int(verdict["collisions"] or 0)',
         "0",
         JUDGEMENT,
     ),

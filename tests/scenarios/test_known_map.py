@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from ambler.apps.judgement import judge
-from ambler.apps.localization_study import METHODS, LocalizationStudy, Place, run_study
-from ambler.apps.rail import Rail, Route
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import NavigateStep
+from ambler.studies.localization_study import METHODS, LocalizationCase, Place, joined_errors, localization_study
+from ambler.studies.pool import ThisProcess
+from ambler.studies.rail import Rail, Route
+from ambler.studies.study import conduct
 
 
 def test_a_rail_leads_along_its_way_points() -> None:
@@ -55,9 +57,12 @@ def test_a_robot_that_starts_elsewhere_arrives(is_lost: bool, tmp_path: Path) ->
 def test_a_recorded_drive_is_localized_by_every_method(tmp_path: Path) -> None:
     route = Route(((2.0, 0.5), (3.0, 2.0)), speed=0.5)
     place = Place("lab", "lab_empty", route, 6.0, (SE2(2.0, 1.0, 1.0),), (0, 1, 2))
-    study = LocalizationStudy(places=(place,), methods=METHODS[2:], runs=1, stand_time=2.0)
-    results = run_study(study, tmp_path, lambda line: None)
+    cases = [
+        LocalizationCase(place, 0, is_moving, 0, stand_time=2.0, methods=METHODS[2:]) for is_moving in (True, False)
+    ]
+    results = joined_errors(conduct(localization_study(cases), tmp_path, ThisProcess(), tell=lambda line: None))
+    assert len(results) == 4
     for (_, method, is_moving), errors in results.items():
         assert errors.rms[:2].max() < 0.015, (method, is_moving)
         assert errors.nees.mean() < 4.0, (method, is_moving)
-    assert (tmp_path / "lab-amr_omni-drive-0" / "true_pose.csv").exists()
+    assert len(list(tmp_path.rglob("true_pose.csv"))) == 2

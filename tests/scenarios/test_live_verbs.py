@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from ambler.apps.judgement import judge
-from ambler.apps.live_study import VERBS
 from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
@@ -19,6 +18,7 @@ from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import DockStep, NavigateStep, TeachStep, UndockStep
 from ambler.runtime.topics import VELOCITY_COMMAND, Topic
+from ambler.studies.live_study import VERBS
 
 
 # Docking live in one process with its camera and its simulator needs 1.2 cores to itself: `ambler eval live` runs it ten times.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from ambler.cli.run_options import add_settings, study_settings
+from ambler.cli.run_options import study_settings
+from ambler.cli.study_options import add_study_options, conduct_study, print_fields, seeds_of, write_summary
 
 
 def add_parser(subparsers: Any) -> None:
@@ -17,37 +17,29 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--worlds", nargs="+", default=["office"], help="default: office")
     parser.add_argument("--robots", nargs="+", default=["diff", "spot"], help="default: diff spot")
     parser.add_argument("--strategies", nargs="+", help="default: that of the settings, else tour")
-    parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
-    parser.add_argument("--runs", type=int, default=3, help="seeds per world and robot (default: 3)")
-    parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
-    parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
-    parser.add_argument("--resume", action="store_true", help="keep the results that the folder of --out holds already")
-    add_settings(parser)
-    parser.add_argument("--json", type=Path, help="write the summary as JSON")
+    parser.add_argument("--time-limit", type=float, help="simulated seconds per run (default: that of `ambler demo`)")
+    add_study_options(parser, 3, "seeds per world and robot")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run all; 0 when every run ended with proof and without a collision."""
-    import time
+    from itertools import product
 
-    from ambler.apps.campaign import Campaign, run_campaign, summarize
-    from ambler.evaluation.results import write_results
+    from ambler.studies.exploration_study import ExplorationCase, exploration_study, is_good, summarize
 
     settings = study_settings(args)
     worlds, robots = _names(args.worlds), _names(args.robots)
     settings.check(worlds, robots)
     strategies = _names(args.strategies or [settings.profile.get("strategy", "tour")])
-    campaign = Campaign(worlds, robots, strategies, tuple(range(args.seed, args.seed + args.runs)), settings)
-    started = time.perf_counter()
-    results = run_campaign(campaign, args.out, args.processes, is_resumed=args.resume)
+    options = () if args.time_limit is None else ("--time-limit", str(args.time_limit))
+    seeds = seeds_of(args)
+    cases = [ExplorationCase(*case, options, settings) for case in product(worlds, robots, strategies, seeds)]
+    results = conduct_study(args, exploration_study(cases))
     fields = summarize(results)
-    for name, value in fields.items():
-        print(f"{name:<48} {value:.4g}" if isinstance(value, float) else f"{name:<48} {value}")
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, fields)
-    is_good = all(r.get("ended") == "finished" and r.get("collisions") == 0 for r in results)
-    return 0 if is_good else 1
+    print_fields(fields)
+    write_summary(args, fields, seeds)
+    return 0 if all(map(is_good, results)) else 1
 
 
 def _names(words: list[str]) -> tuple[str, ...]:

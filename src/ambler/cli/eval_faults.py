@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from ambler.cli.run_options import add_settings, study_settings
+from ambler.cli.run_options import study_settings
+from ambler.cli.study_options import add_study_options, conduct_study, seeds_of, write_summary
 
 
 def add_parser(subparsers: Any) -> None:
@@ -16,23 +16,14 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--only", default="", help="comma-separated names of cases (default: all)")
     parser.add_argument("--robots", default="diff,amr_omni", help="comma-separated (default: diff,amr_omni)")
-    parser.add_argument("--seed", type=int, default=0, help="first seed (default: 0)")
-    parser.add_argument("--runs", type=int, default=1, help="seeds per case (default: 1)")
-    parser.add_argument("--processes", type=int, default=1, help="runs at the same time (default: 1)")
-    parser.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
-    parser.add_argument("--resume", action="store_true", help="keep the runs whose results are in --out already")
-    add_settings(parser)
-    parser.add_argument("--json", type=Path, help="write the summary as JSON")
+    add_study_options(parser, 1, "seeds per case")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run all; 0 when no limit of any run is broken."""
-    import time
-
-    from ambler.apps.fault_study import WORLD, fault_cases, run_cases, summarize
     from ambler.core.errors import BadInputError
-    from ambler.evaluation.results import write_results
+    from ambler.studies.fault_study import WORLD, FaultRun, fault_cases, fault_study, summarize, told
 
     wanted = set(filter(None, args.only.split(",")))
     names = sorted({case.name for case in fault_cases()})
@@ -43,14 +34,12 @@ def run(args: argparse.Namespace) -> int:
     cases = [case for case in of_robots if not wanted or case.name in wanted]
     if not cases:
         raise BadInputError(f"no case for {args.robots}; there are some for diff and amr_omni")
-    settings = study_settings(args)
+    settings, seeds = study_settings(args), seeds_of(args)
     settings.check([WORLD], {case.robot for case in cases})
-    started = time.perf_counter()
-    seeds = range(args.seed, args.seed + args.runs)
-    results = run_cases(cases, seeds, args.out, args.processes, settings, is_resumed=args.resume)
+    runs = [FaultRun(case, seed, settings) for case in cases for seed in seeds]
+    results = [told(run, r) for run, r in zip(runs, conduct_study(args, fault_study(runs)), strict=True)]
     _print_table(results)
-    if args.json:
-        write_results(args.json, args.command_line, args.seed, time.perf_counter() - started, summarize(results))
+    write_summary(args, summarize(results), seeds)
     return 0 if not any(result["broken"] for result in results) else 1
 
 

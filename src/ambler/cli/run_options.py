@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ambler.apps.scene import RunOptions
-    from ambler.apps.study_settings import StudySettings
     from ambler.core.se2 import SE2
     from ambler.nodes.steps import Step
+    from ambler.studies.study_settings import StudySettings
 
 POSE = "X,Y[,DEG]"
 
@@ -164,8 +164,8 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
 def study_settings(args: argparse.Namespace, *own: str, takes_faults: bool = True) -> StudySettings:
     """Return what `profile_of` says, for the robots of a study; raises BadInputError for the study's `own` settings (dotted names), and
     for faults where it takes none."""
-    from ambler.apps.study_settings import StudySettings
     from ambler.core.errors import BadInputError
+    from ambler.studies.study_settings import StudySettings
 
     settings, verb = StudySettings(*profile_of(args)), vars(args)[f"{args.verb}_verb"]
     settings.refuse(own, f"`ambler {args.verb} {verb}` sets this itself")

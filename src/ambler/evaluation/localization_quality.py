@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,15 @@ class LocalizationErrors:
     errors: F64
     variances: F64
     nees: F64
+
+    def to_dict(self) -> dict[str, list[Any]]:
+        """Return the columns as plain lists."""
+        return {field.name: getattr(self, field.name).tolist() for field in fields(self)}
+
+    @classmethod
+    def from_dict(cls, columns: Mapping[str, list[Any]]) -> LocalizationErrors:
+        """Build from what `to_dict` gave."""
+        return cls(**{name: np.array(values, float) for name, values in columns.items()})
 
     @property
     def rms(self) -> F64:

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from ambler.apps.lost_robot import FoundAgain, _Watch
 from ambler.core.messages import Odometry, Status
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.runtime.topics import LOCALIZED_POSE, STATUS
+from ambler.studies.lost_robot import FoundAgain, _Watch
 
 S = 1_000_000_000
 HERE = SE2(3.0, -2.0, math.pi - 0.02)  # beside the cut of the heading

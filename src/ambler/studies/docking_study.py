@@ -1,27 +1,26 @@
 """What docking is measured by: dockings from given and from random starts, with faults, and series of pictures of a dock.
 
-Every docking is a run of the whole robot in simulation with full noise. Results go line by line into a file, so that a study that was
-interrupted goes on where it ended.
+Every docking is a run of the whole robot in simulation with full noise.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ambler.apps.config import robot_config
 from ambler.apps.docks import dock_of_world, docks_of_world
 from ambler.apps.judgement import judge
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
-from ambler.apps.study_settings import DEFAULTS, StudySettings
+from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockObservation
@@ -29,14 +28,19 @@ from ambler.docking.marker_dock import MarkerDockDetector
 from ambler.evaluation.docking import DockingOutcome, SightErrors
 from ambler.nodes.steps import DockStep
 from ambler.perception.fiducials import FiducialDetector
+from ambler.runtime.tasks import DOCK_FAILURES
 from ambler.sim.dock_body import marker_poses
 from ambler.sim.robots import robot_named
 from ambler.sim.sensors import named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.truth import reachable_cells
 from ambler.sim.world_file import load_world
+from ambler.studies.docking_scans import measure_scan_sights
+from ambler.studies.study import CRASHED, Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 WORLD, ROBOT, NAME = "dock_hall", "amr_omni", "charger_1"
+PARTS = ("sights", "approach", "random", "faults")
 ROOM = 0.85  # metres from a random start to anything
 APPROACHES: dict[float, SE2] = {
     1.0: SE2(-2.0, 0.2, 0.3),
@@ -60,6 +64,14 @@ class DockingCase:
     seed: int
     start: SE2
     distance: float
+    world: str = WORLD
+    name: str = NAME
+    settings: StudySettings = DEFAULTS
+
+    @property
+    def label(self) -> str:
+        """A name for files and people."""
+        return f"{self.world}-{self.name}-{self.kind}-{self.seed}"
 
 
 def random_cases(runs: int, seed: int, world_name: str = WORLD, name: str = NAME) -> list[DockingCase]:
@@ -76,7 +88,7 @@ def random_cases(runs: int, seed: int, world_name: str = WORLD, name: str = NAME
         x, y = spec.center_of(int(iy), int(ix))
         start = SE2(x, y, float(rng.uniform(-math.pi, math.pi)))
         distance = math.hypot(x - staging.x, y - staging.y)
-        cases.append(DockingCase("random", seed + k, map_from_dock.inverse() @ start, distance))
+        cases.append(DockingCase("random", seed + k, map_from_dock.inverse() @ start, distance, world_name, name))
     return cases
 
 
@@ -96,52 +108,111 @@ def fault_cases(runs: int, seed: int) -> list[DockingCase]:
     return out
 
 
-def run_cases(
-    cases: Sequence[DockingCase], out: Path, world: str = WORLD, name: str = NAME, settings: StudySettings = DEFAULTS
-) -> Iterator[DockingOutcome]:
-    """Yield the outcome of every case; those that the folder `out` already holds with these settings are not run again."""
-    results = out / f"outcomes{settings.suffix}.jsonl"
-    known: dict[tuple[str, int], DockingOutcome] = {}
-    if results.exists():
-        for line in results.read_text(encoding="utf-8").splitlines():
-            earlier = DockingOutcome(**json.loads(line))
-            known[(earlier.kind, earlier.seed)] = earlier
-    out.mkdir(parents=True, exist_ok=True)
-    for case in cases:
-        outcome = known.get((case.kind, case.seed))
-        if outcome is None:
-            outcome = run_case(case, out / f"{case.kind}-{case.seed}{settings.suffix}", world, name, settings)
-            with results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(outcome.to_dict()) + "\n")
-        yield outcome
+def parts_of(world: str, name: str, wanted: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return those `PARTS` that concern a dock, or those `wanted`; raises BadInputError for what it does not have."""
+    is_standard = (world, name) == (WORLD, NAME)
+    known = PARTS if is_standard else ("sights", "random")
+    parts = tuple(wanted) or known
+    if not set(parts) <= set(known):
+        raise BadInputError(
+            f"approaches and faults are those of {NAME} in {WORLD}; other docks have {', '.join(known)}"
+        )
+    if is_marked(world, name) and not is_standard and "sights" in parts:
+        raise BadInputError(f"looks at markers are those at {NAME} in {WORLD}: choose --only random")
+    return parts
 
 
-def run_case(
-    case: DockingCase, folder: Path, world: str = WORLD, name: str = NAME, settings: StudySettings = DEFAULTS
-) -> DockingOutcome:
+def cases_of(
+    parts: Sequence[str], runs: int, fault_runs: int, faults: Sequence[str], seed: int, world: str, name: str
+) -> list[DockingCase]:
+    """Return the dockings of these parts, from the seed on; raises BadInputError for unknown faults."""
+    if unknown := set(faults) - set(FAULTS):
+        raise BadInputError(f"no fault {min(unknown)!r}; there are {', '.join(FAULTS)}")
+    cases = []
+    if "approach" in parts:
+        cases += approach_cases(seed)
+    if "random" in parts:
+        cases += random_cases(runs, seed, world, name)
+    if "faults" in parts:
+        cases += [case for case in fault_cases(fault_runs, seed) if case.kind in (faults or FAULTS)]
+    return cases
+
+
+def sights_of(seed: int, looks: int, world: str, name: str, settings: StudySettings) -> list[SightErrors]:
+    """Measure how precisely a dock is seen, by the camera or by the scanners."""
+    if is_marked(world, name):
+        return measure_sights(seed, looks)
+    scanners = robot_config(robot_named(ROBOT).model, settings.profile, has_map=True).scanners
+    return measure_scan_sights(seed, looks, world, ROBOT, name, scanners)
+
+
+def docking_study(cases: Sequence[DockingCase], settings: StudySettings = DEFAULTS) -> Study[DockingCase]:
+    """Return the study of these dockings with these settings."""
+    return Study("docking", [replace(case, settings=settings) for case in cases], run_case, docking_line)
+
+
+def outcome_of(result: dict[str, Any]) -> DockingOutcome:
+    """Return the outcome of a result; a docking whose process died has the code CRASHED."""
+    known = {field.name for field in fields(DockingOutcome)}
+    if result.get("ended") == CRASHED:
+        return DockingOutcome(
+            result["kind"],
+            result["seed"],
+            "CRASHED",
+            result["why"],
+            0,
+            result["distance"],
+            None,
+            None,
+            None,
+            None,
+            None,
+            0,
+        )
+    return DockingOutcome(**{name: value for name, value in result.items() if name in known})
+
+
+def docking_line(result: dict[str, Any]) -> str:
+    """Say how a docking went."""
+    outcome = outcome_of(result)
+    error = "" if outcome.error is None else f" {1e3 * outcome.error:.2f} mm {outcome.error_yaw_deg:+.3f}°"
+    approach = "" if outcome.approach_seconds is None else f" approach {outcome.approach_seconds:.1f} s"
+    docking = "" if outcome.docking_seconds is None else f" docking {outcome.docking_seconds:.1f} s"
+    return f"{outcome.code} in {outcome.attempts}{error}{approach}{docking}"
+
+
+def is_good(outcome: DockingOutcome) -> bool:
+    """Say whether a robot docked within two attempts, or failed under a fault with a name, without a collision."""
+    is_fault = outcome.kind not in ("random", "approach")
+    is_ended = (outcome.is_docked and outcome.attempts <= 2) or (is_fault and outcome.code in DOCK_FAILURES)
+    return is_ended and outcome.collisions == 0
+
+
+def run_case(case: DockingCase, folder: Path) -> dict[str, Any]:
     """Run one docking and judge it by its recording, which is deleted when the robot docked without a collision."""
+    folder = folder / "run"
+    shutil.rmtree(folder, ignore_errors=True)
     options = RunOptions(
-        (DockStep(name),),
-        world,
+        (DockStep(case.name),),
+        case.world,
         ROBOT,
         case.seed,
-        start=dock_of_world(load_world(world).from_start(), name).world_from_dock @ case.start,
+        start=dock_of_world(load_world(case.world).from_start(), case.name).world_from_dock @ case.start,
         port=None,
         faults=(case.kind,) if case.kind in FAULTS else (),
     )
-    run = SimulatedRun(settings.applied_to(options), RunFolder(folder))
+    run = SimulatedRun(case.settings.applied_to(options), RunFolder(folder))
     try:
         run.run(TIME_LIMIT)
-        fields = judge(run).fields
-        outcome = _outcome(case, run, fields)
+        outcome = _outcome(case, run, judge(run).fields)
     finally:
         run.close()
     if outcome.is_docked and outcome.collisions == 0:
         shutil.rmtree(folder)
-    return outcome
+    return outcome.to_dict()
 
 
-def _outcome(case: DockingCase, run: SimulatedRun, fields: dict[str, Any]) -> DockingOutcome:
+def _outcome(case: DockingCase, run: SimulatedRun, verdict: dict[str, Any]) -> DockingOutcome:
     end = run.end.ends[0] if run.end is not None and run.end.ends else None
     code = end.code if end is not None else run.ended.upper()
     is_docked = code == "SUCCEEDED"
@@ -158,10 +229,10 @@ def _outcome(case: DockingCase, run: SimulatedRun, fields: dict[str, Any]) -> Do
         case.distance,
         approach,
         docking,
-        fields["dock_error_x_m"] if is_docked else None,
-        fields["dock_error_y_m"] if is_docked else None,
-        fields["dock_error_yaw_deg"] if is_docked else None,
-        int(fields["collisions"] or 0),
+        verdict["dock_error_x_m"] if is_docked else None,
+        verdict["dock_error_y_m"] if is_docked else None,
+        verdict["dock_error_yaw_deg"] if is_docked else None,
+        int(verdict["collisions"] or 0),
     )
 
 

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.apps.demo_process import DemoJob, run_demo
-from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.fault_limits import FaultLimits, FaultOutcome, broken_limits, top_speed_while_standing
+from ambler.studies.demo_process import demo_line, run_demo
+from ambler.studies.study import Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 WORLD = "two_rooms"
 TIME_LIMIT = 240.0
@@ -84,20 +84,23 @@ def _world_cases() -> list[FaultCase]:
     ]
 
 
-def run_cases(
-    cases: Sequence[FaultCase],
-    seeds: Sequence[int],
-    out: Path,
-    processes: int,
-    settings: StudySettings = DEFAULTS,
-    *,
-    is_resumed: bool = False,
-) -> list[dict[str, Any]]:
-    """Run every case with every seed, each in a process of its own; returns one result per run with `broken`, in order;
-    `is_resumed` keeps the runs with these settings that `out` has."""
-    jobs = [(case, seed) for case in cases for seed in seeds]
-    with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(job[0], job[1], settings, out, is_resumed=is_resumed), jobs))
+@dataclass(frozen=True, slots=True)
+class FaultRun:
+    """One run of a case."""
+
+    case: FaultCase
+    seed: int
+    settings: StudySettings = DEFAULTS
+
+    @property
+    def label(self) -> str:
+        """A name for files and people."""
+        return f"{self.case.name}-{self.case.robot}-{self.seed}"
+
+
+def fault_study(runs: Sequence[FaultRun]) -> Study[FaultRun]:
+    """Return the study of these runs."""
+    return Study("faults", runs, run_case, demo_line)
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -123,9 +126,11 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return fields
 
 
-def _run_one(case: FaultCase, seed: int, settings: StudySettings, out: Path, *, is_resumed: bool) -> dict[str, Any]:
+def run_case(run: FaultRun, folder: Path) -> dict[str, Any]:
+    """Explore under the fault, and hold the outcome against the limits: `broken` says what was broken."""
+    case = run.case
     options = ("--fault", case.fault, "--time-limit", str(TIME_LIMIT))
-    result = run_demo(DemoJob(WORLD, case.robot, seed, case.name, options, settings), out, is_resumed=is_resumed)
+    result = run_demo(folder, WORLD, case.robot, run.seed, options, run.settings)
     top_speed, log = None, ""
     if "recording" in result:
         recording = Path(result["recording"])
@@ -135,5 +140,11 @@ def _run_one(case: FaultCase, seed: int, settings: StudySettings, out: Path, *, 
     outcome = FaultOutcome(
         result["ended"], result.get("collisions"), result.get("coverage_ratio"), result.get("ate_rms_m"), top_speed, log
     )
-    told = {"case": case.name, "fault": case.fault, "limits": str(case.limits), "top_speed": top_speed}
-    return {**result, **told, "broken": broken_limits(case.limits, outcome)}
+    return {**result, "top_speed": top_speed, "broken": list(broken_limits(case.limits, outcome))}
+
+
+def told(run: FaultRun, result: dict[str, Any]) -> dict[str, Any]:
+    """Return a result with what its case says; one that crashed broke every limit."""
+    case = run.case
+    said = {"case": case.name, "fault": case.fault, "robot": case.robot, "limits": str(case.limits)}
+    return {"broken": [result.get("why", "crashed")], **result, **said}

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ambler.apps.docking_scans import measure_scan_sights
-from ambler.apps.docking_study import measure_sights
 from ambler.sim.world_file import load_world
+from ambler.studies.docking_scans import measure_scan_sights
+from ambler.studies.docking_study import measure_sights
 
 
 def test_a_camera_sees_markers_and_dock_where_they_are() -> None:

@@ -14,29 +14,29 @@ import numpy as np
 import pytest
 import yaml
 
-from ambler.apps import (
-    demo_process,
-    docking_study,
-    fault_study,
-    live_study,
-    live_timing,
-    localization_study,
-    navigation_study,
-    program_study,
-    random_drives,
-)
+from ambler.apps import live_timing
 from ambler.apps.config import recorded_config
-from ambler.apps.demo_process import DemoJob, run_demo
-from ambler.apps.navigation_study import NavigationStudy
-from ambler.apps.rail import SENSING
 from ambler.apps.robot import sensing_nodes
-from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.cli import main as cli
 from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.evaluation import gate_search
-from ambler.evaluation.docking import DockingOutcome
 from ambler.sim.robots import robot_named
+from ambler.studies import (
+    calibration_study,
+    demo_process,
+    docking_study,
+    exploration_study,
+    fault_study,
+    live_study,
+    localization_study,
+    lost_robot_study,
+    navigation_study,
+    program_study,
+    random_drives,
+)
+from ambler.studies.study import key_of
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 WITHOUT_ROBOT = {"map", "results"}
 VERBS = sorted({p.stem.removeprefix("eval_") for p in Path(cli.__file__).parent.glob("eval_*.py")} - WITHOUT_ROBOT)
@@ -126,9 +126,9 @@ def test_settings_reach_the_robot(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("ambler.kernels.warmup.warm_up", lambda names: None)
-    monkeypatch.setattr(program_study, "warm_up", lambda names: None)
     asked = capture_runs(module, monkeypatch)
-    assert main([*words, "--set", "rollout.horizon=1.25"]) == 2
+    here = ["--processes", "0"] if words[0] == "eval" else []
+    assert main([*words, *here, "--set", "rollout.horizon=1.25"]) == 2
     assert [dict(options.profile) for options in asked] == [{"rollout": {"horizon": 1.25}}] * len(asked)
     assert len(asked) == (2 if "team" in words else 1)
 
@@ -149,15 +149,14 @@ def test_faults_of_a_profile_come_beside_those_of_a_case(tmp_path: Path, monkeyp
     asked = capture_runs(docking_study, monkeypatch)
     (case, *_) = docking_study.fault_cases(1, 0)
     with pytest.raises(BadInputError, match="enough"):
-        docking_study.run_case(case, tmp_path / "run", settings=StudySettings({}, ("people",)))
+        docking_study.run_case(replace(case, settings=StudySettings({}, ("people",))), tmp_path)
     assert asked[0].faults == ("people", case.kind)
 
 
 def test_a_program_takes_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(program_study, "warm_up", lambda names: None)
     asked = capture_runs(program_study, monkeypatch)
     with pytest.raises(BadInputError, match="enough"):
-        program_study.run_case(program_study.ProgramCase("lab_empty", "diff", 0, 1), tmp_path, HORIZON)
+        program_study.run_case(program_study.ProgramCase("lab_empty", "diff", 0, 1, settings=HORIZON), tmp_path)
     assert asked[0].profile == HORIZON.profile
 
 
@@ -182,6 +181,7 @@ def test_an_exploration_takes_the_strategy_of_its_settings(tmp_path: Path, comma
     profile.write_text("strategy: nearest\nfaults: [people]\n")
     words = ["--worlds", "lab_empty", "--robots", "diff", "--runs", "1", "--out", str(tmp_path), "--json", str(summary)]
     settings = ["--profile", str(profile), "--set", "rollout.horizon=1.25"]
+    words += ["--processes", "0", "--fresh"]
     assert main(["eval", "exploration", *words, *settings]) == 1
     (command,) = commands
     assert profile_in(command) == {"strategy": "nearest", "rollout": {"horizon": 1.25}, "faults": ["people"]}
@@ -195,7 +195,8 @@ def test_an_exploration_takes_the_strategy_of_its_settings(tmp_path: Path, comma
 @pytest.mark.parametrize("verb", ["faults", "glass"])
 def test_studies_of_demonstrations_hand_their_settings_on(verb: str, tmp_path: Path, commands: list[list[str]]) -> None:
     words = {"faults": ["--only", "people"], "glass": ["--runs", "1"]}[verb]
-    main(["eval", verb, *words, "--robots", "diff", "--out", str(tmp_path), "--set", "rollout.horizon=1.25"])
+    words += ["--processes", "0", "--robots", "diff", "--out", str(tmp_path)]
+    main(["eval", verb, *words, "--set", "rollout.horizon=1.25"])
     assert commands
     for command in commands:
         assert profile_in(command) == {"rollout": {"horizon": 1.25}}
@@ -210,10 +211,9 @@ def test_a_lost_robot_is_told_its_settings(tmp_path: Path, monkeypatch: pytest.M
         raise BadInputError("enough")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ambler.kernels.warmup.warm_up", lambda names: None)
     monkeypatch.setattr(random_drives, "record_drive", lambda *told: None)
-    monkeypatch.setattr("ambler.apps.lost_robot.relocalize", pretend)
-    words = ["eval", "relocalization", "--worlds", "lab_empty", "--runs", "1"]
+    monkeypatch.setattr(lost_robot_study, "relocalize", pretend)
+    words = ["eval", "relocalization", "--worlds", "lab_empty", "--runs", "1", "--processes", "0"]
     assert main([*words, "--set", "localizer=particles", "--set", "particles.particles_most=321"]) == 2
     assert main([*words, "--localizer", "tracker", "--set", "localizer=particles"]) == 2
     assert [c.localizer for c in told] == ["particles", "tracker"]
@@ -221,9 +221,10 @@ def test_a_lost_robot_is_told_its_settings(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_methods_of_the_localization_study_take_settings() -> None:
-    study = localization_study.LocalizationStudy(settings=StudySettings({"particles": {"particles_most": 321}}))
-    take = localization_study.Take(Path("drive"), localization_study.SE2(), None, True)  # type: ignore[arg-type]
-    config = localization_study.study_config(study, study.methods[0], take)
+    settings = StudySettings({"particles": {"particles_most": 321}})
+    case = localization_study.LocalizationCase(localization_study.PLACES[0], 0, True, 0, settings=settings)
+    take = localization_study.Take(Path("drive"), localization_study.SE2(), None)  # type: ignore[arg-type]
+    config = localization_study.study_config(case, case.methods[0], take)
     assert (config.localizer, config.particles.particles_most) == ("particles", 321)
 
 
@@ -246,7 +247,12 @@ def test_gate_and_odometry_take_their_sections(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize(
     ("words", "target", "setting", "value"),
     [
-        (["calibration"], "ambler.evaluation.calibration.evaluate_drive", "calibration.rounds=3", "rounds"),
+        (
+            ["calibration", "--processes", "0"],
+            "ambler.studies.calibration_study.evaluate_drive",
+            "calibration.rounds=3",
+            "rounds",
+        ),
         (["odometry", "absent.bag"], "ambler.evaluation.odometry_quality.fused", "odometry.setbacks=3", "setbacks"),
         (["gate", "--runs", "1"], "ambler.evaluation.gate_search.search_gate", "gate.min_points=3", "min_points"),
     ],
@@ -261,7 +267,7 @@ def test_algorithms_are_told_their_section(
         raise BadInputError("enough")
 
     monkeypatch.setattr("ambler.kernels.warmup.warm_up", lambda names: None)
-    monkeypatch.setattr("ambler.cli.eval_calibration._drive", lambda *given: None)
+    monkeypatch.setattr(calibration_study, "drive_of", lambda *given: None)
     monkeypatch.setattr("ambler.evaluation.odometry_quality.read_odometry_record", lambda bag: None)
     monkeypatch.setattr("ambler.evaluation.odometry_quality.wheels_alone", lambda record: None)
     monkeypatch.setattr(target, pretend)
@@ -277,97 +283,36 @@ def test_interrupted_demonstrations_take_settings(tmp_path: Path, monkeypatch: p
         raise BadInputError("enough")
 
     monkeypatch.setattr(subprocess, "Popen", pretend)
-    words = ["--world", "lab_empty", "--runs", "1", "--out", str(tmp_path)]
+    words = ["--world", "lab_empty", "--runs", "1", "--out", str(tmp_path), "--processes", "0"]
     assert main(["eval", "interrupts", *words, "--set", "rollout.horizon=1.25"]) == 2
     assert profile_in(begun[0]) == {"rollout": {"horizon": 1.25}}
 
 
-def test_the_name_of_settings_is_theirs_alone() -> None:
-    assert DEFAULTS.suffix == ""
+def test_results_are_known_by_their_settings() -> None:
     turned = StudySettings({"gate": {"margin": 0.1}, "rollout": {"horizon": 1.0}})
-    assert turned.suffix == StudySettings({"rollout": {"horizon": 1.0}, "gate": {"margin": 0.1}}).suffix
-    different = (HORIZON, turned, StudySettings(HORIZON.profile, ("people",)), StudySettings({}, ("people",)))
-    assert len({s.suffix for s in (*different, DEFAULTS)}) == 5
+    same = StudySettings({"rollout": {"horizon": 1.0}, "gate": {"margin": 0.1}})
+    different = (DEFAULTS, HORIZON, turned, StudySettings(HORIZON.profile, ("people",)), StudySettings({}, ("people",)))
+
+    def key(settings: StudySettings) -> str:
+        case = exploration_study.ExplorationCase("office", "diff", "tour", 0, settings=settings)
+        return key_of(exploration_study.exploration_study([case]), case)
+
+    assert key(turned) == key(same)
+    assert len({key(settings) for settings in different}) == len(different)
 
 
-def test_a_resumed_study_takes_results_of_its_own_settings_only(tmp_path: Path, commands: list[list[str]]) -> None:
-    job = DemoJob("two_rooms", "diff", 3)
-    for settings in (DEFAULTS, HORIZON):
-        label = replace(job, settings=settings).label
-        (tmp_path / f"{label}.json").write_text('{"ended": "finished"}')
-        assert run_demo(replace(job, settings=settings), tmp_path, is_resumed=True)["ended"] == "finished"
-    assert commands == []
-    other = replace(job, settings=StudySettings({"rollout": {"horizon": 1.5}}))
-    assert run_demo(other, tmp_path, is_resumed=True)["ended"] == "crashed", (
-        "it was run, by a command that does nothing"
-    )
-    assert profile_in(commands[0]) == {"rollout": {"horizon": 1.5}}
-
-
-def test_journeys_with_other_settings_are_driven_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = capture_runs(navigation_study, monkeypatch)
-    study = NavigationStudy(("lab_empty",), goals=1)
-    journey = {"world": "lab_empty", "ended": "succeeded", "goals": 1, "collisions": 0, "drives": []}
-    journey |= {"sim_seconds": 1.0, "run_seconds": 1.0, "cpu_seconds": 1.0}
-    (tmp_path / "lab_empty-diff-contact-0-25-0.json").write_text(json.dumps(journey))
-    assert navigation_study.run_study(study, tmp_path)["lab_empty.diff.goals"] == 1
-    assert asked == []
-    with pytest.raises(BadInputError, match="enough"):
-        navigation_study.run_study(replace(study, settings=HORIZON), tmp_path)
-    assert len(asked) == 1
-
-
-def test_dockings_with_other_settings_are_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ran: list[StudySettings] = []
-
-    def pretend(
-        case: docking_study.DockingCase, folder: Path, world: str, name: str, settings: StudySettings
-    ) -> DockingOutcome:
-        ran.append(settings)
-        return DockingOutcome("random", case.seed, "SUCCEEDED", "", 1, 9.0, 10.0, 7.0, 0.0, 0.0, 0.0, 0)
-
-    monkeypatch.setattr(docking_study, "run_case", pretend)
-    cases = docking_study.random_cases(1, 0)
-    for settings in (DEFAULTS, HORIZON, HORIZON, DEFAULTS):
-        assert len(list(docking_study.run_cases(cases, tmp_path, settings=settings))) == 1
-    assert ran == [DEFAULTS, HORIZON]
-
-
-def test_recorded_drives_are_shared_unless_the_sensing_differs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[tuple[Path, float]] = []
-
-    def pretend(folder: Path, *told: Any) -> None:
-        folder.mkdir()
-        made.append((folder, told[-1].odometry.gap_most))
-
-    monkeypatch.setattr(random_drives, "record_drive", pretend)
+def test_recorded_drives_know_their_sensing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[float] = []
+    monkeypatch.setattr(random_drives, "record_drive", lambda *told: made.append(told[-1].odometry.gap_most))
     sensing = StudySettings({"odometry": {"gap_most": 0.5}, "rollout": {"horizon": 1.0}})
-    for settings in (DEFAULTS, HORIZON, sensing, sensing):
-        random_drives.record_random_drives("lab_empty", "diff", 1, 0, tmp_path, print, settings)
-    assert [gap for _, gap in made] == [0.25, 0.5]
-    assert made[1][0].name == f"lab_empty-diff-random-0-0{sensing.only(SENSING).suffix}"
-
-
-def test_replays_with_other_settings_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[Path] = []
-
-    def pretend(recording: Path, config: Any, robot: str, grid: Any, out: Path, seed: int) -> None:
-        out.mkdir()
-        made.append(out)
-
-    monkeypatch.setattr(localization_study, "localize", pretend)
-    monkeypatch.setattr(localization_study, "recording_to_csv", lambda *told: None)
-    monkeypatch.setattr(localization_study, "localization_errors", lambda *told: None)
-    truth = SimpleNamespace(world_from_map=localization_study.SE2())
-    take = localization_study.Take(tmp_path / "drive", localization_study.SE2(), truth, True)  # type: ignore[arg-type]
-    study = localization_study.LocalizationStudy()
-    for settings in (DEFAULTS, HORIZON, HORIZON, DEFAULTS):
-        localization_study._measure(replace(study, settings=settings), study.methods[0], take, None)  # type: ignore[arg-type]
-    assert len(made) == len(set(made)) == 2
+    for settings in (DEFAULTS, HORIZON, sensing):
+        case = random_drives.DriveCase("lab_empty", "diff", 0, 0, settings)
+        random_drives.record_random_drive(case, tmp_path / "drive")
+    assert made == [0.25, 0.25, 0.5]
 
 
 def test_a_case_of_faults_keeps_its_own(tmp_path: Path, commands: list[list[str]]) -> None:
     case = next(c for c in fault_study.fault_cases() if c.name == "wheel_slip")
-    fault_study.run_cases([case], [0], tmp_path, 1, StudySettings({}, ("people",)))
+    fault_study.run_case(fault_study.FaultRun(case, 0, StudySettings({}, ("people",))), tmp_path)
     assert profile_in(commands[0]) == {"faults": ["people"]}
     assert commands[0][commands[0].index("--fault") + 1] == case.fault

@@ -4,43 +4,61 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.apps.demo_process import DemoJob, run_demo
-from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.evaluation.collisions import find_collisions
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
 from ambler.sim.world_file import load_world
+from ambler.studies.demo_process import demo_line, run_demo
+from ambler.studies.study import Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 from ambler.wire.glass_files import SUFFIX, load_glass
 
 WITH, WITHOUT = "with_layers", "without_layers"
 
 
 @dataclass(frozen=True, slots=True)
-class GlassStudy:
-    """What to run. A run without the layers may end nowhere: `time_limit` (simulated seconds) ends all."""
+class GlassCase:
+    """One exploration of `base`, with or without the ring and the layers. A run without them may end nowhere: `time_limit` (simulated
+    seconds) ends all."""
 
+    base: str
+    variant: str
+    seed: int
     world: str = "glass"
-    robots: tuple[str, ...] = ("diff", "amr_omni")
-    variants: tuple[str, ...] = (WITH, WITHOUT)
-    seeds: tuple[int, ...] = (0, 1, 2)
     time_limit: float = 600.0
     is_kinematic: bool = False
     settings: StudySettings = DEFAULTS
 
-    def runs(self) -> list[tuple[str, str, int]]:
-        """Return (robot, variant, seed) of every run."""
-        return [(r, v, s) for r in self.robots for v in self.variants for s in self.seeds]
+    @property
+    def robot(self) -> str:
+        """The robot that runs."""
+        return f"{self.base}+ultrasonic" if self.variant == WITH else self.base
+
+    @property
+    def label(self) -> str:
+        """A name for files and people."""
+        return f"{Path(self.world).stem}-{self.base}-{self.variant}-{self.seed}"
 
 
-def run_study(study: GlassStudy, out: Path, processes: int, *, is_resumed: bool = False) -> list[dict[str, Any]]:
-    """Run everything, each run in a process of its own, and return one result per run, in order; `is_resumed` keeps those that `out` has."""
-    with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(study, job, out, is_resumed=is_resumed), study.runs()))
+def glass_study(cases: Sequence[GlassCase]) -> Study[GlassCase]:
+    """Return the study of these explorations."""
+    return Study("glass", cases, run_case, demo_line)
+
+
+def run_case(case: GlassCase, folder: Path) -> dict[str, Any]:
+    """Explore, count contacts, and compare the glass that was found with the world's."""
+    options = ("--time-limit", str(case.time_limit), *(("--kinematic",) if case.is_kinematic else ()))
+    result = run_demo(folder, case.world, case.robot, case.seed, options, case.settings)
+    return {**result, **_judge_run(case.world, Path(result["recording"]))} if "recording" in result else result
+
+
+def is_good(result: dict[str, Any]) -> bool:
+    """Say whether a run with the layers ended with proof and without a contact; without them there is no bar."""
+    return result["variant"] != WITH or (result["ended"] == "finished" and result.get("contacts") == 0)
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -64,18 +82,6 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             if values:
                 fields[f"{name}.{what}_median"] = statistics.median(values)
     return fields
-
-
-def _run_one(study: GlassStudy, job: tuple[str, str, int], out: Path, *, is_resumed: bool) -> dict[str, Any]:
-    base, variant, seed = job
-    robot = f"{base}+ultrasonic" if variant == WITH else base
-    options = ("--time-limit", str(study.time_limit), *(("--kinematic",) if study.is_kinematic else ()))
-    result = run_demo(
-        DemoJob(study.world, robot, seed, options=options, settings=study.settings), out, is_resumed=is_resumed
-    )
-    if "recording" in result:
-        result |= _judge_run(study.world, Path(result["recording"]))
-    return {**result, "base": base, "variant": variant}
 
 
 def _judge_run(world: str, recording: Path) -> dict[str, Any]:

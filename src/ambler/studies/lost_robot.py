@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from ambler.apps.config import RobotConfig
-from ambler.apps.localization_study import Feed, localization_executor, sensor_feed
-from ambler.apps.random_drives import RandomDrive
 from ambler.apps.robot import MapGrid
 from ambler.core.messages import Imu, LaserScan, Message, Odometry, PointCloud, Status
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.topics import LOCALIZED_POSE, TRUE_POSE, Topic
+from ambler.studies.localization_study import Feed, localization_executor, sensor_feed
+from ambler.studies.random_drives import DriveCase, RandomDrive, start_of
 from ambler.wire.mcap_reader import read_recording
 
 RIGHT_XY, RIGHT_YAW = 0.3, 0.1  # metres, radians: a told pose beyond them is wrong
@@ -155,12 +155,13 @@ def _spliced(before: Path, after: Path, jump_ns: int) -> Feed:
 
 
 def pairs_far_apart(
-    drives: list[RandomDrive], count: int, rng: np.random.Generator
-) -> Iterator[tuple[RandomDrive, RandomDrive]]:
+    drives: Sequence[DriveCase], count: int, rng: np.random.Generator
+) -> list[tuple[DriveCase, DriveCase]]:
     """Draw `count` pairs of drives of one world whose starts lie at least 2 m apart."""
-    drawn = 0
-    while drawn < count:
-        a, b = (drives[i] for i in rng.integers(len(drives), size=2))
-        if a.world == b.world and math.dist(a.map_from_start.as_array()[:2], b.map_from_start.as_array()[:2]) > 2.0:
-            drawn += 1
-            yield a, b
+    starts = [start_of(drive).as_array()[:2] for drive in drives]
+    pairs: list[tuple[DriveCase, DriveCase]] = []
+    while len(pairs) < count:
+        a, b = rng.integers(len(drives), size=2)
+        if drives[a].world == drives[b].world and math.dist(starts[a], starts[b]) > 2.0:
+            pairs.append((drives[a], drives[b]))
+    return pairs

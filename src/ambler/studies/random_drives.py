@@ -1,9 +1,9 @@
-"""Short drives from random places of a world, recorded once for every campaign that needs a robot that is anywhere."""
+"""Short drives from random places of a world, for every study that needs a robot that is anywhere."""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambler.apps.config import robot_config
-from ambler.apps.rail import SENSING, Route, record_drive
-from ambler.apps.study_settings import DEFAULTS, StudySettings
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
@@ -22,10 +20,23 @@ from ambler.sim.robots import robot_named
 from ambler.sim.truth import truth_grid
 from ambler.sim.world import SimulationConfig
 from ambler.sim.world_file import load_world
+from ambler.studies.rail import SENSING, Route, record_drive
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 MARGIN = 0.1
 LEG = (0.8, 3.5)
 DRIVE_TIME = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class DriveCase:
+    """Drive `number` of a world and a seed. Of the settings only what `rail.SENSING` names makes another drive."""
+
+    world: str
+    robot: str
+    number: int
+    seed: int
+    settings: StudySettings = DEFAULTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,37 +49,34 @@ class RandomDrive:
     truth: TruthFrame
 
 
-def record_random_drives(
-    world: str,
-    robot: str,
-    count: int,
-    seed: int,
-    out: Path,
-    tell: Callable[[str], None],
-    settings: StudySettings = DEFAULTS,
-) -> list[RandomDrive]:
-    """Record `count` drives of 8 s from random poses of a world, those that are not there yet: half a second at rest, then straight
-    legs between random places that see each other. Of the settings only what `rail.SENSING` names makes other drives. Raises
-    BadInputError where the robot fits nowhere."""
-    sim_robot, home = robot_named(robot), load_world(world)
-    sensing = settings.only(SENSING)
-    config = robot_config(sim_robot.model, sensing.profile)
-    spec, occupancy = truth_grid(home.from_start(), sim_robot.sensor_height, 0.05)
-    clear = _clear_cells(spec, occupancy, sim_robot.model.circumscribed_radius + MARGIN)
-    drives = []
-    for k in range(count):
-        rng = np.random.default_rng([seed, k, *world.encode()])
-        start, points = _random_route(spec, clear, rng)
-        folder = out / f"{Path(world).stem}-{robot}-random-{seed}-{k}{sensing.suffix}"
-        if not folder.exists():
-            local = tuple((float(x), float(y)) for x, y in start.inverse().transform(points))
-            route = Route(local, speed=0.5, turn_rate=0.7, rest=0.5)
-            simulated = SimulationConfig(seed + k, physics="kinematic")
-            record_drive(folder, home, sim_robot, route, DRIVE_TIME, simulated, home.start @ start, config)
-            if k % 10 == 9:
-                tell(f"{k + 1} of {count} drives in {world} are recorded")
-        drives.append(RandomDrive(world, folder, start, TruthFrame(home.start)))
-    return drives
+def record_random_drive(case: DriveCase, folder: Path) -> RandomDrive:
+    """Record a drive of 8 s from a random pose of a world into a folder that is not there yet: half a second at rest, then straight legs
+    between random places that see each other. Raises BadInputError where the robot fits nowhere."""
+    sim_robot, home = robot_named(case.robot), load_world(case.world)
+    start, points = _route_of(case)
+    local = tuple((float(x), float(y)) for x, y in start.inverse().transform(points))
+    route = Route(local, speed=0.5, turn_rate=0.7, rest=0.5)
+    simulated = SimulationConfig(case.seed + case.number, physics="kinematic")
+    config = robot_config(sim_robot.model, case.settings.only(SENSING).profile)
+    record_drive(folder, home, sim_robot, route, DRIVE_TIME, simulated, home.start @ start, config)
+    return RandomDrive(case.world, folder, start, TruthFrame(home.start))
+
+
+def start_of(case: DriveCase) -> SE2:
+    """Return where a drive begins in the drawn map of its world."""
+    return _route_of(case)[0]
+
+
+def _route_of(case: DriveCase) -> tuple[SE2, NDArray[np.float64]]:
+    spec, clear = _clear_places(case.world, case.robot)
+    return _random_route(spec, clear, np.random.default_rng([case.seed, case.number, *case.world.encode()]))
+
+
+@functools.lru_cache(maxsize=4)
+def _clear_places(world: str, robot: str) -> tuple[GridSpec, NDArray[np.bool_]]:
+    sim_robot = robot_named(robot)
+    spec, occupancy = truth_grid(load_world(world).from_start(), sim_robot.sensor_height, 0.05)
+    return spec, _clear_cells(spec, occupancy, sim_robot.model.circumscribed_radius + MARGIN)
 
 
 def _clear_cells(spec: GridSpec, occupancy: NDArray[np.int8], radius: float) -> NDArray[np.bool_]:

@@ -4,11 +4,22 @@ from pathlib import Path
 
 import pytest
 
-from ambler.apps import fault_study, glass_study
-from ambler.apps.demo_process import DemoJob, run_demo
 from ambler.cli.main import main
 from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
+from ambler.studies import (
+    calibration_study,
+    docking_study,
+    exploration_study,
+    fault_study,
+    glass_study,
+    interrupt_study,
+    live_study,
+    lost_robot_study,
+    navigation_study,
+    program_study,
+)
+from ambler.studies.demo_process import run_demo
 
 
 def test_every_fault_of_driving_has_a_case_that_can_be_run() -> None:
@@ -46,20 +57,33 @@ def test_a_glass_summary_keeps_robots_and_variants_apart() -> None:
     assert "diff.without_layers.found_ratio_worst" not in fields
 
 
-def test_a_resumed_study_counts_what_is_there(tmp_path: Path) -> None:
-    job = DemoJob("two_rooms", "diff", 3, "people", ("--fault", "people"))
-    assert job.label == "two_rooms-diff-people-3"
-    (tmp_path / f"{job.label}.json").write_text('{"ended": "finished", "collisions": 0}')
-    assert run_demo(job, tmp_path, is_resumed=True) == {"ended": "finished", "collisions": 0}
-    assert [p.name for p in tmp_path.iterdir()] == ["two_rooms-diff-people-3.json"], "nothing was run"
-
-
 def test_a_run_that_died_is_told_as_crashed_and_leaves_nothing_old(tmp_path: Path) -> None:
-    job = DemoJob("two_rooms", "hovercraft", 0)
-    (tmp_path / f"{job.label}.json").write_text('{"ended": "finished"}')
-    result = run_demo(job, tmp_path)
+    (tmp_path / "demo.json").write_text('{"ended": "finished"}')
+    result = run_demo(tmp_path, "two_rooms", "hovercraft", 0)
     assert result["ended"] == "crashed"
-    assert "hovercraft" in (tmp_path / f"{job.label}.log").read_text()
+    assert "hovercraft" in result["why"]
+    assert "hovercraft" in (tmp_path / "demo.log").read_text()
+
+
+def test_crashed_cases_count_against_every_summary() -> None:
+    crashed = {"ended": "crashed", "why": "x", "seed": 1}
+    case = fault_study.FaultRun(fault_study.fault_cases()[0], 1)
+    assert fault_study.summarize([fault_study.told(case, crashed)])["passed"] == 0
+    fields = exploration_study.summarize([{**crashed, "world": "w", "robot": "r", "strategy": "s"}])
+    assert (fields["w.r.s.runs"], fields["w.r.s.finished"]) == (1, 0)
+    assert not exploration_study.is_good(crashed)
+    assert not glass_study.is_good({**crashed, "variant": "with_layers"})
+    assert program_study.summarize([{**crashed, "robot": "diff"}])["succeeded"] == 0
+    assert not program_study.is_good(crashed)
+    assert not program_study.is_team_good(crashed)
+    outcome = docking_study.outcome_of({**crashed, "kind": "random", "distance": 3.0})
+    assert not docking_study.is_good(outcome)
+    assert navigation_study.summarize([crashed])["failures"] == "crashed"
+    assert lost_robot_study.summarize_relocalization([crashed])["success_ratio"] == 0.0
+    assert lost_robot_study.summarize_kidnapping([crashed])["success_ratio"] == 0.0
+    assert live_study.summarize([{**crashed, "kind": "explore"}])["explore.succeeded"] == 0
+    assert interrupt_study.summarize([{**crashed, "number": 0, "signal_name": "SIGINT", "after": 1.0}])["wrong"]
+    assert calibration_study.summarize([crashed])["within_bars"] == 0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,10 @@ from ambler.core.messages import GateState, GateStatus, VelocityCommand
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, UndockStep
 from ambler.runtime.topics import GATE_STATUS, VELOCITY_COMMAND
+from ambler.studies.study import Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
+APART, CABLE = "apart", "cable"
 PULLED_AT = 8.0  # seconds after the start, from which a cable is pulled as soon as the robot is fast
 FAST = 0.6  # m/s commanded for half a second
 WATCHED = 4.0  # seconds after that
@@ -37,6 +41,84 @@ VERBS: dict[str, Callable[[int], RunOptions]] = {
         (UndockStep("charger_1"),), "dock_room", "amr_omni", seed, starts_docked="charger_1", port=None, time_limit=60.0
     ),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class LiveCase:
+    """One live run: a verb in real time, an exploration with its simulator `apart`, or that with its `cable` pulled."""
+
+    kind: str
+    seed: int
+    settings: StudySettings = DEFAULTS
+
+    @property
+    def label(self) -> str:
+        """A name for files and people."""
+        return f"{self.kind}-{self.seed}"
+
+    @property
+    def options(self) -> RunOptions:
+        """What the run is told."""
+        if self.kind == CABLE:
+            return self.settings.applied_to(cable_options(self.seed))
+        if self.kind == APART:
+            return self.settings.applied_to(replace(VERBS["explore"](self.seed), is_apart=True))
+        return self.settings.applied_to(replace(VERBS[self.kind](self.seed), is_realtime=True))
+
+
+def live_study(cases: Sequence[LiveCase]) -> Study[LiveCase]:
+    """Return the study of these runs, which should have the machine to themselves."""
+    return Study("live", cases, run_case, _line)
+
+
+def run_case(case: LiveCase, out: Path) -> dict[str, Any]:
+    """Run live and judge."""
+    if case.kind == CABLE:
+        return pull_cable(case.options, out)
+    return run_live(case.options, out, replays=case.kind == APART)
+
+
+def is_good(result: dict[str, Any]) -> bool:
+    """Say whether a run ended well, without a collision; of a pulled cable, whether the base stood."""
+    if result["kind"] == CABLE:
+        return result.get("base_stood_s") is not None
+    return result.get("ended") in ("finished", "succeeded") and not result.get("collisions")
+
+
+def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return flat fields `<kind>.<what>`."""
+    fields: dict[str, Any] = {}
+    for kind in dict.fromkeys(r["kind"] for r in results):
+        members = [r for r in results if r["kind"] == kind]
+        fields |= _cables(members) if kind == CABLE else _summary(kind, members)
+    return fields
+
+
+def _cables(members: list[dict[str, Any]]) -> dict[str, Any]:
+    told = ("speed_mps", "gate_refused_s", "commands_ended_s", "base_stood_s")
+    return {**{f"cable.{name}_max": worst([m.get(name) for m in members]) for name in told}, "cable.runs": len(members)}
+
+
+def _summary(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+    ended = [r["ended"] for r in results]
+    fields: dict[str, Any] = {
+        f"{name}.runs": len(results),
+        f"{name}.succeeded": sum(e in ("finished", "succeeded") for e in ended),
+        f"{name}.ended": ", ".join(sorted(set(ended))),
+        f"{name}.collisions": sum(r.get("collisions") or 0 for r in results),
+        f"{name}.lost_messages": sum(r.get("lost_messages") or 0 for r in results),
+        f"{name}.seconds_median": worst([r.get("sim_seconds") for r in results], share=50.0),
+    }
+    if name == APART:
+        fields["apart.replays_within"] = sum(bool(r.get("is_replay_within")) for r in results)
+        fields["apart.pose_difference_p95_m"] = worst([r.get("pose_difference_p95_m") for r in results])
+    return fields
+
+
+def _line(result: dict[str, Any]) -> str:
+    if result["kind"] == CABLE:
+        return f"stood after {result['base_stood_s']:.2f} s"
+    return f"{result['ended']}, {result['collisions']} collisions"
 
 
 def run_live(options: RunOptions, out: Path, *, replays: bool = False) -> dict[str, Any]:

@@ -1,17 +1,16 @@
-"""Many demonstrations: each in a process of its own, their JSON results collected and summarized."""
+"""Explorations over worlds, robots, strategies and seeds, each a demonstration in a process of its own, and their summary."""
 
 from __future__ import annotations
 
-import itertools
 import statistics
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.apps.demo_process import DemoJob, run_demo
-from ambler.apps.study_settings import DEFAULTS, StudySettings
+from ambler.studies.demo_process import demo_line, run_demo
+from ambler.studies.study import Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 WORST = {
     "coverage_ratio": min,
@@ -26,25 +25,37 @@ MEDIANS = (*WORST, "path_length_m", "real_time_factor", "peak_memory_mb")
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
-    """Every combination of these is one run, with these settings."""
+class ExplorationCase:
+    """One exploration; `options` are further words of `ambler demo`."""
 
-    worlds: tuple[str, ...]
-    robots: tuple[str, ...]
-    strategies: tuple[str, ...]
-    seeds: tuple[int, ...]
+    world: str
+    robot: str
+    strategy: str
+    seed: int
+    options: tuple[str, ...] = ()
     settings: StudySettings = DEFAULTS
 
-    def runs(self) -> list[tuple[str, str, str, int]]:
-        """Return (world, robot, strategy, seed) of every run."""
-        return list(itertools.product(self.worlds, self.robots, self.strategies, self.seeds))
+    @property
+    def label(self) -> str:
+        """A name for files and people."""
+        return f"{Path(self.world).stem}-{Path(self.robot).stem}-{self.strategy}-{self.seed}"
 
 
-def run_campaign(campaign: Campaign, out: Path, processes: int, *, is_resumed: bool = False) -> list[dict[str, Any]]:
-    """Run everything and return one result per run, in order; a run that died has `ended` = crashed. A resumed campaign keeps the
-    results that `out` holds already."""
-    with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda job: _run_one(job, campaign.settings, out, is_resumed=is_resumed), campaign.runs()))
+def exploration_study(cases: Sequence[ExplorationCase]) -> Study[ExplorationCase]:
+    """Return the study of these explorations."""
+    return Study("exploration", cases, run_case, demo_line)
+
+
+def run_case(case: ExplorationCase, folder: Path) -> dict[str, Any]:
+    """Explore."""
+    options = ("--strategy", case.strategy, *case.options)
+    result = run_demo(folder, case.world, case.robot, case.seed, options, case.settings)
+    return {**result, "world": Path(case.world).stem, "strategy": case.strategy}
+
+
+def is_good(result: dict[str, Any]) -> bool:
+    """Say whether an exploration ended with proof and without a collision."""
+    return result.get("ended") == "finished" and result.get("collisions") == 0
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -64,9 +75,3 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             if values and what in WORST:
                 fields[f"{name}.{what}_worst"] = WORST[what](values)
     return fields
-
-
-def _run_one(job: tuple[str, str, str, int], settings: StudySettings, out: Path, *, is_resumed: bool) -> dict[str, Any]:
-    world, robot, strategy, seed = job
-    demo = DemoJob(world, robot, seed, strategy, ("--strategy", strategy), settings)
-    return {**run_demo(demo, out, is_resumed=is_resumed), "strategy": strategy}
