@@ -3,6 +3,7 @@
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 ambler_setup sim,dev
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
+if [ -z "${AMBLER_DATA:-}" ] && [ -d ../shared/data ]; then export AMBLER_DATA="$PWD/../shared/data"; fi  # docs/datasets.md
 echo "== format"
 .venv/bin/ruff format --check .
 echo "== lint"

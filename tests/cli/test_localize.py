@@ -15,8 +15,8 @@ from ambler.core.se2 import SE2
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.recordings.log_scans import LogScan, planar_matrix
 from tests.localization import rooms
+from tests.public_data import public
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 BEAMS = 360
 
 
@@ -81,9 +81,8 @@ def test_without_odometry_nothing_is_localized() -> None:
         localize_recording(bare, spec, occupancy, lambda m: GridTracker(m, GridTrackerConfig()))
 
 
-@pytest.mark.skipif(not (DATA / "turtlebot4").exists(), reason=f"recorded data is absent: {DATA / 'turtlebot4'}")
 def test_the_turtlebot_finds_itself_in_its_map(tmp_path: Path) -> None:
-    folder = DATA / "turtlebot4"
+    folder = public("turtlebot4")
     arguments = ["--json", str(tmp_path / "r.json"), "--out", str(tmp_path / "out")]
     bag, known = folder / "macfirst_floor_take_2", folder / "mac_1st_floor_final.yaml"
     assert main(["localize", str(bag), "--map", str(known), *arguments]) == 0

@@ -12,9 +12,9 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import GnssFix, Imu
 from ambler.evaluation.odometry_quality import fused, read_odometry_record, to_plane, vertical, wheels_alone
 from ambler.localization.odometry import OdometryConfig
+from tests.public_data import public
 
-BAG = Path(__file__).parents[3] / "shared" / "data" / "ros1" / "husky_imu_odom_gps.bag"
-needs_bag = pytest.mark.skipif(not BAG.exists(), reason=f"recorded data is absent: {BAG}")
+BAG = "ros1/husky_imu_odom_gps.bag"
 
 
 def fix(latitude: float, longitude: float) -> GnssFix:
@@ -40,19 +40,17 @@ def test_up_is_where_gravity_comes_from() -> None:
         vertical([Imu(0, "imu", (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))])
 
 
-@needs_bag
 def test_the_gyroscope_halves_the_error_of_the_husky() -> None:
-    record = read_odometry_record(BAG)
+    record = read_odometry_record(public(BAG))
     assert record.up[1] > 0.99, "its IMU lies on the side"
     wheels, both = wheels_alone(record), fused(record, OdometryConfig())
     assert both.error.ate_rms_m < 0.6 * wheels.error.ate_rms_m
     assert both.error.ate_rms_m < 5.0
 
 
-@needs_bag
 def test_the_command_writes_its_result(tmp_path: Path) -> None:
     out, picture = tmp_path / "odometry.json", tmp_path / "tracks.png"
-    assert main(["eval", "odometry", str(BAG), "--json", str(out), "--picture", str(picture)]) == 0
+    assert main(["eval", "odometry", str(public(BAG)), "--json", str(out), "--picture", str(picture)]) == 0
     assert json.loads(out.read_text())["fixes"] == 989
     assert picture.stat().st_size > 10_000
 

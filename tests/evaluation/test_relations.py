@@ -1,6 +1,5 @@
 """Errors against relations: hand-made motions, damaged files, and the odometry of the recorded logs."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.evaluation.relations import Relation, load_relations, relation_errors
 from ambler.wire.carmen import load_carmen
-
-DATA = Path(os.environ.get("AMBLER_DATA", Path(__file__).parents[3] / "shared" / "data")) / "radish"
+from tests.public_data import public
 
 
 def test_errors_are_those_of_the_relative_motion() -> None:
@@ -46,15 +44,14 @@ def test_damaged_relations_are_refused(tmp_path: Path, text: str) -> None:
         load_relations(path)
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="recorded logs (../shared/data/radish) are absent")
 @pytest.mark.parametrize(
     ("name", "count", "mean", "std", "degrees"),
     [("intel", 2984, 7.370, 14.35, 39.2), ("fr079", 1685, 6.504, 13.66, 30.3)],
 )
 def test_odometry_alone_gives_the_known_errors(name: str, count: int, mean: float, std: float, degrees: float) -> None:
-    log = load_carmen(DATA / f"{name}.clf.bz2")
+    log = load_carmen(public(f"radish/{name}.clf.bz2"))
     poses = np.array([line.odom_from_base.as_array() for line in log.lasers])
-    errors = relation_errors(load_relations(DATA / f"{name}.relations"), [x.stamp for x in log.lasers], poses)
+    errors = relation_errors(load_relations(public(f"radish/{name}.relations")), [x.stamp for x in log.lasers], poses)
     fields = errors.fields()
     assert fields["relations_used"] == count
     assert fields["translation_mean_m"] == pytest.approx(mean, abs=0.001)

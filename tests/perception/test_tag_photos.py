@@ -1,22 +1,18 @@
 """Real photographs of an AprilTag on a turntable (recorded data, read where it lies)."""
 
 import math
-import os
-from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from ambler.core.camera import CameraModel, MarkerSpec
 from ambler.perception.fiducials import FiducialConfig, FiducialDetector
+from tests.public_data import public
 
-DATA = Path(os.environ.get("AMBLER_DATA", Path(__file__).parents[3] / "shared" / "data")) / "apriltag"
 CAMERA = CameraModel("photo", 1056, 792, 329.8729619143081, 332.94611303946357, 528.0, 396.0)
 TAG = MarkerSpec("APRILTAG_36H11", 76, 0.065)
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="recorded photographs (../shared/data/apriltag) are absent")
 def test_a_turned_tag_is_followed_over_120_degrees() -> None:
     """The pictures are undistorted imperfectly (the corners of a true square miss by about a pixel), and the zero of the turntable is
     known to a degree or two: the angles must follow it to 3 degrees, the places lie on a circle to 3 mm."""
@@ -24,7 +20,7 @@ def test_a_turned_tag_is_followed_over_120_degrees() -> None:
     angles, places = np.array([-60, -30, 0, 30, 60]), []
     turned = []
     for angle in angles:
-        image = cv2.imread(str(DATA / f"test_image_rotation_{angle}.png"), cv2.IMREAD_GRAYSCALE)
+        image = cv2.imread(str(public(f"apriltag/test_image_rotation_{angle}.png")), cv2.IMREAD_GRAYSCALE)
         (found,) = detector.detect(image)
         matrix = found.camera_from_marker.matrix()
         turned.append(math.degrees(math.atan2(matrix[0, 2], -matrix[2, 2])))

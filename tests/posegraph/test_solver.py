@@ -1,7 +1,5 @@
 """The pose-graph solver: derivatives, recorded optima, a dense twin, robustness against wrong loop closures."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,8 +11,7 @@ from ambler.kernels import pose_graph as kernels
 from ambler.posegraph.solver import InitialGuess, PoseGraph, RobustKernel, SolverConfig, solve
 from ambler.posegraph.structure import NormalEquations, Structure
 from ambler.wire.g2o import read_g2o
-
-DATA = Path(__file__).parents[3] / "shared" / "data" / "posegraph"
+from tests.public_data import public
 
 
 def ring(rng: np.random.Generator, n: int = 40, loops: int = 12, noise: float = 0.02) -> tuple[PoseGraph, np.ndarray]:
@@ -48,10 +45,7 @@ def dense_chi2(graph: PoseGraph, poses: np.ndarray) -> float:
 @pytest.mark.parametrize(("name", "optimum"), [("intel", 45.0047), ("manhattan3500", 146.0766)])
 @pytest.mark.parametrize("guess", list(InitialGuess))
 def test_recorded_graphs_reach_their_known_optimum(name: str, optimum: float, guess: InitialGuess) -> None:
-    path = DATA / f"{name}.g2o"
-    if not path.exists():
-        pytest.skip(f"{path} is absent")
-    file = read_g2o(path)
+    file = read_g2o(public(f"posegraph/{name}.g2o"))
     flags = np.zeros(len(file.edge_from), np.bool_)
     graph = PoseGraph(file.poses, file.edge_from, file.edge_to, file.measurements, file.information, flags)
     result = solve(graph, config=SolverConfig(initial_guess=guess))

@@ -27,9 +27,9 @@ from ambler.slam2d.offline import run_offline
 from ambler.slam2d.sweep_search import find_sweep
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_types import STORE
+from tests.public_data import public
 
 open_recording = partial(scan_recording.open_recording, find_sweep=find_sweep)
-DATA = Path(__file__).parents[3] / "shared" / "data"
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 Recorded = list[tuple[str, m.Message, int]]
@@ -244,15 +244,13 @@ def test_unusable_files_are_one_line_and_leave_nothing(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.skipif(not DATA.exists(), reason=f"recorded data is absent: {DATA}")
 def test_the_real_turtlebot_sweeps_backward_and_its_returns_lie_on_walls() -> None:
-    recording = open_recording(DATA / "turtlebot4" / "macfirst_floor_take_2")
+    recording = open_recording(public("turtlebot4/macfirst_floor_take_2"))
     assert any("beams in time: backward" in note for note in recording.notes)
     assert run_offline(recording.scans).points_on_walls_ratio > 0.95
 
 
-@pytest.mark.skipif(not DATA.exists(), reason=f"recorded data is absent: {DATA}")
 def test_the_real_wean_log_closes_its_loops() -> None:
-    result = run_offline(open_recording(DATA / "cmu_wean" / "robotdata1.log").scans)
+    result = run_offline(open_recording(public("cmu_wean/robotdata1.log")).scans)
     assert result.loop_closures >= 1
     assert result.points_on_walls_ratio > 0.9

@@ -17,6 +17,7 @@ from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.truth import reachable_cells
 from ambler.sim.world_file import load_world, world_names
 from ambler.wire.map_files import save_map
+from tests.public_data import public
 
 # The middle of each of the ten rooms of `office`, in the author's coordinates.
 ROOMS = [
@@ -65,14 +66,9 @@ def test_racks_stand_on_posts_and_their_empty_bays_can_be_passed() -> None:
     assert reached[spec.cell_of(6.0 + 3.5 * 2.7, 3.35)]
 
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
-
-
 @pytest.mark.parametrize("name", ["easy/img_1", "medium/img_10", "complex/img_100"])
 def test_pictures_of_the_exploration_benchmark_are_worlds(name: str) -> None:
-    path = DATA / "exploration" / f"{name}.png"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
+    path = public(f"exploration/{name}.png")
     world = load_world(path)
     collider = FootprintCollider(world, robot_named("amr_omni"))
     assert all(not collider.overlapping(world.start @ SE2(0.0, 0.0, 0.1 * k)) for k in range(63))
@@ -86,10 +82,7 @@ def test_pictures_of_the_exploration_benchmark_are_worlds(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["depot", "ac109_3"])
 def test_public_maps_are_worlds(name: str) -> None:
-    path = DATA / "maps" / f"{name}.yaml"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    world = load_world(path)
+    world = load_world(public(f"maps/{name}.yaml"))
     collider = FootprintCollider(world, robot_named("diff"))
     assert not collider.overlapping(world.start)
     _, reached = reachable_cells(world, 0.3, 0.05, 0.25)

@@ -22,8 +22,8 @@ from ambler.core.se3 import SE3
 from ambler.wire.bags import open_bag
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_types import STORE
+from tests.public_data import public
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 COUNT = 15
@@ -226,9 +226,8 @@ def test_wrong_files_are_named(tmp_path: Path) -> None:
     refuse(tmp_path / "silent", "missing|no bag")
 
 
-@pytest.mark.skipif(not (DATA / "turtlebot4").exists(), reason=f"recorded data is absent: {DATA / 'turtlebot4'}")
 def test_the_turtlebot4_recording_on_its_read_only_disk() -> None:
-    with open_bag(DATA / "turtlebot4" / "macfirst_floor_take_2") as bag:
+    with open_bag(public("turtlebot4/macfirst_floor_take_2")) as bag:
         counts = {t.name: t.count for t in bag.topics()}
         scans = [g.message for g in bag.messages(types=[m.LaserScan])]
         assert (counts["/scan"], counts["/odom"], len(scans)) == (357, 920, 357)
@@ -241,9 +240,8 @@ def test_the_turtlebot4_recording_on_its_read_only_disk() -> None:
     assert {len(s.ranges) for s in scans if isinstance(s, m.LaserScan)} == {720}
 
 
-@pytest.mark.skipif(not (DATA / "ros1").exists(), reason=f"recorded data is absent: {DATA / 'ros1'}")
 def test_the_husky_recording_of_ros_1() -> None:
-    with open_bag(DATA / "ros1" / "husky_imu_odom_gps.bag") as bag:
+    with open_bag(public("ros1/husky_imu_odom_gps.bag")) as bag:
         counts = {t.name: t.count for t in bag.topics()}
         first = next(bag.messages(types=[m.Imu])).message
     assert counts["/imu/data"] == 11865

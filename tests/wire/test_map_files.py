@@ -9,8 +9,8 @@ import pytest
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.wire.map_files import load_map, save_map
+from tests.public_data import public
 
-MAPS = Path(__file__).parents[3] / "shared" / "data" / "maps"
 SPEC = GridSpec(0.05, 4, 3, -1.25, 2.5)
 CELLS = np.array([[0, 100, -1, 0], [-1, -1, 100, 100], [0, 0, 0, -1]], np.int8)
 
@@ -82,10 +82,7 @@ def test_netpbm_kinds_with_comments(tmp_path: Path, magic: str) -> None:
 
 @pytest.mark.parametrize(("name", "shape"), [("depot", (307, 604)), ("ac109_3", None)])
 def test_recorded_maps_load(name: str, shape: tuple[int, int] | None) -> None:
-    path = MAPS / f"{name}.yaml"
-    if not path.exists():
-        pytest.skip(f"{path} is absent")
-    spec, cells = load_map(path)
+    spec, cells = load_map(public(f"maps/{name}.yaml"))
     assert cells.shape == spec.shape
     assert shape in (None, cells.shape)
     assert set(np.unique(cells)) <= {-1, 0, 100}

@@ -11,9 +11,7 @@ import pytest
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, Odometry
 from ambler.wire.wean import read_wean_log, read_wean_map
-
-DATA = Path(__file__).parents[3] / "shared" / "data" / "cmu_wean"
-needs_data = pytest.mark.skipif(not DATA.exists(), reason=f"recorded data is absent: {DATA}")
+from tests.public_data import public
 
 
 def write(path: Path, text: str) -> Path:
@@ -84,9 +82,8 @@ def test_missing_and_binary_files_are_refused(tmp_path: Path) -> None:
         read_wean_log(tmp_path / "b.log")
 
 
-@needs_data
 def test_the_recorded_log_and_map_have_their_known_size() -> None:
-    log, world = read_wean_log(DATA / "robotdata1.log"), read_wean_map(DATA / "wean.dat")
+    log, world = read_wean_log(public("cmu_wean/robotdata1.log")), read_wean_map(public("cmu_wean/wean.dat"))
     scans = [message for message in log.messages if isinstance(message, LaserScan)]
     assert len(scans) == 713
     assert len(log.messages) == 713 + 1505 + 713

@@ -14,8 +14,9 @@ from ambler.cli.results_output import print_fields, save_json
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
     parser = subparsers.add_parser("exploration", help="path length of the exploration strategies on floor plans")
-    data = Path("../shared/data/exploration")
-    parser.add_argument("--data", type=Path, default=data, help="folder with floor plans, *.png, also deeper")
+    parser.add_argument(
+        "--data", type=Path, help="folder with floor plans, *.png, also deeper (default: $AMBLER_DATA/exploration)"
+    )
     parser.add_argument("--strategies", default="tour,nearest,greedy", help="names, separated by commas")
     parser.add_argument("--resolution", type=float, default=0.0625, help="metres per pixel")
     parser.add_argument("--every", type=int, default=1, help="take each n-th plan only")
@@ -33,13 +34,15 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explore every plan with every strategy; exit 1 when an exploration ends without proof or below 98 % coverage."""
+    from ambler.recordings.public_data import public_data
     from ambler.studies.bench_exploration import check_strategies, compare, measure
     from ambler.studies.exploration_places import plans_in, worlds_named
 
+    data = public_data("exploration") if args.data is None else args.data
     begin = time.perf_counter()
     strategies = args.strategies.split(",")
     check_strategies(strategies)
-    plans = plans_in(args.data, args.every, args.resolution, args.plan_range)
+    plans = plans_in(data, args.every, args.resolution, args.plan_range)
     places = [*worlds_named(args.worlds, args.world_range), *plans]
     results = measure(places, strategies, partial(print, flush=True))
     fields = {"plans": len(plans), "places": len(places), **compare(results)}

@@ -1,1 +1,1 @@
-"""Room."""
+"""Frontiers: where they are, what each would show, which one is next, and when nothing is left."""

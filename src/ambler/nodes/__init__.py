@@ -1,1 +1,1 @@
-"""Room."""
+"""Thin skins around algorithms: topics in, one algorithm, topics out."""

@@ -1,1 +1,1 @@
-"""Room."""
+"""From raw scans, clouds and pictures to what algorithms take: merging, filtering, ground, markers, reflectors, glass."""

@@ -1,1 +1,1 @@
-"""Room."""
+"""Paths on grids that keep a footprint out of obstacles."""

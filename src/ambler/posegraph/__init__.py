@@ -1,1 +1,1 @@
-"""Room."""
+"""A sparse robust solver of planar pose graphs."""

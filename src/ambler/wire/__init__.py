@@ -1,1 +1,1 @@
-"""Room."""
+"""Bytes: the only place where formats of files and messages live."""

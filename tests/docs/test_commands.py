@@ -1,0 +1,145 @@
+"""The commands of README and docs: all parse, the quick ones run as they stand, and the others say why they do not."""
+
+import argparse
+import re
+from pathlib import Path
+
+import pytest
+
+from ambler.cli.main import build_parser, main
+from tests.docs import stand_ins
+from tests.docs.commands import ROOT, Command, block_commands, mentioned_commands
+
+DATA = "needs public recordings (docs/datasets.md)"
+WHOLE_RUN = "a whole run of a robot; tests/apps and tests/scenarios drive such"
+STUDY = "minutes to hours of runs"
+OWN_FILES = "needs files that only its reader has"
+QUICK = (
+    "slam2d examples/lab_empty/recording --odom-topic /odom --out runs/lab_map",
+    "localize examples/lab_empty/recording --odom-topic /odom --map examples/lab_empty/map.yaml",
+    "localize examples/lab_empty/recording --odom-topic /odom --map examples/lab_empty/map.yaml --out runs/lab_poses",
+    "replay examples/lab_empty --out runs/lab_replay",
+    "replay runs/LATEST",
+    "animate runs/LATEST",
+    "demo --world lab_empty --start 2,2,-45 --exit --no-view",
+    "slam2d log.clf.gz --out map_folder",
+    "slam2d log.clf.bz2 --out my_map",
+    "slam2d log.clf.bz2 --out my_map --relations log.relations --json result.json",
+    "bench slam2d",
+    "config show --robot spot",
+    "config explain rollout.horizon",
+    "config explain gate.reaction_time",
+    "config check slow.yaml",
+)
+NOT_RUN = {
+    "demo": WHOLE_RUN,
+    "demo --robot spot --world lab_obstacle --seed 3": WHOLE_RUN,
+    "demo --world my_floor_plan.yaml": OWN_FILES,
+    "demo --profile slow.yaml --set planner.factor=1.2": WHOLE_RUN,
+    "demo --world building --robot amr_omni --then dock:charger_1 --then undock:charger_1 --then 3,0,90": WHOLE_RUN,
+    "demo --world lab_empty --apart": WHOLE_RUN,
+    "demo --world glass --robot diff+ultrasonic": WHOLE_RUN,
+    "demo --profile studies/paths/best.yaml": WHOLE_RUN,
+    "navigate 10,0 --world office --lost --may-turn": WHOLE_RUN,
+    "dock charger_1 --world dock_room": WHOLE_RUN,
+    "dock charger_1 --world dock_hall": WHOLE_RUN,
+    "dock charger_1 --world dock_hall --then-undock": WHOLE_RUN,
+    "dock charger_v --world dock_shapes": WHOLE_RUN,
+    "dock charger_1 --fault shadow --fault blur": WHOLE_RUN,
+    "dock charger_1 --teach --docks docks.yaml": WHOLE_RUN,
+    "dock charger_1 --camera camera.yaml": WHOLE_RUN,
+    "dock charger_1 --profile slow.yaml": WHOLE_RUN,
+    "undock charger_1": WHOLE_RUN,
+    "slam2d my_bag --out my_map --scan-topic /front/scan": OWN_FILES,
+    "calibrate camera 'board_*.png' --board 7x5 --square 0.04 --out camera.yaml": OWN_FILES,
+    "calibrate RECORDING --robot amr_omni --out robot.yaml": OWN_FILES,
+    "calibrate --simulated --robot amr_omni --out check.yaml": WHOLE_RUN,
+    "tune space.yaml --out studies/paths --processes 2": STUDY,
+    "eval docking --runs 60 --fault-runs 20 --json docs/results/docking.json": STUDY,
+    "eval docking --world dock_shapes --dock charger_v": STUDY,
+    "eval faults --json faults.json": STUDY,
+    "eval faults --only people,glass --runs 5": STUDY,
+    "eval faults --runs 2": STUDY,
+    "eval exploration --worlds lab_empty --robots diff --runs 5 --json summary.json": STUDY,
+    "eval exploration --worlds lab_empty --robots diff --runs 9": STUDY,
+    "eval exploration --worlds office --seed draw --runs 3": STUDY,
+    "eval exploration --worlds office --processes 4": STUDY,
+    "eval exploration --worlds lab_empty --runs 40 --cluster tcp://127.0.0.1:8786": STUDY,
+    "eval glass --json glass.json": STUDY,
+    "bench posegraph": DATA,
+    "bench exploration": DATA,
+}
+SAYS = {
+    "slam2d examples/": r"(99|100)\.\d % of the returns on walls",
+    "slam2d log.clf.bz2 --out my_map --relations": r"relations: 1 used, translation 0\.\d+",
+    "localize": r"times_lost +0\b",
+    "replay": r"/slam_pose +\d+ of 160 equal",
+    "demo --world lab_empty --start": r"ended +│ finished",
+    "config explain gate.reaction_time": r"gate\.reaction_time",
+}
+"""What a command that begins so prints."""
+BLOCKS = {str(command): command for command in block_commands()}
+
+
+def sub_parsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of a verb's sub-verbs by name."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}
+
+
+def parser_of(command: Command) -> argparse.ArgumentParser:
+    """Return the parser of a command's verb and sub-verb."""
+    parser = build_parser()
+    for word in command.words:
+        if word == "…" or not (choices := sub_parsers(parser)):
+            break
+        if word not in choices and parser.prog.endswith("calibrate"):
+            break
+        parser = choices[word]
+    return parser
+
+
+@pytest.mark.parametrize("command", BLOCKS.values(), ids=str)
+def test_commands_in_blocks_parse(command: Command) -> None:
+    build_parser().parse_args(command.words)
+
+
+@pytest.mark.parametrize("command", sorted(set(mentioned_commands()), key=str), ids=str)
+def test_mentioned_commands_have_the_options_that_are_named(command: Command) -> None:
+    options = parser_of(command)._option_string_actions
+    named = [word.strip("[]") for word in command.words if word.strip("[").startswith("--")]
+    assert [name for name in named if name not in options] == []
+
+
+def test_every_command_runs_here_or_has_a_reason_not_to() -> None:
+    on_public_data = [text for text in BLOCKS if "$AMBLER_DATA" in text]
+    assert sorted([*QUICK, *NOT_RUN, *on_public_data]) == sorted(BLOCKS)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder with the files that the commands name."""
+    path = tmp_path_factory.mktemp("documents")
+    stand_ins.make(path)
+    return path
+
+
+@pytest.mark.parametrize("text", QUICK)
+def test_quick_commands_run(
+    text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    code = main(list(BLOCKS[text].words))
+    # Another class of processor, or a node that was changed, gives other bits: replay says so with 1.
+    assert code == 0 or (code == 1 and text.startswith("replay"))
+    printed = capsys.readouterr().out
+    assert printed.strip()
+    for start, said in SAYS.items():
+        assert not text.startswith(start) or re.search(said, printed)
+
+
+def test_the_small_recording_is_small() -> None:
+    files = [path for path in (ROOT / "examples" / "lab_empty").rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 1_500_000
