@@ -5,8 +5,10 @@ import json
 import math
 import re
 from importlib import resources
+from itertools import pairwise
 
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ambler.bridges.foxglove_front import FrameQueue
 from ambler.bridges.view_rates import EVENT_BACKLOG, Outbox
@@ -15,6 +17,7 @@ from ambler.core.se3 import SE3
 from ambler.runtime import topics
 from ambler.wire.ros_messages import ros_type_of
 from ambler.wire.ros_types import STORE
+from ambler.wire.ros_viewers import viewer_definition
 
 
 def command(k):
@@ -66,6 +69,45 @@ def test_a_full_slot_keeps_the_newest_frame_and_control_overtakes_data():
     taken, dropped = asyncio.run(run())
     assert taken == ["advertise", "scan 4", "status 2", "status 3", "status 4"]
     assert dropped == 6
+
+
+def odometry_on_a_slow_line(frames, seconds, bytes_per_second, grid_bytes):
+    """Send odometry at 30 Hz and three grids at 1 Hz over a line; return (topic, time) of what arrived."""
+    arrived, now, begun = [], 0.0, 0
+    while now < seconds:
+        while begun / 30 <= now:
+            frames.put_data(1, b"o" * 700)
+            if begun % 30 == 0:
+                for grid in (2, 3, 4):
+                    frames.put_data(grid, bytes([grid]) * grid_bytes)
+            begun += 1
+        frame = asyncio.run(frames.take())
+        now = max(now + len(frame) / bytes_per_second, begun / 30)
+        arrived.append((frame[:1], now))
+    return arrived
+
+
+def test_on_a_slow_line_small_frames_go_before_grids_and_grids_still_come():
+    """30 kB/s with grids of 100 kB: each takes 3.3 s; between two of them odometry has as much of the line, or flows at its rate."""
+    arrived = odometry_on_a_slow_line(FrameQueue(), 60.0, 30e3, 100_000)
+    small = [time for kind, time in arrived if kind == b"o"]
+    assert arrived[0][0] == b"o"
+    assert max(b - a for a, b in pairwise(small)) < 3.5  # one grid at most between two of them
+    assert len(small) > 500
+    kinds = [kind for kind, _ in arrived if kind != b"o"]
+    assert len(kinds) >= 6
+    assert len(set(kinds)) == 3
+
+
+@pytest.mark.parametrize("topic", topics.all_topics(), ids=lambda topic: topic.name)
+def test_definitions_are_those_that_viewers_load(topic):
+    """Viewers load those of Humble, for every distribution since, and show an alert for each type that differs."""
+    known = get_typestore(Stores.ROS2_HUMBLE).fielddefs
+    ros_type = ros_type_of(topic.type)
+    parsed = get_types_from_msg(viewer_definition(ros_type), ros_type)
+    for name, definition in parsed.items():
+        if not name.startswith("ambler_msgs/"):
+            assert definition == known[name]
 
 
 def leaves(node):

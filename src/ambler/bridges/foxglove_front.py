@@ -1,7 +1,8 @@
 """The door of the live view: a WebSocket proxy in front of the Foxglove SDK, which has no authentication and no manners.
 
 It checks the token, adds ROS_DISTRO to the server's introduction (without it the 3-D panel hides its publish tool), and keeps
-for each subscription of a slow client only the newest frame, so that a bad line shows the present and never a growing past.
+for each subscription of a slow client only the newest frame, so that a bad line shows the present and never a growing past. Where
+the robot is and whether it may drive goes before maps.
 Protocol: subprotocol foxglove.sdk.v1; JSON text both ways; binary opcode 1 is message data (u8, u32 subscription, u64 time,
 payload), opcode 2 the server's time.
 """
@@ -28,13 +29,16 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from ambler.core.errors import BadInputError
+from ambler.wire.ros_viewers import DISTRIBUTION
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE_DATA, TIME = 1, 2
 _SEND_BUFFER_BYTES = 1 << 17
-_WRITE_LIMIT_BYTES = 1 << 16
+_WRITE_LIMIT_BYTES = 1 << 14
 _CLIENT_FRAME_BYTES = 1 << 20
 _EVENT_FRAMES = 100
+_LARGE_BYTES = 1 << 13  # grids, clouds, pictures; transforms, odometry, commands and the gate have less than 1 KiB
+_UNSENT_BYTES = 1 << 14  # what the system may hold back for a slow client: what is there can no longer be overtaken
 
 _logger = logging.getLogger("ambler.live_view")
 _logger.addHandler(logging.NullHandler())
@@ -44,13 +48,18 @@ Frame = str | bytes
 
 
 class FrameQueue:
-    """Frames on their way to one client: control text in order, data as one slot per subscription (events: a short queue)."""
+    """Frames on their way to one client: control text in order, data as one slot per subscription (events: a short queue).
+
+    Small frames go first; a large one goes when no small one waits, or when small ones have had as many bytes since the last large one
+    as that had itself, so that neither kind starves the other.
+    """
 
     def __init__(self) -> None:
         self.dropped = 0
         self._control: deque[Frame] = deque()
         self._slots: dict[int, deque[Frame]] = {}
         self._depths: dict[int, int] = {}
+        self._owed_bytes = 1  # what small frames may still send before the next large one
         self._ready = asyncio.Event()
 
     def set_depth(self, subscription: int, depth: int) -> None:
@@ -72,18 +81,29 @@ class FrameQueue:
         self._ready.set()
 
     async def take(self) -> Frame:
-        """Return the next frame: control first, then the subscriptions in turn."""
+        """Return the next frame: control first, then small and large ones, the subscriptions of each kind in turn."""
         while not self._control and not self._slots:
             self._ready.clear()
             await self._ready.wait()
         if self._control:
             return self._control.popleft()
-        subscription = next(iter(self._slots))
+        subscription = self._next_subscription()
         slot = self._slots.pop(subscription)
         frame = slot.popleft()
         if slot:
             self._slots[subscription] = slot
+        is_large = len(frame) > _LARGE_BYTES
+        self._owed_bytes = len(frame) if is_large else self._owed_bytes - len(frame)
         return frame
+
+    def _next_subscription(self) -> int:
+        """Return the subscription whose turn it is; one at least has a frame that waits."""
+        small = next((s for s, slot in self._slots.items() if len(slot[0]) <= _LARGE_BYTES), None)
+        large = next((s for s, slot in self._slots.items() if len(slot[0]) > _LARGE_BYTES), None)
+        if small is None or (large is not None and self._owed_bytes <= 0):
+            assert large is not None
+            return large
+        return small
 
 
 class FoxgloveFront:
@@ -96,7 +116,7 @@ class FoxgloveFront:
         upstream_port: int,
         token: str | None = None,
         event_topics: Collection[str] = (),
-        ros_distro: str = "jazzy",
+        ros_distro: str = DISTRIBUTION,
     ) -> None:
         self.host, self.port = host, port
         self.dropped_frames = 0
@@ -144,7 +164,7 @@ class FoxgloveFront:
         return connection.respond(http.HTTPStatus.UNAUTHORIZED, "wrong or missing token\n")
 
     async def _serve_client(self, client: ServerConnection) -> None:
-        client.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        _keep_buffers_short(client.transport.get_extra_info("socket"))
         queue, channels = FrameQueue(), dict[int, str]()
         async with connect(
             self._upstream, subprotocols=[SUBPROTOCOL], compression=None, max_size=None, logger=_logger
@@ -197,6 +217,12 @@ class FoxgloveFront:
             for subscription in operation["subscriptions"]:
                 is_event = channels.get(subscription["channelId"]) in self._event_topics
                 queue.set_depth(subscription["id"], _EVENT_FRAMES if is_event else 1)
+
+
+def _keep_buffers_short(line: socket.socket) -> None:
+    line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+    if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
 
 
 async def _write_client(client: ServerConnection, queue: FrameQueue) -> None:
