@@ -6,11 +6,13 @@ import math
 import re
 from importlib import resources
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ambler.bridges.foxglove_front import FrameQueue
+from ambler.bridges.foxglove import CLIENT_TOPICS
+from ambler.bridges.foxglove_front import SUBPROTOCOL, FrameQueue
 from ambler.bridges.view_rates import EVENT_BACKLOG, Outbox
 from ambler.core import messages as m
 from ambler.core.se3 import SE3
@@ -126,17 +128,57 @@ def has_field(ros_type, path):
     return True
 
 
+LAYOUT_TEXT = (resources.files("ambler.bridges") / "layouts" / "ambler.json").read_text()
+PANELS = json.loads(LAYOUT_TEXT)["configById"]
+SCENES = ("3D!scene", "3D!follow")
+
+
+def test_every_panel_is_shown_once_and_has_its_title_for_both_families_of_viewers():
+    shown = leaves(json.loads(LAYOUT_TEXT)["layout"])
+    in_tabs = {tab["layout"] for name in shown for tab in PANELS[name].get("tabs", [])}
+    assert shown | in_tabs == set(PANELS)
+    assert in_tabs == set(SCENES)
+    for name, panel in PANELS.items():
+        if "tabs" not in panel:
+            assert panel["foxglovePanelTitle"] == panel["lichtblickPanelTitle"] != "", name
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_scene_is_legible(name):
+    """Flat colours need a field, or viewers colour by range; labels of all frontiers and lines between far frames cover rooms."""
+    shown = PANELS[name]["topics"]
+    for settings in shown.values():
+        assert settings.get("colorMode") != "flat" or settings["colorField"]
+    assert shown["/scan"]["colorField"] == "range"
+    assert shown["/robot_description"]["visible"]
+    assert shown["/map"]["alpha"] < 1.0
+    assert shown["/footprint"]["color"] != "#ffffffff"
+    assert shown["/frontiers"]["namespaces"] == {"reason": {"visible": False}}
+    assert not any(PANELS[name]["transforms"][f"frame:{frame}"]["visible"] for frame in ("map", "odom"))
+
+
+def test_goals_are_clicked_in_the_frame_of_the_map_only():
+    """A viewer publishes in the frame that it displays; one that moves with the robot is none for goals."""
+    scene, follow = (PANELS[name] for name in SCENES)
+    assert (scene["followTf"], scene["publish"]["poseTopic"]) == ("map", topics.GOAL.ros_name)
+    assert (follow["followTf"], follow["followMode"]) == ("base", "follow-position")
+    assert not {value for key, value in follow["publish"].items() if key.endswith("Topic")} & set(CLIENT_TOPICS)
+
+
+def test_legends_lie_beside_plots_and_silence_is_called_no_data():
+    plots = [panel for name, panel in PANELS.items() if name.startswith("Plot!")]
+    assert {plot["legendDisplay"] for plot in plots} == {"left"}
+    assert all(len(path["label"]) <= 12 for plot in plots for path in plot["paths"])
+    assert PANELS["Indicator!gate"]["fallbackLabel"] == "no data"
+
+
 def test_the_layout_names_only_topics_and_fields_that_exist():
-    text = (resources.files("ambler.bridges") / "layouts" / "ambler.json").read_text()
-    layout = json.loads(text)
-    panels = layout["configById"]
-    assert leaves(layout["layout"]) == set(panels)
-    scene = panels["3D!scene"]
+    text, panels = LAYOUT_TEXT, PANELS
     known = {topic.ros_name: ros_type_of(topic.type) for topic in topics.all_topics()}
-    assert set(scene["topics"]) <= set(known)
-    for wanted in ("/map", "/scan", "/local_costmap/costmap", "/frontiers", "/plan", "/footprint"):
-        assert scene["topics"][wanted]["visible"]
-    assert scene["publish"]["poseTopic"] == topics.GOAL.ros_name
+    for name in SCENES:
+        assert set(panels[name]["topics"]) <= set(known)
+        for wanted in ("/map", "/scan", "/local_costmap/costmap", "/frontiers", "/plan", "/footprint"):
+            assert panels[name]["topics"][wanted]["visible"]
     paths = [p["value"] for panel in panels.values() for p in panel.get("paths", [])] + [
         panels["Indicator!gate"]["path"]
     ]
@@ -151,3 +193,9 @@ def test_the_layout_names_only_topics_and_fields_that_exist():
 @pytest.mark.parametrize(("field", "exists"), [("twist.linear.x", True), ("twist.linear.w", False)])
 def test_the_check_of_fields_can_fail(field, exists):
     assert has_field("geometry_msgs/msg/TwistStamped", field) == exists
+
+
+def test_the_docs_name_every_topic_that_viewers_may_publish_on():
+    page = (Path(__file__).parents[2] / "docs" / "live_view.md").read_text()
+    assert all(f"`{name}`" in page for name in CLIENT_TOPICS)
+    assert str(SUBPROTOCOL) in page
