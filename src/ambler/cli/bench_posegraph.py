@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"{name} from its odometry: chi2 {result.chi2:.4f} (known {optimum}), {time_ms:.1f} ms")
         is_good &= abs(error) <= TOLERANCE and result.converged
     if "peer_gtsam_intel_optimize_ms" not in fields:
-        print("gtsam is not installed: no peer times (pip install 'ambler[bench]')")
+        print("gtsam is not installed: no peer times (in the source folder: .venv/bin/pip install '.[bench]')")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if is_good else 1
