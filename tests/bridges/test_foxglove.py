@@ -58,6 +58,18 @@ def test_a_viewer_is_introduced_with_what_the_3d_panel_needs(bridge):
         assert tf["schema"] == message_definition("tf2_msgs/msg/TFMessage")  # the same in Jazzy
 
 
+def test_a_browser_gets_maps_compressed_and_scans_as_they_are(bridge):
+    spec = GridSpec(0.05, 400, 400, -1.0, 2.0)
+    grid = m.OccupancyGrid(5, "map", spec, np.full(spec.shape, -1, np.int8))
+    bridge.on_message(topics.MAP, grid, 1_000)
+    with Viewer(bridge.port, compression="deflate") as viewer:
+        assert "permessage-deflate" in viewer.socket.response.headers["Sec-WebSocket-Extensions"]
+        viewer.subscribe("/map")
+        assert viewer.next_data("/map") == (1_000, encode(grid))
+        viewer.subscribe("/odom")
+        assert send_until_received(bridge, viewer, topics.ODOMETRY, odometry(7)) == encode(odometry(7))
+
+
 def test_a_new_viewer_is_told_the_newest_status_of_every_node(bridge):
     for k, (node, code) in enumerate([("slam", "STARTS"), ("explorer", "SEARCHES"), ("slam", "MAPS")]):
         bridge.on_message(topics.STATUS, m.Status(k, node, code, ""), k, writer=node)

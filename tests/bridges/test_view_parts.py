@@ -4,15 +4,19 @@ import asyncio
 import json
 import math
 import re
+import time
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from websockets.frames import Frame, Opcode
 
 from ambler.bridges.foxglove import CLIENT_TOPICS
 from ambler.bridges.foxglove_front import SUBPROTOCOL, FrameQueue
+from ambler.bridges.large_frames import LargeFrameDeflate
 from ambler.bridges.view_rates import EVENT_BACKLOG, Outbox
 from ambler.core import messages as m
 from ambler.core.se3 import SE3
@@ -73,32 +77,67 @@ def test_a_full_slot_keeps_the_newest_frame_and_control_overtakes_data():
     assert dropped == 6
 
 
-def odometry_on_a_slow_line(frames, seconds, bytes_per_second, grid_bytes):
-    """Send odometry at 30 Hz and three grids at 1 Hz over a line; return (topic, time) of what arrived."""
-    arrived, now, begun = [], 0.0, 0
-    while now < seconds:
-        while begun / 30 <= now:
-            frames.put_data(1, b"o" * 700)
-            if begun % 30 == 0:
+class SlowLine:
+    """A line of so many bytes per second, in its own time; odometry comes at 30 Hz and three grids at 1 Hz."""
+
+    def __init__(self, bytes_per_second, grid_bytes):
+        self.now = 0.0
+        self._rate, self._grid_bytes, self._begun = bytes_per_second, grid_bytes, 0
+        self.frames = FrameQueue(lambda: self.now)
+
+    def run(self, seconds):
+        """Return (topic, time) of what arrived."""
+        arrived = []
+        while self.now < seconds:
+            self._put_what_has_come()
+            frame = asyncio.run(self.frames.take())
+            self.now += len(frame) / self._rate
+            self.frames.note_sent(frame, len(frame) / self._rate)
+            arrived.append((frame[:1], self.now))
+            self.now = max(self.now, self._begun / 30)
+        return arrived
+
+    def _put_what_has_come(self):
+        while self._begun / 30 <= self.now:
+            self.frames.put_data(1, b"o" * 700)
+            if self._begun % 30 == 0:
                 for grid in (2, 3, 4):
-                    frames.put_data(grid, bytes([grid]) * grid_bytes)
-            begun += 1
-        frame = asyncio.run(frames.take())
-        now = max(now + len(frame) / bytes_per_second, begun / 30)
-        arrived.append((frame[:1], now))
-    return arrived
+                    self.frames.put_data(grid, bytes([grid]) * self._grid_bytes)
+            self._begun += 1
 
 
-def test_on_a_slow_line_small_frames_go_before_grids_and_grids_still_come():
-    """30 kB/s with grids of 100 kB: each takes 3.3 s; between two of them odometry has as much of the line, or flows at its rate."""
-    arrived = odometry_on_a_slow_line(FrameQueue(), 60.0, 30e3, 100_000)
+@pytest.mark.parametrize(("grid_bytes", "gap", "share"), [(100_000, 3.4, 0.4), (20_000, 0.75, 0.4)])
+def test_on_a_slow_line_small_frames_go_before_grids_and_grids_still_come(grid_bytes, gap, share):
+    """30 kB/s with grids of 100 kB: each takes 3.3 s, then odometry flows at its rate for as long."""
+    arrived = SlowLine(30e3, grid_bytes).run(60.0)
     small = [time for kind, time in arrived if kind == b"o"]
     assert arrived[0][0] == b"o"
-    assert max(b - a for a, b in pairwise(small)) < 3.5  # one grid at most between two of them
-    assert len(small) > 500
+    assert max(b - a for a, b in pairwise(small)) < gap  # one grid at most between two of them
+    assert len(small) > share * 60.0 * 30.0
     kinds = [kind for kind, _ in arrived if kind != b"o"]
-    assert len(kinds) >= 6
+    assert len(kinds) * grid_bytes > 0.3 * 60.0 * 30e3
     assert len(set(kinds)) == 3
+
+
+def test_a_large_frame_waits_for_its_time_though_nothing_else_comes():
+    async def run():
+        frames = FrameQueue()
+        frames.note_sent(b"g" * 100_000, 0.05)
+        frames.put_data(1, b"g" * 100_000)
+        begin = time.monotonic()
+        await frames.take()
+        return time.monotonic() - begin
+
+    assert 0.04 < asyncio.run(run()) < 2.0
+
+
+def test_maps_are_compressed_for_viewers_that_can_and_clouds_are_not():
+    grid, noise = bytes(500_000), np.random.default_rng(1).bytes(500_000)
+    deflate = LargeFrameDeflate(True, True, 15, 15, {"level": 1})
+    sent = [deflate.encode(Frame(Opcode.BINARY, data)) for data in (grid, noise, grid[:1000])]
+    assert [frame.rsv1 for frame in sent] == [True, False, False]
+    assert len(sent[0].data) < 5_000
+    assert [bytes(frame.data) for frame in sent[1:]] == [noise, grid[:1000]]
 
 
 @pytest.mark.parametrize("topic", topics.all_topics(), ids=lambda topic: topic.name)

@@ -15,10 +15,12 @@ import hmac
 import http
 import json
 import logging
+import math
 import socket
 import struct
+import time
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -28,16 +30,15 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from ambler.bridges.large_frames import LARGE_BYTES, LargeFrameFactory
 from ambler.core.errors import BadInputError
 from ambler.wire.ros_viewers import DISTRIBUTION
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE_DATA, TIME = 1, 2
 _SEND_BUFFER_BYTES = 1 << 17
-_WRITE_LIMIT_BYTES = 1 << 14
 _CLIENT_FRAME_BYTES = 1 << 20
 _EVENT_FRAMES = 100
-_LARGE_BYTES = 1 << 13  # grids, clouds, pictures; transforms, odometry, commands and the gate have less than 1 KiB
 _UNSENT_BYTES = 1 << 14  # what the system may hold back for a slow client: what is there can no longer be overtaken
 
 _logger = logging.getLogger("ambler.live_view")
@@ -50,16 +51,18 @@ Frame = str | bytes
 class FrameQueue:
     """Frames on their way to one client: control text in order, data as one slot per subscription (events: a short queue).
 
-    Small frames go first; a large one goes when no small one waits, or when small ones have had as many bytes since the last large one
-    as that had itself, so that neither kind starves the other.
+    Small frames go first. While a large one had the line nothing else could pass, so small ones then have it for as long; after that a
+    large one goes whether small ones wait or not. `clock` tells monotonic seconds.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.dropped = 0
+        self._clock = clock
         self._control: deque[Frame] = deque()
         self._slots: dict[int, deque[Frame]] = {}
         self._depths: dict[int, int] = {}
-        self._owed_bytes = 1  # what small frames may still send before the next large one
+        self._large_time = -math.inf
+        self._is_small_next = True
         self._ready = asyncio.Event()
 
     def set_depth(self, subscription: int, depth: int) -> None:
@@ -80,30 +83,37 @@ class FrameQueue:
         slot.append(frame)
         self._ready.set()
 
+    def note_sent(self, frame: Frame, seconds: float) -> None:
+        """Take in for how long a frame had the line."""
+        self._is_small_next = len(frame) > LARGE_BYTES
+        if self._is_small_next:
+            self._large_time = self._clock() + seconds
+
     async def take(self) -> Frame:
         """Return the next frame: control first, then small and large ones, the subscriptions of each kind in turn."""
-        while not self._control and not self._slots:
+        while True:
             self._ready.clear()
-            await self._ready.wait()
-        if self._control:
-            return self._control.popleft()
-        subscription = self._next_subscription()
+            if self._control:
+                return self._control.popleft()
+            small, large = self._first(is_large=False), self._first(is_large=True)
+            patience = None if large is None else self._large_time - self._clock()
+            if patience is not None and patience <= 0.0 and not (self._is_small_next and small is not None):
+                small = large
+            if small is not None:
+                return self._pop(small)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._ready.wait(), patience)
+
+    def _first(self, *, is_large: bool) -> int | None:
+        """Return the subscription whose turn it is among those with a frame of one kind."""
+        return next((s for s, slot in self._slots.items() if (len(slot[0]) > LARGE_BYTES) == is_large), None)
+
+    def _pop(self, subscription: int) -> Frame:
         slot = self._slots.pop(subscription)
         frame = slot.popleft()
         if slot:
             self._slots[subscription] = slot
-        is_large = len(frame) > _LARGE_BYTES
-        self._owed_bytes = len(frame) if is_large else self._owed_bytes - len(frame)
         return frame
-
-    def _next_subscription(self) -> int:
-        """Return the subscription whose turn it is; one at least has a frame that waits."""
-        small = next((s for s, slot in self._slots.items() if len(slot[0]) <= _LARGE_BYTES), None)
-        large = next((s for s, slot in self._slots.items() if len(slot[0]) > _LARGE_BYTES), None)
-        if small is None or (large is not None and self._owed_bytes <= 0):
-            assert large is not None
-            return large
-        return small
 
 
 class FoxgloveFront:
@@ -136,8 +146,9 @@ class FoxgloveFront:
                 subprotocols=[SUBPROTOCOL],
                 process_request=self._authorize,
                 compression=None,
+                extensions=[LargeFrameFactory()],
                 max_size=_CLIENT_FRAME_BYTES,
-                write_limit=_WRITE_LIMIT_BYTES,
+                write_limit=(0, 0),  # a frame counts as sent when the system has it
                 logger=_logger,
             )
         except OSError as error:
@@ -228,4 +239,7 @@ def _keep_buffers_short(line: socket.socket) -> None:
 async def _write_client(client: ServerConnection, queue: FrameQueue) -> None:
     with contextlib.suppress(websockets.ConnectionClosed):
         while True:
-            await client.send(await queue.take())
+            frame = await queue.take()
+            begin = time.monotonic()
+            await client.send(frame)
+            queue.note_sent(frame, time.monotonic() - begin)
