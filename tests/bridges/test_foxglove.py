@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_typestore
 from websockets.exceptions import InvalidHandshake, InvalidStatus
 from websockets.sync.client import connect
 
@@ -48,13 +49,59 @@ def edge(child, x, stamp_ns=7):
 def test_a_viewer_is_introduced_with_what_the_3d_panel_needs(bridge):
     with Viewer(bridge.port) as viewer:
         viewer.wait_for(lambda: "/map" in viewer.channels)
-        assert viewer.info["metadata"]["ROS_DISTRO"] == "jazzy"
+        assert viewer.info["metadata"]["ROS_DISTRO"] == "humble"  # whose definitions viewers load
         assert {"clientPublish", "time"} <= set(viewer.info["capabilities"])
         assert {"cdr", "json"} <= set(viewer.info["supportedEncodings"])
         assert set(viewer.channels) == {topic.ros_name for topic in topics.all_topics()}
         tf = viewer.channels["/tf"]
         assert (tf["encoding"], tf["schemaName"], tf["schemaEncoding"]) == ("cdr", "tf2_msgs/msg/TFMessage", "ros2msg")
-        assert tf["schema"] == message_definition("tf2_msgs/msg/TFMessage")
+        assert tf["schema"] == message_definition("tf2_msgs/msg/TFMessage")  # the same in Jazzy
+
+
+def test_a_browser_gets_maps_compressed_and_scans_as_they_are(bridge):
+    spec = GridSpec(0.05, 400, 400, -1.0, 2.0)
+    grid = m.OccupancyGrid(5, "map", spec, np.full(spec.shape, -1, np.int8))
+    bridge.on_message(topics.MAP, grid, 1_000)
+    with Viewer(bridge.port, compression="deflate") as viewer:
+        assert "permessage-deflate" in viewer.socket.response.headers["Sec-WebSocket-Extensions"]
+        viewer.subscribe("/map")
+        assert viewer.next_data("/map") == (1_000, encode(grid))
+        viewer.subscribe("/odom")
+        assert send_until_received(bridge, viewer, topics.ODOMETRY, odometry(7)) == encode(odometry(7))
+
+
+def test_a_new_viewer_is_told_the_newest_status_of_every_node(bridge):
+    for k, (node, code) in enumerate([("slam", "STARTS"), ("explorer", "SEARCHES"), ("slam", "MAPS")]):
+        bridge.on_message(topics.STATUS, m.Status(k, node, code, ""), k, writer=node)
+    for _ in range(2):
+        with Viewer(bridge.port) as viewer:
+            viewer.subscribe("/status")
+            told = [decode(m.Status, viewer.next_data("/status")[1]).code for _ in range(2)]
+            assert told == ["SEARCHES", "MAPS"]
+
+
+def test_fixed_transforms_are_said_again_to_viewers_that_stay_subscribed(bridge):
+    """A viewer that gets another layout forgets them and does not subscribe again."""
+    bridge.on_message(topics.STATIC_TRANSFORMS, m.Transforms(7, (edge("lidar", 1.0),)), 1_000)
+    with Viewer(bridge.port) as viewer:
+        viewer.subscribe("/tf_static")
+        begin = time.monotonic()
+        for _ in range(3):
+            tree = decode(m.Transforms, viewer.next_data("/tf_static")[1])
+            assert [e.child for e in tree.transforms] == ["lidar"]
+        assert time.monotonic() - begin < 4.0
+
+
+def test_viewers_get_ranges_as_they_know_them(bridge):
+    """Humble's Range has no variance; the bytes must be those of the definition that was announced."""
+    echo = m.Range(5, "sonar", 0.5, 0.02, 4.0, 1.25)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Viewer(bridge.port) as viewer:
+        viewer.subscribe("/ultrasonic")
+        data = send_until_received(bridge, viewer, topics.RANGES, echo)
+    record = store.deserialize_cdr(data, "sensor_msgs/msg/Range")
+    assert (record.header.frame_id, record.range) == ("sonar", 1.25)
+    assert len(data) == len(encode(echo)) - 4
 
 
 def test_latched_topics_come_on_every_subscription_and_others_as_they_happen(bridge):

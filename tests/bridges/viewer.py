@@ -12,12 +12,12 @@ TIMEOUT = 10.0
 class Viewer:
     """One connection; text operations are gathered by kind, data frames are returned one by one."""
 
-    def __init__(self, port, *, path="/", headers=None, sock=None):
+    def __init__(self, port, *, path="/", headers=None, sock=None, compression=None):
         self._connection = connect(
             f"ws://127.0.0.1:{port}{path}",
             subprotocols=["foxglove.sdk.v1"],
             additional_headers=headers,
-            compression=None,
+            compression=compression,
             max_size=None,
             sock=sock,
         )

@@ -34,6 +34,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["demo", "--set", "rollout.horizon=long", "--no-view"], "rollout.horizon: Input should be a valid number"),
         (["demo", "--profile", "absent.yaml", "--no-view"], "cannot read absent.yaml"),
         (["demo", "--host", "0.0.0.0"], "needs --token"),
+        (["demo", "--host", "0.0.0.0", "--token", "x"], "--token: 1 characters can be guessed"),
         (["replay", "absent"], "is not the folder of a run"),
         (["slam2d", "absent.clf", "--out", "o"], "absent.clf"),
         (["eval", "map", "absent.yaml", "absent.yaml"], "absent.yaml"),

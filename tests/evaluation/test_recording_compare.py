@@ -1,8 +1,11 @@
 """Two recordings are equal, or the first difference is named by topic, index and time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ambler.bridges.recorder import Recorder
 from ambler.core import messages as m
 from ambler.core.se3 import SE3
 from ambler.evaluation.recording_compare import ReplayComparison, compare_recordings
@@ -52,6 +55,24 @@ def test_missing_ends_are_named(tmp_path, counts, kind):
     assert outcome.first_difference.kind == kind
     assert outcome.first_difference.index == 8
     assert "0.800000 s" in str(outcome)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e-9])
+def test_transforms_of_a_replay_are_compared_as_they_are_recorded(tmp_path, shift):
+    """The recorder repeats the newest of every edge; the replay's nodes tell theirs one by one."""
+    told = [
+        (m.TransformStamped(k, *(("map", "odom") if k % 3 == 0 else ("odom", "base")), SE3((float(k), 0.0, 0.0))), k)
+        for k in range(9)
+    ]
+    recorder = Recorder(tmp_path / "run")
+    for edge, k in told:
+        recorder.on_message(topics.TRANSFORMS, m.Transforms(k, (edge,)), k, edge.child)
+    recorder.close()
+    comparison = ReplayComparison(read_recording(tmp_path / "run"), ["/tf"])
+    for edge, k in told:
+        moved = replace(edge, parent_from_child=SE3((k + shift * (k == 4), 0.0, 0.0)))
+        comparison.on_message(topics.TRANSFORMS, m.Transforms(k, (moved,)), k)
+    assert comparison.result().is_equal == (shift == 0.0)
 
 
 def test_a_replay_is_compared_message_by_message_and_times_may_be_ignored(tmp_path):

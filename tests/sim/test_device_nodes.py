@@ -43,6 +43,8 @@ def test_what_is_there_before_anything_moves() -> None:
     context, _ = started(robot_named("diff"))
     (mounts,), (grid,) = context.messages(topics.STATIC_TRANSFORMS), context.messages(topics.TRUE_MAP)
     assert {(t.parent, t.child) for t in mounts.transforms} == {("base", "laser"), ("base", "imu")}
+    (outline,) = context.messages(topics.ROBOT_DESCRIPTION)
+    assert '<robot name="diff">' in outline.text
     assert grid.frame == "world"
     assert grid.data[grid.spec.cell_of(LAB.start.x, LAB.start.y)] == 0
     (start,) = context.messages(topics.TRUE_START)

@@ -103,6 +103,25 @@ def test_a_picture_without_a_start_begins_in_the_widest_place(tmp_path: Path) ->
         load_world(tmp_path / "broken.png")
 
 
+@pytest.mark.parametrize("ending", ["png", "pgm", "jpg", "bmp"])
+def test_pictures_of_every_usual_kind_are_worlds(tmp_path: Path, ending: str) -> None:
+    pixels = np.full((60, 80), 0, np.uint8)
+    pixels[8:32, 8:72] = 255
+    pixels[16:24, 56:64] = 205  # a map server's unknown is no start
+    cv2.imwrite(str(tmp_path / f"p.{ending}"), pixels)
+    world = load_world(tmp_path / f"p.{ending}")
+    assert abs(world.start.y - 4.0) < 0.2
+    assert world.solids
+
+
+def test_the_picture_of_a_map_is_read_with_the_yaml_beside_it(tmp_path: Path) -> None:
+    cells = np.full((60, 80), 100, np.int8)
+    cells[8:32, 8:72] = 0
+    save_map(tmp_path / "m", GridSpec(0.05, 80, 60, -10.0, 3.0), cells)
+    assert load_world(tmp_path / "m.pgm") == load_world(tmp_path / "m.yaml")
+    assert load_world(tmp_path / "m.pgm").start.x < -6.0
+
+
 @pytest.mark.parametrize("robot", robot_names())
 @pytest.mark.parametrize("name", [n for n in world_names() if load_world(n).is_flat])
 def test_robots_start_free_and_can_turn_around(name: str, robot: str) -> None:

@@ -1,13 +1,17 @@
 """Map files: round trip, every mode and image kind, the recorded maps, clear errors, fuzz."""
 
+import math
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy import ndimage
 
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
 from ambler.wire.map_files import load_map, save_map
 from tests.public_data import public
 
@@ -97,7 +101,7 @@ def test_recorded_maps_load(name: str, shape: tuple[int, int] | None) -> None:
         ({"resolution": "wide"}, "resolution is no number"),
         ({"resolution": 0}, "must be positive"),
         ({"origin": "[0]"}, "origin must be"),
-        ({"origin": "[0, 0, 0.5]"}, "turned map"),
+        ({"origin": "[0, 0, .inf]"}, "origin is not finite"),
         ({"mode": "octal"}, "mode 'octal'"),
         ({"free_thresh": 0.9}, "thresholds"),
         ({"negate": 2}, "negate"),
@@ -134,3 +138,29 @@ def test_truncated_and_garbled_images_are_refused_or_read_whole(tmp_path: Path) 
 def test_a_wrong_shape_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="geometry"):
         save_map(tmp_path / "m", SPEC, CELLS[:2])
+
+
+@pytest.mark.parametrize("yaw", [0.3, -2.0, math.pi / 2])
+def test_a_turned_picture_is_drawn_along_the_axes_with_its_walls_closed(tmp_path: Path, yaw: float) -> None:
+    """The origin's yaw turns the picture about its lowest left corner, as ROS means it."""
+    cells = np.full((40, 60), -1, np.int8)
+    cells[5:35, 5:55] = 0
+    cells[10:30, 10:40] = 100
+    cells[11:29, 11:39] = 0
+    _, description = save_map(tmp_path / "m", GridSpec(0.05, 60, 40, -1.0, 2.0), cells)
+    description.write_text(description.read_text().replace(", 0]", f", {yaw!r}]"))
+    spec, drawn = load_map(description)
+    map_from_picture = SE2(-1.0, 2.0, yaw)
+
+    def shown(places: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        iy, ix = spec.cells_of(map_from_picture.transform((places[:, ::-1] + 0.5) * 0.05)).T
+        return iy, ix
+
+    for value in (100, 0, -1):
+        inner = cells == value if value == 100 else ndimage.binary_erosion(cells == value, np.ones((3, 3), bool))
+        assert set(drawn[shown(np.argwhere(inner))]) == {value}
+    rooms, _ = ndimage.label(drawn == 0)
+    inside, outside = rooms[shown(np.array([[20, 25], [7, 7]]))]
+    assert 0 < inside != outside > 0, "nobody walks through a wall"
+    if yaw == math.pi / 2:
+        assert np.array_equal(drawn, np.rot90(cells, -1))

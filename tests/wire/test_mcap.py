@@ -70,6 +70,20 @@ def test_a_recording_gives_back_every_message_in_order_bit_by_bit(tmp_path):
     assert len(only) == SECONDS * 11
 
 
+def test_every_message_of_tf_puts_the_robot_on_the_map(tmp_path):
+    """A viewer that jumps restores the last message of /tf only; SLAM and odometry each write their own edge."""
+    recorder = Recorder(tmp_path / "run")
+    for k in range(10):
+        writer, parent, child = ("slam", "map", "odom") if k % 5 == 0 else ("odometry", "odom", "base")
+        edge = m.TransformStamped(k, parent, child, SE3((float(k), 0.0, 0.0)))
+        recorder.on_message(topics.TRANSFORMS, m.Transforms(k, (edge,)), k, writer)
+    recorder.close()
+    recorded = list(read_recording(tmp_path / "run"))
+    assert [r.writer for r in recorded] == ["slam", *["odometry"] * 4] * 2
+    edges = [{e.child: e.stamp_ns for e in r.decode_as(m.Transforms).transforms} for r in recorded]
+    assert edges[1:] == [{"odom": 5 * (k // 5), "base": k if k % 5 else k - 1} for k in range(1, 10)]
+
+
 def test_the_same_messages_give_the_same_bytes(tmp_path):
     a, b = record(tmp_path / "a"), record(tmp_path / "b")
     for name in ("recording_0.mcap", "metadata.yaml"):

@@ -121,6 +121,7 @@ MESSAGES = {
     m.OutsideCall: st.builds(
         m.OutsideCall, stamps, st.sampled_from(m.OutsideKind), words, st.integers(0, 2**32 - 1), st.binary(max_size=40)
     ),
+    m.Text: st.builds(m.Text, st.just(0), words),
     m.Status: st.builds(m.Status, stamps, words, words, words, words),
 }
 
@@ -232,6 +233,17 @@ def test_costs_fold_as_costmap_2d_publishes_them_and_folding_again_changes_nothi
     assert ros_grids._COST[101] == 255
 
 
+def test_costs_lie_above_the_map_so_that_viewers_do_not_hide_them():
+    spec = GridSpec(0.05, 2, 1, -1.0, 2.0)
+    costs, occupancy = (
+        m.CostGrid(3, "odom", spec, np.zeros((1, 2), np.uint8)),
+        m.OccupancyGrid(3, "map", spec, np.zeros((1, 2), np.int8)),
+    )
+    low, high = (STORE.deserialize_cdr(encode(g), ros_type_of(type(g))).info.origin for g in (occupancy, costs))
+    assert (low.position.z, high.position.z) == (0.0, 0.01)
+    assert decode(m.CostGrid, encode(costs)).spec == spec
+
+
 def test_frontiers_become_markers_with_their_reason():
     cells = np.array([[1.0, 2.0], [1.05, 2.0]], np.float32)
     target = m.Frontier(cells, (1.0, 2.0), (0.9, 2.0, 0.0), 3.25, m.FrontierState.TARGET)
@@ -241,7 +253,7 @@ def test_frontiers_become_markers_with_their_reason():
     record = STORE.deserialize_cdr(encode(message), ros_type_of(m.Frontiers))
     kinds = [(k.ns, k.id, k.action) for k in record.markers]
     cells_of_states = [("cells", 1, 0), ("cells", 2, 0), ("cells", 3, 0)]
-    assert kinds == [("", 0, 3), *cells_of_states, ("goal", 0, 0), ("reason", 0, 0), ("reason", 1, 0)]
+    assert kinds == [("", 0, 3), *cells_of_states, ("goal", 0, 0), ("target", 0, 0), ("reason", 1, 0)]
     assert [(p.x, p.y) for p in record.markers[1].points] == [(float(x), float(y)) for x, y in cells]
     assert record.markers[5].text == "target, 3.2 m"
     assert record.markers[6].text == "unreachable, no path"
@@ -305,4 +317,4 @@ def test_every_message_class_has_a_type_and_grids_are_read_as_occupancy():
             assert ros_type_of(declared) in STORE.types
     assert message_class_of("nav_msgs/msg/OccupancyGrid") is m.OccupancyGrid
     with pytest.raises(BadInputError, match="no message of Ambler"):
-        decode_any("std_msgs/msg/String", b"")
+        decode_any("std_msgs/msg/Bool", b"")

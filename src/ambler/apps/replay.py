@@ -17,7 +17,8 @@ from ambler.apps.programs import steps_from_values
 from ambler.apps.robot import Site, robot_nodes
 from ambler.apps.run_folder import RunFolder
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Message, Odometry, PoseStamped
+from ambler.core.messages import Message, Odometry, PoseStamped, Transforms, TransformStamped
+from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
 from ambler.evaluation.pose_difference import PoseDifference, pose_difference
 from ambler.evaluation.recording_compare import RecordingComparison, ReplayComparison
@@ -31,12 +32,14 @@ from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
 from ambler.runtime.tasks import CAMERA_PICTURES, STOP_CHARGING, Nothing
-from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, Topic, all_topics, topic_named
+from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, TRANSFORMS, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
 from ambler.wire.map_files import load_map
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
+
+_Edge = tuple[int, str, SE3]
 
 
 @dataclass(frozen=True)
@@ -155,9 +158,27 @@ def _inputs(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:
 
 def _feed(recording: Path, names: frozenset[str]) -> Iterator[tuple[Topic[Any], Message, int]]:
     """The messages that the nodes do not make themselves, in the order of their delivery."""
+    known: dict[str, _Edge] = {}
     for recorded in read_recording(recording):
+        if recorded.topic == TRANSFORMS.ros_name:
+            news = _news(known, decode(Transforms, recorded.data))
+            if recorded.writer not in names:
+                yield TRANSFORMS, news, recorded.log_time_ns
+            continue
         if recorded.writer in names:
             continue
         topic = topic_named(recorded.topic)
         if not topic.is_truth:
             yield topic, decode(topic.type, recorded.data), recorded.log_time_ns
+
+
+def _news(known: dict[str, _Edge], message: Transforms) -> Transforms:
+    """Return the edges that a recorded message told, without those of others that the recorder repeated in it; `known` holds the newest
+    by their children."""
+    told = tuple(edge for edge in message.transforms if known.get(edge.child) != _values(edge))
+    known.update((edge.child, _values(edge)) for edge in told)
+    return Transforms(message.stamp_ns, told)
+
+
+def _values(edge: TransformStamped) -> _Edge:
+    return edge.stamp_ns, edge.parent, edge.parent_from_child

@@ -22,13 +22,14 @@ from foxglove.websocket import Capability, ClientChannel, StatusLevel
 from ambler.bridges.client_poses import ESTIMATE_SCHEMA, POSE_SCHEMA, pose_from_client
 from ambler.bridges.foxglove_front import FoxgloveFront
 from ambler.bridges.foxglove_listener import ViewerListener
+from ambler.bridges.view_memory import ViewMemory, is_kept
 from ambler.bridges.view_rates import EVENTS, Counts, Outbox, Stamped
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
 from ambler.runtime import topics as table
-from ambler.runtime.bus import whole
 from ambler.runtime.topics import Topic
-from ambler.wire.ros_messages import encode, message_definition, ros_type_of
+from ambler.wire.ros_messages import encode, ros_type_of
+from ambler.wire.ros_viewers import viewer_bytes, viewer_definition
 
 ClientCallback = Callable[[Topic[Any], Message], None]
 
@@ -68,7 +69,7 @@ class FoxgloveBridge:
         shown = tuple(table.all_topics() if topics is None else topics)
         limits = rates_hz or {}
         self._outboxes = {topic.name: Outbox(topic, limits.get(topic.ros_name)) for topic in shown}
-        self._latched: dict[str, Stamped] = {}
+        self._memory = ViewMemory()
         self._resend: deque[str] = deque()
         self._newest_ns = self._broadcast_ns = 0
         self._reports: deque[str] = deque(maxlen=_BACKLOG_FRAMES)
@@ -115,14 +116,12 @@ class FoxgloveBridge:
         return {box.topic.ros_name: box.counts for box in self._outboxes.values()}
 
     def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
-        """Show a message; returns at once. Viewers do not learn its writer."""
+        """Show a message; returns at once."""
         self._newest_ns = time_ns
         box = self._outboxes.get(topic.name)
         if box is None:
             return
-        if topic.delivery == "latched":
-            before = self._latched.get(topic.name)
-            self._latched[topic.name] = (whole(before and before[0], message), time_ns)
+        self._memory.keep(topic, message, time_ns, writer)
         if self._channels[topic.name].has_sinks():
             box.put(message, time_ns)
 
@@ -163,8 +162,10 @@ class FoxgloveBridge:
         now = time.monotonic()
         while self._resend:
             name = self._resend.popleft()
-            if name in self._latched:
-                self._send(name, [self._latched[name]])
+            self._send(name, self._memory.newest(name))
+        for name in self._memory.due(now):
+            if name in self._channels and self._channels[name].has_sinks():
+                self._send(name, self._memory.newest(name))
         for name, box in self._outboxes.items():
             self._send(name, box.take(now))
         while self._reports:
@@ -176,12 +177,13 @@ class FoxgloveBridge:
 
     def _send(self, name: str, messages: list[Stamped]) -> None:
         for message, time_ns in messages:
-            self._channels[name].log(encode(message), log_time=time_ns)
+            data = viewer_bytes(ros_type_of(type(message)), encode(message))
+            self._channels[name].log(data, log_time=time_ns)
 
     def _on_subscribed(self, ros_name: str) -> None:
         self._broadcast_ns = -1  # a new viewer does not know the time
         for name, box in self._outboxes.items():
-            if box.topic.ros_name == ros_name and box.topic.delivery == "latched":
+            if box.topic.ros_name == ros_name and is_kept(box.topic):
                 self._resend.append(name)
 
     def _on_client_data(self, channel: ClientChannel, data: bytes) -> None:
@@ -199,5 +201,5 @@ class FoxgloveBridge:
 
 def _open_channel(topic: Topic[Any], context: foxglove.Context) -> foxglove.Channel:
     ros_type = ros_type_of(topic.type)
-    schema = foxglove.Schema(name=ros_type, encoding="ros2msg", data=message_definition(ros_type).encode())
+    schema = foxglove.Schema(name=ros_type, encoding="ros2msg", data=viewer_definition(ros_type).encode())
     return foxglove.Channel(topic.ros_name, message_encoding="cdr", schema=schema, context=context)

@@ -1,7 +1,8 @@
 """The door of the live view: a WebSocket proxy in front of the Foxglove SDK, which has no authentication and no manners.
 
 It checks the token, adds ROS_DISTRO to the server's introduction (without it the 3-D panel hides its publish tool), and keeps
-for each subscription of a slow client only the newest frame, so that a bad line shows the present and never a growing past.
+for each subscription of a slow client only the newest frame, so that a bad line shows the present and never a growing past. Where
+the robot is and whether it may drive goes before maps.
 Protocol: subprotocol foxglove.sdk.v1; JSON text both ways; binary opcode 1 is message data (u8, u32 subscription, u64 time,
 payload), opcode 2 the server's time.
 """
@@ -14,10 +15,12 @@ import hmac
 import http
 import json
 import logging
+import math
 import socket
 import struct
+import time
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -27,14 +30,16 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from ambler.bridges.large_frames import LARGE_BYTES, LargeFrameFactory
 from ambler.core.errors import BadInputError
+from ambler.wire.ros_viewers import DISTRIBUTION
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE_DATA, TIME = 1, 2
 _SEND_BUFFER_BYTES = 1 << 17
-_WRITE_LIMIT_BYTES = 1 << 16
 _CLIENT_FRAME_BYTES = 1 << 20
 _EVENT_FRAMES = 100
+_UNSENT_BYTES = 1 << 14  # what the system may hold back for a slow client: what is there can no longer be overtaken
 
 _logger = logging.getLogger("ambler.live_view")
 _logger.addHandler(logging.NullHandler())
@@ -44,13 +49,20 @@ Frame = str | bytes
 
 
 class FrameQueue:
-    """Frames on their way to one client: control text in order, data as one slot per subscription (events: a short queue)."""
+    """Frames on their way to one client: control text in order, data as one slot per subscription (events: a short queue).
 
-    def __init__(self) -> None:
+    Small frames go first. While a large one had the line nothing else could pass, so small ones then have it for as long; after that a
+    large one goes whether small ones wait or not. `clock` tells monotonic seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.dropped = 0
+        self._clock = clock
         self._control: deque[Frame] = deque()
         self._slots: dict[int, deque[Frame]] = {}
         self._depths: dict[int, int] = {}
+        self._large_time = -math.inf
+        self._is_small_next = True
         self._ready = asyncio.Event()
 
     def set_depth(self, subscription: int, depth: int) -> None:
@@ -71,14 +83,32 @@ class FrameQueue:
         slot.append(frame)
         self._ready.set()
 
+    def note_sent(self, frame: Frame, seconds: float) -> None:
+        """Take in for how long a frame had the line."""
+        self._is_small_next = len(frame) > LARGE_BYTES
+        if self._is_small_next:
+            self._large_time = self._clock() + seconds
+
     async def take(self) -> Frame:
-        """Return the next frame: control first, then the subscriptions in turn."""
-        while not self._control and not self._slots:
+        """Return the next frame: control first, then small and large ones, the subscriptions of each kind in turn."""
+        while True:
             self._ready.clear()
-            await self._ready.wait()
-        if self._control:
-            return self._control.popleft()
-        subscription = next(iter(self._slots))
+            if self._control:
+                return self._control.popleft()
+            small, large = self._first(is_large=False), self._first(is_large=True)
+            patience = None if large is None else self._large_time - self._clock()
+            if patience is not None and patience <= 0.0 and not (self._is_small_next and small is not None):
+                small = large
+            if small is not None:
+                return self._pop(small)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._ready.wait(), patience)
+
+    def _first(self, *, is_large: bool) -> int | None:
+        """Return the subscription whose turn it is among those with a frame of one kind."""
+        return next((s for s, slot in self._slots.items() if (len(slot[0]) > LARGE_BYTES) == is_large), None)
+
+    def _pop(self, subscription: int) -> Frame:
         slot = self._slots.pop(subscription)
         frame = slot.popleft()
         if slot:
@@ -96,7 +126,7 @@ class FoxgloveFront:
         upstream_port: int,
         token: str | None = None,
         event_topics: Collection[str] = (),
-        ros_distro: str = "jazzy",
+        ros_distro: str = DISTRIBUTION,
     ) -> None:
         self.host, self.port = host, port
         self.dropped_frames = 0
@@ -116,8 +146,9 @@ class FoxgloveFront:
                 subprotocols=[SUBPROTOCOL],
                 process_request=self._authorize,
                 compression=None,
+                extensions=[LargeFrameFactory()],
                 max_size=_CLIENT_FRAME_BYTES,
-                write_limit=_WRITE_LIMIT_BYTES,
+                write_limit=(0, 0),  # a frame counts as sent when the system has it
                 logger=_logger,
             )
         except OSError as error:
@@ -144,7 +175,7 @@ class FoxgloveFront:
         return connection.respond(http.HTTPStatus.UNAUTHORIZED, "wrong or missing token\n")
 
     async def _serve_client(self, client: ServerConnection) -> None:
-        client.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        _keep_buffers_short(client.transport.get_extra_info("socket"))
         queue, channels = FrameQueue(), dict[int, str]()
         async with connect(
             self._upstream, subprotocols=[SUBPROTOCOL], compression=None, max_size=None, logger=_logger
@@ -199,7 +230,16 @@ class FoxgloveFront:
                 queue.set_depth(subscription["id"], _EVENT_FRAMES if is_event else 1)
 
 
+def _keep_buffers_short(line: socket.socket) -> None:
+    line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+    if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
+
+
 async def _write_client(client: ServerConnection, queue: FrameQueue) -> None:
     with contextlib.suppress(websockets.ConnectionClosed):
         while True:
-            await client.send(await queue.take())
+            frame = await queue.take()
+            begin = time.monotonic()
+            await client.send(frame)
+            queue.note_sent(frame, time.monotonic() - begin)

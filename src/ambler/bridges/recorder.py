@@ -2,7 +2,8 @@
 
 Messages are encoded and written on a thread of the recorder's own, in the order in which they came. In lockstep a full queue makes
 the run wait and nothing is lost; live (`is_lossy`) what does not fit is left out and counted. A recorder that fails stops recording,
-says so once, and never touches the run.
+says so once, and never touches the run. Messages of /tf hold the newest of every edge so far, as in the live view: a viewer that jumps
+to an instant restores one message of a topic, and must find the robot on the map in it.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ambler.core.messages import Message
+from ambler.runtime.bus import whole
 from ambler.runtime.conveyor import Conveyor
-from ambler.runtime.topics import Topic
+from ambler.runtime.topics import TRANSFORMS, Topic
 from ambler.wire.mcap_file import McapRecorder
 
 CAPACITY = 4096
@@ -42,6 +44,7 @@ class Recorder:
         self.drops: dict[str, int] = {}
         self._mcap = McapRecorder(folder)
         self._tell = tell
+        self._tree: Message | None = None
         self._is_closed = False
         period = _PERIOD if is_lossy else _LOCKSTEP_PERIOD
         self._conveyor: Conveyor[_Delivered | None] = Conveyor(
@@ -83,6 +86,8 @@ class Recorder:
             self._mcap.close()
         elif self.failure is None:
             topic, message, time_ns, writer = delivered
+            if topic == TRANSFORMS:
+                message = self._tree = whole(self._tree, message)
             is_latched = topic.delivery == "latched"
             self._mcap.write(topic.ros_name, message, time_ns, is_latched=is_latched, writer=writer)
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ambler.studies.study_settings import StudySettings
 
 POSE = "X,Y[,DEG]"
+TOKEN_LENGTH = 8  # characters of a token that opens the robot to a network
 
 
 def add_run_options(parser: argparse.ArgumentParser, *, world: str, robot: str, time_limit: float) -> None:
@@ -58,7 +59,10 @@ def add_run_options(parser: argparse.ArgumentParser, *, world: str, robot: str, 
     how.add_argument("--no-view", action="store_true", help="no live view")
     how.add_argument("--port", type=int, default=8765, help="port of the live view (default: 8765)")
     how.add_argument("--host", default="127.0.0.1", help="address of the live view (default: this machine only)")
-    how.add_argument("--token", help="what a viewer must present (required unless the view is local)")
+    how.add_argument(
+        "--token",
+        help=f"what a viewer must present (at least {TOKEN_LENGTH} characters, required unless the view is local)",
+    )
     add_settings(how)
     how.add_argument("--out", type=Path, default=Path("runs"), help="where run folders are made (default: runs)")
     how.add_argument("--json", type=Path, help="write the result as JSON")
@@ -216,8 +220,11 @@ def _check_numbers(args: argparse.Namespace) -> None:
         raise BadInputError(f"--time-limit {args.time_limit:g}: must be a positive number of seconds")
     if not args.no_view and not 0 <= args.port <= 65535:
         raise BadInputError(f"--port {args.port}: must lie between 0 and 65535")
-    if args.host not in ("127.0.0.1", "localhost", "::1") and not args.token and not args.no_view:
-        raise BadInputError(f"a live view on {args.host} needs --token: everybody there could drive the robot")
+    if args.host not in ("127.0.0.1", "localhost", "::1") and not args.no_view:
+        if not args.token:
+            raise BadInputError(f"a live view on {args.host} needs --token: everybody there could drive the robot")
+        if len(args.token) < TOKEN_LENGTH:
+            raise BadInputError(f"--token: {len(args.token)} characters can be guessed, take {TOKEN_LENGTH} or more")
 
 
 def is_attended(args: argparse.Namespace) -> bool:

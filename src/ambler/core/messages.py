@@ -396,6 +396,14 @@ class GateStatus(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Text(Message):
+    """A text that holds from now on, such as a robot's description; it travels without its stamp and comes back with 0."""
+
+    stamp_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Status(Message):
     """A node's state for people and logs: a short code, a sentence, and a flat JSON object of fields."""
 

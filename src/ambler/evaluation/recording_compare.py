@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ambler.core.messages import Message
-from ambler.runtime.topics import Topic
+from ambler.runtime.bus import whole
+from ambler.runtime.topics import TRANSFORMS, Topic
 from ambler.wire.mcap_reader import RecordedMessage, read_recording
 from ambler.wire.ros_messages import encode
 
@@ -90,6 +91,7 @@ class ReplayComparison:
         self._wanted = None if topics is None else frozenset(topics)
         self._compare_times = compare_times
         self._topics: dict[str, _Progress] = {}
+        self._tree: Message | None = None
         for recorded in reference:
             if self._is_wanted(recorded.topic):
                 progress = self._topics.setdefault(recorded.topic, _Progress())
@@ -97,7 +99,9 @@ class ReplayComparison:
                 progress.times_ns.append(recorded.log_time_ns)
 
     def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
-        """Compare the next message of a topic of the bus, whoever wrote it."""
+        """Compare the next message of a topic of the bus, whoever wrote it; transforms merged, as the recorder does it."""
+        if topic == TRANSFORMS:
+            message = self._tree = whole(self._tree, message)
         if self._is_wanted(topic.ros_name):
             self.add(topic.ros_name, encode(message), time_ns)
 

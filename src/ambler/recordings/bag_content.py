@@ -56,7 +56,9 @@ class RecordedFrames:
         for edge in message.transforms:
             parent, child = plain_frame(edge.parent), plain_frame(edge.child)
             if parent == ODOM_FRAME:
-                self._odometry.setdefault(child, []).append((edge.stamp_ns, edge.parent_from_child.to_se2()))
+                track = self._odometry.setdefault(child, [])
+                if not track or track[-1][0] != edge.stamp_ns:  # our own recordings repeat the newest of every edge
+                    track.append((edge.stamp_ns, edge.parent_from_child.to_se2()))
             if is_static:
                 self._tree.set_static(parent, child, edge.parent_from_child)
                 continue

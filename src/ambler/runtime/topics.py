@@ -76,6 +76,7 @@ JOYSTICK = _topic("joystick", m.JoystickState, "/joy", "latest", 1, max_age=0.4)
 # Transforms
 TRANSFORMS = _topic("transforms", m.Transforms, "/tf", depth=200, has_many_writers=True)
 STATIC_TRANSFORMS = _topic("static_transforms", m.Transforms, "/tf_static", "latched", 1)
+ROBOT_DESCRIPTION = _topic("robot_description", m.Text, "/robot_description", "latched", 1)
 # Mapping
 MAP = _topic("map", m.OccupancyGrid, "/map", "latched", 1)
 MATCHED_SCAN = _topic("matched_scan", m.PointCloud, "/matched_scan", depth=2)

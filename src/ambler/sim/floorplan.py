@@ -41,14 +41,14 @@ def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.bo
     """Read a grey or coloured picture as (grid, which cells are solid [iy, ix], the start that it marks or None).
 
     Pixels darker than 150 of 255 are solid; a block of grey 203 among the free ones marks the start (the public dungeon maps use
-    127, 194 and 203). The lower left corner of the picture is the grid's origin. Raises BadInputError.
+    127, 194 and 203; 205 is what map servers write for unknown, and no mark). The lower left corner of the picture is the grid's origin. Raises BadInputError.
     """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise BadInputError(f"{path}: not readable as a picture")
     pixels = np.ascontiguousarray(image[::-1])
     spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
-    rows, columns = np.nonzero(np.abs(pixels.astype(int) - START_GREY) <= 2)
+    rows, columns = np.nonzero(np.abs(pixels.astype(int) - START_GREY) <= 1)
     start = None
     if len(rows):
         start = SE2(*spec.center_of(round(float(rows.mean())), round(float(columns.mean()))), 0.0)

@@ -21,7 +21,7 @@ from ambler.sim.surface_entry import FOLDER, MeshEntry, TerrainEntry
 
 WORLDS = Path(__file__).parent / "worlds"
 SUFFIXES = (".yaml", ".yml")
-PICTURES = (".png",)
+PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp")
 
 
 class _Door(Entry):
@@ -109,6 +109,8 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
     Raises BadInputError with one sentence that names the file and the place.
     """
     path = _find(str(name_or_path))
+    if path.suffix == ".pgm" and path.with_suffix(".yaml").is_file():
+        path = path.with_suffix(".yaml")  # the map of a ROS map server, whose YAML says more
     if path.suffix in PICTURES:
         return world_from_picture(path, start)
     content = _read_yaml(path)
@@ -155,7 +157,9 @@ def _find(name: str) -> Path:
         return path
     path = WORLDS / f"{name}.yaml"
     if not path.is_file():
-        raise BadInputError(f"no world {name!r}; there are {', '.join(world_names())}, or give a .yaml or .png file")
+        raise BadInputError(
+            f"no world {name!r}; there are {', '.join(world_names())}, or give a .yaml file or a picture"
+        )
     return path
 
 

@@ -32,7 +32,7 @@ def measure(data: Path, runs: int, tell: Callable[[str], None]) -> dict[str, Any
         else:
             tell(f"{name}: no such file in {data}, left out")
     if "peer_gtsam_intel_optimize_ms" not in fields:
-        tell("gtsam is not installed: no peer times (pip install 'ambler[bench]')")
+        tell("gtsam is not installed: no peer times (in the source folder: .venv/bin/pip install '.[bench]')")
     return fields
 
 

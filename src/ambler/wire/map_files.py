@@ -2,7 +2,7 @@
 
 A pixel p becomes an occupancy o = (255 - p) / 255, or p / 255 when `negate` is set (colour channels averaged). Mode trinary:
 o >= occupied_thresh is 100, o <= free_thresh is 0, else unknown; scale: the middle maps linearly to 0 ... 100, transparent
-pixels are unknown; raw: the pixel is the occupancy, above 100 unknown.
+pixels are unknown; raw: the pixel is the occupancy, above 100 unknown. A picture that lies turned in its frame is drawn anew.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.wire.atomic_file import write_whole
+from ambler.wire.turned_maps import straightened
 
 PIXEL_FREE, PIXEL_OCCUPIED, PIXEL_UNKNOWN = 254, 0, 205
 OCCUPIED_THRESH = 0.65
@@ -62,7 +63,8 @@ def load_map(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
         occupancy = _interpret(pixels, description)
     height, width = occupancy.shape
     spec = GridSpec(description.resolution, width, height, *description.origin)
-    return spec, np.ascontiguousarray(occupancy[::-1])
+    cells = np.ascontiguousarray(occupancy[::-1])
+    return (spec, cells) if description.yaw == 0.0 else straightened(spec, cells, description.yaw)
 
 
 def _interpret(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
@@ -95,6 +97,7 @@ class _Description:
     image: Path
     resolution: float
     origin: tuple[float, float]
+    yaw: float
     is_negated: bool
     occupied_thresh: float
     free_thresh: float
@@ -114,7 +117,7 @@ def _read_description(path: Path) -> _Description:
     mode = table.get("mode", "trinary")
     if mode not in MODES:
         raise BadInputError(f"{path}: mode {mode!r} is none of {', '.join(MODES)}")
-    origin = _origin(path, table["origin"])
+    origin, yaw = _origin(path, table["origin"])
     high = _number(path, table.get("occupied_thresh", OCCUPIED_THRESH), "occupied_thresh")
     low = _number(path, table.get("free_thresh", FREE_THRESH), "free_thresh")
     if not 0.0 <= low < high <= 1.0:
@@ -128,7 +131,7 @@ def _read_description(path: Path) -> _Description:
     if negate not in (0, 1):
         raise BadInputError(f"{path}: negate must be 0 or 1, found {negate!r}")
     image = path.parent / str(table["image"])
-    return _Description(image, resolution, origin, bool(negate), high, low, mode)
+    return _Description(image, resolution, origin, yaw, bool(negate), high, low, mode)
 
 
 def _number(path: Path, value: Any, key: str) -> float:
@@ -141,13 +144,13 @@ def _number(path: Path, value: Any, key: str) -> float:
     return number
 
 
-def _origin(path: Path, value: Any) -> tuple[float, float]:
+def _origin(path: Path, value: Any) -> tuple[tuple[float, float], float]:
+    """Read where the outer corner of the lowest left pixel lies, and the yaw (rad) of the picture about it."""
     if not isinstance(value, list) or len(value) not in (2, 3):
         raise BadInputError(f"{path}: origin must be [x, y, yaw]")
     numbers = [_number(path, v, "origin") for v in value]
-    if len(numbers) == 3 and abs(math.remainder(numbers[2], 2.0 * math.pi)) > 1e-6:
-        raise BadInputError(f"{path}: a turned map (origin yaw {numbers[2]}) is not supported")
-    return numbers[0], numbers[1]
+    yaw = math.remainder(numbers[2], 2.0 * math.pi) if len(numbers) == 3 else 0.0
+    return (numbers[0], numbers[1]), yaw if abs(yaw) > 1e-6 else 0.0
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:

@@ -1,7 +1,8 @@
 """Occupancy and cost grids as nav_msgs/OccupancyGrid.
 
 Occupancy is exact. Costs are folded into -1..100 as costmap_2d publishes them (0 free, 99 inscribed, 100 lethal,
--1 unknown, the rest linear), which loses the last digits: a cost grid read back is a view, not the original.
+-1 unknown, the rest linear), which loses the last digits: a cost grid read back is a view, not the original. Costs lie 1 cm above the
+floor, because viewers draw what lies in one plane in any order, and the map would hide them.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from ambler.wire.ros_types import record_class
 _Time = record_class("builtin_interfaces/msg/Time")
 _MapMetaData = record_class("nav_msgs/msg/MapMetaData")
 _OccupancyGrid = record_class("nav_msgs/msg/OccupancyGrid")
+
+COSTS_ABOVE_MAP = 0.01  # metres
 
 
 def _occupancy_of_cost() -> NDArray[np.int8]:
@@ -57,7 +60,7 @@ def occupancy_grid_from_ros(record: Any) -> m.OccupancyGrid:
 
 
 def cost_grid_to_ros(message: m.CostGrid) -> Any:
-    return _grid_to_ros(message.stamp_ns, message.frame, message.spec, _fold(message.data))
+    return _grid_to_ros(message.stamp_ns, message.frame, message.spec, _fold(message.data), COSTS_ABOVE_MAP)
 
 
 def cost_grid_from_ros(record: Any) -> m.CostGrid:
@@ -71,9 +74,9 @@ def _fold(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
     return np.frombuffer(costs.tobytes().translate(_OCCUPANCY.tobytes()), np.int8)
 
 
-def _grid_to_ros(stamp_ns: int, frame: str, spec: GridSpec, data: NDArray[np.int8]) -> Any:
+def _grid_to_ros(stamp_ns: int, frame: str, spec: GridSpec, data: NDArray[np.int8], z: float = 0.0) -> Any:
     header = header_to_ros(stamp_ns, frame)
-    origin = pose_to_ros(SE3((spec.origin_x, spec.origin_y, 0.0)))
+    origin = pose_to_ros(SE3((spec.origin_x, spec.origin_y, z)))
     info = _MapMetaData(_Time(0, 0), spec.resolution, spec.width, spec.height, origin)
     return _OccupancyGrid(header, info, np.ascontiguousarray(data).reshape(-1))
 

@@ -68,7 +68,8 @@ class _Shape:
 
 def _shapes(message: m.Frontiers) -> Iterator[_Shape]:
     """Yield the markers: the first deletes those of the map before; then all cells of one state in one marker; then the goal and
-    the reason of each frontier that is more than dust."""
+    the reason of each frontier that is more than dust, that of the target in a namespace of its own: a hundred reasons at once cover
+    the rooms, so the layout shows the target's alone."""
     yield _Shape("", 0, _POINTS, m.FrontierState.OPEN, action=_DELETE_ALL)
     for state in m.FrontierState:
         cells = [f.cells for f in message.frontiers if f.state == state]
@@ -85,7 +86,8 @@ def _shapes(message: m.Frontiers) -> Iterator[_Shape]:
             yield _Shape("goal", index, _ARROW, frontier.state, pose=pose, scale=(0.4, 0.08, 0.08))
         pose = SE3((*frontier.centroid, 0.5))
         size = (0.0, 0.0, _TEXT_HEIGHT)
-        yield _Shape("reason", index, _TEXT, frontier.state, pose=pose, scale=size, text=_label(frontier))
+        namespace = "target" if frontier.state == m.FrontierState.TARGET else "reason"
+        yield _Shape(namespace, index, _TEXT, frontier.state, pose=pose, scale=size, text=_label(frontier))
 
 
 def _label(frontier: m.Frontier) -> str:

@@ -104,6 +104,7 @@ _CODECS: dict[type[m.Message], Codec] = {
     m.OutsideCall: Codec(
         "ambler_msgs/msg/OutsideCall", ros_status.outside_call_to_ros, ros_status.outside_call_from_ros
     ),
+    m.Text: Codec("std_msgs/msg/String", ros_status.text_to_ros, ros_status.text_from_ros),
     m.Status: Codec("ambler_msgs/msg/Status", ros_status.status_to_ros, ros_status.status_from_ros),
 }
 # The first class declared for a ROS type is its default reading: OccupancyGrid, not CostGrid.

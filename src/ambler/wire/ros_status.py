@@ -1,4 +1,5 @@
-"""Health, contacts, gate, status and outside calls as records of the own package `ambler_msgs` (definitions in `msg/`), and the battery."""
+"""Health, contacts, gate, status and outside calls as records of the own package `ambler_msgs` (definitions in `msg/`), the battery and
+plain texts."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ _GateStatus = record_class("ambler_msgs/msg/GateStatus")
 _Status = record_class("ambler_msgs/msg/Status")
 _OutsideCall = record_class("ambler_msgs/msg/OutsideCall")
 _BatteryState = record_class("sensor_msgs/msg/BatteryState")
+_String = record_class("std_msgs/msg/String")
 
 
 def slam_health_to_ros(message: m.SlamHealth) -> Any:
@@ -81,6 +83,14 @@ def status_to_ros(message: m.Status) -> Any:
 
 def status_from_ros(record: Any) -> m.Status:
     return m.Status(stamp_from_ros(record.header), record.node, record.code, record.text, record.fields_json)
+
+
+def text_to_ros(message: m.Text) -> Any:
+    return _String(message.text)
+
+
+def text_from_ros(record: Any) -> m.Text:
+    return m.Text(0, record.data)
 
 
 def outside_call_to_ros(message: m.OutsideCall) -> Any:

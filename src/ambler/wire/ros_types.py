@@ -20,8 +20,9 @@ _EMPTY = "uint8 structure_needs_at_least_one_member\n"  # what ROS 2 puts into a
 _QUATERNION = "MSG: geometry_msgs/Quaternion\n"
 
 
-def _load_store() -> Typestore:
-    store = get_typestore(Stores.ROS2_JAZZY)
+def load_store(distribution: Stores) -> Typestore:
+    """Return the types of a distribution of ROS 2 together with our own."""
+    store = get_typestore(distribution)
     for kind, parts in _PARTS.items():
         folder = resources.files("ambler.wire") / kind
         for file in sorted(folder.iterdir(), key=lambda f: f.name):
@@ -40,7 +41,7 @@ def _register(store: Typestore, name: str, parts: tuple[str, ...], text: str) ->
         store.register({name + part: parsed})
 
 
-STORE = _load_store()
+STORE = load_store(Stores.ROS2_JAZZY)
 
 
 def record_class(ros_type: str) -> Any:
@@ -50,11 +51,16 @@ def record_class(ros_type: str) -> Any:
 
 @cache
 def message_definition(ros_type: str) -> str:
-    """Return the concatenated `.msg` text (encoding `ros2msg`) of a type and everything it contains.
+    """Return the concatenated `.msg` text (encoding `ros2msg`) of a type and everything it contains; raises KeyError."""
+    return definition_in(STORE, ros_type)
+
+
+def definition_in(store: Typestore, ros_type: str) -> str:
+    """Return the text of a type as `store` defines it.
 
     The defaults of Quaternion (x y z 0, w 1), which the type store drops, are put back: viewers compare texts.
     """
-    text = STORE.generate_msgdef(ros_type, ros_version=2)[0]
+    text = store.generate_msgdef(ros_type, ros_version=2)[0]
     head, found, tail = text.partition(_QUATERNION)
     if not found:
         return text
