@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ambler.core.grid import GridSpec
     from ambler.core.robot import RobotModel
 
-REFERENCE_ROLLOUT_MS = 2.8  # navigation reference, section 12: 20 x 20 samples, 0.6 x 0.44 m footprint
 GATE_POINTS = (360, 2000)
 
 
@@ -42,7 +41,6 @@ def run(args: argparse.Namespace) -> int:
             median, worst = planner_times(cells, kind, args.runs, args.seed)
             fields[f"rollout_{kind}_{cells}_ms"] = round(median, 4)
             fields[f"rollout_{kind}_{cells}_p95_ms"] = round(worst, 4)
-    fields["ratio_vs_reference_rollout"] = round(fields["rollout_differential_60_ms"] / REFERENCE_ROLLOUT_MS, 4)
     for count in GATE_POINTS:
         median, worst = gate_times(count, args.runs, args.seed)
         fields[f"gate_step_{count}_points_ms"] = round(median, 4)

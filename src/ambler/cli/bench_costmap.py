@@ -1,4 +1,4 @@
-"""`ambler bench costmap`: inflation and the update of a rolling window, beside the inflation of ROS and of SciPy's transform.
+"""`ambler bench costmap`: inflation, beside that of SciPy's transform in the same run, and the update of a rolling window.
 
 All times are those of the processor, one thread."""
 
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LOCAL_BAR_MS = 0.3
-# Inflation of others, compiled -O2 on a 2-core x86-64, one thread (docs/costmap.md): ROS 1 brushfire at radius 0.55 m, Nav2's transform
-ROS1_MS = {60: 0.09, 200: 0.57, 1000: 17.0, 4000: 390.0}
-NAV2_MS = {60: 0.05, 200: 0.6, 1000: 19.0, 4000: 500.0}
 
 
 def add_parser(subparsers: Any) -> None:
@@ -82,13 +79,8 @@ def _inflation(cells: NDArray[np.uint8], n: int, runs: int) -> dict[str, Any]:
         f"peer_scipy_inflation_{n}_ms": peer,
         f"ratio_vs_scipy_inflation_{n}": full / peer,
     }
-    text = (
-        f"inflation {n} x {n}: {full:.3f} ms, a changed 3 m box {box:.3f} ms, SciPy {peer:.2f} ms, cells wrong {wrong}"
-    )
-    if n in NAV2_MS:
-        fields |= {f"ratio_vs_nav2_inflation_{n}": full / NAV2_MS[n], f"ratio_vs_ros1_inflation_{n}": full / ROS1_MS[n]}
-        text += f"; ROS 1 {ROS1_MS[n]} ms, Nav2 {NAV2_MS[n]} ms"
-    print(text, flush=True)
+    text = f"a changed 3 m box {box:.3f} ms, SciPy {peer:.2f} ms, cells wrong {wrong}"
+    print(f"inflation {n} x {n}: {full:.3f} ms, {text}", flush=True)
     return fields
 
 
