@@ -19,9 +19,12 @@ def run_program(args: argparse.Namespace, options: RunOptions) -> int:
     from ambler.apps.run_folder import RunFolder
     from ambler.apps.scene import checked_scene
     from ambler.apps.simulated import SimulatedRun
+    from ambler.bridges.foxglove_front import check_port
     from ambler.cli.run_options import check_outputs
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
+    if options.port is not None:
+        check_port(options.host, options.port)
     scene = checked_scene(options)
     check_outputs(args.json, args.out)
     warm_up(imported_kernel_modules())
