@@ -50,11 +50,22 @@ def test_a_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path, capsys: 
     assert "written:" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("damage", ["cut", "garbage", "empty"])
+def test_a_log_whose_last_line_is_cut_off_is_mapped_up_to_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    course = drive(oval(0.05))
+    log = tmp_path / "cut.clf"
+    log.write_text(("\n".join(log_lines(course.truth, course.odometry)) + "\n")[:-300])
+    assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 0
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == len(course.truth) - 1
+    assert f"cut.clf is cut off in line {len(course.truth)}: read up to there" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("damage", ["only", "garbage", "empty"])
 def test_damaged_logs_leave_nothing_behind(damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     course = drive(oval(0.05))
     text = "\n".join(log_lines(course.truth, course.odometry)) + "\n"
-    text = {"cut": text[:-300], "garbage": text.replace(" robot", " x y z robot", 1), "empty": ""}[damage]
+    text = {"only": text[:300], "garbage": text.replace(" robot", " x y z robot", 1), "empty": ""}[damage]
     log = tmp_path / "broken.clf"
     log.write_text(text)
     assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 2

@@ -55,7 +55,8 @@ def check_port(host: str, port: int) -> None:
 
 
 def _cannot_listen(host: str, port: int, error: OSError) -> BadInputError:
-    reason = os.strerror(error.errno).lower() if error.errno in errno.errorcode else str(error)
+    number = error.errno
+    reason = os.strerror(number).lower() if number is not None and number in errno.errorcode else str(error)
     return BadInputError(f"the live view cannot listen on {host}:{port}: {reason}; take another --port, or --no-view")
 
 
