@@ -8,11 +8,12 @@ import pytest
 
 from ambler.cli.main import main
 from ambler.core.se2 import SE2
+from ambler.evaluation.metrics import METRICS
 from ambler.wire.map_files import load_map
 from tests.registration.room import distance_to_walls, ranges_at
 from tests.slam2d.drives import drive, errors, oval
 
-FILES = {"trajectory.tum", "map.pgm", "map.png", "map.yaml"}
+FILES = {"trajectory.tum", "map.pgm", "map.png", "map.yaml", "report.html", "report.json", "speed.png"}
 
 
 def log_lines(truth: list[SE2], odometry: list[SE2]) -> list[str]:
@@ -48,6 +49,10 @@ def test_a_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path, capsys: 
     assert result["scans"] == len(course.truth)
     assert result["points_on_walls_ratio"] > 0.99
     assert "written:" in capsys.readouterr().out
+    report = json.loads((out / "report.json").read_text())
+    assert set(report["results"]) <= set(METRICS)
+    assert report["results"]["ended"] == "mapped"
+    assert set(report["pictures"].values()) == {"map.png", "speed.png"}
 
 
 def test_a_log_whose_last_line_is_cut_off_is_mapped_up_to_there(
@@ -58,7 +63,9 @@ def test_a_log_whose_last_line_is_cut_off_is_mapped_up_to_there(
     log.write_text(("\n".join(log_lines(course.truth, course.odometry)) + "\n")[:-300])
     assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 0
     assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == len(course.truth) - 1
-    assert f"cut.clf is cut off in line {len(course.truth)}: read up to there" in capsys.readouterr().out
+    told = f"cut.clf is cut off in line {len(course.truth)}: read up to there"
+    assert told in capsys.readouterr().out
+    assert told in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.parametrize("damage", ["only", "garbage", "empty"])
