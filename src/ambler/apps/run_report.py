@@ -47,6 +47,8 @@ def print_result(fields: dict[str, Any], title: str) -> None:
     """Print the result as a small table."""
     table = TerminalTable(title=title, show_header=False, title_justify="left")
     for name, value in fields.items():
+        if name == "text" and value is None:
+            continue  # nothing went wrong
         text = "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
         table.add_row(name, text)
     Console(width=100).print(table)

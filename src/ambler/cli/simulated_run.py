@@ -33,7 +33,9 @@ def run_program(args: argparse.Namespace, options: RunOptions) -> int:
     warm_up(imported_kernel_modules())
     folder = RunFolder.new(args.out, f"{args.verb}-{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
     try:
-        run = SimulatedRun(options, folder, scene)
+        with Stages() as stages:
+            stages.begin("setting up the world and the robot")
+            run = SimulatedRun(options, folder, scene)
     except BaseException:
         folder.remove()
         raise
