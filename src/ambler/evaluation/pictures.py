@@ -35,7 +35,7 @@ UNKNOWN_SHADE, FREE_SHADE, UNDECIDED_SHADE, OCCUPIED_SHADE = (
 )
 GLASS_COLOUR = "#06b6d4"
 DPI = 130
-MOST_PIXELS = 2400
+MOST_PIXELS = 800  # as many as the axes of a picture have: more, and thin walls fall between them
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,16 +94,20 @@ def draw_map_with_trajectory(
 
 
 def _draw_cells(axes: Axes, spec: GridSpec, occupancy: NDArray[np.int8]) -> None:
-    """Draw a map, its walls once more above the frontiers, which would bury thin ones."""
-    shades = np.empty((*spec.shape, 3), np.uint8)
+    """Draw what is known of a map, its walls once more above the frontiers, which would bury thin ones."""
+    x0, x1, y0, y1 = known_box(spec, occupancy)
+    (low_y, low_x), (high_y, high_x) = spec.cell_of(x0, y0), spec.cell_of(x1, y1)
+    low_y, low_x = max(low_y, 0), max(low_x, 0)
+    cells = occupancy[low_y : high_y + 1, low_x : high_x + 1]
+    shades = np.empty((*cells.shape, 3), np.uint8)
     shades[:] = UNDECIDED_SHADE
-    shades[occupancy < 0] = UNKNOWN_SHADE
-    shades[(occupancy >= 0) & (occupancy <= FREE_UP_TO)] = FREE_SHADE
-    shades[occupancy >= OCCUPIED_FROM] = OCCUPIED_SHADE
-    k = block_side(shades)
+    shades[cells < 0] = UNKNOWN_SHADE
+    shades[(cells >= 0) & (cells <= FREE_UP_TO)] = FREE_SHADE
+    shades[cells >= OCCUPIED_FROM] = OCCUPIED_SHADE
+    side = block_side(shades) * spec.resolution
     shades = darkest(shades)
-    height, width = (n * k * spec.resolution for n in shades.shape[:2])
-    extent = (spec.origin_x, spec.origin_x + width, spec.origin_y, spec.origin_y + height)
+    left, bottom = spec.origin_x + low_x * spec.resolution, spec.origin_y + low_y * spec.resolution
+    extent = (left, left + shades.shape[1] * side, bottom, bottom + shades.shape[0] * side)
     axes.imshow(shades, origin="lower", extent=extent, interpolation="nearest")
     is_wall = (shades == OCCUPIED_SHADE).all(axis=2)
     walls = np.dstack((shades, np.where(is_wall, 255, 0).astype(np.uint8)))
