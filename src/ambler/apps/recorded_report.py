@@ -13,6 +13,7 @@ from ambler.apps.recorded_localization import RecordedLocalization
 from ambler.core.grid import GridSpec
 from ambler.evaluation.curves import draw_errors, draw_speed, worst_mark
 from ambler.evaluation.pictures import draw_map_with_trajectory
+from ambler.evaluation.relations import RelationErrors
 from ambler.evaluation.report import Picture, Table, write_report
 from ambler.evaluation.results import machine_class
 from ambler.slam2d.offline import OfflineResult
@@ -25,12 +26,23 @@ def write_mapping_report(
     result: OfflineResult,
     fields: Mapping[str, Any],
     notes: Sequence[str],
+    errors: RelationErrors | None = None,
 ) -> Path:
-    """Draw and write what SLAM made of a recording: `stamps` are the seconds of its poses, `notes` what was told while it was read."""
+    """Draw and write what SLAM made of a recording: `stamps` are the seconds of its poses, `notes` what was told while it was read,
+    `errors` those of given relations."""
     stamps_ns = np.rint(1e9 * np.asarray(stamps)).astype(np.int64)
+    begin_ns = int(stamps_ns.min())
+    marks, curves = [], []
+    if errors is not None:
+        order = np.argsort(errors.to_us, kind="stable")
+        at, sizes = 1000 * errors.to_us[order], errors.translation[order]
+        poses = result.poses[np.abs(stamps_ns - at[np.argmax(sizes)]).argmin()]
+        marks = [worst_mark(at, sizes, np.tile(poses, (len(at), 1)), begin_ns, "error of a relation")]
+        path = draw_errors(folder / "relations.png", at, sizes, begin_ns, "error of a relation")
+        curves = [Picture("Errors of the relations, at the time of their second pose", path)]
     path = folder / "map.png"
-    draw_map_with_trajectory(path, result.spec, result.occupancy, {"trajectory": result.poses})
-    pictures = [Picture("The map as it was built, with the trajectory", path)]
+    draw_map_with_trajectory(path, result.spec, result.occupancy, {"trajectory": result.poses}, marks=marks)
+    pictures = [Picture("The map as it was built, with the trajectory", path), *curves]
     pictures += _speed(folder, stamps_ns, result.poses)
     shown = {"ended": "mapped", "text": _cuts(notes), **fields, "recording": str(log)}
     return _write(folder, f"{log.name}: mapped", shown, pictures, notes, is_good=True)

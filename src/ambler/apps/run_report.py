@@ -97,7 +97,7 @@ def _pictures(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier
         pictures.append(Picture("Walls of the true map (red) and of the built map (blue), thinned and aligned", path))
     if verdict.trajectory is not None:
         t, path = verdict.trajectory, folder.root / "trajectory_error.png"
-        draw_errors(path, t.stamps_ns, _errors(robot, t), _begin_ns(verdict))
+        draw_errors(path, t.stamps_ns, _errors(robot, t), _begin_ns(verdict), "position error")
         how = "after the best rigid motion" if robot.options.makes_map else "in the known map"
         pictures.append(Picture(f"Error of the estimated position, {how}", path))
     if robot.options.makes_map and len(record.coverage):

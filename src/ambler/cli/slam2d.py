@@ -15,6 +15,7 @@ from ambler.cli.run_options import add_settings, profile_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ambler.evaluation.relations import RelationErrors
     from ambler.recordings.scan_recording import ScanRecording
     from ambler.slam2d.config import Slam2dConfig
     from ambler.slam2d.offline import OfflineResult
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     }
     if errors is not None:
         fields |= errors.fields()
-    _write(args, stamps, result, fields, recording.notes)
+    _write(args, stamps, result, fields, recording.notes, errors)
     _report(args.out, fields)
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
@@ -129,7 +130,12 @@ def _map(recording: ScanRecording, config: Slam2dConfig) -> OfflineResult:
 
 
 def _write(
-    args: argparse.Namespace, stamps: list[float], result: OfflineResult, fields: dict[str, Any], notes: Sequence[str]
+    args: argparse.Namespace,
+    stamps: list[float],
+    result: OfflineResult,
+    fields: dict[str, Any],
+    notes: Sequence[str],
+    errors: RelationErrors | None,
 ) -> None:
     """Write everything into a folder beside the target, then move it there, so that no partial output is ever seen."""
     import numpy as np
@@ -148,7 +154,7 @@ def _write(
     try:
         write_tum(partial / "trajectory.tum", np.array(stamps), result.poses)
         save_map(partial / "map", result.spec, result.occupancy)
-        write_mapping_report(partial, args.log, stamps, result, fields, notes)
+        write_mapping_report(partial, args.log, stamps, result, fields, notes, errors)
         out.mkdir(exist_ok=True)
         for file in sorted(partial.iterdir()):
             os.replace(file, out / file.name)

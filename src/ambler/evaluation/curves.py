@@ -29,10 +29,10 @@ def worst_mark(stamps_ns: I64, errors: F64, poses: F64, begin_ns: int, what: str
 
 
 def draw_errors(path: Path, stamps_ns: I64, errors: F64, begin_ns: int, what: str = "error") -> Path:
-    """Draw errors (m) of the position over time, the largest one marked with its value and time."""
+    """Draw errors (m) over time, the largest one marked with its value and time."""
     k, seconds, text = worst(stamps_ns, errors, begin_ns, what)
     curve = {what: ((stamps_ns - begin_ns) * 1e-9, 100.0 * errors)}
-    return draw_series(path, "time, s", f"{what} of the position, cm", curve, (seconds, 100.0 * float(errors[k]), text))
+    return draw_series(path, "time, s", f"{what}, cm", curve, (seconds, 100.0 * float(errors[k]), text))
 
 
 def speed_over_ground(stamps_ns: I64, poses: F64, span: float = SPEED_SPAN) -> F64:
