@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -115,6 +116,22 @@ def test_bad_options_are_told_before_anything_runs(
     assert says in told[0]
     assert not list(tmp_path.iterdir())
     assert time.monotonic() - begun < 30.0
+
+
+@pytest.mark.parametrize("words", [["demo"], ["navigate", "1,1"], ["dock"], ["demo", "--apart"]], ids=" ".join)
+def test_a_port_in_use_is_one_line_before_all_others_and_leaves_nothing(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ambler.kernels.warmup.warm_up", lambda names: print("compiling kernels, once"))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert main([*words, "--exit", "--port", str(taken.getsockname()[1])]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    (line,) = told.err.strip().splitlines()
+    assert "address already in use; take another --port, or --no-view" in line
+    assert line.count("address") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_map_in_which_nothing_can_be_localized_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from ambler.apps.recorded_localization import localize_recording
+from ambler.apps.recorded_report import write_localization_report
 from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.evaluation.metrics import METRICS
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.recordings.log_scans import LogScan, planar_matrix
 from tests.localization import rooms
@@ -51,6 +53,23 @@ def test_a_drive_is_found_in_its_map(is_told: bool) -> None:
     ]
     assert np.median(errors) < 0.02
     assert max(errors[10:]) < 0.06
+
+
+def test_a_report_marks_the_largest_correction(tmp_path: Path) -> None:
+    scans, _ = recorded()
+    occupancy, spec = rooms.office().occupancy()
+    result = localize_recording(scans, spec, occupancy, lambda m: GridTracker(m, GridTrackerConfig()))
+    assert len(result.corrections) == len(result.poses)
+    assert result.largest_correction == result.corrections.max() > 0.0
+    fields = {"found_after_s": result.found_after, "largest_correction_m": result.largest_correction}
+    notes = ["a.mcap is cut off: read up to the cut", "scans: /scan"]
+    page = write_localization_report(tmp_path, Path("a.mcap"), (spec, occupancy), result, fields, notes)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["results"]["ended"] == "found"
+    assert report["results"]["text"] == notes[0]
+    assert set(report["results"]) <= set(METRICS)
+    assert set(report["pictures"].values()) == {"map.png", "correction.png", "speed.png"}
+    assert "scans: /scan" in page.read_text()
 
 
 def test_a_wrong_pose_is_given_up_unless_nobody_watches() -> None:

@@ -205,8 +205,8 @@ METRICS = (
     PlantedFault(
         "what the map wrongly calls free is not counted",
         "evaluation/map_quality.py",
-        "false_free_ratio=float(1.0 - is_right.mean())",
-        "false_free_ratio=float(is_right.mean() * 0.0)",
+        "false_free_ratio=1.0 - right",
+        "false_free_ratio=0.0 * right",
         MAPS,
     ),
     PlantedFault(

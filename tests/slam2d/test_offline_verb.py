@@ -8,11 +8,15 @@ import pytest
 
 from ambler.cli.main import main
 from ambler.core.se2 import SE2
+from ambler.evaluation.metrics import METRICS
+from ambler.evaluation.relations import load_relations, relation_errors
+from ambler.recordings.scan_recording import open_recording
+from ambler.slam2d.offline import run_offline
 from ambler.wire.map_files import load_map
 from tests.registration.room import distance_to_walls, ranges_at
 from tests.slam2d.drives import drive, errors, oval
 
-FILES = {"trajectory.tum", "map.pgm", "map.png", "map.yaml"}
+FILES = {"trajectory.tum", "map.pgm", "map.png", "map.yaml", "report.html", "report.json", "speed.png"}
 
 
 def log_lines(truth: list[SE2], odometry: list[SE2]) -> list[str]:
@@ -48,13 +52,49 @@ def test_a_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path, capsys: 
     assert result["scans"] == len(course.truth)
     assert result["points_on_walls_ratio"] > 0.99
     assert "written:" in capsys.readouterr().out
+    report = json.loads((out / "report.json").read_text())
+    assert set(report["results"]) <= set(METRICS)
+    assert report["results"]["ended"] == "mapped"
+    assert set(report["pictures"].values()) == {"map.png", "speed.png"}
 
 
-@pytest.mark.parametrize("damage", ["cut", "garbage", "empty"])
+def test_the_worst_relation_is_marked_in_the_report(tmp_path: Path) -> None:
+    course = drive(oval(0.05))
+    log, relations, out = tmp_path / "a.clf", tmp_path / "a.relations", tmp_path / "out"
+    log.write_text("\n".join(log_lines(course.truth, course.odometry)) + "\n")
+    lines = []
+    for k, wrong in ((1, 0.0), (2, 0.7), (3, 0.0)):
+        pose = course.truth[0].inverse() @ course.truth[k]
+        lines.append(f"1000.000000 {1000.0 + 0.1 * k:.6f} {pose.x + wrong:.6f} {pose.y:.6f} 0 0 0 {pose.yaw:.6f}")
+    relations.write_text("\n".join(lines) + "\n")
+    assert main(["slam2d", str(log), "--out", str(out), "--relations", str(relations)]) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert report["results"]["relations_used"] == 3
+    assert "relations.png" in report["pictures"].values()
+    recording = open_recording(log)
+    scans = run_offline(recording.scans)
+    errors = relation_errors(load_relations(relations), recording.stamps, scans.poses)
+    assert errors.to_us[np.argmax(errors.translation)] == 1_000_200_000
+
+
+def test_a_log_whose_last_line_is_cut_off_is_mapped_up_to_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    course = drive(oval(0.05))
+    log = tmp_path / "cut.clf"
+    log.write_text(("\n".join(log_lines(course.truth, course.odometry)) + "\n")[:-300])
+    assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 0
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == len(course.truth) - 1
+    told = f"cut.clf is cut off in line {len(course.truth)}: read up to there"
+    assert told in capsys.readouterr().out
+    assert told in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("damage", ["only", "garbage", "empty"])
 def test_damaged_logs_leave_nothing_behind(damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     course = drive(oval(0.05))
     text = "\n".join(log_lines(course.truth, course.odometry)) + "\n"
-    text = {"cut": text[:-300], "garbage": text.replace(" robot", " x y z robot", 1), "empty": ""}[damage]
+    text = {"only": text[:300], "garbage": text.replace(" robot", " x y z robot", 1), "empty": ""}[damage]
     log = tmp_path / "broken.clf"
     log.write_text(text)
     assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 2

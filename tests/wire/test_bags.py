@@ -157,6 +157,26 @@ def test_a_bag_that_was_not_closed_is_completed_from_its_write_ahead_log(tmp_pat
     crashed.chmod(0o755)
 
 
+@pytest.mark.parametrize("is_folder", [True, False], ids=["folder", "file"])
+def test_an_mcap_bag_without_its_end_is_read_up_to_the_cut(is_folder: bool, tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "bag", StoragePlugin.MCAP)
+    file = folder / "bag.mcap"
+    with open_bag(folder) as bag:
+        everything = [(g.topic, g.log_ns) for g in bag.messages()]
+        assert bag.notes == ()
+    file.write_bytes(file.read_bytes()[:-60])
+    before = sorted((f.name, f.stat().st_size) for f in folder.iterdir())
+    with open_bag(folder if is_folder else file) as bag:
+        got = [(g.topic, g.log_ns) for g in bag.messages()]
+        assert bag.notes == (f"{file} is cut off: read up to the cut",)
+        assert "/chatter" in {t.name for t in bag.topics()}, "types that are not ours are kept"
+    assert got == everything
+    assert sorted((f.name, f.stat().st_size) for f in folder.iterdir()) == before
+    file.write_bytes(file.read_bytes()[:40])
+    with pytest.raises(BadInputError, match="is cut off before its first message"):
+        open_bag(file)
+
+
 def test_split_recordings_in_one_folder_without_metadata(tmp_path: Path) -> None:
     first = write_ros2(tmp_path / "one", StoragePlugin.MCAP) / "one.mcap"
     second = write_ros2(tmp_path / "two", StoragePlugin.MCAP) / "two.mcap"
@@ -195,7 +215,7 @@ def test_damage_anywhere_is_a_named_error_or_harmless(kind: str, tmp_path: Path)
             text = str(error)
             assert str(original) in text or str(target) in text
             assert "\n" not in text
-    assert errors > 5
+    assert errors > 2
 
 
 def test_wrong_files_are_named(tmp_path: Path) -> None:

@@ -79,6 +79,16 @@ def test_damage_names_the_line(tmp_path: Path, line: str, reason: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("last", [FLASER, ROBOT, ODOM], ids=lambda line: line.split()[0])
+def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path, last: str, share: float) -> None:
+    path = write(tmp_path, (LOG + last[: int(share * len(last))]).encode())
+    log = load_carmen(path)
+    assert log.cut_line == len(LOG.splitlines()) + 1
+    assert [line.line for line in log.lasers] == [3, 5, 6]
+    assert load_carmen(write(tmp_path, (LOG + last).encode())).cut_line is None, "only the end of the line is missing"
+
+
 @pytest.mark.parametrize("data", [b"", b"\n\n", b"# only comments\n", (ODOM + "\n").encode()])
 def test_a_log_without_lasers_is_refused(tmp_path: Path, data: bytes) -> None:
     with pytest.raises(BadInputError, match="no laser line"):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from types import TracebackType
 
 
 class ProgressLine:
@@ -38,3 +40,43 @@ class ProgressLine:
         if self._is_open:
             print()
             self._is_open = False
+
+
+class Stages:
+    """Says what is being done, once it takes longer than `patience` seconds, and again every `period`: long work is never silent."""
+
+    def __init__(self, patience: float = 1.5, period: float = 10.0) -> None:
+        self._patience, self._period = patience, period
+        self._timer: threading.Timer | None = None
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Stages:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._end()
+
+    def begin(self, text: str) -> None:
+        """Begin a stage; the one before is over."""
+        self._end()
+        with self._lock:
+            self._tell_after(self._patience, text, time.monotonic())
+
+    def _tell_after(self, seconds: float, text: str, begun: float) -> None:
+        timer = threading.Timer(seconds, lambda: self._tell(timer, text, begun))
+        timer.daemon = True
+        self._timer = timer
+        timer.start()
+
+    def _tell(self, timer: threading.Timer, text: str, begun: float) -> None:
+        with self._lock:
+            if timer is not self._timer:
+                return
+            print(f"{text} ... {time.monotonic() - begun:.0f} s", flush=True)
+            self._tell_after(self._period, text, begun)
+
+    def _end(self) -> None:
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,12 +38,18 @@ class Verdict:
     collisions: tuple[Collision, ...]
 
 
-def judge(run: SimulatedRun, robot: SimulatedRobot | None = None) -> Verdict:
-    """Compare what a robot (None: the first) believed with the ground truth of its recording, told in the frame of its map."""
+def judge(
+    run: SimulatedRun, robot: SimulatedRobot | None = None, on_stage: Callable[[str], None] = lambda _: None
+) -> Verdict:
+    """Compare what a robot (None: the first) believed with the ground truth of its recording, told in the frame of its map. `on_stage` is
+    told what is being done."""
     robot = robot if robot is not None else run.robot
+    on_stage("reading the recording")
     record = read_exploration(
         robot.folder.recording, TruthFrame(robot.world_from_map), robot.truth if robot.options.is_apart else None
     )
+    spec = record.true_map[0]
+    on_stage(f"judging the map against the truth, {spec.width} x {spec.height} cells")
     save_map(robot.folder.truth_stem, *record.true_map)
     quality = _map_quality(robot, record)
     trajectory = None
@@ -60,6 +67,10 @@ def judge(run: SimulatedRun, robot: SimulatedRobot | None = None) -> Verdict:
         fields |= _exploration(robot, record, quality, trajectory)
     else:
         fields |= {"localizer": robot.config.localizer, "source": robot.config.localization.source}
+        fields |= {
+            "position_error_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
+            "position_error_max_m": None if trajectory is None else float(trajectory.offsets.max()),
+        }
     fields |= {"collisions": len(collisions), "path_length_m": record.path_length}
     fields |= _drives(robot, record)
     if robot.options.docks_wanted:
@@ -91,6 +102,7 @@ def _exploration(
         "nne_reverse_cells": None if quality is None else quality.nne_reverse_cells,
         "ssim": None if quality is None else quality.ssim,
         "ate_rms_m": None if trajectory is None else trajectory.ate_rms_m,
+        "ate_max_m": None if trajectory is None else trajectory.ate_max_m,
         "ate_unaligned_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
         "frontiers_left": None if result is None else len(result.remaining),
         "targets_reached": None if result is None else result.goals_reached,

@@ -26,8 +26,8 @@ BELIEVED = (LocalizationState.TRACKING, LocalizationState.DEGRADED)
 class RecordedLocalization:
     """`stamps_ns` int64 (N,) and `poses` float64 (N, 3), map_from_base, of the scans whose pose was believed, of `scans` in all. `found_after`
     is the time of the first (s after the first scan; None: never); `times_lost` how often a believed pose was given up;
-    `points_on_walls_ratio` the share of returns within one cell of the map's walls; `largest_correction` the longest step (m) away from
-    what odometry says, once found."""
+    `points_on_walls_ratio` the share of returns within one cell of the map's walls; `corrections` float64 (N,) the steps (m) away from
+    what odometry says, 0 where there was no pose before; `first_ns` the stamp of the first scan."""
 
     scans: int
     stamps_ns: NDArray[np.int64]
@@ -35,8 +35,14 @@ class RecordedLocalization:
     found_after: float | None
     times_lost: int
     points_on_walls_ratio: float
-    largest_correction: float
+    corrections: NDArray[np.float64]
+    first_ns: int
     is_found_at_the_end: bool
+
+    @property
+    def largest_correction(self) -> float:
+        """The longest step away from what odometry says, m."""
+        return float(self.corrections.max(initial=0.0))
 
 
 def localize_recording(
@@ -57,7 +63,7 @@ def localize_recording(
     believed: list[tuple[int, SE2, SE2]] = []
     planar = []
     count = times_lost = 0
-    first_ns, was_believed, correction = 0, False, 0.0
+    first_ns, was_believed, corrections = 0, False, list[float]()
     for scan in scans:
         count += 1
         for stamp_ns, odom_from_base in scan.odometry:
@@ -76,11 +82,12 @@ def localize_recording(
         observation = Observation(scan.stamp_ns, odom_from_base, points.points)
         estimate = _supervised(supervisor, observation) if is_supervised else localizer.update(observation)
         if estimate is not None:
-            pose = estimate.map_from_base
+            pose, correction = estimate.map_from_base, 0.0
             if was_believed:
                 _, map_from_last, odom_from_last = believed[-1]
                 expected = map_from_last @ odom_from_last.inverse() @ odom_from_base
-                correction = max(correction, pose.distance_to(expected))
+                correction = pose.distance_to(expected)
+            corrections.append(correction)
             believed.append((scan.stamp_ns, pose, odom_from_base))
             planar.append(points)
         times_lost += was_believed and estimate is None
@@ -96,7 +103,8 @@ def localize_recording(
         (believed[0][0] - first_ns) * 1e-9 if believed else None,
         times_lost,
         points_on_walls(planar, poses, spec, walls),
-        correction,
+        np.array(corrections),
+        first_ns,
         was_believed,
     )
 

@@ -5,15 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as TerminalTable
 
-from ambler.apps.judgement import Verdict, is_good
+from ambler.apps.docks import dock_of_world
+from ambler.apps.judgement import Verdict, is_good, true_pose_at
 from ambler.apps.simulated import SimulatedRobot
 from ambler.core.messages import Frontier
-from ambler.evaluation.pictures import draw_map_with_trajectory, draw_overlay, draw_series
+from ambler.evaluation.curves import draw_errors, draw_speed, worst_mark
+from ambler.evaluation.pictures import Mark, draw_map_with_trajectory, draw_overlay, draw_series
 from ambler.evaluation.report import Picture, Table, collision_table, frontier_table, write_report
 from ambler.evaluation.results import machine_class
+from ambler.evaluation.trajectory import TrajectoryError
 from ambler.nodes.steps import ExploreStep, NavigateStep, Step, TaskStep, name_of
 from ambler.wire.glass_files import SUFFIX, load_glass
 from ambler.wire.map_files import load_map
@@ -42,6 +47,8 @@ def print_result(fields: dict[str, Any], title: str) -> None:
     """Print the result as a small table."""
     table = TerminalTable(title=title, show_header=False, title_justify="left")
     for name, value in fields.items():
+        if name == "text" and value is None:
+            continue  # nothing went wrong
         text = "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
         table.add_row(name, text)
     Console(width=100).print(table)
@@ -84,30 +91,68 @@ def _title(step: Step) -> str:
 
 def _pictures(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
     folder, record = robot.folder, verdict.record
-    pictures: list[Picture] = []
-    stem = folder.map_stem if robot.options.makes_map else folder.known_map_stem
-    if stem.with_suffix(".yaml").exists():
-        spec, occupancy = load_map(stem.with_suffix(".yaml"))
-        paths = {"estimated": record.poses, "true": record.true_poses}
-        glass_file = stem.with_name(stem.name + SUFFIX)
-        glass = load_glass(glass_file).segments if glass_file.exists() else None
-        path = draw_map_with_trajectory(folder.root / "map.png", spec, occupancy, paths, frontiers, glass)
-        what = "The map as it was built" if robot.options.makes_map else "The known map"
-        pictures.append(Picture(f"{what}, with the estimated and the true path", path))
+    pictures = _map_picture(robot, verdict, frontiers)
     if verdict.quality is not None:
         path = draw_overlay(verdict.quality, folder.root / "overlay.png")
         pictures.append(Picture("Walls of the true map (red) and of the built map (blue), thinned and aligned", path))
-    if len(record.coverage):
+    if verdict.trajectory is not None:
+        t, path = verdict.trajectory, folder.root / "trajectory_error.png"
+        draw_errors(path, t.stamps_ns, _errors(robot, t), _begin_ns(verdict), "position error")
+        how = "after the best rigid motion" if robot.options.makes_map else "in the known map"
+        pictures.append(Picture(f"Error of the estimated position, {how}", path))
+    if robot.options.makes_map and len(record.coverage):
         curve = {"coverage": (record.coverage[:, 0], 100.0 * record.coverage[:, 1])}
         path = draw_series(folder.root / "coverage.png", "time, s", "truly free area known, %", curve)
         pictures.append(Picture("Coverage over time", path))
-    if verdict.trajectory is not None:
-        t = verdict.trajectory
-        error = {"error": (t.stamps_ns * 1e-9, 100.0 * t.errors)}
-        path = draw_series(folder.root / "trajectory_error.png", "time, s", "position error, cm", error)
-        pictures.append(Picture("Error of the estimated position", path))
-    if len(record.speeds):
-        speed = {"speed": (record.true_stamps_ns[::10] * 1e-9, record.speeds[::10])}
-        path = draw_series(folder.root / "speed.png", "time, s", "true speed, m/s", speed)
-        pictures.append(Picture("Speed of the base", path))
+    if len(record.true_poses) > 1:
+        path = draw_speed(folder.root / "speed.png", record.true_stamps_ns, record.true_poses, _begin_ns(verdict))
+        pictures.append(Picture("True speed of the base, smoothed so that a gait does not show", path))
     return pictures
+
+
+def _map_picture(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
+    """The map with the paths and everything that went wrong; none when there is no map."""
+    folder, record = robot.folder, verdict.record
+    stem = folder.map_stem if robot.options.makes_map else folder.known_map_stem
+    if not stem.with_suffix(".yaml").exists():
+        return []
+    spec, occupancy = load_map(stem.with_suffix(".yaml"))
+    paths = {"estimated": record.poses, "true": record.true_poses}
+    glass_file = stem.with_name(stem.name + SUFFIX)
+    glass = load_glass(glass_file).segments if glass_file.exists() else None
+    path = folder.root / "map.png"
+    draw_map_with_trajectory(path, spec, occupancy, paths, frontiers, glass, _marks(robot, verdict))
+    what = "The map as it was built" if robot.options.makes_map else "The known map"
+    return [Picture(f"{what}, with the estimated and the true path, the largest error and what was hit", path)]
+
+
+def _marks(robot: SimulatedRobot, verdict: Verdict) -> list[Mark]:
+    """What must be seen on the map: goals, docks, the largest error, collisions."""
+    marks = []
+    goals = [step for step in robot.steps if isinstance(step, NavigateStep)]
+    for k, goal in enumerate(goals):
+        marks.append(Mark(goal.map_from_goal.x, goal.map_from_goal.y, f"goal {k + 1}", "goal"))
+    world = robot.scene.world.seen_from(robot.world_from_map)
+    for dock in world.docks if robot.options.docks_wanted else ():
+        pose = dock_of_world(world, dock.name).world_from_dock
+        marks.append(Mark(pose.x, pose.y, dock.name, "dock"))
+    t = verdict.trajectory
+    if t is not None:
+        marks.append(worst_mark(t.stamps_ns, _errors(robot, t), t.estimate, _begin_ns(verdict)))
+    for collision in verdict.collisions:
+        at = true_pose_at(verdict.record, collision.begin_ns)
+        if at is not None:
+            seconds = (collision.begin_ns - _begin_ns(verdict)) * 1e-9
+            marks.append(Mark(at.x, at.y, f"{collision.other_geom} hit at {seconds:.1f} s", "collision"))
+    return marks
+
+
+def _errors(robot: SimulatedRobot, trajectory: TrajectoryError) -> NDArray[np.float64]:
+    """Position errors, m: of a map that the robot made itself after the best rigid motion, in a known map as they are."""
+    return trajectory.errors if robot.options.makes_map else trajectory.offsets
+
+
+def _begin_ns(verdict: Verdict) -> int:
+    """When the run began, by the clock of its truth."""
+    stamps = verdict.record.true_stamps_ns
+    return int(stamps[0]) if len(stamps) else 0

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import hmac
 import http
 import json
 import logging
 import math
+import os
 import socket
 import struct
 import time
@@ -46,6 +48,21 @@ _logger.addHandler(logging.NullHandler())
 _logger.propagate = False
 
 Frame = str | bytes
+
+
+def check_port(host: str, port: int) -> None:
+    """Raise BadInputError when nobody could listen there now, so that it is told before anything else is done."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        socket.create_server((host, port), family=family).close()
+    except OSError as error:
+        raise _cannot_listen(host, port, error) from error
+
+
+def _cannot_listen(host: str, port: int, error: OSError) -> BadInputError:
+    number = error.errno
+    reason = os.strerror(number).lower() if number is not None and number in errno.errorcode else str(error)
+    return BadInputError(f"the live view cannot listen on {host}:{port}: {reason}; take another --port, or --no-view")
 
 
 class FrameQueue:
@@ -152,10 +169,7 @@ class FoxgloveFront:
                 logger=_logger,
             )
         except OSError as error:
-            raise BadInputError(
-                f"the live view cannot listen on {self.host}:{self.port}: {error.strerror or error}; "
-                "take another --port, or --no-view"
-            ) from error
+            raise _cannot_listen(self.host, self.port, error) from error
         self.port = next(iter(self._server.sockets)).getsockname()[1]
 
     async def stop(self) -> None:

@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.perception.scanner_profile import scanner_calibrations
     from ambler.settings.profiles import load_profile
     from ambler.sim.robots import robot_named
+    from ambler.wire.mcap_reader import cut_off
 
     if args.simulated == (args.recording is not None):
         raise BadInputError("give either a RECORDING or --simulated")
@@ -70,6 +71,8 @@ def run(args: argparse.Namespace) -> int:
     if args.simulated:
         drive = simulate_robot_drive(robot, args.seed, args.seconds)
     else:
+        for note in cut_off(args.recording):
+            print(note)
         drive = read_drive(args.recording, robot)
     result = calibrate_scanners(drive.scans, drive.odometry, drive.scanners, drive.model, config)
     found = scanner_calibrations(result.scanners)

@@ -31,10 +31,13 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.pictures import draw_tracks
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.wire.mcap_reader import cut_off
 
     config = recorded_config(study_settings(args, takes_faults=False).profile).odometry
     warm_up(imported_kernel_modules())
     begin = time.perf_counter()
+    for note in cut_off(args.bag):
+        print(note)
     record = read_odometry_record(args.bag)
     tracks = {
         "wheels": wheels_alone(record),

@@ -36,7 +36,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--localizer", choices=("tracker", "particles", "reflectors"), help="(default: tracker)")
     add_choices(parser)
     add_settings(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for trajectory.tum and map.png")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for trajectory.tum, map.png and report.html")
     parser.add_argument("--seed", type=int, default=0, help="of the particles (default: 0)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     parser.set_defaults(run=run)
@@ -51,8 +51,8 @@ def run(args: argparse.Namespace) -> int:
 
     from ambler.apps.config import recorded_config
     from ambler.apps.recorded_localization import localize_recording
+    from ambler.apps.recorded_report import write_localization_report
     from ambler.core.errors import BadInputError
-    from ambler.evaluation.pictures import draw_map_with_trajectory
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
     from ambler.recordings.scan_recording import open_recording
@@ -89,7 +89,9 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         args.out.mkdir(parents=True, exist_ok=True)
         write_tum(args.out / "trajectory.tum", (result.stamps_ns * 1e-9).astype(np.float64), result.poses)
-        draw_map_with_trajectory(args.out / "map.png", spec, occupancy, {"localized": result.poses})
+        notes = recording.notes
+        report = write_localization_report(args.out, args.recording, (spec, occupancy), result, fields, notes)
+        print(f"report: {report}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0 if result.is_found_at_the_end else 1

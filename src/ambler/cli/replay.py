@@ -29,7 +29,10 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.pose_difference import TOLERANCE
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.wire.mcap_reader import cut_off
 
+    for note in cut_off(args.run_folder / "recording"):
+        print(note)
     warm_up(imported_kernel_modules())
     started = time.perf_counter()
     replay = replay_run(args.run_folder, args.out, args.rate)

@@ -16,18 +16,26 @@ INTERRUPTED = 130
 
 def run_program(args: argparse.Namespace, options: RunOptions) -> int:
     """Run a program of steps. 0: all was done, without a collision; 1: something fell short; 130: interrupted."""
+    from ambler.apps.console import Stages
     from ambler.apps.run_folder import RunFolder
     from ambler.apps.scene import checked_scene
     from ambler.apps.simulated import SimulatedRun
+    from ambler.bridges.foxglove_front import check_port
     from ambler.cli.run_options import check_outputs
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
-    scene = checked_scene(options)
+    if options.port is not None:
+        check_port(options.host, options.port)
+    with Stages() as stages:
+        stages.begin(f"reading the world {options.world}")
+        scene = checked_scene(options)
     check_outputs(args.json, args.out)
     warm_up(imported_kernel_modules())
     folder = RunFolder.new(args.out, f"{args.verb}-{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
     try:
-        run = SimulatedRun(options, folder, scene)
+        with Stages() as stages:
+            stages.begin("setting up the world and the robot")
+            run = SimulatedRun(options, folder, scene)
     except BaseException:
         folder.remove()
         raise
@@ -48,13 +56,15 @@ def run_program(args: argparse.Namespace, options: RunOptions) -> int:
 
 def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
     """Judge, report, print and write; a signal meanwhile does not leave a report half done."""
+    from ambler.apps.console import Stages
     from ambler.apps.judgement import is_good, judge
     from ambler.apps.run_report import print_result, write_run_report
     from ambler.apps.signals import on_interrupt
     from ambler.evaluation.results import write_results
 
-    with on_interrupt(lambda: print("writing the report; once more ends at once", flush=True)):
-        verdict = judge(run)
+    with on_interrupt(lambda: print("writing the report; once more ends at once", flush=True)), Stages() as stages:
+        verdict = judge(run, on_stage=stages.begin)
+        stages.begin("drawing the report")
         report = write_run_report(run.robot, verdict)
         print_result(verdict.fields, args.verb)
         if run.options.is_lost and run.end is not None and run.end.where is not None:

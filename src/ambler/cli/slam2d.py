@@ -13,11 +13,14 @@ from ambler.cli.recording_choices import add_choices, choices_of
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ambler.evaluation.relations import RelationErrors
     from ambler.recordings.scan_recording import ScanRecording
     from ambler.slam2d.config import Slam2dConfig
     from ambler.slam2d.offline import OfflineResult
 
-FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml")
+FILES = ("trajectory.tum", "map.pgm", "map.png", "map.yaml", "report.html")
 
 
 def add_parser(subparsers: Any) -> None:
@@ -69,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
     stamps = list(recording.stamps)
     result = _map(recording, config)
     errors = relation_errors(relations, stamps, result.poses) if relations else None
-    _write(args.out, stamps, result)
     cpu_seconds = time.process_time() - cpu
     data_seconds = max(stamps) - min(stamps)
     fields: dict[str, Any] = {
@@ -84,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     }
     if errors is not None:
         fields |= errors.fields()
+    _write(args, stamps, result, fields, recording.notes, errors)
     _report(args.out, fields)
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
@@ -126,15 +129,23 @@ def _map(recording: ScanRecording, config: Slam2dConfig) -> OfflineResult:
         return run_offline(recording.scans, config, on_scan)
 
 
-def _write(out: Path, stamps: list[float], result: OfflineResult) -> None:
+def _write(
+    args: argparse.Namespace,
+    stamps: list[float],
+    result: OfflineResult,
+    fields: dict[str, Any],
+    notes: Sequence[str],
+    errors: RelationErrors | None,
+) -> None:
     """Write everything into a folder beside the target, then move it there, so that no partial output is ever seen."""
     import numpy as np
 
+    from ambler.apps.recorded_report import write_mapping_report
     from ambler.core.errors import BadInputError
-    from ambler.evaluation.pictures import draw_map_with_trajectory
     from ambler.wire.map_files import save_map
     from ambler.wire.tum import write_tum
 
+    out: Path = args.out
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
@@ -143,10 +154,10 @@ def _write(out: Path, stamps: list[float], result: OfflineResult) -> None:
     try:
         write_tum(partial / "trajectory.tum", np.array(stamps), result.poses)
         save_map(partial / "map", result.spec, result.occupancy)
-        draw_map_with_trajectory(partial / "map.png", result.spec, result.occupancy, {"trajectory": result.poses})
+        write_mapping_report(partial, args.log, stamps, result, fields, notes, errors)
         out.mkdir(exist_ok=True)
-        for name in FILES:
-            os.replace(partial / name, out / name)
+        for file in sorted(partial.iterdir()):
+            os.replace(file, out / file.name)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

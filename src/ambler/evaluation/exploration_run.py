@@ -89,10 +89,16 @@ def read_exploration(
 
 def known_share(built: tuple[GridSpec, NDArray[np.int8]], truth: tuple[GridSpec, NDArray[np.int8]]) -> float:
     """Return the share of the truly free cells that the built map calls free, without alignment."""
-    built_spec, built_cells = built
-    truth_spec, truth_cells = truth
-    free = np.argwhere(truth_cells == OCC_FREE)
-    cells = built_spec.cells_of(truth_spec.centers_of(free))
-    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < built_spec.height) & (cells[:, 1] < built_spec.width)
-    known = built_cells[cells[inside, 0], cells[inside, 1]] == OCC_FREE
-    return float(np.count_nonzero(known)) / max(1, len(free))
+    (built_spec, built_cells), (truth_spec, truth_cells) = built, truth
+    rows, columns = _indices(truth_spec, built_spec)
+    inside_y, inside_x = (rows >= 0) & (rows < built_spec.height), (columns >= 0) & (columns < built_spec.width)
+    is_free = truth_cells[np.ix_(inside_y, inside_x)] == OCC_FREE
+    is_known = built_cells[np.ix_(rows[inside_y], columns[inside_x])] == OCC_FREE
+    return float(np.count_nonzero(is_free & is_known)) / max(1, int(np.count_nonzero(truth_cells == OCC_FREE)))
+
+
+def _indices(of: GridSpec, within: GridSpec) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows and the columns of another grid in which the middles of a grid's rows and columns lie."""
+    rows = np.stack((np.arange(of.height), np.zeros(of.height, np.intp)), axis=1)
+    columns = np.stack((np.zeros(of.width, np.intp), np.arange(of.width)), axis=1)
+    return within.cells_of(of.centers_of(rows))[:, 0], within.cells_of(of.centers_of(columns))[:, 1]

@@ -8,6 +8,7 @@ sigma 1.5, K1 = 0.01, K2 = 0.03, on pictures of the thinned lines (0 and 255) at
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -25,6 +26,8 @@ Mask = NDArray[np.bool_]
 FREE_UP_TO, OCCUPIED_FROM = 25, 65
 COMPARE_RESOLUTION = 0.05
 COMPARE_MARGIN = 1.0
+BLOCK_CELLS = 1 << 20
+REACH = 5  # pixels from the middle of the window of SSIM to its border
 RED, BLUE, BOTH, FREE_TINT = (214, 39, 40), (31, 119, 180), (60, 20, 90), (238, 238, 238)
 
 
@@ -67,20 +70,23 @@ def compare_maps(
     built_free, truth_free = is_free(built_occupancy), is_free(truth_occupancy)
     if not built_free.any() or not truth_free.any():
         raise BadInputError("a map without free cells cannot be compared")
-    free_cells = truth_spec.centers_of(np.argwhere(truth_free))
-    seen = sample(built_spec, built_free, truth_from_built.inverse().transform(free_cells))
-    believed_free = truth_from_built.transform(points_of(built_spec, built_free))
-    is_right = sample(truth_spec, truth_free, believed_free)
+    seen = _share((truth_spec, truth_free), (built_spec, built_free), truth_from_built.inverse())
+    right = _share((built_spec, built_free), (truth_spec, truth_free), truth_from_built)
     box = comparison_spec(truth_spec, truth_occupancy)
     built_picture, truth_picture = draw_points(box, moved), draw_points(box, truth_points)
     return MapQuality(
-        coverage_ratio=float(seen.mean()),
-        false_free_ratio=float(1.0 - is_right.mean()),
+        coverage_ratio=seen,
+        false_free_ratio=1.0 - right,
         nne_cells=nearest_neighbour_error(truth_points, moved) / truth_spec.resolution,
         nne_reverse_cells=nearest_neighbour_error(moved, truth_points) / truth_spec.resolution,
         ssim=structural_similarity(truth_picture, built_picture),
         truth_from_built=truth_from_built,
-        overlay=_overlay(box, truth_picture, built_picture, believed_free, free_cells),
+        overlay=_overlay(
+            truth_picture,
+            built_picture,
+            _drawn(box, truth_from_built, blocks_of(built_spec, built_free))
+            & _drawn(box, SE2(), blocks_of(truth_spec, truth_free, truth_from_built.transform(_corners(built_spec)))),
+        ),
     )
 
 
@@ -102,8 +108,8 @@ def reachable_coverage(
     iy, ix = spec.cell_of(truth_from_start.x, truth_from_start.y)
     if not spec.contains_cell(iy, ix) or labels[iy, ix] == 0:
         raise BadInputError("the start is not free in the true map")
-    reachable = points_of(spec, labels == labels[iy, ix])
-    return float(sample(built[0], is_free(built[1]), truth_from_built.inverse().transform(reachable)).mean())
+    reachable = np.asarray(labels == labels[iy, ix])
+    return _share((spec, reachable), (built[0], is_free(built[1])), truth_from_built.inverse())
 
 
 def is_free(occupancy: Occupancy) -> Mask:
@@ -124,6 +130,35 @@ def thin(mask: Mask) -> Mask:
 def points_of(spec: GridSpec, mask: Mask) -> NDArray[np.float64]:
     """Return the centres of a mask's cells, float64 (N, 2), metres."""
     return spec.centers_of(np.argwhere(mask))
+
+
+def blocks_of(spec: GridSpec, mask: Mask, near: NDArray[np.float64] | None = None) -> Iterator[NDArray[np.float64]]:
+    """Yield `points_of` in blocks of about a million cells, so that the memory for a map of any size is bounded; only those in the box
+    around the points `near` (N, 2), where they are given."""
+    y0, x0, y1, x1 = 0, 0, spec.height, spec.width
+    if near is not None:
+        cells = spec.cells_of(near)
+        y0, x0 = np.maximum(cells.min(axis=0) - 1, 0).tolist()
+        y1, x1 = np.maximum(np.minimum(cells.max(axis=0) + 2, spec.shape), 0).tolist()
+    rows = max(1, BLOCK_CELLS // max(1, x1 - x0))
+    for begin in range(y0, y1, rows):
+        cells = np.argwhere(mask[begin : min(begin + rows, y1), x0:x1])
+        if len(cells):
+            yield spec.centers_of(cells + np.array([begin, x0]))
+
+
+def _corners(spec: GridSpec) -> NDArray[np.float64]:
+    """Return the corners of a grid, float64 (4, 2), metres."""
+    x1, y1 = spec.origin_x + spec.width * spec.resolution, spec.origin_y + spec.height * spec.resolution
+    return np.array([(x, y) for x in (spec.origin_x, x1) for y in (spec.origin_y, y1)])
+
+
+def _share(of: tuple[GridSpec, Mask], within: tuple[GridSpec, Mask], within_from_of: SE2) -> float:
+    """Return the share of a mask's cells whose centres lie in cells of another mask."""
+    near = within_from_of.inverse().transform(_corners(within[0]))
+    blocks = blocks_of(*of, near)
+    hits = sum(np.count_nonzero(sample(*within, within_from_of.transform(points))) for points in blocks)
+    return float(hits) / float(np.count_nonzero(of[1]))
 
 
 def sample(spec: GridSpec, mask: Mask, points: NDArray[np.float64]) -> Mask:
@@ -167,27 +202,43 @@ def draw_points(spec: GridSpec, points: NDArray[np.float64]) -> NDArray[np.uint8
 
 def structural_similarity(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     """Return the mean SSIM of two pictures, without the border that the window does not fit into."""
+    height, width = a.shape
+    rows = max(8 * REACH, 4 * BLOCK_CELLS // max(1, width))
+    total, count = 0.0, 0
+    for begin in range(REACH, height - REACH, rows):
+        end = min(begin + rows, height - REACH)
+        strip = slice(begin - REACH, end + REACH)
+        similarity = _similarity(a[strip], b[strip])[REACH:-REACH, REACH:-REACH]
+        total, count = total + float(similarity.sum()), count + similarity.size
+    return total / count if count else math.nan
+
+
+def _similarity(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the SSIM around every pixel."""
 
     def blur(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(cv2.GaussianBlur(picture, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
+        return np.asarray(cv2.GaussianBlur(picture, (2 * REACH + 1,) * 2, 1.5, borderType=cv2.BORDER_REFLECT))
 
     c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
     x, y = a.astype(np.float64), b.astype(np.float64)
     mx, my = blur(x), blur(y)
     vx, vy, vxy = blur(x * x) - mx * mx, blur(y * y) - my * my, blur(x * y) - mx * my
-    similarity = (2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2))
-    return float(similarity[5:-5, 5:-5].mean())
+    return np.asarray((2 * mx * my + c1) * (2 * vxy + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
 
 
-def _overlay(
-    box: GridSpec,
-    truth_lines: NDArray[np.uint8],
-    built_lines: NDArray[np.uint8],
-    built_free: NDArray[np.float64],
-    truth_free: NDArray[np.float64],
-) -> NDArray[np.uint8]:
-    out = np.full((*box.shape, 3), 255, np.uint8)
-    out[(draw_points(box, built_free) > 0) & (draw_points(box, truth_free) > 0)] = FREE_TINT
+def _drawn(box: GridSpec, box_from_points: SE2, blocks: Iterable[NDArray[np.float64]]) -> Mask:
+    """Return which cells of the box hold a point."""
+    out = np.zeros(box.shape, np.bool_)
+    for points in blocks:
+        cells = box.cells_of(box_from_points.transform(points))
+        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < box.height) & (cells[:, 1] < box.width)
+        out[cells[inside, 0], cells[inside, 1]] = True
+    return out
+
+
+def _overlay(truth_lines: NDArray[np.uint8], built_lines: NDArray[np.uint8], free: Mask) -> NDArray[np.uint8]:
+    out = np.full((*free.shape, 3), 255, np.uint8)
+    out[free] = FREE_TINT
     out[truth_lines > 0] = RED
     out[built_lines > 0] = BLUE
     out[(truth_lines > 0) & (built_lines > 0)] = BOTH

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ matplotlib.use("Agg")
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
 
 F64 = NDArray[np.float64]
 Curve = Sequence[float] | NDArray[np.floating]
@@ -33,6 +35,20 @@ UNKNOWN_SHADE, FREE_SHADE, UNDECIDED_SHADE, OCCUPIED_SHADE = (
 )
 GLASS_COLOUR = "#06b6d4"
 DPI = 130
+MOST_PIXELS = 800  # as many as the axes of a picture have: more, and thin walls fall between them
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A place on a map that must be seen, with what to say about it; `kind` is one of MARKS."""
+
+    x: float
+    y: float
+    text: str
+    kind: str = "error"
+
+
+MARKS = {"error": ("o", "#dc2626"), "collision": ("X", "#dc2626"), "goal": ("*", "#9333ea"), "dock": ("D", "#0891b2")}
 STATE_COLOURS = {
     FrontierState.OPEN: "#059669",
     FrontierState.TARGET: "#2563eb",
@@ -49,19 +65,13 @@ def draw_map_with_trajectory(
     trajectories: Mapping[str, F64],
     frontiers: Sequence[Frontier] = (),
     glass: NDArray[np.floating] | None = None,
+    marks: Sequence[Mark] = (),
 ) -> Path:
-    """Draw a map with named trajectories float64 (N, 2 or 3) in its frame, start and end marked, and frontiers by state; glass,
-    segments (N, 4) of (x0, y0, x1, y1), has its own colour."""
-    shades = np.empty((*spec.shape, 3), np.uint8)
-    shades[:] = UNDECIDED_SHADE
-    shades[occupancy < 0] = UNKNOWN_SHADE
-    shades[(occupancy >= 0) & (occupancy <= FREE_UP_TO)] = FREE_SHADE
-    shades[occupancy >= OCCUPIED_FROM] = OCCUPIED_SHADE
+    """Draw a map with named trajectories float64 (N, 2 or 3) in its frame, start and end marked, and frontiers by state, walls above
+    them; glass, segments (N, 4) of (x0, y0, x1, y1), has its own colour. `marks` lie on top."""
     x0, x1, y0, y1 = known_box(spec, occupancy)
     figure, axes = _figure_for(x1 - x0, y1 - y0)
-    extent = (spec.origin_x, spec.origin_x + spec.width * spec.resolution)
-    extent_y = (spec.origin_y, spec.origin_y + spec.height * spec.resolution)
-    axes.imshow(shades, origin="lower", extent=(*extent, *extent_y), interpolation="nearest")
+    _draw_cells(axes, spec, occupancy)
     for k, (label, poses) in enumerate(trajectories.items()):
         style: dict[str, Any] = {"lw": 1.6} if k == 0 else {"lw": 1.1, "ls": (0, (4, 2))}
         axes.plot(poses[:, 0], poses[:, 1], color=COLOURS[k % len(COLOURS)], label=label, zorder=3 + k, **style)
@@ -78,15 +88,57 @@ def draw_map_with_trajectory(
             axes.plot(*np.concatenate(cells).T, ".", ms=2.5, color=colour, label=label, zorder=2)
     axes.set_xlim(x0, x1)
     axes.set_ylim(y0, y1)
+    _draw_marks(axes, marks)
     _dress_map(axes)
     return _save(figure, path)
+
+
+def _draw_cells(axes: Axes, spec: GridSpec, occupancy: NDArray[np.int8]) -> None:
+    """Draw what is known of a map, its walls once more above the frontiers, which would bury thin ones."""
+    x0, x1, y0, y1 = known_box(spec, occupancy)
+    (low_y, low_x), (high_y, high_x) = spec.cell_of(x0, y0), spec.cell_of(x1, y1)
+    low_y, low_x = max(low_y, 0), max(low_x, 0)
+    cells = occupancy[low_y : high_y + 1, low_x : high_x + 1]
+    shades = np.empty((*cells.shape, 3), np.uint8)
+    shades[:] = UNDECIDED_SHADE
+    shades[cells < 0] = UNKNOWN_SHADE
+    shades[(cells >= 0) & (cells <= FREE_UP_TO)] = FREE_SHADE
+    shades[cells >= OCCUPIED_FROM] = OCCUPIED_SHADE
+    side = block_side(shades) * spec.resolution
+    shades = darkest(shades)
+    left, bottom = spec.origin_x + low_x * spec.resolution, spec.origin_y + low_y * spec.resolution
+    extent = (left, left + shades.shape[1] * side, bottom, bottom + shades.shape[0] * side)
+    axes.imshow(shades, origin="lower", extent=extent, interpolation="nearest")
+    is_wall = (shades == OCCUPIED_SHADE).all(axis=2)
+    walls = np.dstack((shades, np.where(is_wall, 255, 0).astype(np.uint8)))
+    axes.imshow(walls, origin="lower", extent=extent, interpolation="nearest", zorder=2.2)
+
+
+def _draw_marks(axes: Axes, marks: Sequence[Mark]) -> None:
+    for mark in marks:
+        shape, colour = MARKS[mark.kind]
+        face = "none" if mark.kind == "error" else colour
+        axes.plot(mark.x, mark.y, shape, ms=11, mfc=face, mec=colour, mew=1.8, zorder=10)
+        low, high = axes.get_xlim()
+        side = "left" if mark.x - low < 0.6 * (high - low) else "right"  # of the words: they stay inside
+        away = (9 if side == "left" else -9, -14 if mark.kind == "error" else 7)
+        told = axes.annotate(mark.text, (mark.x, mark.y), away, textcoords="offset points", ha=side, zorder=11)
+        _dress_note(told, colour)
+
+
+def _dress_note(note: Annotation, colour: str) -> None:
+    """Write in a colour on a white halo, so that it can be read on everything."""
+    from matplotlib.patheffects import withStroke
+
+    note.set(color=colour, fontsize=8, fontweight="bold")
+    note.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
 
 
 def draw_overlay(quality: MapQuality, path: Path) -> Path:
     """Draw the overlay of a comparison with its legend and numbers."""
     height, width = quality.overlay.shape[:2]
     figure, axes = _figure_for(width, height)
-    axes.imshow(quality.overlay, interpolation="nearest")
+    axes.imshow(darkest(quality.overlay), interpolation="nearest", extent=(0.0, width, height, 0.0))
     for colour, label in ((RED, "truth"), (BLUE, "built"), (BOTH, "both")):
         axes.plot([], [], "s", color=tuple(c / 255 for c in colour), label=label)
     numbers = (
@@ -116,8 +168,15 @@ def draw_tracks(path: Path, tracks: Mapping[str, F64]) -> Path:
     return _save(figure, path)
 
 
-def draw_series(path: Path, label_x: str, label_y: str, series: Mapping[str, tuple[Curve, Curve]]) -> Path:
-    """Draw named curves (x values, y values) into one plot; a single curve needs no legend."""
+def draw_series(
+    path: Path,
+    label_x: str,
+    label_y: str,
+    series: Mapping[str, tuple[Curve, Curve]],
+    mark: tuple[float, float, str] | None = None,
+) -> Path:
+    """Draw named curves (x values, y values) into one plot; a single curve needs no legend. `mark` is a place (x, y) and what to say
+    about it."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.6, 3.2), dpi=DPI)
@@ -132,10 +191,31 @@ def draw_series(path: Path, label_x: str, label_y: str, series: Mapping[str, tup
     axes.grid(color=GRID, lw=0.8)
     axes.set_axisbelow(True)
     axes.margins(x=0.01)
+    if mark is not None:
+        axes.margins(y=0.15)
+        _draw_marks(axes, [Mark(*mark)])
     _dress(axes)
     if len(series) > 1:
         _legend(axes)
     return _save(figure, path)
+
+
+def block_side(picture: NDArray[np.uint8], most: int = MOST_PIXELS) -> int:
+    """Return how many pixels wide and high the blocks are of which `darkest` makes one."""
+    height, width, _ = picture.shape
+    return int(max(1, math.ceil(max(height, width) / most)))
+
+
+def darkest(picture: NDArray[np.uint8], most: int = MOST_PIXELS) -> NDArray[np.uint8]:
+    """Return a picture (H, W, 3) with at most about `most` rows and columns: of each block of pixels the darkest of every colour, so that
+    walls stay. Rows and columns that fill no block are white."""
+    k = block_side(picture, most)
+    if k == 1:
+        return picture
+    height, width = (-(-n // k) for n in picture.shape[:2])
+    whole = np.full((height * k, width * k, 3), 255, np.uint8)
+    whole[: picture.shape[0], : picture.shape[1]] = picture
+    return np.asarray(whole.reshape(height, k, width, k, 3).min(axis=(1, 3)))
 
 
 def known_box(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[float, float, float, float]:

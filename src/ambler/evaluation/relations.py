@@ -29,10 +29,11 @@ class Relation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RelationErrors:
-    """Errors of the relations whose stamps were both found; float64 (K,) metres and radians."""
+    """Errors of the relations whose stamps were both found; float64 (K,) metres and radians, `to_us` int64 (K,) their second stamps."""
 
     translation: NDArray[np.float64]
     rotation: NDArray[np.float64]
+    to_us: NDArray[np.int64]
     given: int
 
     def fields(self) -> dict[str, float | int]:
@@ -86,13 +87,15 @@ def relation_errors(
     """Compare poses float64 (N, 3) at stamps (N,) in seconds with the relations; raises BadInputError when no stamp fits."""
     at = {round(stamp * 1e6): SE2.from_array(pose) for stamp, pose in zip(stamps, poses, strict=True)}
     errors: list[tuple[float, float]] = []
+    to_us: list[int] = []
     for relation in relations:
         first, second = at.get(relation.from_us), at.get(relation.to_us)
         if first is None or second is None:
             continue
         error = (first.inverse() @ second).inverse() @ relation.from_from_to
         errors.append((math.hypot(error.x, error.y), abs(error.yaw)))
+        to_us.append(relation.to_us)
     if not errors:
         raise BadInputError(f"none of the {len(relations)} relations has its stamps in the trajectory")
     table = np.array(errors)
-    return RelationErrors(table[:, 0], table[:, 1], len(relations))
+    return RelationErrors(table[:, 0], table[:, 1], np.array(to_us, np.int64), len(relations))

@@ -317,7 +317,7 @@ ROWS: Sequence[Row] = (
         lambda f: _is_localized(f, "particles_scan"),
     ),
     Row(
-        "particle update, 2000 × 60 beams (Nav2: 7.2 ms); EKF step",
+        "particle update, 2000 × 60 beams; EKF step",
         "≤ 5 ms; ≤ 50 µs",
         "bench_particles.json",
         "{particle_update_ms:.2f} ms; {ekf_step_us:.1f} µs",

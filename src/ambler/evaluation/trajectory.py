@@ -18,7 +18,8 @@ I64 = NDArray[np.int64]
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryError:
     """Errors in metres and radians. `ate_rms_m` after the best rigid alignment `truth_from_estimate`, `unaligned_rms_m` in the
-    frames as they are; `errors` float64 (N,) are the aligned distances at `stamps_ns` int64 (N,)."""
+    frames as they are; `errors` float64 (N,) are the aligned distances at `stamps_ns` int64 (N,), `offsets` those without alignment,
+    `estimate` float64 (N, 3) the poses there."""
 
     ate_rms_m: float
     ate_max_m: float
@@ -27,6 +28,8 @@ class TrajectoryError:
     truth_from_estimate: SE2
     stamps_ns: I64
     errors: F64
+    offsets: F64
+    estimate: F64
 
 
 def truth_at(stamps_ns: I64, truth_stamps_ns: I64, truth: F64, max_gap: float) -> tuple[NDArray[np.bool_], F64]:
@@ -71,6 +74,8 @@ def trajectory_error(
         truth_from_estimate=truth_from_estimate,
         stamps_ns=stamps_ns[is_known],
         errors=errors,
+        offsets=unaligned,
+        estimate=estimate,
     )
 
 

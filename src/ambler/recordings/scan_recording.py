@@ -85,7 +85,8 @@ def open_recording(
             scans, track, planar_matrix(log.base_from_laser), config, Sweep.FORWARD, ["format: Wean Hall log"]
         )
     carmen = load_carmen(path)
-    return ScanRecording(scans_of(carmen, config), tuple(line.stamp for line in carmen.lasers), ())
+    notes = () if carmen.cut_line is None else (f"{path} is cut off in line {carmen.cut_line}: read up to there",)
+    return ScanRecording(scans_of(carmen, config), tuple(line.stamp for line in carmen.lasers), notes)
 
 
 def _head(path: Path) -> bytes:
@@ -114,7 +115,10 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_swee
             odometry.append(message)
         elif isinstance(message, Transforms):
             frames.add(message, is_static=topic.endswith("tf_static"))
-    notes = [f"scans: {scan_topic}, {len(scans)} of {len(scans[0].ranges)} beams in frame {scans[0].frame!r}"]
+    notes = [
+        *bag.notes,
+        f"scans: {scan_topic}, {len(scans)} of {len(scans[0].ranges)} beams in frame {scans[0].frame!r}",
+    ]
     track: Track = []
     base = None
     if odometry:

@@ -26,6 +26,7 @@ from rosbags.typesys import TypesysError
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.wire import ros_geometry, ros_grids, ros_sensors
+from ambler.wire.mcap_reader import cut_off, finish_copy, is_finished
 from ambler.wire.ros_types import STORE
 
 _FromRos = Callable[[Any], m.Message]
@@ -73,6 +74,8 @@ class BagReader:
 
     def __init__(self, path: Path, reader: AnyReader, resources: ExitStack) -> None:
         self.path = path
+        self.notes = cut_off(path)
+        """What its reader must know: which files were cut off."""
         self._reader = reader
         self._resources = resources
 
@@ -151,8 +154,8 @@ class BagReader:
 def open_bag(path: Path | str) -> BagReader:
     """Open a bag: a `.bag`, `.mcap` or `.db3` file, or a folder with them (rosbag2 folders, or split recordings).
 
-    A SQLite bag that was not closed (its `-wal` file holds data) is completed in a temporary copy; the original, which may
-    lie on a read-only file system, is never written to. Raises BadInputError that names what is wrong with the file.
+    A SQLite bag that was not closed (its `-wal` file holds data) and an MCAP file that was cut off are completed in a temporary copy; the
+    original, which may lie on a read-only file system, is never written to. Raises BadInputError that names what is wrong with the file.
     """
     path = Path(path)
     if not path.exists():
@@ -209,7 +212,10 @@ def _check_kind(file: Path) -> None:
 
 
 def _complete(path: Path, files: list[Path], resources: ExitStack) -> list[Path]:
-    """Return what to open: the folder when it has its metadata, else the files; copies where write-ahead logs hold data."""
+    """Return what to open: the folder when it has its metadata, else the files; copies where write-ahead logs hold data or ends are
+    missing."""
+    if any(f.suffix == ".mcap" and not is_finished(f) for f in files):
+        return _finished(files, Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="ambler-bag-"))))
     is_folder = path.is_dir() and (path / "metadata.yaml").exists()
     logged = {f for f in files if f.suffix == ".db3" and _has_data(_log_of(f))}
     if not logged:
@@ -229,6 +235,19 @@ def _complete(path: Path, files: list[Path], resources: ExitStack) -> list[Path]
         shutil.copyfile(path / "metadata.yaml", folder / "metadata.yaml")
         return [folder]
     return copies
+
+
+def _finished(files: list[Path], folder: Path) -> list[Path]:
+    """Return the MCAP files, those that were cut off as finished copies; one that holds no message before the cut is left out."""
+    out = []
+    for file in files:
+        if is_finished(file):
+            out.append(file)
+        elif finish_copy(file, folder / file.name) > 0:
+            out.append(folder / file.name)
+    if not out:
+        raise BadInputError(f"{files[0]}: is cut off before its first message")
+    return out
 
 
 def _log_of(file: Path) -> Path:

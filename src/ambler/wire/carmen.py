@@ -55,11 +55,12 @@ class OdometryLine:
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """A whole log in file order, and its parameters."""
+    """A log in file order, and its parameters; `cut_line` is the number of its last line when that was cut off, and is left out."""
 
     lasers: tuple[LaserLine, ...]
     odometry: tuple[OdometryLine, ...]
     parameters: dict[str, str]
+    cut_line: int | None = None
 
 
 def _chunks(path: Path) -> Iterator[bytes]:
@@ -82,7 +83,8 @@ def _chunks(path: Path) -> Iterator[bytes]:
         raise BadInputError(f"{path}: cannot be read{where}: {error.strerror or error}") from error
 
 
-def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+def _lines(path: Path) -> Iterator[tuple[int, bytes, bool]]:
+    """Yield number and text of each line, and whether its end is there."""
     rest = b""
     number = 0
     for chunk in _chunks(path):
@@ -94,9 +96,9 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
             )
         for part in parts:
             number += 1
-            yield number, part
+            yield number, part, True
     if rest:
-        yield number + 1, rest
+        yield number + 1, rest, False
 
 
 def _floats(fields: list[bytes]) -> list[float]:
@@ -188,15 +190,15 @@ def _odometry(number: int, fields: list[bytes]) -> OdometryLine:
 
 
 def load_carmen(path: Path) -> CarmenLog:
-    """Read a whole log.
+    """Read a log; a last line that was cut off is left out.
 
-    Raises BadInputError naming the line or byte of the first damage, or saying that there is no laser line.
+    Raises BadInputError naming the line or byte of the first other damage, or saying that there is no laser line.
     """
     lasers: list[LaserLine] = []
     odometry: list[OdometryLine] = []
     parameters: dict[str, str] = {}
-    number = 0
-    for number, line in _lines(path):
+    number, cut_line = 0, None
+    for number, line, is_whole in _lines(path):
         fields = line.split()
         if not fields or fields[0].startswith(b"#"):
             continue
@@ -213,10 +215,13 @@ def load_carmen(path: Path) -> CarmenLog:
             elif not _NAME.match(name):
                 raise ValueError(f"begins with {name[:20]!r}, which is no CARMEN message")
         except (ValueError, IndexError) as error:
+            if not is_whole and lasers:
+                cut_line = number
+                break
             what = name.decode("ascii", "replace")[:20]
             raise BadInputError(f"{path}: line {number} ({what}): {error}") from error
     if not lasers:
         raise BadInputError(
             f"{path}: no laser line (FLASER, RLASER, ROBOTLASER1) in {number} lines; this is no CARMEN laser log"
         )
-    return CarmenLog(tuple(lasers), tuple(odometry), parameters)
+    return CarmenLog(tuple(lasers), tuple(odometry), parameters, cut_line)

@@ -12,9 +12,10 @@ import yaml
 import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Header, McapRecord, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.writer import Writer
 
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
@@ -92,6 +93,12 @@ def is_finished(file: Path) -> bool:
         return stream.read() == _MAGIC
 
 
+def cut_off(path: Path) -> tuple[str, ...]:
+    """Say in one sentence each which MCAP files of a recording were cut off by a crash: only what lies before the cut is read."""
+    files = [path] if path.is_file() else sorted(path.glob("*.mcap"))
+    return tuple(f"{file} is cut off: read up to the cut" for file in files if _is_mcap(file) and not is_finished(file))
+
+
 def read_recording(path: Path, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
     """Yield the messages in log order; messages of one instant keep the order in which they were written.
 
@@ -133,6 +140,39 @@ def recover_recording(path: Path, folder: Path) -> int:
     return recorder.message_count
 
 
+def finish_copy(file: Path, copy: Path) -> int:
+    """Copy what can be read of a cut-off MCAP file, of whatever types, into a finished one; returns the number of messages."""
+    count = 0
+    schemas: dict[int, int] = {}
+    channels: dict[int, int] = {}
+    records = _records(file)
+    header = next(records, None)
+    if not isinstance(header, Header):
+        return 0
+    with copy.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(header.profile, header.library)
+        for record in records:
+            if isinstance(record, Schema):
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            elif isinstance(record, Channel) and record.id not in channels:
+                known = schemas.get(record.schema_id, 0)
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, known, record.metadata
+                )
+            elif isinstance(record, McapMessage):
+                at = channels[record.channel_id]
+                writer.add_message(at, record.log_time, record.data, record.publish_time, record.sequence)
+                count += 1
+        writer.finish()  # type: ignore[no-untyped-call]
+    return count
+
+
+def _is_mcap(file: Path) -> bool:
+    with file.open("rb") as stream:
+        return stream.read(len(_MAGIC)) == _MAGIC
+
+
 def _read_finished(file: Path, topics: Collection[str] | None) -> Iterator[RecordedMessage]:
     latched: dict[int, bool] = {}
     with file.open("rb") as stream:
@@ -147,25 +187,35 @@ def _salvage(file: Path, topics: Collection[str] | None) -> Iterator[RecordedMes
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     latched: dict[int, bool] = {}
+    for record in _records(file):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, McapMessage):
+            channel = channels[record.channel_id]
+            if topics is None or channel.topic in topics:
+                yield _recorded(schemas.get(channel.schema_id), channel, record, latched)
+
+
+def _records(file: Path) -> Iterator[McapRecord]:
+    """Yield the records of an MCAP file up to its end or the first damage; messages only after their channels."""
+    known: set[int] = set()
+    if not _is_mcap(file):
+        raise BadInputError(f"{file} is no MCAP file")
     with file.open("rb") as stream:
-        if stream.read(len(_MAGIC)) != _MAGIC:
-            raise BadInputError(f"{file} is no MCAP file")
+        stream.seek(len(_MAGIC))
         records = StreamReader(stream, skip_magic=True, validate_crcs=True).records
         while True:
             try:
                 record = next(records, None)
             except _DAMAGE:
                 return
-            if record is None:
+            if record is None or (isinstance(record, McapMessage) and record.channel_id not in known):
                 return
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, McapMessage):
-                channel = channels[record.channel_id]
-                if topics is None or channel.topic in topics:
-                    yield _recorded(schemas.get(channel.schema_id), channel, record, latched)
+            if isinstance(record, Channel):
+                known.add(record.id)
+            yield record
 
 
 def _recorded(schema: Any, channel: Any, message: Any, latched: dict[int, bool]) -> RecordedMessage:
