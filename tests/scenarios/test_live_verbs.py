@@ -61,7 +61,9 @@ def test_a_live_robot_is_under_command_while_its_run_is_ended(tmp_path: Path) ->
     assert (run.ended, bool(hung)) == ("time_limit", True)
     assert (run.folder.root / "map.yaml").exists()
     assert max(np.diff(commands)) < 1e9
-    assert commands[-1] > limit * 1e9
+    assert commands[-1] > (limit - 0.1) * 1e9, (
+        "the last one lies at most a period before the end, which may come right after the limit"
+    )
 
 
 def test_a_known_map_program_docks_leaves_drives_and_replays_to_the_same_bits(tmp_path: Path) -> None:

@@ -435,6 +435,13 @@ ROWS: Sequence[Row] = (
         _every("", "in_order", of=30),
     ),
     Row(
+        "a campaign of 40 explorations on a cluster of two workers, one of them killed in the middle",
+        "the table of the local pool, no case lost or told twice",
+        "cluster.json",
+        "{cluster_told} of {runs} cases told, {cluster_crashed} crashed, {cases_that_differ} differ from the local pool's; tables equal: {is_table_equal}",
+        lambda f: f["is_table_equal"] and f["cases_that_differ"] == 0 and f["cluster_told"] == f["runs"],
+    ),
+    Row(
         "faults planted into the source, one by one",
         "≥ 60, each noticed by a fast test in < 60 s",
         "mutation.json",
