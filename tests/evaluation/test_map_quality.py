@@ -2,6 +2,7 @@
 
 import math
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from skimage.metrics import structural_similarity as skimage_ssim
 
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
+from ambler.core.messages import OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.evaluation import map_quality
 from ambler.evaluation.alignment import align, best_rigid_motion
@@ -24,6 +26,9 @@ from ambler.evaluation.map_quality import (
     reachable_coverage,
     structural_similarity,
 )
+from ambler.evaluation.truth_frame import TruthFrame
+from ambler.sim.truth import truth_grid
+from ambler.sim.world_file import load_world
 from tests.evaluation.plans import moved, office
 
 
@@ -195,3 +200,32 @@ def test_a_small_map_in_a_large_truth_is_judged_without_a_copy_of_the_truth() ->
     assert share == pytest.approx(free, rel=1e-12)
     assert quality.coverage_ratio == pytest.approx(free, rel=1e-12)
     assert peak < 700e6
+
+
+@given(yaw=st.floats(0.0, 90.0), width=st.floats(0.03, 0.3), x=st.floats(0.0, 0.05), length=st.floats(1.0, 4.0))
+@settings(max_examples=60, deadline=None)
+def test_thinning_leaves_a_line_of_every_wall_however_it_lies(
+    yaw: float, width: float, x: float, length: float
+) -> None:
+    """Stairs two cells wide, as walls at 45 degrees make them, were eaten up: a room was laid a quarter of a metre beside itself."""
+    spec = GridSpec(0.05, 120, 120, -3.0, -3.0)
+    points = spec.centers_of(np.argwhere(np.ones(spec.shape, bool)))
+    local = SE2(x, 0.5 * x, math.radians(yaw)).inverse().transform(points)
+    inside = (np.abs(local[:, 0]) < 0.5 * length) & (np.abs(local[:, 1]) < 0.5 * width)
+    wall = points[inside]
+    lines = points_of(spec, map_quality.thin(inside.reshape(spec.shape)))
+    assert len(wall) == 0 or nearest_neighbour_error(wall, lines) < 0.25
+    assert (np.abs(SE2(x, 0.5 * x, math.radians(yaw)).inverse().transform(lines)[:, 1]) < 0.5 * width).all()
+
+
+@pytest.mark.parametrize("start", [SE2(2.0, 2.0, math.radians(-45.0)), SE2(1.0, 1.0, math.radians(30.0))])
+def test_a_perfect_map_is_judged_so_wherever_the_robot_started(start: SE2) -> None:
+    world = load_world("lab_empty")
+    spec, grid = truth_grid(world, 0.28, 0.05)
+    told = TruthFrame(world.start @ start).grid(OccupancyGrid(0, "world", spec, grid))
+    drawn = truth_grid(replace(world, start=world.start @ start).from_start(), 0.28, 0.05)
+    quality = compare_maps(drawn, told)
+    assert math.hypot(quality.truth_from_built.x, quality.truth_from_built.y) < 0.03
+    assert abs(quality.truth_from_built.yaw) < 0.005
+    assert max(quality.nne_cells, quality.nne_reverse_cells) < 1.2
+    assert quality.ssim > 0.88

@@ -196,6 +196,13 @@ METRICS = (
         TRAJECTORY,
     ),
     PlantedFault(
+        "thinning eats diagonal walls",
+        "evaluation/map_quality.py",
+        "if not eaten.any():",
+        "if True:",
+        MAPS,
+    ),
+    PlantedFault(
         "occupied cells of the built map count as covered",
         "evaluation/map_quality.py",
         "return (occupancy >= 0) & (occupancy <= FREE_UP_TO)",
