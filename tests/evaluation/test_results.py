@@ -10,7 +10,17 @@ import pytest
 
 from ambler.evaluation import results
 from ambler.evaluation.results import write_results
-from ambler.evaluation.results_table import BEGIN, END, HEADLINES, ROWS, Row, results_table, update_page, update_readme
+from ambler.evaluation.results_table import (
+    HEADLINES,
+    ROWS,
+    Row,
+    results_table,
+    update_docking,
+    update_page,
+    update_readme,
+)
+
+REPOSITORY = Path(__file__).parents[2]
 
 
 def test_results_carry_their_origin_and_unknown_is_null(tmp_path: Path) -> None:
@@ -96,11 +106,11 @@ def test_every_bar_is_judged(row: Row) -> None:
 
 def test_only_the_text_between_the_marks_is_replaced(tmp_path: Path) -> None:
     readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    readme.write_text("before\n<!-- results -->\nold\n<!-- /results -->\nafter\n")
     update_readme(readme, tmp_path)
     text = readme.read_text()
-    assert text.startswith(f"before\n{BEGIN}\n| what")
-    assert text.endswith(f"{END}\nafter\n")
+    assert text.startswith("before\n<!-- results -->\n| what")
+    assert text.endswith("<!-- /results -->\nafter\n")
     assert "old" not in text
     assert text.count("not measured yet") == len(HEADLINES)
 
@@ -112,3 +122,14 @@ def test_the_headlines_are_rows_of_the_page_with_links_from_the_readme(tmp_path:
     assert len(headlines) == len(HEADLINES)
     for line in headlines:
         assert line.replace("(docs/results/", "(results/") in page
+
+
+def test_the_page_on_docking_shows_what_was_measured(tmp_path: Path) -> None:
+    page = tmp_path / "docking.md"
+    written = (REPOSITORY / "docs" / "docking.md").read_text()
+    page.write_text(written)
+    update_docking(page, REPOSITORY / "docs" / "results")
+    assert page.read_text() == written, "`ambler eval results` was not run"
+    measured = json.loads((REPOSITORY / "docs" / "results" / "docking.json").read_text())
+    assert f"| final error, worst | not told | {1e3 * measured['position_error_max_m']:.2f} mm |" in written
+    assert "reflectors |" in written

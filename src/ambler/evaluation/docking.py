@@ -170,3 +170,30 @@ def table(fields: dict[str, Any]) -> str:
     for distance, seconds in SOURCE_APPROACH.items():
         row(f"approach, {distance:g} m", f"{seconds:g} s", f"approach_{distance:g}m_s", "{:.1f} s")
     return "\n".join(rows)
+
+
+def shapes_table(results: dict[str, dict[str, Any]]) -> str:
+    """Return the measured values of docks that scanners recognize, a column for each, as a Markdown table."""
+    looks = {
+        "dock_still": "1 m, standing",
+        "dock_moving": "1 m, moving",
+        "dock_half_metre": "0.5 m, standing",
+        "dock_contact": "docked",
+    }
+    axes = (("x_mm", "{:.1f} mm"), ("y_mm", "{:.1f} mm"), ("yaw_deg", "{:.2f}°"))
+    rows = [f"| what | {' | '.join(results)} |", "|---" * (len(results) + 1) + "|"]
+
+    def row(what: str, *cells: tuple[str, str, float]) -> None:
+        told = [", ".join(text.format(scale * f[name]) for name, text, scale in cells) for f in results.values()]
+        rows.append(f"| {what} | {' | '.join(told)} |")
+
+    for name, where in looks.items():
+        row(f"one cloud, {where}: x, y, yaw (std)", *((f"{name}_std_{axis}", text, 1.0) for axis, text in axes))
+    row("final error, 95 %, worst", *((f"position_error_{of}_m", "{:.2f} mm", 1e3) for of in ("p95", "max")))
+    row("final yaw error, 95 %, worst", *((f"yaw_error_{of}_deg", "{:.3f}°", 1.0) for of in ("p95", "max")))
+    row(
+        "dockings, at the first attempt, collisions",
+        *((n, "{:.0f}", 1.0) for n in ("runs", "first_attempt", "collisions")),
+    )
+    row("docking from 1 m, median", ("docking_time_median_s", "{:.1f} s", 1.0))
+    return "\n".join(rows)

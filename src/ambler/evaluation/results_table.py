@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-BEGIN, END = "<!-- results -->", "<!-- /results -->"
+from ambler.evaluation.docking import shapes_table, table
+
 Judge = Callable[[dict[str, Any]], bool]
 
 
@@ -497,12 +498,26 @@ def update_page(page: Path, folder: Path) -> None:
 
 
 def update_readme(readme: Path, folder: Path) -> None:
-    """Replace what stands between the two marks by the headlines."""
-    text = readme.read_text(encoding="utf-8")
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    table = results_table(folder, "docs/results", HEADLINES)
-    readme.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}", encoding="utf-8")
+    """Replace what stands between the marks of the README by the headlines."""
+    _replace(readme, "results", results_table(folder, "docs/results", HEADLINES))
+
+
+def update_docking(page: Path, folder: Path) -> None:
+    """Replace what stands between the marks of the page on docking by the tables of its results."""
+    camera, notch, reflectors = (
+        json.loads((folder / f"{name}.json").read_text())
+        for name in ("docking", "docking_v_shape", "docking_reflectors")
+    )
+    _replace(page, "docking", table(camera))
+    _replace(page, "shapes", shapes_table({"V-shaped notch": notch, "reflectors": reflectors}))
+
+
+def _replace(page: Path, name: str, text: str) -> None:
+    """Put a text between `<!-- name -->` and `<!-- /name -->`."""
+    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+    _, _, after = rest.partition(end)
+    page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def _fill(row: Row, fields: dict[str, Any]) -> str:
