@@ -24,7 +24,7 @@ def add_parser(subparsers: Any) -> None:
         "--dock", default=DOCK, help=f"the dock; only {DOCK} has approaches and faults (default: {DOCK})"
     )
     parser.add_argument("--only", choices=PARTS, action="append", default=[], help="only this part; may be repeated")
-    parser.add_argument("--pictures", type=Path, help="where box plots go (default: --out)")
+    parser.add_argument("--pictures", type=Path, help="where box plots go (default: a folder below --out)")
     add_study_options(parser, 20, "random starts; 60 before a release")
     parser.set_defaults(run=run)
 
@@ -50,7 +50,8 @@ def run(args: argparse.Namespace) -> int:
     fields: dict[str, Any] = docking.summarize(outcomes)
     for series in sights:
         fields |= series.summary()
-    docking_pictures.draw_all(args.pictures or args.out, outcomes, sights)
+    pictures = args.pictures or args.out / "docking" / f"{args.world}-{args.dock}"
+    docking_pictures.draw_all(pictures, outcomes, sights)
     print(docking.table(fields))
     write_summary(args, fields, seeds)
     return 0 if all(map(study.is_good, outcomes)) else 1

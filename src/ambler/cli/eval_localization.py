@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     for place in places:
         for is_moving, how in ((True, "moving"), (False, "static")):
             boxes = {m.name: results[place.name, m.name, is_moving] for m in study.METHODS}
-            print(draw_boxes(args.out / f"{place.name}_{how}.png", f"{place.name}, {how}", boxes))
+            print(draw_boxes(args.out / "localization" / f"{place.name}_{how}.png", f"{place.name}, {how}", boxes))
     fields = study.study_fields(places, results)
     write_summary(args, {"map_resolution_m": args.resolution, "runs": args.runs, **fields}, seeds)
     met = [fields[f"{place.name}.{method.name}.is_met"] for place in places for method in study.METHODS]
