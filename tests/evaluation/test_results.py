@@ -133,3 +133,11 @@ def test_the_page_on_docking_shows_what_was_measured(tmp_path: Path) -> None:
     measured = json.loads((REPOSITORY / "docs" / "results" / "docking.json").read_text())
     assert f"| final error, worst | not told | {1e3 * measured['position_error_max_m']:.2f} mm |" in written
     assert "reflectors |" in written
+
+
+def test_a_command_names_public_recordings_wherever_they_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AMBLER_DATA", "/some/where")
+    told = write_results(tmp_path / "r.json", "ambler slam2d /some/where/intel.clf", 0, 1.0, {})
+    assert told["command"] == "ambler slam2d $AMBLER_DATA/intel.clf"
+    monkeypatch.delenv("AMBLER_DATA")
+    assert write_results(tmp_path / "r.json", "ambler demo", 0, 1.0, {})["command"] == "ambler demo"

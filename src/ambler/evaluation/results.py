@@ -48,13 +48,14 @@ def processor_seconds() -> float:
 def write_results(
     path: Path, command: str, seed: int | None, wall_seconds: float, fields: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write the fields of one command with what every result carries: the command line, the state of the code, day, machine, seed, and the
+    """Write the fields of one command with what every result carries: the command line (public recordings below `$AMBLER_DATA`), the state of the code, day, machine, seed, and the
     seconds of the wall and of the processors (of the whole process); returns the whole object.
 
     Values must be flat: numbers, strings, booleans, None. Non-finite numbers become null (unknown is never zero).
     """
+    data = os.environ.get("AMBLER_DATA")
     result: dict[str, Any] = {
-        "command": command,
+        "command": command.replace(data, "$AMBLER_DATA") if data else command,
         "version": __version__,
         **code_state(),
         "date": date.today().isoformat(),
