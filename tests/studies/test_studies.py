@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from ambler.cli.main import main
+from ambler.core.se2 import SE2
 from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
 from ambler.studies import (
@@ -20,6 +21,8 @@ from ambler.studies import (
     program_study,
 )
 from ambler.studies.demo_process import run_demo
+from ambler.studies.random_drives import DriveCase
+from ambler.studies.study import plain_values
 
 
 def test_every_fault_of_driving_has_a_case_that_can_be_run() -> None:
@@ -84,6 +87,16 @@ def test_crashed_cases_count_against_every_summary() -> None:
     assert live_study.summarize([{**crashed, "kind": "explore"}])["explore.succeeded"] == 0
     assert interrupt_study.summarize([{**crashed, "number": 0, "signal_name": "SIGINT", "after": 1.0}])["wrong"]
     assert calibration_study.summarize([crashed])["within_bars"] == 0
+
+
+def test_goals_of_a_journey_that_crashed_count_and_a_lost_robot_is_counted_in_its_world() -> None:
+    journey = navigation_study.Journey("office", "diff", 0, 0, (SE2(), SE2()))
+    crashed = {**plain_values(journey), "ended": "crashed", "why": "x"}
+    fields = navigation_study.summarize_all([journey], [crashed])
+    assert (fields["office.diff.goals"], fields["office.diff.reached"]) == (2, 0)
+    lost = lost_robot_study.LostCase(DriveCase("office", "diff", 3, 0), 0.05)
+    fields = lost_robot_study.summarize_relocalization([{**plain_values(lost), "ended": "crashed", "why": "x"}])
+    assert (fields["office.runs"], fields["office.success_ratio"]) == (1, 0.0)
 
 
 @pytest.mark.parametrize(

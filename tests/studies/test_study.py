@@ -71,6 +71,7 @@ def test_results_come_in_the_order_of_the_cases_with_what_the_case_says(tmp_path
     assert sorted(marks(tmp_path)) == [f"{k}-1" for k in range(5)]
     assert told[-1].startswith("[5 of 5]")
     assert "place" not in results[0], "a table cannot hold it"
+    assert results[0]["yaw"] == 0.0, "but what is plain in it"
 
 
 def test_a_study_goes_on_where_it_ended(tmp_path: Path, told: list[str]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ambler.cli.run_options import study_settings
-from ambler.cli.study_options import add_study_options, conduct_study, seeds_of, write_summary
+from ambler.cli.study_options import add_study_options, conduct_study, first_seed, write_summary
 
 PARTS = ("sights", "approach", "random", "faults")
 WORLD, DOCK = "dock_hall", "charger_1"
@@ -39,19 +39,19 @@ def run(args: argparse.Namespace) -> int:
     if min(args.fault_runs, args.looks) < 1:
         raise BadInputError("--fault-runs and --looks must be positive")
     parts = study.parts_of(args.world, args.dock, args.only)
-    settings, seeds = study_settings(args), seeds_of(args)
+    settings, seed = study_settings(args), first_seed(args)
     if settings.faults and "sights" in parts:
         raise BadInputError(f"{args.profile}: looks at a dock take no faults: choose --only random")
     settings.check([args.world], [study.ROBOT], (DockStep(args.dock),))
     sizes = (args.runs, args.fault_runs, args.fault)
-    cases = study.cases_of(parts, *sizes, seeds[0], args.world, args.dock)
+    cases = study.cases_of(parts, *sizes, seed, args.world, args.dock)
     outcomes = [study.outcome_of(r) for r in conduct_study(args, study.docking_study(cases, settings))]
-    sights = study.sights_of(seeds[0], args.looks, args.world, args.dock, settings) if "sights" in parts else []
+    sights = study.sights_of(seed, args.looks, args.world, args.dock, settings) if "sights" in parts else []
     fields: dict[str, Any] = docking.summarize(outcomes)
     for series in sights:
         fields |= series.summary()
     pictures = args.pictures or args.out / "docking" / f"{args.world}-{args.dock}"
     docking_pictures.draw_all(pictures, outcomes, sights)
     print(docking.table(fields))
-    write_summary(args, fields, seeds)
+    write_summary(args, fields, [seed])
     return 0 if all(map(study.is_good, outcomes)) else 1

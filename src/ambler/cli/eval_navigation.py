@@ -46,7 +46,12 @@ def run(args: argparse.Namespace) -> int:
         for journey in journeys_to(world, args.robot, args.goals, args.per_journey, seed, physics, settings)
     ]
     results = conduct_study(args, navigation_study(journeys))
-    fields = {"robot": args.robot, "physics": physics, "goals_per_journey": args.per_journey, **summarize_all(results)}
+    fields = {
+        "robot": args.robot,
+        "physics": physics,
+        "goals_per_journey": args.per_journey,
+        **summarize_all(journeys, results),
+    }
     print_result(fields, "navigation")
     write_summary(args, fields, seeds)
     wanted = sum(len(journey.goals) for journey in journeys)

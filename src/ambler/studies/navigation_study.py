@@ -69,8 +69,9 @@ def navigation_study(journeys: Sequence[Journey]) -> Study[Journey]:
     return Study("navigation", journeys, drive_journey, _line)
 
 
-def summarize_all(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return flat fields `<world>.<robot>.<what>` of all journeys; unknown values are None."""
+def summarize_all(journeys: Sequence[Journey], results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return flat fields `<world>.<robot>.<what>` of all journeys; unknown values are None. Goals of a journey that crashed count, too."""
+    results = [{**r, "goals": len(journey.goals)} for journey, r in zip(journeys, results, strict=True)]
     fields: dict[str, Any] = {}
     for world, robot in dict.fromkeys((r["world"], r["robot"]) for r in results):
         members = [r for r in results if (r["world"], r["robot"]) == (world, robot)]

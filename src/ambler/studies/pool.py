@@ -74,8 +74,9 @@ class CaseProcess:
 
     def close(self) -> None:
         """End it; a run under way is ended in order, if it does that soon."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGTERM)
+        if self.is_alive:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGTERM)
         try:
             self._process.wait(PATIENCE)
         except subprocess.TimeoutExpired:

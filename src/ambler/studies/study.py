@@ -100,12 +100,14 @@ def source_digest() -> str:
 
 
 def plain_values(case: Any) -> Result:
-    """Return those values of a case that a table can hold."""
-    return {
-        field.name: value
-        for field in dataclasses.fields(case)
-        if isinstance(value := getattr(case, field.name), str | int | float | None)
-    }
+    """Return those values of a case that a table can hold, those of the records in it too: what a case that crashed is still known by. Of two
+    values with one name the outer one counts."""
+    values = {field.name: getattr(case, field.name) for field in dataclasses.fields(case)}
+    plain: Result = {}
+    for value in values.values():
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            plain |= plain_values(value)
+    return plain | {name: value for name, value in values.items() if isinstance(value, str | int | float | None)}
 
 
 def seeds_of(text: str, runs: int, file: Path) -> tuple[int, ...]:
