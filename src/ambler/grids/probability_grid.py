@@ -41,9 +41,11 @@ class Inserter:
         points: F32,
         free_points: F32,
         free_origin: NDArray[np.float64] | None = None,
+        surfaces: F32 | None = None,
     ) -> int:
         """Insert a scan: points (N, 2) and free ends (M, 2) float32, all in the grid's frame. `origin` (2,) is where all rays start, or (N, 2)
-        where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`).
+        where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`). `surfaces` (K, 2) are
+        occupied as well, but no ray leads to them.
 
         Returns how many cells changed.
         """
@@ -54,7 +56,8 @@ class Inserter:
             self._touched = np.empty(grid.cells.size, np.int64)
         return int(
             kernels.insert_scan(
-                grid.cells, starts, free_starts, points, free_points, grid.frame, self._hit, self._miss, self._touched
+                *(grid.cells, starts, free_starts, points, free_points, points[:0] if surfaces is None else surfaces),
+                *(grid.frame, self._hit, self._miss, self._touched),
             )
         )
 

@@ -365,6 +365,67 @@ def solve_factored(column_start, rows, factor, inverse, x):
         x[k, 2] = v[8] * x2
 
 
+@jit
+def _block_of(column_start, rows, z, i, k, out):
+    """Copy block (i, k) of the inverse, whichever triangle it lies in, from its diagonal and the pattern of the factor."""
+    a, b = (i, k) if i > k else (k, i)  # row, column
+    low, high = column_start[b], column_start[b + 1] - 1
+    while low < high:
+        middle = (low + high) // 2
+        if rows[middle] < a:
+            low = middle + 1
+        else:
+            high = middle
+    for r in range(3):
+        for c in range(3):
+            out[3 * r + c] = z[low, 3 * r + c] if i > k else z[low, 3 * c + r]
+
+
+@jit
+def invert_on_pattern(column_start, rows, factor, inverse, z, z_diagonal):
+    """Fill the blocks of (L L^T)^-1 that lie on the pattern of L: `z` (m, 9) below the diagonal, by columns, and `z_diagonal` (n, 9).
+
+    The recursion of Takahashi, Fagan and Chin (1973): Z L = L^-T gives column j from the columns behind it.
+    """
+    n = len(inverse)
+    block = np.empty(9)
+    total = np.empty((3, 3))
+    for j in range(n - 1, -1, -1):
+        v = inverse[j]
+        v0, v3, v4, v6, v7, v8 = v[0], v[3], v[4], v[6], v[7], v[8]
+        for p in range(column_start[j + 1] - 1, column_start[j] - 1, -1):
+            i = rows[p]
+            total[:] = 0.0
+            for q in range(column_start[j], column_start[j + 1]):
+                k, l = rows[q], factor[q]
+                if k == i:
+                    block[:] = z_diagonal[i]
+                else:
+                    _block_of(column_start, rows, z, i, k, block)
+                for r in range(3):
+                    for c in range(3):
+                        total[r, c] += block[3 * r] * l[c] + block[3 * r + 1] * l[3 + c] + block[3 * r + 2] * l[6 + c]
+            for r in range(3):  # times L_jj^-1, lower triangular
+                a, b, c = total[r, 0], total[r, 1], total[r, 2]
+                z[p, 3 * r] = -(a * v0 + b * v3 + c * v6)
+                z[p, 3 * r + 1] = -(b * v4 + c * v7)
+                z[p, 3 * r + 2] = -c * v8
+        # Z_jj = (L_jj^-T - sum_k Z_kj^T L_kj) L_jj^-1
+        total[0, 0], total[0, 1], total[0, 2] = v0, v3, v6
+        total[1, 0], total[1, 1], total[1, 2] = 0.0, v4, v7
+        total[2, 0], total[2, 1], total[2, 2] = 0.0, 0.0, v8
+        for q in range(column_start[j], column_start[j + 1]):
+            l, y = factor[q], z[q]
+            for r in range(3):
+                for c in range(3):
+                    total[r, c] -= y[r] * l[c] + y[3 + r] * l[3 + c] + y[6 + r] * l[6 + c]
+        for r in range(3):
+            a, b, c = total[r, 0], total[r, 1], total[r, 2]
+            z_diagonal[j, 3 * r] = a * v0 + b * v3 + c * v6
+            z_diagonal[j, 3 * r + 1] = b * v4 + c * v7
+            z_diagonal[j, 3 * r + 2] = c * v8
+
+
 def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     poses, z = np.zeros((3, 3)), np.zeros((2, 3))
@@ -387,3 +448,4 @@ def warm_up() -> None:
         *(factor_start, factor_columns, column_start, np.zeros(2, np.int64), rows, factor, inverse),
     )
     solve_factored(column_start, rows, factor, inverse, gradient)
+    invert_on_pattern(column_start, rows, factor, inverse, np.zeros_like(factor), np.zeros_like(inverse))

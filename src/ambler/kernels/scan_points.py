@@ -268,6 +268,51 @@ def adaptive_voxel_filter(points, max_size, min_points, table, out):
     return voxel_filter(points, low, table, out)
 
 
+@jit
+def _turn_cosine(points, i, j, k, m):
+    """Return the cosine of the angle between the segments i -> j and k -> m; -1 where one has no length."""
+    ax, ay = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+    bx, by = points[m, 0] - points[k, 0], points[m, 1] - points[k, 1]
+    length = math.hypot(ax, ay) * math.hypot(bx, by)
+    return (ax * bx + ay * by) / length if length > 0.0 else -1.0
+
+
+@jit
+def fill_surfaces(points, origin, limits, out):
+    """Write the points of the surface between neighbouring returns, where a wall goes on from one to the next; returns how many.
+
+    `points` float32 (N, 2) in the order of the beams, `origin` float64 (2,) the sensor; `limits` (spacing, longest gap, widest angle
+    between neighbouring beams, least sine of incidence, least cosine of the bend to a neighbouring segment). A wall goes on where the
+    segment before or behind runs the same way; two returns alone may be two things. `out` float32 (M, 2), filling ends when it is full.
+    """
+    n, filled = points.shape[0], 0
+    for i in range(n - 1):
+        dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+        gap = math.hypot(dx, dy)
+        if gap <= limits[0] or gap > limits[1]:
+            continue
+        ax, ay = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        bx, by = ax + dx, ay + dy
+        across = abs(ax * by - ay * bx)
+        if across > math.sin(limits[2]) * math.hypot(ax, ay) * math.hypot(bx, by) or ax * bx + ay * by <= 0.0:
+            continue
+        if across < limits[3] * gap * max(math.hypot(ax, ay), math.hypot(bx, by)):
+            continue
+        bend = _turn_cosine(points, i - 1, i, i, i + 1) if i > 0 else -1.0
+        if i + 2 < n:
+            bend = max(bend, _turn_cosine(points, i, i + 1, i + 1, i + 2))
+        if bend < limits[4]:
+            continue
+        steps = int(math.ceil(gap / limits[0]))
+        for k in range(1, steps):
+            if filled == out.shape[0]:
+                return filled
+            out[filled, 0] = points[i, 0] + dx * k / steps
+            out[filled, 1] = points[i, 1] + dy * k / steps
+            filled += 1
+    return filled
+
+
 def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
     points = np.zeros((4, 2), np.float32)
@@ -299,3 +344,4 @@ def warm_up() -> None:
     voxel_filter(points, 0.1, table, out)
     choose_voxels(points, 0.1, table, np.zeros(4, np.int64))
     adaptive_voxel_filter(points, 0.5, 2, table, out)
+    fill_surfaces(points, np.zeros(2), np.ones(5), out)

@@ -51,11 +51,11 @@ def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
 
 
 @jit
-def insert_scan(cells, starts, free_starts, points, free_points, frame, hit_table, miss_table, touched):
+def insert_scan(cells, starts, free_starts, points, free_points, surfaces, frame, hit_table, miss_table, touched):
     """Insert one scan into a grid; returns how many cells changed.
 
     `cells` uint16 (H, W); `starts` and `free_starts` float64, where the rays start, (N, 2) or (1, 2) for one start of all; `points` and
-    `free_points` float32 (N, 2), all in the grid's frame; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
+    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) are hits without rays; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
     inverse = 1.0 / frame[0]
@@ -63,6 +63,11 @@ def insert_scan(cells, starts, free_starts, points, free_points, frame, hit_tabl
     for i in range(points.shape[0]):
         ix = int(math.floor((points[i, 0] - frame[1]) * inverse))
         iy = int(math.floor((points[i, 1] - frame[2]) * inverse))
+        if 0 <= ix < width and 0 <= iy < height:
+            n = _update(cells, iy, ix, hit_table, touched, n)
+    for i in range(surfaces.shape[0]):
+        ix = int(math.floor((surfaces[i, 0] - frame[1]) * inverse))
+        iy = int(math.floor((surfaces[i, 1] - frame[2]) * inverse))
         if 0 <= ix < width and 0 <= iy < height:
             n = _update(cells, iy, ix, hit_table, touched, n)
     for i in range(points.shape[0]):
@@ -176,7 +181,8 @@ def warm_up() -> None:
     table = np.ones(32768, np.uint16)
     points = np.ones((1, 2), np.float32)
     frame = np.array([1.0, 0.0, 0.0])
-    insert_scan(cells, np.zeros((1, 2)), np.zeros((1, 2)), points, points, frame, table, table, np.zeros(16, np.int64))
+    starts = np.zeros((1, 2))
+    insert_scan(cells, starts, starts, points, points, points, frame, table, table, np.zeros(16, np.int64))
     known_box(cells, np.zeros(4, np.int64))
     evidence = np.zeros((4, 4), np.float32)
     known = np.zeros((4, 4), np.uint8)

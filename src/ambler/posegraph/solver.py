@@ -81,7 +81,7 @@ class SolveResult:
 def solve(graph: PoseGraph, fixed: int = 0, config: SolverConfig | None = None) -> SolveResult:
     """Minimise the cost over all poses but `fixed`; raises BadInputError for a graph that is malformed or not connected."""
     config = config or SolverConfig()
-    graph = _checked(graph, fixed)
+    graph = checked(graph, fixed)
     equations = NormalEquations(Structure.of(len(graph.poses), graph.edge_from, graph.edge_to, fixed))
     poses, cost, iterations, converged = _best_end(graph, fixed, config, equations)
     edge_chi2 = np.empty(len(graph.edge_from))
@@ -115,13 +115,13 @@ def _minimise(
 ) -> _End:
     """Iterate; a trial gives up at the first step uphill, and after a few steps."""
     damping = 0.0
-    cost = _linearize(graph, poses, config, equations)
+    cost = linearize(graph, poses, config, equations)
     last = min(TRIAL, config.max_iterations) if is_trial else config.max_iterations
     for iteration in range(1, last + 1):
         step = equations.step(damping)
         if step is not None:
             moved = poses + step
-            new_cost = _linearize(graph, moved, config, equations)
+            new_cost = linearize(graph, moved, config, equations)
             if new_cost <= cost:
                 drop = cost - new_cost
                 poses, cost = moved, new_cost
@@ -132,7 +132,7 @@ def _minimise(
                 ):
                     return poses, cost, iteration, True
                 continue
-            _linearize(graph, poses, config, equations)
+            linearize(graph, poses, config, equations)
             if new_cost - cost <= config.cost_tolerance * cost:
                 return poses, cost, iteration, True
         damping = max(config.first_damping, damping * 10.0)
@@ -141,7 +141,7 @@ def _minimise(
     return poses, cost, last, False
 
 
-def _linearize(
+def linearize(
     graph: PoseGraph,
     poses: F64,
     config: SolverConfig,
@@ -149,6 +149,7 @@ def _linearize(
     *,
     is_translation_only: bool = False,
 ) -> float:
+    """Fill the normal equations at `poses` (N, 3) and return the robust cost."""
     s = equations.structure
     return float(
         kernels.linearize(
@@ -183,12 +184,13 @@ def _chordal_guess(graph: PoseGraph, fixed: int, equations: NormalEquations) -> 
         *(poses, graph.edge_from, graph.edge_to, graph.measurements, graph.information * trust[:, None, None]),
         is_robust=np.zeros(len(trust), np.bool_),
     )
-    _linearize(plain, poses, SolverConfig(), equations, is_translation_only=True)
+    linearize(plain, poses, SolverConfig(), equations, is_translation_only=True)
     step = equations.step(0.0)
     return graph.poses if step is None else poses + step
 
 
-def _checked(graph: PoseGraph, fixed: int) -> PoseGraph:
+def checked(graph: PoseGraph, fixed: int) -> PoseGraph:
+    """Return a copy whose arrays the kernels take; raises BadInputError for a malformed graph."""
     n, e = len(graph.poses), len(graph.edge_from)
     shapes = (graph.poses.shape, graph.measurements.shape, graph.information.shape, graph.is_robust.shape)
     if shapes != ((n, 3), (e, 3), (e, 3, 3), (e,)) or graph.edge_to.shape != (e,):

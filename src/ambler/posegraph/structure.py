@@ -97,18 +97,43 @@ class NormalEquations:
         self._factor: F64 = np.empty((f, 9))
         self._inverse: F64 = np.zeros((n, 9))
 
+    def factorize(self, damping: float = 0.0) -> bool:
+        """Factor the normal matrix, its diagonal raised by a share; False when it is not positive definite."""
+        s = self.structure
+        return bool(
+            kernels.factorize(
+                *(self.diagonal, self.lower, s.row_start, s.columns, damping, s.factor_start, s.factor_columns),
+                *(s.column_start, self._column_end, self._rows, self._factor, self._inverse),
+            )
+        )
+
     def step(self, damping: float) -> F64 | None:
         """Return the increment (N, 3) of all poses that minimises the quadratic model, or None if it is not positive definite."""
         s = self.structure
-        is_definite = kernels.factorize(
-            *(self.diagonal, self.lower, s.row_start, s.columns, damping, s.factor_start, s.factor_columns),
-            *(s.column_start, self._column_end, self._rows, self._factor, self._inverse),
-        )
-        if not is_definite:
+        if not self.factorize(damping):
             return None
         x = -self.gradient
         kernels.solve_factored(s.column_start, self._rows, self._factor, self._inverse, x)
         out = np.zeros((len(s.position), 3))
         is_free = s.position >= 0
         out[is_free] = x[s.position[is_free]]
+        return out
+
+    def marginals(self) -> F64:
+        """Return the diagonal blocks (n, 3, 3) of the inverse, in permuted order; `factorize` comes first."""
+        diagonal = np.empty_like(self._inverse)
+        starts = self.structure.column_start
+        kernels.invert_on_pattern(
+            starts, self._rows, self._factor, self._inverse, np.empty_like(self._factor), diagonal
+        )
+        return diagonal.reshape(-1, 3, 3)
+
+    def inverse_columns(self, place: int) -> F64:
+        """Return the blocks (n, 3, 3) of the inverse in the column of one place, in permuted order; `factorize` comes first."""
+        out = np.empty((len(self._inverse), 3, 3))
+        for c in range(3):
+            x = np.zeros((len(self._inverse), 3))
+            x[place, c] = 1.0
+            kernels.solve_factored(self.structure.column_start, self._rows, self._factor, self._inverse, x)
+            out[:, :, c] = x
         return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,13 @@ from ambler.kernels import scan_points
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+
+# Where a surface goes on between neighbouring returns; a device of one beam a degree sees walls at 10 m in dots 0.17 m apart.
+LONGEST_GAP = 1.0  # m
+WIDEST_BEAMS = math.radians(2.5)  # a device of one beam a degree may lose one between
+LEAST_INCIDENCE = math.sin(math.radians(5.0))
+LEAST_BEND = math.cos(math.radians(15.0))
+MOST_BETWEEN = 8192
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,4 +74,12 @@ def filter_voxels_adaptively(points: F32, max_size: float, min_points: int) -> F
     """
     out = np.empty_like(points)
     n = scan_points.adaptive_voxel_filter(points, max_size, min_points, _table(len(points)), out)
+    return out[: int(n)]
+
+
+def points_between_returns(scan: PlanarScan, spacing: float) -> F32:
+    """Return points (K, 2) at most `spacing` apart on the surfaces that go on between neighbouring returns of a scan."""
+    limits = np.array([spacing, LONGEST_GAP, WIDEST_BEAMS, LEAST_INCIDENCE, LEAST_BEND])
+    out = np.empty((MOST_BETWEEN, 2), np.float32)
+    n = scan_points.fill_surfaces(scan.points, np.array(scan.origin), limits, out)
     return out[: int(n)]

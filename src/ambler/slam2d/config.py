@@ -34,6 +34,7 @@ class FrontEndConfig:
     motion_distance: float = 0.2
     motion_angle: float = math.radians(1.0)
     scans_per_submap: int = 90
+    distance_per_submap: float = 10.0
     insertion: InsertionConfig = field(default_factory=InsertionConfig)
 
 

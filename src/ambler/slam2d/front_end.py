@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.correlative import Window, correlate
 from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine
-from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively
+from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively, points_between_returns
 from ambler.slam2d.config import FrontEndConfig
 from ambler.slam2d.extrapolator import Prediction
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
@@ -41,7 +41,7 @@ class FrontEnd:
 
     def __init__(self, config: FrontEndConfig) -> None:
         self._config = config
-        self.active = ActiveSubmaps(config.insertion, config.scans_per_submap)
+        self.active = ActiveSubmaps(config.insertion, config.scans_per_submap, config.distance_per_submap)
         self._inserted: tuple[int, SE2] | None = None
         self._usual_score = 0.0
         self.odometry_error = 0.0
@@ -59,7 +59,8 @@ class FrontEnd:
         submaps: list[Submap] = []
         finished = None
         if len(scan.points) >= POINTS_LEAST and self._has_moved(scan.stamp_ns, pose):
-            submaps, finished = self.active.insert(scan, pose)
+            surfaces = points_between_returns(scan, config.insertion.resolution)
+            submaps, finished = self.active.insert(scan, surfaces, pose)
             self._inserted = (scan.stamp_ns, pose)
         return LocalResult(pose, match, scan, points, submaps, finished)
 

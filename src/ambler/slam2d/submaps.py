@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
 from ambler.registration.planar_scan import PlanarScan
+
+F32 = NDArray[np.float32]
 
 
 @dataclass(slots=True, eq=False)
@@ -22,6 +25,7 @@ class Submap:
     is_finished: bool = False
     nodes: list[int] = field(default_factory=list)
     path_length: float = 0.0
+    travelled: float = 0.0
 
     def to_submap(self, local_from_base: SE2) -> SE2:
         """Return submap_from_base."""
@@ -31,9 +35,11 @@ class Submap:
 class ActiveSubmaps:
     """The one or two submaps that take scans: a new one starts when the newer is half full, the older one ends when full."""
 
-    def __init__(self, config: InsertionConfig, scans_per_submap: int) -> None:
+    def __init__(self, config: InsertionConfig, scans_per_submap: int, distance_per_submap: float) -> None:
         self._inserter = Inserter(config)
         self._half = scans_per_submap
+        self._half_distance = distance_per_submap
+        self._last = SE2()
         self.submaps: list[Submap] = []
         self._count = 0
 
@@ -42,24 +48,32 @@ class ActiveSubmaps:
         """The submap to match against."""
         return self.submaps[0] if self.submaps else None
 
-    def insert(self, scan: PlanarScan, local_from_base: SE2) -> tuple[list[Submap], Submap | None]:
-        """Insert a scan; returns the submaps that took it and the one that this scan finished, if any."""
-        if not self.submaps or self.submaps[-1].scans >= self._half:
+    def insert(self, scan: PlanarScan, surfaces: F32, local_from_base: SE2) -> tuple[list[Submap], Submap | None]:
+        """Insert a scan and the points between its returns; returns the submaps that took it and the one that this scan finished, if any."""
+        step = self._last.distance_to(local_from_base)
+        self._last = local_from_base
+        if not self.submaps or self._is_full(self.submaps[-1], 1.0):
             self._start(local_from_base)
+            step = 0.0
         for submap in self.submaps:
+            submap.travelled += step
             pose = submap.to_submap(local_from_base)
             starts, free_starts = (pose.transform(s) for s in scan.ray_starts())
             points = pose.transform(scan.points).astype(np.float32)
             free = pose.transform(scan.free_points).astype(np.float32)
-            self._inserter.insert(submap.grid, starts, points, free, free_starts)
+            between = pose.transform(surfaces).astype(np.float32)
+            self._inserter.insert(submap.grid, starts, points, free, free_starts, between)
             submap.scans += 1
         used = list(self.submaps)
         finished = None
-        if self.submaps[0].scans >= 2 * self._half:
+        if len(self.submaps) > 1 and self._is_full(self.submaps[-1], 1.0):
             finished = self.submaps.pop(0)
             finished.grid.crop()
             finished.is_finished = True
         return used, finished
+
+    def _is_full(self, submap: Submap, halves: float) -> bool:
+        return submap.scans >= halves * self._half or submap.travelled >= halves * self._half_distance
 
     def _start(self, local_from_base: SE2) -> None:
         config = self._inserter.config
