@@ -18,23 +18,28 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class BranchBoundResult:
-    """Best pose of the window, its score (mean probability) and how many candidates were scored."""
+    """Best pose of the window, its score (mean probability), how many candidates were scored, and by which angles (rad) they differ."""
 
     grid_from_base: SE2
     score: float
     scored: int
+    angular_step: float
 
 
 class BranchBoundMatcher:
-    """Searches one finished grid; holds its stack of maxima, about `depth` bytes per cell."""
+    """Searches one finished grid; holds its stack of maxima, about `depth` bytes per cell.
 
-    def __init__(self, grid: CellGrid, depth: int = 7) -> None:
-        h, w = grid.cells.shape
+    With a `coarseness` above 1 its cells are as many times wider, and each counts as the best of those below it: scores are upper bounds.
+    """
+
+    def __init__(self, grid: CellGrid, depth: int = 7, coarseness: int = 1) -> None:
+        cells = _pooled(grid.cells, coarseness)
+        h, w = cells.shape
         pad = (1 << (depth - 1)) - 1
-        self.frame = grid.frame.copy()
+        self.frame = grid.frame * np.array([coarseness, 1.0, 1.0])
         self.depth = depth
         self.stack = np.empty((depth, h + pad, w + pad), np.uint8)
-        branch_bound.build_stack(grid.cells, self.stack)
+        branch_bound.build_stack(cells, self.stack)
 
     def match(self, points: F32, center: SE2, window: Window, min_score: float) -> BranchBoundResult | None:
         """Return the best pose (grid_from_base) whose mean probability exceeds `min_score`, or None; points (N, 2) in the base frame."""
@@ -49,4 +54,14 @@ class BranchBoundMatcher:
         if best[3] < 0.0:
             return None
         score = 0.1 + 0.8 * float(best[3]) / (255.0 * len(points))
-        return BranchBoundResult(SE2.from_array(best[:3]), score, scored)
+        return BranchBoundResult(SE2.from_array(best[:3]), score, scored, step)
+
+
+def _pooled(cells: NDArray[np.uint16], size: int) -> NDArray[np.uint16]:
+    """Return the largest value of every square of `size` cells; the grid is filled up with unknown cells."""
+    if size == 1:
+        return cells
+    h, w = (-(-n // size) for n in cells.shape)
+    padded = np.zeros((h * size, w * size), np.uint16)
+    padded[: cells.shape[0], : cells.shape[1]] = cells
+    return np.ascontiguousarray(padded.reshape(h, size, w, size).max(axis=(1, 3)))

@@ -8,44 +8,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
-from ambler.registration.correlative import Window
 from ambler.registration.planar_scan import filter_voxels_adaptively
+from ambler.slam2d.agreement import moves_map_by, sort_closures
 from ambler.slam2d.config import GraphConfig, LoopConfig
+from ambler.slam2d.drift import DriftGraph
 from ambler.slam2d.front_end import LocalResult
 from ambler.slam2d.graph import Edge, EdgeKind, Graph, OptimizedGraph, diagonal_information, information_of, optimize
-from ambler.slam2d.loop_closure import Candidate, Closure, LoopSearcher, SubmapLinks, confirmed
+from ambler.slam2d.loop_candidates import CandidateChooser, Node, Pair, PairCounts
+from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual
 from ambler.slam2d.submaps import Submap
 
-F32 = NDArray[np.float32]
-_MAX_PENDING = 40
 _FINAL_BATCH = 20
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Node:
-    """An inserted scan: its vertex, local pose, thinned points, and the older of the submaps that took it."""
-
-    vertex: int
-    stamp_ns: int
-    local_from_base: SE2
-    loop_points: F32
-    match_points: F32
-    submap: int
+_RADIANS_WAY = 0.5  # metres of way that a radian counts as
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JobResult:
-    """What a background job found: new loop edges, closures that wait for confirmation, new poses of all vertices that existed, and
-    the newest node then."""
+    """What a background job found: new closures; those that wait for confirmation, and those that disagreed and are set aside; how often
+    pairs were searched; new poses of all vertices that existed, and the newest node then."""
 
-    edges: tuple[Edge, ...]
+    believed: tuple[Closure, ...]
     pending: tuple[Closure, ...]
+    aside: tuple[Closure, ...]
+    tries: dict[Pair, int]
     optimized: OptimizedGraph | None
     newest_node: int
 
@@ -60,19 +51,34 @@ class BackEnd:
         self.nodes: list[Node] = []
         self.submaps: list[Submap] = []
         self.submap_vertices: list[int] = []
-        self.loop_closures = 0
+        self.closures: dict[tuple[int, int], Closure] = {}
+        self.is_converged = True
         self._point_sigma = point_sigma
         self._searcher = LoopSearcher(loop, graph, point_sigma)
-        self._links = SubmapLinks()
-        self._queue: list[tuple[int, int]] = []
-        self._pair_edges: dict[tuple[int, int], int] = {}
-        self._pair_tries: dict[tuple[int, int], int] = {}
-        self._path_length = 0.0
+        self._counts = PairCounts()
+        self._queue: list[int] = []
+        self._way = 0.0
+        self._queried_way = -math.inf
         self._pending: tuple[Closure, ...] = ()
-        self._usual_score = 0.0
-        self._usual_inliers = 0.0
+        self._aside: tuple[Closure, ...] = ()
+        self._surprises: list[float] = []
+        self._usual = Usual()
         self._optimized_nodes = 0
         self._is_busy = False
+
+    @property
+    def loop_closures(self) -> int:
+        """How many loop closures hold."""
+        return len(self.closures)
+
+    @property
+    def drift_scale(self) -> float:
+        """How many times as much as configured scan matching drifts here, as the closures tell that were found."""
+        drift = self._loop.drift
+        low, high = drift.scale_limits
+        weight = drift.scale_weight
+        mean = (weight + sum(self._surprises)) / (weight + len(self._surprises))
+        return min(max(math.sqrt(mean), low), high)
 
     def map_from_local(self) -> SE2:
         """Return the transform that moves the local frame's newest poses into the map."""
@@ -95,10 +101,17 @@ class BackEnd:
         previous = self.nodes[-1] if self.nodes else None
         vertex = self.graph.add_vertex(map_from_local @ pose)
         loop_points = filter_voxels_adaptively(result.scan.points, self._loop.max_voxel, self._loop.min_points)
-        node = Node(vertex, result.scan.stamp_ns, pose, loop_points, result.match_points, result.submaps[0].index)
+        if previous is not None:
+            motion = previous.local_from_base.inverse() @ pose
+            self._way += math.hypot(motion.x, motion.y) + _RADIANS_WAY * abs(motion.yaw)
+        node = Node(
+            *(vertex, result.scan.stamp_ns, pose, loop_points, result.match_points),
+            *(result.submaps[0].index, self._way),
+        )
         if result.match is not None:
-            self._usual_score += 0.02 * (result.match.score - self._usual_score)
-            self._usual_inliers += 0.02 * (result.match.inlier_ratio - self._usual_inliers)
+            score, inliers = self._usual.score, self._usual.inlier_ratio
+            score += 0.02 * (result.match.score - score)
+            self._usual = Usual(score, inliers + 0.02 * (result.match.inlier_ratio - inliers))
         covariance = (
             np.zeros((3, 3)) if result.match is None else result.match.covariance(self._point_sigma, (0.0, 0.0))
         )
@@ -111,21 +124,19 @@ class BackEnd:
             local = information_of(covariance, pose.yaw, self._config.local_sigma)
             self._add_chain(previous, node, local, odom_motion)
         self.nodes.append(node)
-        if len(self.nodes) % self._loop.node_stride == 0:
-            self._queue_candidates(len(self.nodes) - 1, self._loop.candidates_per_node)
+        if self._way >= self._queried_way + self._loop.query_distance:
+            self._queried_way = self._way
+            self._queue.append(len(self.nodes) - 1)
         return node
 
     def _add_submap(self, submap: Submap, map_from_local: SE2) -> None:
-        submap.path_length = self._path_length
-        before = self.submaps[-1].path_length if self.submaps else 0.0
+        submap.way = self._way
         self.submaps.append(submap)
         self.submap_vertices.append(self.graph.add_vertex(map_from_local @ submap.local_from_submap))
-        self._links.add_submap(self._path_length - before)
 
     def _add_chain(self, previous: Node, node: Node, local: NDArray[np.float64], odom_motion: SE2 | None) -> None:
         config = self._config
         motion = previous.local_from_base.inverse() @ node.local_from_base
-        self._path_length += math.hypot(motion.x, motion.y) + 0.5 * abs(motion.yaw)
         self.graph.add_edge(Edge(previous.vertex, node.vertex, motion, local, EdgeKind.LOCAL))
         if odom_motion is not None:
             sigma = (
@@ -135,119 +146,40 @@ class BackEnd:
             information = diagonal_information(sigma)
             self.graph.add_edge(Edge(previous.vertex, node.vertex, odom_motion, information, EdgeKind.ODOMETRY))
 
-    def _queue_candidates(self, index: int, wanted: int) -> None:
-        """Choose the finished submaps that a node shall be searched in: seen from nearby in a like direction, and rarely compared so far."""
-        loop, node = self._loop, self.nodes[index]
-        pose = self.graph.pose(node.vertex)
-        distances = self._links.distances_from(node.submap)
-        found: list[tuple[float, int]] = []
-        for submap in self.submaps:
-            k = submap.index
-            pair = (node.submap, k)
-            if not submap.is_finished or k >= node.submap - 1 or self._pair_edges.get(pair, 0) >= loop.edges_per_pair:
-                continue
-            reach = self._window(distances[k]).linear
-            if self._distance_to(submap, pose) > min(reach, loop.max_distance):
-                continue
-            view = self._view_distance(submap, pose)
-            if view < loop.max_view_distance + reach:
-                tries = self._pair_tries.get(pair, 0) - 2 * self._pair_edges.get(pair, 0)
-                found.append((view + 0.3 * max(0, tries), k))
-        for _, k in sorted(found)[:wanted]:
-            self._queue.append((index, k))
-            pair = (node.submap, k)
-            self._pair_tries[pair] = self._pair_tries.get(pair, 0) + 1
-
-    def _view_distance(self, submap: Submap, pose: SE2) -> float:
-        """Return how far a pose is from the nearest one that filled a submap; half a turn counts like some metres."""
-        vertices = [self.nodes[n].vertex for n in submap.nodes[::4]]
-        seen = self.graph.poses[vertices]
-        away = np.hypot(seen[:, 0] - pose.x, seen[:, 1] - pose.y)
-        return float(np.min(away + self._loop.turn_price * 0.5 * (1.0 - np.cos(seen[:, 2] - pose.yaw))))
-
-    def _window(self, path: float) -> Window:
-        loop = self._loop
-        return Window(
-            min(loop.window_base + loop.window_per_metre * path, loop.window_max),
-            min(loop.angle_base + loop.angle_per_metre * path, loop.angle_max),
-        )
-
-    @staticmethod
-    def _center(submap: Submap) -> NDArray[np.float64]:
-        h, w = submap.grid.cells.shape
-        resolution = float(submap.grid.frame[0])
-        return submap.grid.frame[1:] + 0.5 * resolution * np.array([w, h])
-
-    def _distance_to(self, submap: Submap, map_from_base: SE2) -> float:
-        """Return how far a pose lies outside the submap's box."""
-        p = self.submap_pose(submap).inverse() @ map_from_base
-        half = 0.5 * float(submap.grid.frame[0]) * np.array(submap.grid.cells.shape[::-1])
-        center = self._center(submap)
-        return math.hypot(max(0.0, abs(p.x - center[0]) - half[0]), max(0.0, abs(p.y - center[1]) - half[1]))
-
-    def _candidate(self, index: int, k: int) -> Candidate:
-        node, submap = self.nodes[index], self.submaps[k]
-        distances = self._links.distances_from(node.submap)
-        return Candidate(
-            node.vertex,
-            self.submap_vertices[k],
-            submap,
-            self.submap_pose(submap).inverse() @ self.graph.pose(node.vertex),
-            self._window(distances[k]),
-            node.loop_points,
-            node.match_points,
-            self.submap_pose(submap),
-            min(self._loop.min_score, self._loop.min_score_ratio * self._usual_score),
-            self._loop.min_inlier_ratio_of_usual * self._usual_inliers,
-        )
-
     def take_work(self, *, is_final: bool = False) -> Callable[[], JobResult] | None:
         """Return a job when there is enough to do and none is under way; the job must be run and its result committed."""
         unsolved = len(self.nodes) - self._optimized_nodes
         is_due = self.loop_closures > 0 and unsolved >= self._config.nodes_between
-        is_full = len(self._queue) >= self._loop.searches_per_job
+        per_job = max(1, self._loop.searches_per_job // self._loop.candidates_per_node)
+        is_full = len(self._queue) >= per_job
         is_last = is_final and (len(self._queue) > 0 or unsolved > 0)
         if self._is_busy or not self.nodes or not (is_due or is_full or is_last):
             return None
         self._is_busy = True
-        size = self._loop.searches_per_job * (_FINAL_BATCH if is_final else 2)
-        batch, self._queue = self._queue[:size], self._queue[size:]
-        candidates = [self._candidate(index, k) for index, k in batch]
-        snapshot = self.graph.snapshot()
-        newest = len(self.nodes) - 1
-        searcher, config, loop, pending = self._searcher, self._config, self._loop, list(self._pending)
-        must_solve = is_due or is_last
-
-        def run() -> JobResult:
-            found = [closure for c in candidates if (closure := searcher.search(c)) is not None]
-            believed, waiting = confirmed(found, pending, loop)
-            edges = [c.edge for c in believed]
-            optimized = optimize(snapshot, edges, config) if edges or must_solve else None
-            return JobResult(tuple(edges), tuple(waiting), optimized, newest)
-
-        return run
+        size = per_job * (_FINAL_BATCH if is_final else 2)
+        queries, self._queue = self._queue[:size], self._queue[size:]
+        return _Job(self, queries, must_solve=is_due or is_last).run
 
     def queue_final(self) -> None:
         """Queue many nodes once more, now that everything is known; for the end of a recording."""
-        for index in range(0, len(self.nodes), self._loop.final_stride):
-            self._queue_candidates(index, self._loop.candidates_per_node)
+        self._counts.tries = {}
+        last = -math.inf
+        for index, node in enumerate(self.nodes):
+            if node.way >= last + self._loop.query_distance:
+                last = node.way
+                self._queue.append(index)
 
     def commit(self, result: JobResult) -> None:
         """Apply a job's result: new edges, new poses; younger vertices move along with the newest optimized node."""
         self._is_busy = False
-        self._pending = result.pending[-_MAX_PENDING:]
-        vertex_to_node = {n.vertex: i for i, n in enumerate(self.nodes)} if result.edges else {}
-        vertex_to_submap = {v: k for k, v in enumerate(self.submap_vertices)}
-        for edge in result.edges:
-            self.graph.add_edge(edge)
-            self.loop_closures += 1
-            node, k = self.nodes[vertex_to_node[edge.edge_to]], vertex_to_submap[edge.edge_from]
-            pair = (node.submap, k)
-            self._pair_edges[pair] = self._pair_edges.get(pair, 0) + 1
-            self._links.add_loop(node.submap, k)
+        self._pending, self._aside = result.pending, result.aside
+        self._counts.tries = result.tries
+        for closure in result.believed:
+            self._believe(closure)
         if result.optimized is None:
             return
         self._reject(result.optimized.rejected)
+        self.is_converged = result.optimized.is_converged
         n = len(result.optimized.poses)
         anchor = self.nodes[result.newest_node].vertex
         correction = SE2.from_array(result.optimized.poses[anchor]) @ self.graph.pose(anchor).inverse()
@@ -257,6 +189,82 @@ class BackEnd:
             poses[v] = (correction @ SE2.from_array(poses[v])).as_array()
         self._optimized_nodes = result.newest_node + 1
 
+    def _believe(self, closure: Closure) -> None:
+        self.graph.add_edge(closure.edge)
+        self.closures[closure.edge.edge_from, closure.edge.edge_to] = closure
+        pair = self.nodes[closure.node].submap, closure.submap
+        if pair not in self._counts.edges and closure.prior_sigma > self._loop.drift.informative:
+            self._surprises.append(closure.surprise)
+        self._counts.edges[pair] = self._counts.edges.get(pair, 0) + 1
+
     def _reject(self, rejected: tuple[tuple[int, int], ...]) -> None:
-        if rejected:
-            self.loop_closures -= self.graph.remove_loops(rejected)
+        if not rejected:
+            return
+        self.graph.remove_loops(rejected)
+        for key in rejected:
+            closure = self.closures.pop(key)
+            self._counts.edges[self.nodes[closure.node].submap, closure.submap] -= 1
+
+
+class _Job:
+    """One background job on a snapshot: choose candidates, search them, sort what was found, solve. It changes nothing of the back end."""
+
+    def __init__(self, back_end: BackEnd, queries: list[int], *, must_solve: bool) -> None:
+        b = back_end
+        self._loop, self._config, self._searcher, self._usual = b._loop, b._config, b._searcher, b._usual
+        self._queries, self._must_solve = queries, must_solve
+        self._nodes = b.nodes[:]
+        self._submap_vertices = b.submap_vertices[:]
+        self._finished = {s.index: s for s in b.submaps if s.is_finished}
+        self._ways = [s.way for s in b.submaps]
+        self._counts = b._counts.copy()
+        self._pending, self._aside = b._pending, b._aside
+        self._held = set(b.closures)
+        self._scale = b.drift_scale
+        self._graph = b.graph.snapshot()
+
+    def run(self) -> JobResult:
+        found = self._search() if self._queries else []
+        believed, waiting = self._sort(found)
+        edges = [c.edge for c in believed]
+        optimized = optimize(self._graph, edges, self._config) if edges or self._must_solve else None
+        rejected = set(optimized.rejected) if optimized else set()
+        aside = [c for c in self._aside if c not in believed]
+        aside += [c for c in believed if _key(c) in rejected]
+        return JobResult(
+            tuple(believed), tuple(waiting), tuple(aside), self._counts.tries, optimized, len(self._nodes) - 1
+        )
+
+    def _search(self) -> list[Closure]:
+        lengths = (0.0, *np.diff(self._ways))
+        loops = tuple((k, i) for (i, k), n in self._counts.edges.items() if n > 0 and i != k)
+        drift = DriftGraph(lengths, loops, self._scale, self._loop.drift).covariances(
+            self._graph.poses[self._submap_vertices]
+        )
+        chooser = CandidateChooser(
+            *(self._loop, self._nodes, self._finished, self._submap_vertices, self._graph.poses, drift)
+        )
+        candidates = [
+            c for q in self._queries for c in chooser.candidates(q, self._loop.candidates_per_node, self._counts)
+        ]
+        found = []
+        for c in candidates:
+            submap = self._finished[c.submap]
+            closure = self._searcher.search(
+                c, self._nodes[c.node], submap, self._submap_vertices[c.submap], self._usual
+            )
+            if closure is not None and _key(closure) not in self._held:
+                found.append(closure)
+        return found
+
+    def _sort(self, found: list[Closure]) -> tuple[list[Closure], list[Closure]]:
+        """Split into closures to believe, among them such as were set aside and fit by now, and those that wait."""
+        poses = self._graph.poses
+        again = [c for c in self._aside if moves_map_by(c, poses) < self._loop.surprise]
+        new = {_key(c): c for c in (*again, *self._pending, *found)}
+        ways = np.array([n.way for n in self._nodes])
+        return sort_closures(list(new.values()), [], poses, ways, self._loop)
+
+
+def _key(closure: Closure) -> tuple[int, int]:
+    return closure.edge.edge_from, closure.edge.edge_to

@@ -39,11 +39,31 @@ class FrontEndConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class LoopConfig:
-    """Search for loop closures. A pair's window grows with the path length through the graph that separates them.
+class DriftConfig:
+    """What scan matching drifts, as standard deviations per metre of way (m/m, rad/m) and at `least` (m, rad) from one submap to the next;
+    `closure` (m, rad) is how well a loop closure holds two submaps together. `scale_limits` bound the factor that is learned from
+    closures of pairs whose positions were known to no better than `informative` (m), `scale_weight` is how many of them the configured
+    figures count as."""
 
-    A score counts relative to what local matches usually reach, but at most `min_score` is asked. A closure that moves its node by more
-    than `surprise` (m) must be confirmed by another one that moves its own in the same way.
+    linear_per_metre: float = 0.02
+    angular_per_metre: float = math.radians(0.05)
+    least: tuple[float, float] = (0.02, math.radians(0.1))
+    closure: tuple[float, float] = (0.05, math.radians(0.5))
+    scale_limits: tuple[float, float] = (0.5, 5.0)
+    scale_weight: float = 2.0
+    informative: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class LoopConfig:
+    """Search for loop closures: every `query_distance` metres of way a node is compared with submaps that it may see.
+
+    A window is `window_base`, `angle_base` and three standard deviations of the drift between the two. A score counts relative to what
+    local matches usually reach, but at most `min_score` is asked.
+
+    A closure that moves its node by more than `surprise` (m) must be confirmed: by `confirmations` closures of several nodes, which all
+    move the map in the same way, spread over a way of `spread_ratio` times what they move it, within `spread` (m). Two closures move it the
+    same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them.
     """
 
     max_voxel: float = 0.9
@@ -52,22 +72,29 @@ class LoopConfig:
     min_score_ratio: float = 0.78
     min_inlier_ratio_of_usual: float = 0.75
     surprise: float = 0.6
+    confirmations: int = 3
+    spread_ratio: float = 0.5
+    spread: tuple[float, float] = (1.5, 10.0)
     agreement: tuple[float, float] = (0.3, math.radians(3.0))
-    max_distance: float = 15.0
+    agreement_per_metre: tuple[float, float] = (0.02, math.radians(0.1))
+    most_pending: int = 200
     max_view_distance: float = 6.0
     turn_price: float = 4.0
-    final_stride: int = 3
+    query_distance: float = 1.0
     window_base: float = 0.4
-    window_per_metre: float = 0.1
-    window_max: float = 7.0
+    window_max: float = 40.0
     angle_base: float = math.radians(4.0)
-    angle_per_metre: float = math.radians(0.4)
-    angle_max: float = math.radians(30.0)
-    node_stride: int = 5
+    angle_max: float = math.radians(60.0)
+    coarse_above: float = 1.0
+    coarseness: int = 4
     candidates_per_node: int = 2
+    tries_per_pair: int = 12
+    tries_to_double: float = 8.0
+    wide_window: float = 6.0
     searches_per_job: int = 24
     edges_per_pair: int = 6
     cached_stacks: int = 24
+    drift: DriftConfig = field(default_factory=DriftConfig)
     refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=10))
 
 
@@ -83,7 +110,7 @@ class GraphConfig:
     robust_width: float = 2.0
     reject_width: float = 15.0
     nodes_between: int = 90
-    max_iterations: int = 10
+    max_iterations: int = 50
 
 
 @dataclass(frozen=True, slots=True)

@@ -120,10 +120,12 @@ class Graph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OptimizedGraph:
-    """New global poses of the first vertices, and which INTER edges (from, to) disagree too much and must go."""
+    """New global poses of the first vertices, which INTER edges (from, to) disagree too much and must go, and whether the solver came to
+    an end."""
 
     poses: F64
     rejected: tuple[tuple[int, int], ...]
+    is_converged: bool
 
 
 def optimize(snapshot: PoseGraph, extra: list[Edge], config: GraphConfig) -> OptimizedGraph:
@@ -150,7 +152,7 @@ def optimize(snapshot: PoseGraph, extra: list[Edge], config: GraphConfig) -> Opt
             graph.is_robust[keep],
         )
         result = solve(graph, 0, solver)
-    return OptimizedGraph(result.poses, rejected)
+    return OptimizedGraph(result.poses, rejected, result.converged)
 
 
 def _with_edges(graph: PoseGraph, extra: list[Edge]) -> PoseGraph:

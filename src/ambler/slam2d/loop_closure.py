@@ -1,59 +1,42 @@
-"""Loop closure: which node to compare with which finished submap, and the search itself (branch and bound, then refinement)."""
+"""Loop closure: the search of a node in a finished submap (branch and bound, then refinement)."""
 
 from __future__ import annotations
 
-import heapq
-import math
 from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.branch_bound import BranchBoundMatcher
-from ambler.registration.correlative import Window
+from ambler.registration.correlative import Window, correlate
 from ambler.registration.gauss_newton import refine
 from ambler.slam2d.config import GraphConfig, LoopConfig
 from ambler.slam2d.graph import Edge, EdgeKind, information_of
+from ambler.slam2d.loop_candidates import Candidate, Node
 from ambler.slam2d.submaps import Submap
 
-F32 = NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """A node to be searched in a submap: vertices, where the graph believes the node to be, and how far to look."""
-
-    node_vertex: int
-    submap_vertex: int
-    submap: Submap
-    submap_from_base: SE2
-    window: Window
-    loop_points: F32
-    match_points: F32
-    map_from_submap: SE2
-    min_score: float
-    min_inlier_ratio: float
+_FLOOR = (0.05**2, 0.05**2, 0.01**2)  # m^2, rad^2: of a match, beside what drifts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
-    """A loop edge and how it would move its node: map_from_node(edge) * map_from_node(graph)^-1, about the node's position."""
+    """A loop edge, from the vertex of a submap to that of a node; `surprise` is its squared error over the drift that was expected (chi
+    squared of 3 degrees of freedom, over 3), `prior_sigma` how well the position was known before, metres."""
 
     edge: Edge
-    shift: tuple[float, float, float]
+    node: int
+    submap: int
+    surprise: float = 0.0
+    prior_sigma: float = 0.0
 
-    @property
-    def size(self) -> float:
-        """How far it moves the node, metres."""
-        return math.hypot(self.shift[0], self.shift[1])
 
-    def agrees_with(self, other: Closure, limits: tuple[float, float]) -> bool:
-        """Say whether another node would be moved the same way; both must see it from different nodes."""
-        away = math.hypot(self.shift[0] - other.shift[0], self.shift[1] - other.shift[1])
-        turned = abs(wrap_angle(self.shift[2] - other.shift[2]))
-        return self.edge.edge_to != other.edge.edge_to and away < limits[0] and turned < limits[1]
+@dataclass(frozen=True, slots=True)
+class Usual:
+    """What local matches usually reach: mean score and share of inliers."""
+
+    score: float = 0.0
+    inlier_ratio: float = 0.0
 
 
 class LoopSearcher:
@@ -63,89 +46,54 @@ class LoopSearcher:
         self._config = config
         self._graph = graph
         self._point_sigma = point_sigma
-        self._stacks: OrderedDict[int, BranchBoundMatcher] = OrderedDict()
+        self._stacks: OrderedDict[tuple[int, int], BranchBoundMatcher] = OrderedDict()
 
-    def search(self, candidate: Candidate) -> Closure | None:
-        """Return the accepted constraint, or None."""
-        coarse = self._stack(candidate.submap).match(
-            candidate.loop_points, candidate.submap_from_base, candidate.window, candidate.min_score
-        )
-        if coarse is None:
+    def search(self, candidate: Candidate, node: Node, submap: Submap, submap_vertex: int, usual: Usual) -> Closure | None:
+        """Return the constraint that the scan gives, or None where it does not fit as well as usual."""
+        config = self._config
+        min_score = min(config.min_score, config.min_score_ratio * usual.score)
+        start = self._coarse(candidate, node, submap, min_score)
+        if start is None:
             return None
-        start = coarse.grid_from_base
-        match = refine(candidate.submap.grid, candidate.match_points, start, start, self._config.refine)
-        if match.score < candidate.min_score or match.inlier_ratio < candidate.min_inlier_ratio:
+        match = refine(submap.grid, node.match_points, start, start, config.refine)
+        if match.score < min_score or match.inlier_ratio < config.min_inlier_ratio_of_usual * usual.inlier_ratio:
             return None
         covariance = match.covariance(self._point_sigma, (0.0, 0.0))
         pose = match.grid_from_base
         information = information_of(covariance, pose.yaw, self._graph.inter_sigma)
-        edge = Edge(candidate.submap_vertex, candidate.node_vertex, pose, information, EdgeKind.INTER)
-        new, old = candidate.map_from_submap @ pose, candidate.map_from_submap @ candidate.submap_from_base
-        return Closure(edge, (new.x - old.x, new.y - old.y, wrap_angle(new.yaw - old.yaw)))
+        edge = Edge(submap_vertex, node.vertex, pose, information, EdgeKind.INTER)
+        return Closure(edge, candidate.node, candidate.submap, _surprise(candidate, pose), _sigma(candidate))
 
-    def _stack(self, submap: Submap) -> BranchBoundMatcher:
-        stack = self._stacks.get(submap.index)
+    def _coarse(self, candidate: Candidate, node: Node, submap: Submap, min_score: float) -> SE2 | None:
+        """Return the best cell of the window. A wide window is searched on coarse cells first, which promise too much, never too little."""
+        window, points = candidate.window, node.loop_points
+        if window.linear <= self._config.coarse_above:
+            fine = self._stack(submap, 1).match(points, candidate.submap_from_base, window, min_score)
+            return fine.grid_from_base if fine else None
+        matcher = self._stack(submap, self._config.coarseness)
+        coarse = matcher.match(points, candidate.submap_from_base, window, min_score)
+        if coarse is None:
+            return None
+        near = Window(1.5 * float(matcher.frame[0]), coarse.angular_step)
+        fine_match = correlate(submap.grid, points, coarse.grid_from_base, near)
+        return fine_match.grid_from_base if fine_match.score > min_score else None
+
+    def _stack(self, submap: Submap, coarseness: int) -> BranchBoundMatcher:
+        key = submap.index, coarseness
+        stack = self._stacks.get(key)
         if stack is None:
-            stack = self._stacks[submap.index] = BranchBoundMatcher(submap.grid)
+            stack = self._stacks[key] = BranchBoundMatcher(submap.grid, coarseness=coarseness)
             if len(self._stacks) > self._config.cached_stacks:
                 self._stacks.popitem(last=False)
-        self._stacks.move_to_end(submap.index)
+        self._stacks.move_to_end(key)
         return stack
 
 
-def confirmed(found: list[Closure], pending: list[Closure], config: LoopConfig) -> tuple[list[Closure], list[Closure]]:
-    """Split closures into those to believe and those to keep waiting: small ones, and surprising ones that another one confirms."""
-    everyone = pending + found
-    believed = [
-        c
-        for c in everyone
-        if c.size <= config.surprise or any(c.agrees_with(other, config.agreement) for other in everyone)
-    ]
-    waiting = [c for c in everyone if c not in believed]
-    return believed, waiting
+def _surprise(candidate: Candidate, found: SE2) -> float:
+    believed = candidate.submap_from_base
+    off = np.array([found.x - believed.x, found.y - believed.y, wrap_angle(found.yaw - believed.yaw)])
+    return float(off @ np.linalg.solve(candidate.covariance + np.diag(_FLOOR), off)) / 3.0
 
 
-class SubmapLinks:
-    """Path lengths between submaps through the graph: along the trajectory, and across loop closures at a small price."""
-
-    _LOOP_PRICE = 1.0
-
-    def __init__(self) -> None:
-        self._neighbours: list[dict[int, float]] = []
-        self._known: dict[int, list[float]] = {}
-
-    def add_submap(self, length_from_previous: float) -> None:
-        """Append a submap that starts `length_from_previous` metres of path after the last one."""
-        self._neighbours.append({})
-        self._known.clear()
-        k = len(self._neighbours) - 1
-        if k:
-            self._connect(k - 1, k, length_from_previous)
-
-    def add_loop(self, a: int, b: int) -> None:
-        """Note a loop closure between two submaps."""
-        if a != b and self._neighbours[a].get(b, math.inf) > self._LOOP_PRICE:
-            self._connect(a, b, self._LOOP_PRICE)
-
-    def _connect(self, a: int, b: int, length: float) -> None:
-        self._known.clear()
-        self._neighbours[a][b] = min(length, self._neighbours[a].get(b, math.inf))
-        self._neighbours[b][a] = self._neighbours[a][b]
-
-    def distances_from(self, source: int) -> list[float]:
-        """Return the shortest path length from one submap to each (Dijkstra), remembered until a link changes."""
-        if source in self._known:
-            return self._known[source]
-        distances = [math.inf] * len(self._neighbours)
-        distances[source] = 0.0
-        queue = [(0.0, source)]
-        while queue:
-            d, a = heapq.heappop(queue)
-            if d > distances[a]:
-                continue
-            for b, length in self._neighbours[a].items():
-                if d + length < distances[b]:
-                    distances[b] = d + length
-                    heapq.heappush(queue, (d + length, b))
-        self._known[source] = distances
-        return distances
+def _sigma(candidate: Candidate) -> float:
+    return float(np.sqrt(np.trace(candidate.covariance[:2, :2]) / 2.0))

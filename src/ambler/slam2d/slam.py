@@ -19,6 +19,8 @@ from ambler.slam2d.front_end import FrontEnd
 from ambler.slam2d.renderer import MapRenderer, PlacedSubmap
 
 _COVARIANCE_FLOOR = (0.005, 0.001)
+FINAL_ROUNDS = 4
+FINAL_GAIN = 1.02  # a round at the end that finds fewer new closures than this is the last
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,11 +131,18 @@ class Slam2d:
         self.map_version += 1
 
     def final_work(self) -> Iterator[Callable[[], JobResult]]:
-        """Yield the jobs that search what still waits, then many nodes once more; `commit` each result before the next is taken."""
-        for is_again in (False, True):
-            if is_again:
-                self._back_end.queue_final()
-            yield from iter(lambda: self._back_end.take_work(is_final=True), None)
+        """Yield the jobs that search what still waits, then many nodes again and again until that finds nothing new; `commit` each result
+        before the next is taken."""
+        yield from self._waiting_work()
+        for _ in range(FINAL_ROUNDS):
+            before = self.loop_closures
+            self._back_end.queue_final()
+            yield from self._waiting_work()
+            if self.loop_closures <= before * FINAL_GAIN:
+                return
+
+    def _waiting_work(self) -> Iterator[Callable[[], JobResult]]:
+        return iter(lambda: self._back_end.take_work(is_final=True), None)
 
     def finish(self) -> None:
         """Do all final work at once; for the end of a recording."""

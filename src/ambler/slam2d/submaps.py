@@ -24,7 +24,7 @@ class Submap:
     scans: int = 0
     is_finished: bool = False
     nodes: list[int] = field(default_factory=list)
-    path_length: float = 0.0
+    way: float = 0.0
     travelled: float = 0.0
 
     def to_submap(self, local_from_base: SE2) -> SE2:

@@ -1,0 +1,96 @@
+"""Which closures to believe: those that move the map little, and those that move it far and that several others, on a longer way, confirm.
+
+One place that looks like another gives a closure that fits its scan well. Several such closures in a row that all move the map in the same
+way are what a true closure brings and chance does not (pairwise consistency: Mangelson, Dominic, Eustice and Vasudevan, ICRA 2018). What
+is not believed waits for more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.slam2d.config import LoopConfig
+from ambler.slam2d.loop_closure import Closure
+
+F64 = NDArray[np.float64]
+B = NDArray[np.bool_]
+
+
+def sort_closures(
+    found: Sequence[Closure], pending: Sequence[Closure], poses: F64, ways: F64, config: LoopConfig
+) -> tuple[list[Closure], list[Closure]]:
+    """Split closures into those to believe and those that wait.
+
+    `poses` float64 (V, 3) are those of all vertices now, `ways` float64 (N,) the way driven until each node, metres.
+    """
+    everyone = [*pending, *found]
+    moved = [moves_map_by(closure, poses) for closure in everyone]
+    is_far = np.array([m > config.surprise for m in moved], np.bool_)
+    believed = [c for c, far in zip(everyone, is_far, strict=True) if not far]
+    far = [c for c, is_it in zip(everyone, is_far, strict=True) if is_it]
+    confirmed = _confirmed(far, np.array(moved)[is_far], poses, ways, config)
+    believed += [c for c, is_it in zip(far, confirmed, strict=True) if is_it]
+    waiting = [c for c, is_it in zip(far, confirmed, strict=True) if not is_it]
+    return believed, waiting[-config.most_pending :]
+
+
+def moves_map_by(closure: Closure, poses: F64) -> float:
+    """Return how far a closure would move its node, metres."""
+    edge = closure.edge
+    wanted = SE2.from_array(poses[edge.edge_from]) @ edge.from_from_to
+    return wanted.distance_to(SE2.from_array(poses[edge.edge_to]))
+
+
+def _confirmed(far: list[Closure], moved: F64, poses: F64, ways: F64, config: LoopConfig) -> B:
+    n = len(far)
+    out = np.zeros(n, np.bool_)
+    if n < config.confirmations:
+        return out
+    agrees = _agreements(far, poses, ways, config)
+    at = ways[[c.node for c in far]]
+    for k in range(n):
+        group = _group_of(k, agrees)
+        if out[group].all() or len({far[i].node for i in group}) < config.confirmations:
+            continue
+        low, high = at[group].min(), at[group].max()
+        if high - low < np.clip(config.spread_ratio * moved[group].min(), *config.spread):
+            continue
+        is_beside = (at >= low) & (at <= high)
+        is_beside[group] = False
+        if 2 * is_beside.sum() < len(group):
+            out[group] = True
+    return out
+
+
+def _group_of(first: int, agrees: B) -> list[int]:
+    """Return a set of closures that all agree with each other, grown greedily from one; those with most friends come first."""
+    group = [first]
+    friends = np.flatnonzero(agrees[first])
+    for k in friends[np.argsort(-agrees[friends].sum(axis=1), kind="stable")]:
+        if agrees[k, group].all():
+            group.append(int(k))
+    return group
+
+
+def _agreements(far: list[Closure], poses: F64, ways: F64, config: LoopConfig) -> B:
+    """Return which pairs (n, n) of closures move the map in the same way: between their nodes lies, by them, what the graph says."""
+    wanted = np.array([(SE2.from_array(poses[c.edge.edge_from]) @ c.edge.from_from_to).as_array() for c in far])
+    held = poses[[c.edge.edge_to for c in far]]
+    way = ways[[c.node for c in far]]
+    between = np.abs(way[:, None] - way)
+    off = _relative(wanted) - _relative(held)
+    turn = np.abs((off[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
+    near = np.hypot(off[..., 0], off[..., 1]) < config.agreement[0] + config.agreement_per_metre[0] * between
+    return np.asarray(near & (turn < config.agreement[1] + config.agreement_per_metre[1] * between))
+
+
+def _relative(poses: F64) -> F64:
+    """Return each pose (n, n, 3) in the frame of each other."""
+    d = poses[None, :, :2] - poses[:, None, :2]
+    c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+    x, y = c * d[..., 0] + s * d[..., 1], -s * d[..., 0] + c * d[..., 1]
+    return np.stack((x, y, poses[None, :, 2] - poses[:, None, 2]), axis=-1)
