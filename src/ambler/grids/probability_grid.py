@@ -30,8 +30,7 @@ class Inserter:
 
     def __init__(self, config: InsertionConfig) -> None:
         self.config = config
-        self._hit = update_table(config.p_hit)
-        self._miss = update_table(config.p_miss)
+        self._tables = {1: (update_table(config.p_hit), update_table(config.p_miss))}
         self._touched = np.empty(0, np.int64)
 
     def insert(
@@ -42,10 +41,11 @@ class Inserter:
         free_points: F32,
         free_origin: NDArray[np.float64] | None = None,
         surfaces: F32 | None = None,
+        times: int = 1,
     ) -> int:
         """Insert a scan: points (N, 2) and free ends (M, 2) float32, all in the grid's frame. `origin` (2,) is where all rays start, or (N, 2)
         where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`). `surfaces` (K, 2) are
-        occupied as well, but no ray leads to them.
+        occupied as well, but no ray leads to them. The scan counts as if it came `times` times.
 
         Returns how many cells changed.
         """
@@ -57,9 +57,24 @@ class Inserter:
         return int(
             kernels.insert_scan(
                 *(grid.cells, starts, free_starts, points, free_points, points[:0] if surfaces is None else surfaces),
-                *(grid.frame, self._hit, self._miss, self._touched),
+                *(grid.frame, *self._tables_for(times), self._touched),
             )
         )
+
+    def _tables_for(self, times: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+        if times not in self._tables:
+            config = self.config
+            self._tables[times] = (
+                update_table(_repeated(config.p_hit, times)),
+                update_table(_repeated(config.p_miss, times)),
+            )
+        return self._tables[times]
+
+
+def _repeated(probability: float, times: int) -> float:
+    """Return the probability that several observations with the same odds come to."""
+    odds = (probability / (1.0 - probability)) ** times
+    return odds / (1.0 + odds)
 
 
 class ProbabilityGrid:

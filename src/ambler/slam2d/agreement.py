@@ -59,9 +59,8 @@ def _confirmed(far: list[Closure], moved: F64, poses: F64, ways: F64, config: Lo
         low, high = at[group].min(), at[group].max()
         if high - low < np.clip(config.spread_ratio * moved[group].min(), *config.spread):
             continue
-        is_beside = (at >= low) & (at <= high)
-        is_beside[group] = False
-        if 2 * is_beside.sum() < len(group):
+        is_against = (at >= low) & (at <= high) & (2 * agrees[:, group].sum(axis=1) < len(group))
+        if 2 * is_against.sum() < len(group):
             out[group] = True
     return out
 

@@ -20,7 +20,7 @@ from ambler.slam2d.config import GraphConfig, LoopConfig
 from ambler.slam2d.drift import DriftGraph
 from ambler.slam2d.front_end import LocalResult
 from ambler.slam2d.graph import Edge, EdgeKind, Graph, OptimizedGraph, diagonal_information, information_of, optimize
-from ambler.slam2d.loop_candidates import CandidateChooser, Node, Pair, PairCounts
+from ambler.slam2d.loop_candidates import CandidateChooser, Node, PairCounts
 from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual
 from ambler.slam2d.submaps import Submap
 
@@ -36,7 +36,7 @@ class JobResult:
     believed: tuple[Closure, ...]
     pending: tuple[Closure, ...]
     aside: tuple[Closure, ...]
-    tries: dict[Pair, int]
+    tries: dict[int, dict[int, int]]
     optimized: OptimizedGraph | None
     newest_node: int
 
@@ -53,6 +53,7 @@ class BackEnd:
         self.submap_vertices: list[int] = []
         self.closures: dict[tuple[int, int], Closure] = {}
         self.is_converged = True
+        self.moves = 0
         self._point_sigma = point_sigma
         self._searcher = LoopSearcher(loop, graph, point_sigma)
         self._counts = PairCounts()
@@ -193,9 +194,10 @@ class BackEnd:
         self.graph.add_edge(closure.edge)
         self.closures[closure.edge.edge_from, closure.edge.edge_to] = closure
         pair = self.nodes[closure.node].submap, closure.submap
-        if pair not in self._counts.edges and closure.prior_sigma > self._loop.drift.informative:
+        if not self._counts.edges_of(pair) and closure.prior_sigma > self._loop.drift.informative:
             self._surprises.append(closure.surprise)
-        self._counts.edges[pair] = self._counts.edges.get(pair, 0) + 1
+            self.moves += 1
+        self._counts.count_edge(pair, 1)
 
     def _reject(self, rejected: tuple[tuple[int, int], ...]) -> None:
         if not rejected:
@@ -203,7 +205,7 @@ class BackEnd:
         self.graph.remove_loops(rejected)
         for key in rejected:
             closure = self.closures.pop(key)
-            self._counts.edges[self.nodes[closure.node].submap, closure.submap] -= 1
+            self._counts.count_edge((self.nodes[closure.node].submap, closure.submap), -1)
 
 
 class _Job:
@@ -237,8 +239,7 @@ class _Job:
 
     def _search(self) -> list[Closure]:
         lengths = (0.0, *np.diff(self._ways))
-        loops = tuple((k, i) for (i, k), n in self._counts.edges.items() if n > 0 and i != k)
-        drift = DriftGraph(lengths, loops, self._scale, self._loop.drift).covariances(
+        drift = DriftGraph(lengths, self._counts.linked, self._scale, self._loop.drift).covariances(
             self._graph.poses[self._submap_vertices]
         )
         chooser = CandidateChooser(
@@ -261,7 +262,7 @@ class _Job:
         """Split into closures to believe, among them such as were set aside and fit by now, and those that wait."""
         poses = self._graph.poses
         again = [c for c in self._aside if moves_map_by(c, poses) < self._loop.surprise]
-        new = {_key(c): c for c in (*again, *self._pending, *found)}
+        new = {_key(c): c for c in (*again, *self._pending, *found) if _key(c) not in self._held}
         ways = np.array([n.way for n in self._nodes])
         return sort_closures(list(new.values()), [], poses, ways, self._loop)
 

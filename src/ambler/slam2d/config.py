@@ -75,7 +75,7 @@ class LoopConfig:
     confirmations: int = 3
     spread_ratio: float = 0.5
     spread: tuple[float, float] = (1.5, 10.0)
-    agreement: tuple[float, float] = (0.3, math.radians(3.0))
+    agreement: tuple[float, float] = (0.5, math.radians(3.0))
     agreement_per_metre: tuple[float, float] = (0.02, math.radians(0.1))
     most_pending: int = 200
     max_view_distance: float = 6.0
@@ -93,7 +93,7 @@ class LoopConfig:
     wide_window: float = 6.0
     searches_per_job: int = 24
     edges_per_pair: int = 6
-    cached_stacks: int = 24
+    cached_stacks: int = 48
     drift: DriftConfig = field(default_factory=DriftConfig)
     refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=10))
 

@@ -17,6 +17,7 @@ from ambler.slam2d.submaps import ActiveSubmaps, Submap
 
 F32 = NDArray[np.float32]
 
+SEARCH_WEIGHTS = 0.5, 0.5  # 1/m, 1/rad: what a place farther from the prediction loses of its score
 POINTS_LEAST = 10  # of a scan that is matched or inserted
 
 
@@ -41,7 +42,7 @@ class FrontEnd:
 
     def __init__(self, config: FrontEndConfig) -> None:
         self._config = config
-        self.active = ActiveSubmaps(config.insertion, config.scans_per_submap, config.distance_per_submap)
+        self.active = ActiveSubmaps(config.insertion, config.scans_per_submap, config.distance_per_submap, config.motion_distance)
         self._inserted: tuple[int, SE2] | None = None
         self._usual_score = 0.0
         self.odometry_error = 0.0
@@ -130,5 +131,5 @@ class FrontEnd:
 
 
 def _match_near(target: Submap, points: F32, prior: SE2, window: Window, weights: RefineConfig) -> MatchResult:
-    start = correlate(target.grid, points, prior, window).grid_from_base
+    start = correlate(target.grid, points, prior, window, *SEARCH_WEIGHTS).grid_from_base
     return refine(target.grid, points, start, prior, weights)

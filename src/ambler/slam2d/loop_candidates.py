@@ -17,6 +17,7 @@ from ambler.slam2d.submaps import Submap
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 Pair = tuple[int, int]
 
 _SIGMAS = 3.0
@@ -49,14 +50,42 @@ class Candidate:
 
 @dataclass(slots=True)
 class PairCounts:
-    """How often a node of one submap was searched in another, and how many closures hold between the two."""
+    """How often nodes of one submap were searched in another, and how many closures hold between the two: by the node's submap, then by
+    the one searched."""
 
-    tries: dict[Pair, int] = field(default_factory=dict)
-    edges: dict[Pair, int] = field(default_factory=dict)
+    tries: dict[int, dict[int, int]] = field(default_factory=dict)
+    edges: dict[int, dict[int, int]] = field(default_factory=dict)
 
     def copy(self) -> PairCounts:
         """Return one that may be changed."""
-        return PairCounts(dict(self.tries), dict(self.edges))
+        return PairCounts(*({a: dict(row) for a, row in table.items()} for table in (self.tries, self.edges)))
+
+    def count_try(self, pair: Pair) -> None:
+        """Note that a node of pair[0] is searched in pair[1]."""
+        row = self.tries.setdefault(pair[0], {})
+        row[pair[1]] = row.get(pair[1], 0) + 1
+
+    def count_edge(self, pair: Pair, more: int) -> None:
+        """Note `more` closures between the two."""
+        row = self.edges.setdefault(pair[0], {})
+        row[pair[1]] = row.get(pair[1], 0) + more
+
+    def edges_of(self, pair: Pair) -> int:
+        """Return how many closures hold."""
+        return self.edges.get(pair[0], {}).get(pair[1], 0)
+
+    def failures(self, submap: int, most: int) -> I64:
+        """Return how often nodes of one submap were searched in vain in each of the first `most`, (most,); each closure makes up for two."""
+        out = np.zeros(most, np.int64)
+        for table, weight in ((self.tries, 1), (self.edges, -2)):
+            for k, n in table.get(submap, {}).items():
+                out[k] += weight * n
+        return out.clip(0)
+
+    @property
+    def linked(self) -> tuple[Pair, ...]:
+        """The pairs of submaps that closures hold together."""
+        return tuple((k, i) for i, row in self.edges.items() for k, n in row.items() if n > 0 and i != k)
 
 
 class CandidateChooser:
@@ -76,10 +105,11 @@ class CandidateChooser:
         self._finished = finished
         self._submap_vertices = submap_vertices
         self._indices = np.array(sorted(finished), np.int64)
-        self._views = [poses[[nodes[n].vertex for n in finished[k].nodes[::_VIEW_STRIDE]]] for k in sorted(finished)]
-        self._centers = np.array([v[:, :2].mean(axis=0) for v in self._views]).reshape(-1, 2)
+        views = [poses[[nodes[n].vertex for n in finished[k].nodes[::_VIEW_STRIDE]]] for k in sorted(finished)]
+        self._views = views
+        self._centers = np.array([v[:, :2].mean(axis=0) for v in views]).reshape(-1, 2)
         self._radii = np.array(
-            [np.hypot(*(v[:, :2] - c).T).max(initial=0.0) for v, c in zip(self._views, self._centers, strict=True)]
+            [np.hypot(*(v[:, :2] - c).T).max(initial=0.0) for v, c in zip(views, self._centers, strict=True)]
         )
 
     def candidates(self, query: int, wanted: int, counts: PairCounts) -> list[Candidate]:
@@ -89,44 +119,41 @@ class CandidateChooser:
             return []
         pose = self._poses[node.vertex]
         covariances = self._drift.of(node.submap)[self._indices]
-        sigmas = _SIGMAS * self._patience(node.submap, counts)
+        failures = counts.failures(node.submap, len(self._submap_vertices))[self._indices]
+        sigmas = _SIGMAS * (1.0 + failures / config.tries_to_double)
         reach = np.minimum(config.window_base + sigmas * _largest_sigma(covariances), config.window_max)
+        is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii
         is_near = (away < config.max_view_distance + reach) & (self._indices < node.submap - 1)
-        found: list[tuple[float, int]] = []
-        for row in np.flatnonzero(is_near):
-            pair = node.submap, int(self._indices[row])
-            edges, tries = counts.edges.get(pair, 0), counts.tries.get(pair, 0)
-            if edges >= config.edges_per_pair or tries - 2 * edges >= config.tries_per_pair:
-                continue
-            if int(node.way) % max(1, int(reach[row] / config.wide_window)):
-                continue  # wide windows cost more: they are searched less often
-            view = self._view_distance(self._views[row], pose)
-            if view < config.max_view_distance + reach[row]:
-                found.append((view + 0.3 * max(0, tries - 2 * edges), int(row)))
+        rows = np.flatnonzero(is_near & is_due & (failures < config.tries_per_pair))
+        rows = np.array([r for r in rows if counts.edges_of((node.submap, int(self._indices[r]))) < config.edges_per_pair], np.int64)
+        if not len(rows):
+            return []
+        view = self._view_distances(rows, pose)
+        price = np.where(view < config.max_view_distance + reach[rows], view + 0.3 * failures[rows], np.inf)
         out = []
-        for _, row in sorted(found)[:wanted]:
-            pair = node.submap, int(self._indices[row])
-            counts.tries[pair] = counts.tries.get(pair, 0) + 1
-            out.append(self._candidate(query, pair[1], float(reach[row]), float(sigmas[row]), covariances[row]))
+        for k in np.argsort(price, kind="stable")[:wanted]:
+            if np.isfinite(price[k]):
+                row = rows[k]
+                counts.count_try((node.submap, int(self._indices[row])))
+                out.append(self._candidate(query, int(row), float(reach[row]), float(sigmas[row]), covariances[row]))
         return out
 
-    def _patience(self, submap: int, counts: PairCounts) -> F64:
-        """Return by how much (K,) the windows of one submap in each finished one grow, the more often it was sought there in vain."""
-        tries = [max(0, counts.tries.get(p, 0) - 2 * counts.edges.get(p, 0)) for p in ((submap, int(k)) for k in self._indices)]
-        return 1.0 + np.array(tries) / self._config.tries_to_double
-
-    def _candidate(self, query: int, submap: int, reach: float, sigmas: float, covariance: F64) -> Candidate:
-        config = self._config
-        turn = min(config.angle_base + sigmas * math.sqrt(covariance[2, 2]), config.angle_max)
+    def _candidate(self, query: int, row: int, reach: float, sigmas: float, covariance: F64) -> Candidate:
+        config, submap = self._config, int(self._indices[row])
+        turn = min(config.angle_base + sigmas * math.sqrt(max(0.0, covariance[2, 2])), config.angle_max)
         map_from_submap = SE2.from_array(self._poses[self._submap_vertices[submap]])
         map_from_base = SE2.from_array(self._poses[self._nodes[query].vertex])
         return Candidate(query, submap, map_from_submap.inverse() @ map_from_base, Window(reach, turn), covariance)
 
-    def _view_distance(self, seen: F64, pose: F64) -> float:
-        """Return how far a pose is from the nearest one that filled a submap; half a turn counts like some metres."""
+    def _view_distances(self, rows: I64, pose: F64) -> F64:
+        """Return how far a pose is from the nearest one that filled each submap; half a turn counts like some metres."""
+        views = [self._views[r] for r in rows]
+        seen = np.concatenate(views)
+        starts = np.cumsum([0, *(len(v) for v in views[:-1])])
         away = np.hypot(seen[:, 0] - pose[0], seen[:, 1] - pose[1])
-        return float(np.min(away + self._config.turn_price * 0.5 * (1.0 - np.cos(seen[:, 2] - pose[2]))))
+        turned = self._config.turn_price * 0.5 * (1.0 - np.cos(seen[:, 2] - pose[2]))
+        return np.minimum.reduceat(away + turned, starts)
 
 
 def _largest_sigma(covariances: F64) -> F64:

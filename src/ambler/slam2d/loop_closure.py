@@ -16,6 +16,7 @@ from ambler.slam2d.graph import Edge, EdgeKind, information_of
 from ambler.slam2d.loop_candidates import Candidate, Node
 from ambler.slam2d.submaps import Submap
 
+_DEPTH, _COARSE_DEPTH = 4, 7
 _FLOOR = (0.05**2, 0.05**2, 0.01**2)  # m^2, rad^2: of a match, beside what drifts
 
 
@@ -82,7 +83,7 @@ class LoopSearcher:
         key = submap.index, coarseness
         stack = self._stacks.get(key)
         if stack is None:
-            stack = self._stacks[key] = BranchBoundMatcher(submap.grid, coarseness=coarseness)
+            stack = self._stacks[key] = BranchBoundMatcher(submap.grid, _DEPTH if coarseness == 1 else _COARSE_DEPTH, coarseness)
             if len(self._stacks) > self._config.cached_stacks:
                 self._stacks.popitem(last=False)
         self._stacks.move_to_end(key)

@@ -20,7 +20,6 @@ from ambler.slam2d.renderer import MapRenderer, PlacedSubmap
 
 _COVARIANCE_FLOOR = (0.005, 0.001)
 FINAL_ROUNDS = 4
-FINAL_GAIN = 1.02  # a round at the end that finds fewer new closures than this is the last
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,14 +130,14 @@ class Slam2d:
         self.map_version += 1
 
     def final_work(self) -> Iterator[Callable[[], JobResult]]:
-        """Yield the jobs that search what still waits, then many nodes again and again until that finds nothing new; `commit` each result
+        """Yield the jobs that search what still waits, then many nodes again and again until that moves the map no more; `commit` each result
         before the next is taken."""
         yield from self._waiting_work()
         for _ in range(FINAL_ROUNDS):
-            before = self.loop_closures
+            before = self._back_end.moves
             self._back_end.queue_final()
             yield from self._waiting_work()
-            if self.loop_closures <= before * FINAL_GAIN:
+            if self._back_end.moves == before:
                 return
 
     def _waiting_work(self) -> Iterator[Callable[[], JobResult]]:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.se2 import SE2
+from ambler.core.se2 import SE2, wrap_angle
 from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
 from ambler.registration.planar_scan import PlanarScan
 
 F32 = NDArray[np.float32]
+
+METRES_PER_RADIAN = 1.0
+MOST_TIMES = 8
+"""As how many scans one counts at most that comes after a long way, in which a denser log would have had as many."""
 
 
 @dataclass(slots=True, eq=False)
@@ -35,10 +40,13 @@ class Submap:
 class ActiveSubmaps:
     """The one or two submaps that take scans: a new one starts when the newer is half full, the older one ends when full."""
 
-    def __init__(self, config: InsertionConfig, scans_per_submap: int, distance_per_submap: float) -> None:
+    def __init__(
+        self, config: InsertionConfig, scans_per_submap: int, distance_per_submap: float, step: float = math.inf
+    ) -> None:
         self._inserter = Inserter(config)
         self._half = scans_per_submap
         self._half_distance = distance_per_submap
+        self._step = step
         self._last = SE2()
         self.submaps: list[Submap] = []
         self._count = 0
@@ -51,10 +59,12 @@ class ActiveSubmaps:
     def insert(self, scan: PlanarScan, surfaces: F32, local_from_base: SE2) -> tuple[list[Submap], Submap | None]:
         """Insert a scan and the points between its returns; returns the submaps that took it and the one that this scan finished, if any."""
         step = self._last.distance_to(local_from_base)
+        changed = step + METRES_PER_RADIAN * abs(wrap_angle(local_from_base.yaw - self._last.yaw))
         self._last = local_from_base
         if not self.submaps or self._is_full(self.submaps[-1], 1.0):
             self._start(local_from_base)
             step = 0.0
+        times = min(max(1, round(changed / self._step)), MOST_TIMES)
         for submap in self.submaps:
             submap.travelled += step
             pose = submap.to_submap(local_from_base)
@@ -62,7 +72,7 @@ class ActiveSubmaps:
             points = pose.transform(scan.points).astype(np.float32)
             free = pose.transform(scan.free_points).astype(np.float32)
             between = pose.transform(surfaces).astype(np.float32)
-            self._inserter.insert(submap.grid, starts, points, free, free_starts, between)
+            self._inserter.insert(submap.grid, starts, points, free, free_starts, between, times)
             submap.scans += 1
         used = list(self.submaps)
         finished = None
