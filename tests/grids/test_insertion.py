@@ -45,7 +45,16 @@ def cleared_cells(start: tuple[float, float], end: tuple[float, float], size: in
     ends = np.array([end], np.float32)
     frame = np.array([1.0, 0.0, 0.0])
     kernels.insert_scan(
-        cells, np.array([start]), np.array([start]), NONE, ends, frame, table, table, np.empty(size * size, np.int64)
+        cells,
+        np.array([start]),
+        np.array([start]),
+        NONE,
+        ends,
+        NONE,
+        frame,
+        table,
+        table,
+        np.empty(size * size, np.int64),
     )
     return {(int(iy), int(ix)) for iy, ix in zip(*np.nonzero(cells), strict=True)}
 

@@ -79,7 +79,9 @@ def test_a_relative_covariance_is_that_of_solutions_with_drawn_errors() -> None:
     drawn = []
     for _ in range(600):
         noise = np.einsum("eij,ej->ei", roots, rng.normal(size=graph.measurements.shape))
-        poses = solve(PoseGraph(graph.poses, graph.edge_from, graph.edge_to, graph.measurements + noise, *_parts(graph)[4:])).poses
+        poses = solve(
+            PoseGraph(graph.poses, graph.edge_from, graph.edge_to, graph.measurements + noise, *_parts(graph)[4:])
+        ).poses
         c, s = np.cos(poses[5, 2]), np.sin(poses[5, 2])
         d = poses[13] - poses[5]
         drawn.append([c * d[0] + s * d[1], -s * d[0] + c * d[1], (d[2] + np.pi) % (2 * np.pi) - np.pi])

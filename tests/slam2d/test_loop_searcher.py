@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from ambler.core.se2 import SE2
 from ambler.grids.probability_grid import InsertionConfig
@@ -13,13 +14,13 @@ from ambler.registration.correlative import Window
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively
 from ambler.slam2d.back_end import BackEnd
 from ambler.slam2d.config import GraphConfig, LoopConfig
-from ambler.slam2d.loop_closure import Candidate, LoopSearcher
+from ambler.slam2d.loop_candidates import Candidate, Node
+from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual
 from ambler.slam2d.slam import Slam2d
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
 from tests.registration.room import box_at, scan_at
 from tests.slam2d.drives import drive, oval, run, short_submaps
 
-MAP_FROM_SUBMAP = SE2(0.4, -0.3, 0.2)
 VIEWS = [
     SE2(x, y, 0.7 * k) for k, (x, y) in enumerate([(0.0, 0.0), (1.0, 0.5), (-1.0, 1.0), (2.0, 0.5), (-2.5, -1.0)] * 2)
 ]
@@ -43,72 +44,61 @@ def submap() -> Submap:
     return finished
 
 
-def candidate(scan: PlanarScan, believed: SE2, loop: LoopConfig, usual: float = 0.75) -> Candidate:
-    """What the back end asks for: a node with this scan, believed at a pose of the submap, where local matches usually reach `usual`."""
-    points = filter_voxels_adaptively(scan.points, loop.max_voxel, loop.min_points)
-    return Candidate(
-        7,
-        1,
-        submap(),
-        believed,
-        Window(1.0, math.radians(20.0)),
-        points,
-        filter_voxels_adaptively(scan.points, 0.3, 200),
-        MAP_FROM_SUBMAP,
-        min(loop.min_score, loop.min_score_ratio * usual),
-        loop.min_inlier_ratio_of_usual * 0.9,
-    )
+class Search:
+    """A search of the room by a node with a scan, where local matches usually reach a score and 0.9 of inliers."""
+
+    def __init__(self, loop: LoopConfig | None = None, usual: float = 0.75, reach: float = 1.0) -> None:
+        self.loop, self.usual, self.reach = loop or LoopConfig(), usual, reach
+        self.searcher = LoopSearcher(self.loop, GraphConfig(), 0.35)
+
+    def of(self, scan: PlanarScan, believed: SE2) -> Closure | None:
+        """Search a scan that is believed at a pose of the submap."""
+        points = filter_voxels_adaptively(scan.points, self.loop.max_voxel, self.loop.min_points)
+        node = Node(7, 0, SE2(), points, filter_voxels_adaptively(scan.points, 0.3, 200), 9, 0.0)
+        window = Window(self.reach, math.radians(20.0))
+        candidate = Candidate(3, 0, believed, window, np.diag([0.04, 0.04, 0.01]))
+        return self.searcher.search(candidate, node, submap(), 1, Usual(self.usual, 0.9))
 
 
-def searcher(loop: LoopConfig) -> LoopSearcher:
-    return LoopSearcher(loop, GraphConfig(), 0.35)
-
-
-def test_the_right_place_is_found_with_the_way_that_it_moves_the_node() -> None:
-    loop, truth = LoopConfig(), SE2(0.7, 0.4, 0.9)
-    off = SE2(0.5, -0.3, 0.15)
-    wanted = candidate(scan_at(truth), truth @ off, loop)
-    closure = searcher(loop).search(wanted)
+@pytest.mark.parametrize("reach", [1.0, 6.0])
+def test_the_right_place_is_found_with_its_surprise(reach: float) -> None:
+    """In a window that is searched cell by cell, and in a wide one that is searched on coarse cells first."""
+    truth, off = SE2(0.7, 0.4, 0.9), SE2(0.5, -0.3, 0.15)
+    believed = truth @ off
+    closure = Search(reach=reach).of(scan_at(truth), believed)
     assert closure is not None
     found = closure.edge.from_from_to
     assert found.distance_to(truth) < 0.03
     assert abs(found.yaw - truth.yaw) < 0.01
-    new, old = MAP_FROM_SUBMAP @ truth, MAP_FROM_SUBMAP @ truth @ off
-    assert math.dist(closure.shift[:2], (new.x - old.x, new.y - old.y)) < 0.03
-    assert abs(closure.shift[2] + 0.15) < 0.01
-    assert (closure.edge.edge_from, closure.edge.edge_to) == (1, 7)
+    assert (closure.edge.edge_from, closure.edge.edge_to, closure.node, closure.submap) == (1, 7, 3, 0)
+    expected = (found.distance_to(believed) ** 2 / 0.0425 + 0.15**2 / 0.0101) / 3.0
+    assert closure.surprise == pytest.approx(expected, rel=0.1)
+    assert closure.prior_sigma == pytest.approx(0.2)
 
 
 def test_scans_of_another_room_close_no_loop() -> None:
     """From wherever it is believed: neither with a usual score of a good map nor with that of a poor one."""
-    loop = LoopConfig()
-    search = searcher(loop)
     for k, believed in enumerate(VIEWS[:5]):
         scan = scan_at(SE2(0.3 * k, -0.2 * k, 0.4 * k), walls=ELSEWHERE)
         for usual in (0.8, 0.55):
-            assert search.search(candidate(scan, believed, loop, usual)) is None, (k, usual)
+            assert Search(usual=usual).of(scan, believed) is None, (k, usual)
 
 
-def test_what_a_loop_closure_must_reach_lies_near_what_local_matches_reach() -> None:
-    """The back end asks for three quarters of the usual score, at least: a scan half of which fits is no loop closure."""
+def test_the_usual_score_is_what_local_matches_reach() -> None:
+    """The back end asks for three quarters of it, at least."""
     slam = Slam2d(short_submaps(8))
-    run(slam, drive(oval(0.4)), with_odometry=True, with_background=False)
+    results = run(slam, drive(oval(0.4)), with_odometry=True, with_background=False)
     back_end: BackEnd = slam._back_end
-    usual = back_end._usual_score / (1.0 - 0.98 ** len(back_end.nodes))  # a mean that began at zero
-    back_end._usual_score, back_end._usual_inliers = usual, 0.9
-    finished = next(s for s in back_end.submaps if s.is_finished)
-    asked = back_end._candidate(len(back_end.nodes) - 1, finished.index)
-    assert 0.5 < usual < 1.0
-    assert 0.65 * usual < asked.min_score < 0.9 * usual
-    assert 0.6 < asked.min_inlier_ratio < 0.85
+    usual = back_end._usual.score / (1.0 - 0.98 ** len(back_end.nodes))  # a mean that began at zero
+    assert usual == pytest.approx(np.mean([r.score for r in results[1:]]), abs=0.1)
 
 
 def test_a_scan_half_of_which_fits_is_no_loop_closure() -> None:
     """Half of the beams end in free space, as when a different place shares one wall with this one."""
-    loop, truth = LoopConfig(), SE2(0.7, 0.4, 0.9)
+    truth = SE2(0.7, 0.4, 0.9)
     scan = scan_at(truth)
     points = scan.points.copy()
     is_aside = (np.arctan2(points[:, 1], points[:, 0]) % (2.0 * math.pi)) < math.pi
     points[is_aside] *= np.float32(0.45)
     half = replace(scan, points=points)
-    assert searcher(loop).search(candidate(half, truth, loop)) is None
+    assert Search().of(half, truth) is None

@@ -86,7 +86,7 @@ def test_corrections_reach_the_published_pose_gradually() -> None:
     back_end = slam._back_end
     shift = SE2(0.8, -0.3, 0.2)
     moved = np.array([(shift @ SE2.from_array(p)).as_array() for p in back_end.graph.poses])
-    slam.commit(JobResult((), (), OptimizedGraph(moved, ()), slam.nodes - 1))
+    slam.commit(JobResult((), (), (), {}, OptimizedGraph(moved, (), is_converged=True), slam.nodes - 1))
     target = shift @ before
     after = run(slam, course, with_odometry=True, first=half, with_background=False)
     away = [r.map_from_odom.distance_to(target) for r in after]

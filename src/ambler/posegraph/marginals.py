@@ -39,14 +39,18 @@ class Marginals:
 
     def relative(self, pose: int, others: I64) -> F64:
         """Return the covariance (K, 3, 3) of one pose's (x, y, yaw) in the frame of each of the others (K,)."""
-        cross = self._spread(self._equations.inverse_columns(self._position[pose])) if self._position[pose] >= 0 else None
+        cross = (
+            self._spread(self._equations.inverse_columns(self._position[pose])) if self._position[pose] >= 0 else None
+        )
         own = self._covariances[pose]
         yaw = self._poses[others, 2]
         d = self._poses[pose, :2] - self._poses[others, :2]
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.zeros((len(others), 3, 3))
         turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = c, s, -s, c, 1.0
-        lever = np.tile(np.eye(3), (len(others), 1, 1))  # how the difference moves when the other pose does, sign turned
+        lever = np.tile(
+            np.eye(3), (len(others), 1, 1)
+        )  # how the difference moves when the other pose does, sign turned
         lever[:, 0, 2], lever[:, 1, 2] = -d[:, 1], d[:, 0]
         there = lever @ self._covariances[others] @ lever.transpose(0, 2, 1)
         between = lever @ cross[others] if cross is not None else np.zeros_like(there)

@@ -34,8 +34,12 @@ class DriftGraph:
         chain = np.arange(1, n)
         loops = np.array(self.loops, np.int64).reshape(-1, 2)
         lengths = np.array(self.lengths)[1:]
-        linear = np.concatenate((self.scale * c.linear_per_metre * lengths + c.least[0], np.full(len(loops), c.closure[0])))
-        angular = np.concatenate((self.scale * c.angular_per_metre * lengths + c.least[1], np.full(len(loops), c.closure[1])))
+        linear = np.concatenate(
+            (self.scale * c.linear_per_metre * lengths + c.least[0], np.full(len(loops), c.closure[0]))
+        )
+        angular = np.concatenate(
+            (self.scale * c.angular_per_metre * lengths + c.least[1], np.full(len(loops), c.closure[1]))
+        )
         information = np.zeros((len(linear), 3, 3))
         information[:, 0, 0] = information[:, 1, 1] = linear**-2
         information[:, 2, 2] = angular**-2

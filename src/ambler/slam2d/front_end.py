@@ -42,7 +42,9 @@ class FrontEnd:
 
     def __init__(self, config: FrontEndConfig) -> None:
         self._config = config
-        self.active = ActiveSubmaps(config.insertion, config.scans_per_submap, config.distance_per_submap, config.motion_distance)
+        self.active = ActiveSubmaps(
+            config.insertion, config.scans_per_submap, config.distance_per_submap, config.motion_distance
+        )
         self._inserted: tuple[int, SE2] | None = None
         self._usual_score = 0.0
         self.odometry_error = 0.0
@@ -61,7 +63,7 @@ class FrontEnd:
         finished = None
         if len(scan.points) >= POINTS_LEAST and self._has_moved(scan.stamp_ns, pose):
             surfaces = points_between_returns(scan, config.insertion.resolution)
-            submaps, finished = self.active.insert(scan, surfaces, pose)
+            submaps, finished = self.active.insert(scan, pose, surfaces)
             self._inserted = (scan.stamp_ns, pose)
         return LocalResult(pose, match, scan, points, submaps, finished)
 

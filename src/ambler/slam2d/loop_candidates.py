@@ -126,7 +126,9 @@ class CandidateChooser:
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii
         is_near = (away < config.max_view_distance + reach) & (self._indices < node.submap - 1)
         rows = np.flatnonzero(is_near & is_due & (failures < config.tries_per_pair))
-        rows = np.array([r for r in rows if counts.edges_of((node.submap, int(self._indices[r]))) < config.edges_per_pair], np.int64)
+        rows = np.array(
+            [r for r in rows if counts.edges_of((node.submap, int(self._indices[r]))) < config.edges_per_pair], np.int64
+        )
         if not len(rows):
             return []
         view = self._view_distances(rows, pose)

@@ -49,7 +49,9 @@ class LoopSearcher:
         self._point_sigma = point_sigma
         self._stacks: OrderedDict[tuple[int, int], BranchBoundMatcher] = OrderedDict()
 
-    def search(self, candidate: Candidate, node: Node, submap: Submap, submap_vertex: int, usual: Usual) -> Closure | None:
+    def search(
+        self, candidate: Candidate, node: Node, submap: Submap, submap_vertex: int, usual: Usual
+    ) -> Closure | None:
         """Return the constraint that the scan gives, or None where it does not fit as well as usual."""
         config = self._config
         min_score = min(config.min_score, config.min_score_ratio * usual.score)
@@ -83,7 +85,9 @@ class LoopSearcher:
         key = submap.index, coarseness
         stack = self._stacks.get(key)
         if stack is None:
-            stack = self._stacks[key] = BranchBoundMatcher(submap.grid, _DEPTH if coarseness == 1 else _COARSE_DEPTH, coarseness)
+            stack = self._stacks[key] = BranchBoundMatcher(
+                submap.grid, _DEPTH if coarseness == 1 else _COARSE_DEPTH, coarseness
+            )
             if len(self._stacks) > self._config.cached_stacks:
                 self._stacks.popitem(last=False)
         self._stacks.move_to_end(key)

@@ -14,6 +14,7 @@ from ambler.registration.planar_scan import PlanarScan
 
 F32 = NDArray[np.float32]
 
+NOTHING = np.empty((0, 2), np.float32)
 METRES_PER_RADIAN = 1.0
 MOST_TIMES = 8
 """As how many scans one counts at most that comes after a long way, in which a denser log would have had as many."""
@@ -41,7 +42,11 @@ class ActiveSubmaps:
     """The one or two submaps that take scans: a new one starts when the newer is half full, the older one ends when full."""
 
     def __init__(
-        self, config: InsertionConfig, scans_per_submap: int, distance_per_submap: float, step: float = math.inf
+        self,
+        config: InsertionConfig,
+        scans_per_submap: int,
+        distance_per_submap: float = math.inf,
+        step: float = math.inf,
     ) -> None:
         self._inserter = Inserter(config)
         self._half = scans_per_submap
@@ -56,7 +61,9 @@ class ActiveSubmaps:
         """The submap to match against."""
         return self.submaps[0] if self.submaps else None
 
-    def insert(self, scan: PlanarScan, surfaces: F32, local_from_base: SE2) -> tuple[list[Submap], Submap | None]:
+    def insert(
+        self, scan: PlanarScan, local_from_base: SE2, surfaces: F32 = NOTHING
+    ) -> tuple[list[Submap], Submap | None]:
         """Insert a scan and the points between its returns; returns the submaps that took it and the one that this scan finished, if any."""
         step = self._last.distance_to(local_from_base)
         changed = step + METRES_PER_RADIAN * abs(wrap_angle(local_from_base.yaw - self._last.yaw))
