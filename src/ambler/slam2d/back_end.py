@@ -50,6 +50,15 @@ class JobResult:
     newest_node: int
 
 
+@dataclass(frozen=True, slots=True)
+class LoopConstraint:
+    """What a loop closure says: `from_from_to` between the bases at two stamps."""
+
+    from_ns: int
+    to_ns: int
+    from_from_to: SE2
+
+
 class BackEnd:
     """Owns the graph. `add` takes inserted scans, `take_work` gives jobs, `commit` applies them."""
 
@@ -200,6 +209,20 @@ class BackEnd:
             min(self._loop.min_score, self._loop.min_score_ratio * self._usual_score),
             self._loop.min_inlier_ratio_of_usual * self._usual_inliers,
         )
+
+    def loop_constraints(self) -> tuple[LoopConstraint, ...]:
+        """Return the loop closures that the graph holds now, as relations between scans: from the node of the submap that is nearest to the
+        node that was found in it."""
+        node_of = {n.vertex: n for n in self.nodes}
+        submap_of = dict(zip(self.submap_vertices, self.submaps, strict=True))
+        out = []
+        for edge_from, edge_to, submap_from_node in self.graph.loops():
+            node, submap = node_of[edge_to], submap_of[edge_from]
+            within = [self.nodes[k] for k in submap.nodes]
+            poses = [submap.to_submap(n.local_from_base) for n in within]
+            k = min(range(len(within)), key=lambda i: poses[i].distance_to(submap_from_node))
+            out.append(LoopConstraint(within[k].stamp_ns, node.stamp_ns, poses[k].inverse() @ submap_from_node))
+        return tuple(out)
 
     def take_work(self, *, is_final: bool = False) -> Callable[[], JobResult] | None:
         """Return a job when there is enough to do and none is under way; the job must be run and its result committed."""
