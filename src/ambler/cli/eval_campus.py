@@ -16,7 +16,9 @@ def add_parser(subparsers: Any) -> None:
         "campus", help="2-D SLAM on dense logs of drawn campuses: errors, false closures, bend"
     )
     parser.add_argument("--scanner", help="scanner_360 (20 m) or safety_270 (40 m) (default: drawn for each)")
-    parser.add_argument("--keep-logs", action="store_true", help="keep `recording` and `truth.tum` in each case's folder")
+    parser.add_argument(
+        "--keep-logs", action="store_true", help="keep `recording` and `truth.tum` in each case's folder"
+    )
     add_study_options(parser, 3, "drawn campuses")
     parser.set_defaults(run=run)
 

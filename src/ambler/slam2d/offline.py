@@ -61,7 +61,9 @@ def run_offline(
     spec, occupancy = slam.render_map()
     poses = poses.reshape(-1, 3)
     agreement = points_on_walls(samples, poses, spec, occupancy)
-    return OfflineResult(poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement, slam.loop_constraints())
+    return OfflineResult(
+        poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement, slam.loop_constraints()
+    )
 
 
 def points_on_walls(

@@ -90,7 +90,7 @@ def record_campus(seed: int, folder: Path, scanner: str | None = None) -> Campus
             recorder.on_message(ODOMETRY, message, time_ns)
     recorder.close()
     stamps_ns = np.array(stamps, np.int64)
-    write_tum(folder / "truth.tum", stamps_ns * 1e-9, log.true_poses(stamps_ns))
+    write_tum(folder / "truth.tum", np.asarray(stamps_ns * 1e-9, np.float64), log.true_poses(stamps_ns))
     return log
 
 
@@ -127,7 +127,7 @@ def _scans(
         zero = np.zeros(len(poses))
         positions = np.stack([x, y, np.full(len(poses), mount.translation[2])], axis=1)
         quaternions = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
-        times = np.arange(len(poses)) * TICK
+        times = np.arange(len(poses), dtype=np.float64) * TICK
         sensor.sweep(times, positions, quaternions, crowd.movers(first * TICK, poses[0, :2]))
         stamp_ns = BEGIN_NS + first * TICK_NS
         yield sensor.to_scan(stamp_ns), stamp_ns + round((spec.sweep_time + spec.latency) * 1e9)
@@ -140,7 +140,9 @@ def _odometry(motion: Motion, robot: SimRobot, seed: int) -> Iterator[Odometry]:
     forward = np.cos(heading) * steps[:, 0] + np.sin(heading) * steps[:, 1]
     drive, reckoning = drive_of(robot), DeadReckoning(robot, robot.odometry, seed)
     ahead, around = (np.array(drive.rates(v)) for v in (BodyVelocity(1.0), BodyVelocity(0.0, 0.0, 1.0)))
-    turned = np.concatenate([np.zeros((1, drive.parts)), np.cumsum(np.outer(forward, ahead) + np.outer(steps[:, 2], around), axis=0)])
+    turned = np.concatenate(
+        [np.zeros((1, drive.parts)), np.cumsum(np.outer(forward, ahead) + np.outer(steps[:, 2], around), axis=0)]
+    )
     every = round(1.0 / robot.odometry.rate_hz / TICK)
     level = SE3()
     for k in range(every, len(turned), every):
@@ -153,7 +155,8 @@ class _Passers:
     def __init__(self, place: DrawnPlace, seed: int) -> None:
         self._walkers = [Walker(person, seed) for person in place.world.people]
         self.solids = [
-            Solid(p.name, Shape.CYLINDER, SE2(), 2 * p.radius, 2 * p.radius, 0.0, p.height, 0.5) for p in place.world.people
+            Solid(p.name, Shape.CYLINDER, SE2(), 2 * p.radius, 2 * p.radius, 0.0, p.height, 0.5)
+            for p in place.world.people
         ]
         self._rows = np.array([primitive(s) for s in self.solids]).reshape(-1, 15)
         self._kinds = np.array([s.shape for s in self.solids], np.uint8)

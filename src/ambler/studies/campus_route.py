@@ -102,7 +102,10 @@ def _crossing(a: Point, b: Point, c: Point, d: Point) -> Point | None:
     """Return where a level and an upright line meet."""
     if abs(a[1] - b[1]) < 1e-6 and abs(c[0] - d[0]) < 1e-6:
         x, y = c[0], a[1]
-        is_on = min(a[0], b[0]) - 1e-6 <= x <= max(a[0], b[0]) + 1e-6 and min(c[1], d[1]) - 1e-6 <= y <= max(c[1], d[1]) + 1e-6
+        is_on = (
+            min(a[0], b[0]) - 1e-6 <= x <= max(a[0], b[0]) + 1e-6
+            and min(c[1], d[1]) - 1e-6 <= y <= max(c[1], d[1]) + 1e-6
+        )
         return (x, y) if is_on else None
     if abs(a[0] - b[0]) < 1e-6 and abs(c[1] - d[1]) < 1e-6:
         return _crossing(c, d, a, b)

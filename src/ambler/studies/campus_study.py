@@ -126,7 +126,16 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         if values:
             fields |= {f"{what}_median": statistics.median(values), f"{what}_worst": worst(values)}
     for r in results:
-        for what in ("drawn_scanner", "path_length_m", "longest_loop_m", "ate_rms_m", "bend_m", "start_max_m", "closures", "false_closures"):
+        for what in (
+            "drawn_scanner",
+            "path_length_m",
+            "longest_loop_m",
+            "ate_rms_m",
+            "bend_m",
+            "start_max_m",
+            "closures",
+            "false_closures",
+        ):
             fields[f"{r['label']}.{what}"] = r.get(what)
     ate = fields.get("ate_rms_m_median")
     fields["is_met"] = good == len(results) and ate is not None and ate <= ATE_MEDIAN
@@ -138,5 +147,3 @@ def _line(result: dict[str, Any]) -> str:
         f"{result['path_length_m']:.0f} m, {result['drawn_scanner']}: ATE {result['ate_rms_m']:.3f} m, bent by {result['bend_m']:.3f} m,"
         f" {result['false_closures']} of {result['closures']} closures false, {result['scans_per_second_hz']:.0f} scans/s"
     )
-
-

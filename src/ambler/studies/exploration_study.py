@@ -26,7 +26,7 @@ MEDIANS = (*WORST, "path_length_m", "real_time_factor", "peak_memory_mb")
 
 @dataclass(frozen=True, slots=True)
 class ExplorationCase:
-    """One exploration; `options` are further words of `ambler demo`."""
+    """One exploration; `options` are further words of `ambler demo`, `places` is the set that the world belongs to, in campaigns."""
 
     world: str
     robot: str
@@ -34,6 +34,7 @@ class ExplorationCase:
     seed: int
     options: tuple[str, ...] = ()
     settings: StudySettings = DEFAULTS
+    places: str = ""
 
     @property
     def label(self) -> str:
