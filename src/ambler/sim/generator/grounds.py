@@ -46,7 +46,7 @@ def campus(plan: Plan) -> None:
         _roadside(plan, street)
     for way in list(plan.ways[: 3 * columns]):
         if rng.random() < 0.5:
-            plan.person([(x + 1.8, y + 1.8) for x, y in way], float(rng.uniform(0.9, 1.5)))
+            plan.person([(x + 0.9, y + 0.9) for x, y in way], float(rng.uniform(0.9, 1.5)))
 
 
 def _streets(rng: np.random.Generator, blocks: int) -> list[tuple[float, float]]:

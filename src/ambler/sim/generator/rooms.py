@@ -37,7 +37,7 @@ def office(plan: Plan) -> None:
 
 def spine(rng: Rng) -> list[Zone]:
     """Rooms on both sides of a corridor, often with a lobby between them."""
-    width, corridor = float(rng.uniform(18.0, 42.0)), float(rng.uniform(1.6, 2.6))
+    width, corridor = float(rng.uniform(18.0, 42.0)), float(rng.uniform(1.75, 2.6))
     south, north = (float(d) for d in rng.uniform(4.2, 6.8, 2))
     outline = Rect(0.0, 0.0, width, south + corridor + north)
     below, middle, above = outline.cut_y([south, corridor, north])
@@ -49,7 +49,7 @@ def spine(rng: Rng) -> list[Zone]:
 
 def ring(rng: Rng) -> list[Zone]:
     """A corridor around a core of toilets, stores and meeting rooms."""
-    width, corridor = float(rng.uniform(22.0, 40.0)), float(rng.uniform(1.6, 2.4))
+    width, corridor = float(rng.uniform(22.0, 40.0)), float(rng.uniform(1.75, 2.5))
     south, core, north = float(rng.uniform(4.2, 6.0)), float(rng.uniform(4.0, 7.0)), float(rng.uniform(4.2, 6.0))
     rows = Rect(0.0, 0.0, width, south + north + core + 2 * corridor).cut_y([south, corridor, core, corridor, north])
     zones = [Zone(rows[1], space=0), Zone(rows[3], space=0)]
@@ -88,7 +88,7 @@ def open_plan(rng: Rng) -> list[Zone]:
 
 def wings(rng: Rng) -> list[Zone]:
     """Two wings at a right angle, whose corridors meet."""
-    width, corridor = float(rng.uniform(22.0, 34.0)), float(rng.uniform(1.6, 2.4))
+    width, corridor = float(rng.uniform(22.0, 34.0)), float(rng.uniform(1.75, 2.5))
     south, north = (float(d) for d in rng.uniform(4.2, 6.0, 2))
     below, middle, above = Rect(0.0, 0.0, width, south + corridor + north).cut_y([south, corridor, north])
     left, right = (float(d) for d in rng.uniform(4.0, 5.5, 2))
@@ -142,7 +142,7 @@ def flat(plan: Plan) -> None:
         extra_doors=float(rng.uniform(0.05, 0.35)),
         windows=float(rng.uniform(0.4, 0.9)),
     )
-    hall = float(rng.uniform(1.5, 2.2))
+    hall = float(rng.uniform(1.75, 2.3))
     south, north = (float(d) for d in rng.uniform(3.3, 4.8, 2))
     length = float(rng.uniform(5.5, 14.0))
     living = float(rng.uniform(4.2, 6.5))

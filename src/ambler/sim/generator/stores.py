@@ -182,7 +182,7 @@ def corridor(plan: Plan) -> None:
     rng = plan.rng
     plan.wall_height = float(rng.uniform(2.5, 3.0))
     plan.ceiling = plan.wall_height + 0.02
-    across = float(rng.uniform(1.8, 3.0))
+    across = float(rng.uniform(1.9, 3.0))
     zones: list[Zone] = []
     x, y, heading = 0.0, 0.0, 0
     legs = [float(v) for v in rng.uniform(0.6, 1.4, int(rng.integers(1, 4)))]
