@@ -122,7 +122,7 @@ def _shortest(
     count = 0
     while queue:
         cost, _, here, last = heapq.heappop(queue)
-        if here == goal and here != begin:
+        if here == goal and (here, last) != (begin, before):
             break
         for there, length in sorted(graph[here].items()):
             if there == last or (there, here) in came:
