@@ -31,9 +31,17 @@ PLACES = [(kind, seed) for kind in SMALL for seed in SEEDS] + list(LARGE)
 SCAN_PLANES = (0.18, 0.28)  # of amr_omni and diff
 
 
+class _Drawn(dict[tuple[str, int], DrawnPlace]):
+    """Draws a place when it is asked for."""
+
+    def __missing__(self, key: tuple[str, int]) -> DrawnPlace:
+        self[key] = draw_place(*key)
+        return self[key]
+
+
 @pytest.fixture(scope="module")
 def drawn() -> dict[tuple[str, int], DrawnPlace]:
-    return {key: draw_place(*key) for key in PLACES}
+    return _Drawn()
 
 
 @pytest.mark.parametrize("key", PLACES, ids=str)
