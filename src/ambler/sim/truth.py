@@ -63,7 +63,7 @@ def reachable_floor(
     spec, solid = cut(replace(world, solids=in_the_way), 0.5, resolution)
     clear = np.asarray(distance_to_solid(solid, resolution) > radius)
     iy, ix = spec.cell_of(world.start.x, world.start.y)
-    if not clear[iy, ix]:
+    if not spec.contains_cell(iy, ix) or not clear[iy, ix]:
         return spec, clear, np.zeros_like(clear)
     _, regions = cv2.connectedComponents(clear.astype(np.uint8), connectivity=4)
     return spec, clear, np.asarray(regions == regions[iy, ix])

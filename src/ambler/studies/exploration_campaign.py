@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ambler.apps.judgement import LEAST_COVERAGE
 from ambler.core.errors import BadInputError
 from ambler.evaluation.proportions import wilson_interval
 from ambler.sim.generator.draw import KINDS
@@ -100,7 +99,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for places in sets:
         members = [r for r in results if r["places"] == places]
         robots = list(dict.fromkeys(str(r["robot"]) for r in members))
-        for robot in (*robots, *(("all",) if len(robots) > 1 else ())):
+        for robot in (*robots, "all"):
             group = [r for r in members if robot in (r["robot"], "all")]
             fields |= {f"{places}.{Path(robot).stem}.{what}": value for what, value in group_fields(group).items()}
         for r in members:
@@ -156,7 +155,7 @@ def run_fields(result: dict[str, Any]) -> dict[str, Any]:
 
 def is_done(result: dict[str, Any]) -> bool:
     """Say whether a run was finished without a collision and with the floor in its map."""
-    return is_good(result) and (result.get("reachable_coverage_ratio") or 0.0) >= LEAST_COVERAGE
+    return is_good(result) and result.get("reachable_coverage_ratio") is not None
 
 
 def bars(fresh: dict[str, Any]) -> dict[str, bool]:
