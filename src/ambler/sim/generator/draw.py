@@ -74,6 +74,7 @@ def _drawn(kind: str, seed: int, attempt: int) -> DrawnPlace | None:
     """Draw once; None where rooms remain that cannot be reached though they are empty."""
     plan = Plan(np.random.Generator(np.random.SFC64([zlib.crc32(kind.encode()), seed, attempt])))
     KINDS[kind](plan)
+    plan.start["yaw_deg"] = round(float(plan.rng.uniform(-180.0, 180.0)), 1)  # walls lie aslant of most robots' maps
     for k in range(ROUNDS + 1):
         content = plan.content()
         world = world_from_content(Path(f"{kind}-{seed}"), content)
