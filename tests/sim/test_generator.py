@@ -142,6 +142,7 @@ def test_places_of_a_kind_are_various(kind: str, drawn: dict[tuple[str, int], Dr
     worlds = [drawn[kind, seed].world for seed in SEEDS]
     sizes = {(round(b[2] - b[0]), round(b[3] - b[1])) for b in (w.bounds() for w in worlds)}
     assert len(sizes) >= len(SEEDS) - 1
+    assert len({round(w.start.yaw, 1) for w in worlds}) >= len(SEEDS) - 1, "robots look anywhere"
     areas = [drawn[kind, seed].floor.area for seed in SEEDS]
     assert max(areas) > 1.2 * min(areas)
     assert len({len(w.solids) for w in worlds}) >= len(SEEDS) - 1

@@ -33,7 +33,7 @@ def campus(plan: Plan) -> None:
     plan.enclose(outline, float(rng.choice([0.15, 0.2, 0.3])))
     plan.floors.append(outline)
     corner = grid[int(rng.integers(2)) * columns][int(rng.integers(2)) * rows]
-    plan.set_start(corner, 0.0 if corner[0] < outline.center[0] else 180.0)
+    plan.set_start(corner)
     blocks = [Rect(xs[i][1], ys[j][1], xs[i + 1][0], ys[j + 1][0]) for i in range(columns) for j in range(rows)]
     uses = _uses(rng, len(blocks))
     for k, block in enumerate(blocks):

@@ -85,9 +85,9 @@ class Plan:
         """Let somebody walk along the points and back."""
         self.people.append({"way": [_rounded(p) for p in way], "speed": round(speed, 2)})
 
-    def set_start(self, at: Point, yaw_deg: float) -> None:
+    def set_start(self, at: Point) -> None:
         """Say where the robot starts, and keep that place clear for the largest of them."""
-        self.start = {"x": round(at[0], 3), "y": round(at[1], 3), "yaw_deg": round(yaw_deg, 1)}
+        self.start = {"x": round(at[0], 3), "y": round(at[1], 3), "yaw_deg": 0.0}
         self.keep_clear(Rect(at[0] - 1.0, at[1] - 1.0, at[0] + 1.0, at[1] + 1.0))
 
     def content(self) -> Entry:

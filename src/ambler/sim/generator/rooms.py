@@ -283,16 +283,15 @@ def finish(
 
 
 def place_start(plan: Plan, corridor: Rect) -> None:
-    """Start near an end of a corridor, looking along it."""
+    """Start near an end of a corridor."""
     rng = plan.rng
     is_level = corridor.width >= corridor.depth
     length = corridor.width if is_level else corridor.depth
     along = float(rng.uniform(0.0, 0.3)) * length + 1.5
-    is_far = rng.random() < 0.5
-    along = length - along if is_far else along
+    along = length - along if rng.random() < 0.5 else along
     x, y = corridor.center
     at = (corridor.x0 + along, y) if is_level else (x, corridor.y0 + along)
-    plan.set_start(at, (180.0 if is_far else 0.0) if is_level else (-90.0 if is_far else 90.0))
+    plan.set_start(at)
 
 
 def walk_along(plan: Plan, corridor: Rect) -> None:

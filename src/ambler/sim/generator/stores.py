@@ -40,7 +40,7 @@ def warehouse(plan: Plan) -> None:
         zones = [Zone(r, u) for r, u in zip(low.cut_y([1.2, 1.0]), (f.cell_office, f.storage), strict=True)]
         zones += [Zone(high, space=0), Zone(Rect(w, 0.0, width, depth), space=0)]
         floor = Rect(w, 0.0, width, depth)
-    plan.set_start((staging - 1.5 if not has_office else floor.x0 + 1.6, depth - 2.0), -90.0)
+    plan.set_start((staging - 1.5 if not has_office else floor.x0 + 1.6, depth - 2.0))
     Building(plan, zones, Style(0.15, outer, (1.1, 1.5), 0.5, windows=0.0)).build()
     inner = outline.inset(0.5 * outer)
     field = Rect(staging + 1.5, inner.y0, inner.x1 - float(rng.uniform(2.2, 3.5)), inner.y1)
@@ -120,7 +120,7 @@ def hall(plan: Plan) -> None:
     width = float(rng.uniform(92.0, 116.0))
     depth = float(rng.uniform(9600.0, 10400.0)) / width
     outline = Rect(0.0, 0.0, width, depth)
-    plan.set_start((float(rng.uniform(2.5, 6.0)), float(rng.uniform(0.3, 0.7)) * depth), 0.0)
+    plan.set_start((float(rng.uniform(2.5, 6.0)), float(rng.uniform(0.3, 0.7)) * depth))
     lane = float(rng.uniform(3.5, 5.0))
     Building(plan, [Zone(outline, space=0)], Style(0.2, 0.3, (1.5, 2.0), windows=0.0)).build()
     inner = outline.inset(1.5 + lane)
@@ -262,7 +262,7 @@ def yard(plan: Plan) -> None:
     ground = Rect(0.0, 0.0, width, depth)
     building = Rect(0.0, depth, width * float(rng.uniform(0.5, 1.0)), depth + house)
     gate_x = building.x0 + float(rng.uniform(0.3, 0.7)) * building.width
-    plan.set_start((gate_x, depth - 2.5), -90.0)
+    plan.set_start((gate_x, depth - 2.5))
     rooms = building.cut_x(drawn_widths(rng, building.width, 6.0, 14.0))
     zones = [Zone(r, (f.workshop, f.storage, f.cell_office)[int(rng.integers(3))]) for r in rooms]
     style = Style(0.2, 0.3, (1.2, 1.8), 0.4, windows=0.3)
