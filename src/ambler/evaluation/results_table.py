@@ -171,18 +171,6 @@ ROWS: Sequence[Row] = (
         for robot in ("diff", "spot")
     ),
     Row(
-        "explorations of drawn plans of at most 1500 m² that nobody had seen",
-        "≥ 98 % of the reachable floor with proof in 59 of 60, 0 collisions; in the frame of the start ≤ 0.05 m (median), ≤ 0.10 m (95 %); recoveries ≤ 5 %",
-        "exploration_fresh.json",
-        "{fresh_all_done} of {fresh_all_runs} ({fresh_all_done_ratio_low_95:.0%} to {fresh_all_done_ratio_high_95:.0%}), {fresh_all_collisions} "
-        "collisions; {fresh_all_start_rms_m_median:.3f} m, {fresh_all_start_rms_m_95:.3f} m, worst {fresh_all_start_max_m_worst:.2f} m; "
-        "recoveries {fresh_all_recovery_time_ratio:.1%}",
-        _all(
-            lambda f: f["fresh_all_done"] * 60 >= 59 * f["fresh_all_runs"] and f["fresh_all_runs"] >= 60,
-            _at_most("fresh_all_", collisions=0, start_rms_m_median=0.05, start_rms_m_95=0.1, recovery_time_ratio=0.05),
-        ),
-    ),
-    Row(
         "drawn campuses, dense scans, loops of 0.3 to 1 km",
         "no false closure, bent by ≤ 0.3 m in 20 of 20, error ≤ 0.1 m (median)",
         "campus.json",
