@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ambler.apps.docks import dock_of_world
-from ambler.apps.judgement import Verdict, is_good, judge
+from ambler.apps.judgement import Verdict, is_good, judge, missing_floor
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.simulated import SimulatedRun
 from ambler.bridges.recorder import Recorder
@@ -171,3 +171,15 @@ def test_a_study_of_dockings_takes_over_what_the_judge_found(tmp_path: Path) -> 
         else:
             told = (outcome.error_x, outcome.error_y, outcome.error_yaw_deg, outcome.docking_seconds)
             assert told == (None, None, None, None), "a robot that did not dock has no error of docking"
+
+
+@pytest.mark.parametrize(("share", "is_enough"), [(0.981, True), (0.979, False), (None, True)])
+def test_a_finished_exploration_falls_short_that_lacks_reachable_floor(
+    share: float | None, is_enough: bool, tmp_path: Path
+) -> None:
+    verdict = judged(tmp_path)[0]
+    told = replace(verdict, fields={**verdict.fields, "ended": "finished", "reachable_coverage_ratio": share})
+    assert is_good(told) == is_enough
+    assert (missing_floor(told) is None) == is_enough
+    if not is_enough:
+        assert missing_floor(told) == "the map holds 97.9 % of the floor that the robot can reach; 98 % are asked"

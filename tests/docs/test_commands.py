@@ -30,11 +30,13 @@ QUICK = (
     "config explain rollout.horizon",
     "config explain gate.reaction_time",
     "config check slow.yaml",
+    "world generate office --seed 17 --out office.yaml --picture office.png",
 )
 NOT_RUN = {
     "demo": WHOLE_RUN,
     "demo --robot spot --world lab_obstacle --seed 3": WHOLE_RUN,
     "demo --world my_floor_plan.yaml": OWN_FILES,
+    "demo --world office-17": WHOLE_RUN,
     "demo --profile slow.yaml --set planner.factor=1.2": WHOLE_RUN,
     "demo --world building --robot amr_omni --then dock:charger_1 --then undock:charger_1 --then 3,0,90": WHOLE_RUN,
     "demo --world lab_empty --apart": WHOLE_RUN,
@@ -73,6 +75,7 @@ SAYS = {
     "slam2d examples/": r"(99|100)\.\d % of the returns on walls",
     "slam2d log.clf.bz2 --out my_map --relations": r"relations: 1 used, translation 0\.\d+",
     "localize": r"times_lost +0\b",
+    "world generate": r"office-17: 31 x 20 m, \d+ m² that a robot reaches",
     "replay": r"/slam_pose +\d+ of 160 equal",
     "demo --world lab_empty --start": r"ended +│ finished",
     "config explain gate.reaction_time": r"gate\.reaction_time",

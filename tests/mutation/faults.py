@@ -6,8 +6,9 @@ from tests.mutation.faults_of_localization import LOCALIZATION
 from tests.mutation.faults_of_mapping import MAPPING
 from tests.mutation.faults_of_metrics import METRICS
 from tests.mutation.faults_of_motion import MOTION
+from tests.mutation.faults_of_places import PLACES
 from tests.mutation.faults_of_safety import SAFETY
 from tests.mutation.faults_of_sensors import SENSORS
 from tests.mutation.planted import PlantedFault
 
-FAULTS: tuple[PlantedFault, ...] = METRICS + SENSORS + LOCALIZATION + MAPPING + SAFETY + MOTION
+FAULTS: tuple[PlantedFault, ...] = METRICS + SENSORS + LOCALIZATION + MAPPING + SAFETY + MOTION + PLACES

@@ -9,7 +9,7 @@ from ambler.core.se2 import SE2
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.scene import build_scene
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.sim.truth import truth_grid
+from ambler.sim.truth import reachable_floor, truth_grid
 from ambler.sim.world_file import load_world, world_names
 
 
@@ -74,3 +74,23 @@ def test_rays_end_on_true_surfaces(name: str, robot: str) -> None:
 def test_free_space_is_enclosed_by_surfaces(name: str) -> None:
     _, grid = truth_grid(load_world(name), 0.28, 0.05)
     assert not (ndimage.binary_dilation(grid == 0) & (grid == -1)).any()
+
+
+def test_the_reachable_floor_is_that_of_a_body_from_its_underside_to_its_top() -> None:
+    """Two rooms of 2 m, joined by a gap of 0.6 m: over it a beam at 0.5 m, across it a kerb of 4 cm."""
+    walls = (box(0, 1.15, 0.1, 1.7), box(0, -1.15, 0.1, 1.7))
+    beam = Solid("beam", Shape.BOX, SE2(0, 0, 0), 0.1, 0.6, 0.5, 2.0)
+    world = closed_room(*walls, beam, box(0, 0, 0.1, 0.6, z_max=0.04))
+    world = WorldSpec("rooms", world.solids, SE2(-1.0, 0.0, 0.0))
+
+    def area(radius: float, heights: tuple[float, float]) -> float:
+        spec, clear, reached = reachable_floor(world, radius, 0.05, heights)
+        assert not (reached & ~clear).any()
+        assert reached[spec.cell_of(-1.0, 0.0)]
+        return float(reached.sum()) * 0.05**2
+
+    half = 1.45 * 3.5
+    assert area(0.25, (0.05, 0.33)) == pytest.approx(2 * half, rel=0.1)
+    assert area(0.25, (0.05, 0.65)) == pytest.approx(half, rel=0.1), "the beam is in the way of a taller one"
+    assert area(0.25, (0.03, 0.33)) == pytest.approx(half, rel=0.1), "the kerb is in the way of a lower one"
+    assert area(0.32, (0.05, 0.33)) < 1.1 * half, "the gap is too narrow"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,18 @@ from ambler.core.messages import BatteryState
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.collisions import Collision, find_collisions
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
-from ambler.evaluation.map_quality import MapQuality, compare_maps, reachable_coverage
+from ambler.evaluation.map_quality import MapQuality, compare_maps, floor_coverage, reachable_coverage
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
 from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.steps import DockStep, NavigateStep, StepEnd, TeachStep, UndockStep, name_of
 from ambler.runtime.topics import BATTERY
 from ambler.sim.dock_body import CONTACTS
+from ambler.sim.truth import reachable_floor
 from ambler.wire.map_files import load_map, save_map
 from ambler.wire.mcap_reader import read_recording
+
+LEAST_COVERAGE = 0.98  # of the reachable floor, for an exploration to count as done
+CLEARANCE = 0.15  # metres beside the robot on a way that it must take: what its planner keeps (2 x 5 cm), and a cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +69,7 @@ def judge(
     }
     if robot.options.makes_map:
         fields |= _exploration(robot, record, quality, trajectory)
+        fields["recovery_time_ratio"] = record.recovery_seconds / run.run_seconds if run.run_seconds > 0.0 else 0.0
     else:
         fields |= {"localizer": robot.config.localizer, "source": robot.config.localization.source}
         fields |= {
@@ -86,8 +91,17 @@ def judge(
 
 
 def is_good(verdict: Verdict) -> bool:
-    """Say whether a robot did all that it was asked, without a collision."""
-    return verdict.fields["ended"] in ("finished", "succeeded") and verdict.fields["collisions"] == 0
+    """Say whether a robot did all that it was asked, without a collision, and has mapped the floor that it can reach."""
+    is_done = verdict.fields["ended"] in ("finished", "succeeded") and verdict.fields["collisions"] == 0
+    return is_done and missing_floor(verdict) is None
+
+
+def missing_floor(verdict: Verdict) -> str | None:
+    """Say in words what a map lacks of the floor that its robot can reach; None when it lacks no more than 2 %, or the truth is unknown."""
+    share = verdict.fields.get("reachable_coverage_ratio")
+    if share is None or share >= LEAST_COVERAGE:
+        return None
+    return f"the map holds {100 * share:.1f} % of the floor that the robot can reach; {100 * LEAST_COVERAGE:.0f} % are asked"
 
 
 def _exploration(
@@ -104,6 +118,7 @@ def _exploration(
         "ate_rms_m": None if trajectory is None else trajectory.ate_rms_m,
         "ate_max_m": None if trajectory is None else trajectory.ate_max_m,
         "ate_unaligned_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
+        "ate_unaligned_max_m": None if trajectory is None else float(trajectory.offsets.max()),
         "frontiers_left": None if result is None else len(result.remaining),
         "targets_reached": None if result is None else result.goals_reached,
         "is_home": None if result is None else result.is_home,
@@ -172,8 +187,13 @@ def _ends(robot: SimulatedRobot) -> tuple[StepEnd, ...]:
 def _reachable(robot: SimulatedRobot, record: ExplorationRecord, quality: MapQuality) -> float | None:
     if len(record.true_poses) == 0:
         return None
-    start, radius = SE2.from_array(record.true_poses[0]), robot.model.inscribed_radius
+    start, radius = SE2.from_array(record.true_poses[0]), robot.model.inscribed_radius + CLEARANCE
     built = load_map(robot.folder.map_stem.with_suffix(".yaml"))
+    device, world = robot.scene.robot, replace(robot.scene.world.seen_from(robot.world_from_map), start=start)
+    if world.is_flat:
+        heights = (device.body_bottom, device.visible_height)
+        spec, _, reached = reachable_floor(world, radius, record.true_map[0].resolution, heights)
+        return floor_coverage(built, (spec, reached), quality.truth_from_built)
     return reachable_coverage(built, record.true_map, quality.truth_from_built, start, radius)
 
 

@@ -22,6 +22,7 @@ VERBS = (
     "animate",
     "config",
     "robot",
+    "world",
     "tune",
     "calibrate",
     "eval",

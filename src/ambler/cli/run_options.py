@@ -23,7 +23,9 @@ def add_run_options(parser: argparse.ArgumentParser, *, world: str, robot: str, 
     """Add everything that a run of a simulated robot can be told."""
     place = parser.add_argument_group("robot and place")
     place.add_argument(
-        "--world", default=world, help=f"a built-in world, a world or map YAML, or a PNG (default: {world})"
+        "--world",
+        default=world,
+        help=f"a built-in world, a drawn one (office-17), a world or map YAML, or a PNG (default: {world})",
     )
     place.add_argument(
         "--robot",

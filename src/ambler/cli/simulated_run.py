@@ -57,7 +57,7 @@ def run_program(args: argparse.Namespace, options: RunOptions) -> int:
 def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
     """Judge, report, print and write; a signal meanwhile does not leave a report half done."""
     from ambler.apps.console import Stages
-    from ambler.apps.judgement import is_good, judge
+    from ambler.apps.judgement import is_good, judge, missing_floor
     from ambler.apps.run_report import print_result, write_run_report
     from ambler.apps.signals import on_interrupt
     from ambler.evaluation.results import write_results
@@ -72,6 +72,9 @@ def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
             print(f"the robot found itself at {x:.2f}, {y:.2f} m, {math.degrees(yaw):.0f} degrees", flush=True)
         if run.text:
             print(f"{run.ended}: {run.text}", flush=True)
+        lack = missing_floor(verdict)
+        if lack is not None:
+            print(f"fell short: {lack}", flush=True)
         if run.folder.map_stem.with_suffix(".yaml").exists():
             print(f"map: {run.folder.map_stem.with_suffix('.yaml')}", flush=True)
         print(f"report: {report}", flush=True)

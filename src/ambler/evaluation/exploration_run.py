@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import OCC_FREE, GridSpec
-from ambler.core.messages import Contact, OccupancyGrid, Odometry, PoseStamped
+from ambler.core.messages import Contact, OccupancyGrid, Odometry, PoseStamped, Status
 from ambler.evaluation.truth_frame import TruthFrame, start_frame
 from ambler.runtime import topics
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
-_TOPICS = (topics.TRUE_POSE, topics.SLAM_POSE, topics.LOCALIZED_POSE, topics.MAP, topics.TRUE_MAP, topics.CONTACT)
+_TOPICS = (
+    *(topics.TRUE_POSE, topics.SLAM_POSE, topics.LOCALIZED_POSE),
+    *(topics.MAP, topics.TRUE_MAP, topics.CONTACT, topics.STATUS),
+)
+RECOVERING, NAVIGATOR = "RECOVERING", "navigator"  # what a navigation says of itself while it recovers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorationRecord:
     """What a recording says. Poses float64 (N, 3) in one map frame, with stamps int64 (N,); `speeds` float64 (N,) m/s of the
-    truth; `coverage` float64 (K, 2) of seconds and the share of the truly free cells known as free; maps as (spec, int8)."""
+    truth; `coverage` float64 (K, 2) of seconds and the share of the truly free cells known as free; maps as (spec, int8); `recovery_seconds` is how long navigations were
+    recovering."""
 
     true_stamps_ns: NDArray[np.int64]
     true_poses: NDArray[np.float64]
@@ -32,6 +38,7 @@ class ExplorationRecord:
     coverage: NDArray[np.float64]
     contacts: tuple[Contact, ...]
     true_map: tuple[GridSpec, NDArray[np.int8]]
+    recovery_seconds: float = 0.0
 
     @property
     def path_length(self) -> float:
@@ -53,6 +60,7 @@ def read_exploration(
     estimate: list[tuple[int, float, float, float]] = []
     coverage: list[tuple[float, float]] = []
     contacts: list[Contact] = []
+    states: list[tuple[int, str]] = []
     true_map: tuple[GridSpec, NDArray[np.int8]] | None = None
     for recorded in told:
         topic = topics.topic_named(recorded.topic)
@@ -63,6 +71,9 @@ def read_exploration(
         elif isinstance(message, PoseStamped | Odometry):  # of SLAM, or of localization
             pose = message.pose.to_se2()
             estimate.append((message.stamp_ns, pose.x, pose.y, pose.yaw))
+        elif isinstance(message, Status):
+            if message.node.rpartition("/")[2] == NAVIGATOR:
+                states.append((message.stamp_ns, message.code))
         elif isinstance(message, Contact):
             contacts.append(message)
         elif topic is topics.TRUE_MAP and isinstance(message, OccupancyGrid):
@@ -84,7 +95,13 @@ def read_exploration(
         np.array(coverage).reshape(-1, 2),
         tuple(contacts),
         true_map,
+        seconds_in(RECOVERING, states),
     )
+
+
+def seconds_in(state: str, states: Sequence[tuple[int, str]]) -> float:
+    """Return how long a machine was in a state that tells (stamp in ns, state) whenever it enters one."""
+    return 1e-9 * sum(b[0] - a[0] for a, b in pairwise(states) if a[1] == state)
 
 
 def known_share(built: tuple[GridSpec, NDArray[np.int8]], truth: tuple[GridSpec, NDArray[np.int8]]) -> float:

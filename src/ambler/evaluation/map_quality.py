@@ -108,8 +108,14 @@ def reachable_coverage(
     iy, ix = spec.cell_of(truth_from_start.x, truth_from_start.y)
     if not spec.contains_cell(iy, ix) or labels[iy, ix] == 0:
         raise BadInputError("the start is not free in the true map")
-    reachable = np.asarray(labels == labels[iy, ix])
-    return _share((spec, reachable), (built[0], is_free(built[1])), truth_from_built.inverse())
+    return floor_coverage(built, (spec, np.asarray(labels == labels[iy, ix])), truth_from_built)
+
+
+def floor_coverage(built: tuple[GridSpec, Occupancy], floor: tuple[GridSpec, Mask], truth_from_built: SE2) -> float:
+    """Return the share of the cells of a true floor (bool [iy, ix]) that are free in the built map. Raises BadInputError for no floor."""
+    if not floor[1].any():
+        raise BadInputError("there is no floor that the robot could reach")
+    return _share(floor, (built[0], is_free(built[1])), truth_from_built.inverse())
 
 
 def is_free(occupancy: Occupancy) -> Mask:

@@ -97,6 +97,9 @@ METRICS = {
     "ate_unaligned_rms_m": Metric(
         "Trajectory error, unaligned", _A, "The same as the ATE without taking a rigid motion out first."
     ),
+    "ate_unaligned_max_m": Metric(
+        "Largest error, unaligned", _A, "The farthest that the map's frame was off anywhere."
+    ),
     "points_on_walls_ratio": Metric(
         "Returns on walls",
         _A,
@@ -112,7 +115,9 @@ METRICS = {
     "relations_used": Metric("Relations used", _A, "Given pairs of poses of which both are in the trajectory."),
     "relations_given": Metric("Relations given", _A, "Pairs of poses in the file of relations."),
     "reachable_coverage_ratio": Metric(
-        "Reachable floor mapped", _M, "Share of the floor that the robot's centre can reach which the map calls free."
+        "Reachable floor mapped",
+        _M,
+        "Share of the floor that the robot's centre can reach, with 15 cm on each side, which the map calls free.",
     ),
     "coverage_ratio": Metric("Free space mapped", _M, "Share of all truly free cells which the map calls free."),
     "false_free_ratio": Metric("Wrongly free", _M, "Share of the cells that the map calls free and that are not."),
@@ -139,6 +144,7 @@ METRICS = {
     "alignment_y_m": Metric("Shift along y", _M, "How far the built map was moved along y to lie on the true one."),
     "alignment_yaw_rad": Metric("Turn", _M, "How far the built map was turned to lie on the true one."),
     "path_length_m": Metric("Path length", _T, "Length of the true path."),
+    "recovery_time_ratio": Metric("Time in recoveries", _T, "Share of the run in which a navigation was recovering."),
     "dock_seconds": Metric("Docking took", _T, "Time from the order to dock to its end."),
     "dock_final_seconds": Metric("Final approach took", _T, "Time from the staging pose before the dock until docked."),
     "undock_seconds": Metric("Undocking took", _T, "Time from the order to leave to its end."),

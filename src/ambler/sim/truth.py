@@ -10,7 +10,9 @@ everything else is unknown. Grids are in the frame of the world that is given: `
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -49,6 +51,28 @@ def reachable_cells(
     regions, _ = ndimage.label(clear)
     reached = (regions == regions[iy, ix]) & clear
     return spec, np.asarray(reached)
+
+
+def reachable_floor(
+    world: WorldSpec, radius: float, resolution: float, heights: tuple[float, float]
+) -> tuple[GridSpec, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where an upright cylinder of `radius` metres, that reaches from one height above the floor to another, can be and where its axis
+    can get from the start, both bool [iy, ix]. Only upright solids count."""
+    low, high = heights
+    in_the_way = tuple(replace(s, z_min=0.0, z_max=1.0) for s in world.solids if s.z_min < high and s.z_max > low)
+    spec, solid = cut(replace(world, solids=in_the_way), 0.5, resolution)
+    clear = np.asarray(distance_to_solid(solid, resolution) > radius)
+    iy, ix = spec.cell_of(world.start.x, world.start.y)
+    if not spec.contains_cell(iy, ix) or not clear[iy, ix]:
+        return spec, clear, np.zeros_like(clear)
+    _, regions = cv2.connectedComponents(clear.astype(np.uint8), connectivity=4)
+    return spec, clear, np.asarray(regions == regions[iy, ix])
+
+
+def distance_to_solid(solid: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
+    """Return each cell's distance to the nearest solid cell, metres, float32 [iy, ix]."""
+    distance = cv2.distanceTransform((~solid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(distance * resolution, np.float32)
 
 
 def cut(world: WorldSpec, height: float, resolution: float) -> tuple[GridSpec, NDArray[np.bool_]]:

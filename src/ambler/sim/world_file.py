@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydantic import Field, ValidationError
@@ -104,10 +105,16 @@ def world_names() -> tuple[str, ...]:
 
 
 def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
-    """Load a world by its name, from a world file, from the YAML of a floor plan or from a picture; `start` overrides the start.
+    """Load a world by its name, from a world file, from the YAML of a floor plan or from a picture, or draw it (`office-17`); `start` overrides
+    the start.
 
     Raises BadInputError with one sentence that names the file and the place.
     """
+    from ambler.sim.generator.draw import draw_place, parse_name  # draws content for `world_from_content`
+
+    drawn = parse_name(str(name_or_path))
+    if drawn is not None:
+        return world_from_content(Path(str(name_or_path)), draw_place(*drawn).content, start)
     path = _find(str(name_or_path))
     if path.suffix == ".pgm" and path.with_suffix(".yaml").is_file():
         path = path.with_suffix(".yaml")  # the map of a ROS map server, whose YAML says more
@@ -116,6 +123,11 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
     content = _read_yaml(path)
     if "image" in content:
         return world_from_floor_plan(path, start)
+    return world_from_content(path, content, start)
+
+
+def world_from_content(path: Path, content: dict[str, Any], start: SE2 | None = None) -> WorldSpec:
+    """Return the world that the content of a world file says; `path` gives its name and is named in errors (BadInputError)."""
     entry = _parse(path, content)
     solids = tuple(_solids(path, entry))
     if entry.start is None and start is None:
@@ -158,7 +170,8 @@ def _find(name: str) -> Path:
     path = WORLDS / f"{name}.yaml"
     if not path.is_file():
         raise BadInputError(
-            f"no world {name!r}; there are {', '.join(world_names())}, or give a .yaml file or a picture"
+            f"no world {name!r}; there are {', '.join(world_names())}, or draw one (office-17: `ambler world generate`),"
+            " or give a .yaml file or a picture"
         )
     return path
 

@@ -41,6 +41,15 @@ class JobResult:
     newest_node: int
 
 
+@dataclass(frozen=True, slots=True)
+class LoopConstraint:
+    """What a loop closure says: `from_from_to` between the bases at two stamps."""
+
+    from_ns: int
+    to_ns: int
+    from_from_to: SE2
+
+
 class BackEnd:
     """Owns the graph. `add` takes inserted scans, `take_work` gives jobs, `commit` applies them."""
 
@@ -147,6 +156,20 @@ class BackEnd:
             information = diagonal_information(sigma)
             self.graph.add_edge(Edge(previous.vertex, node.vertex, odom_motion, information, EdgeKind.ODOMETRY))
 
+    def loop_constraints(self) -> tuple[LoopConstraint, ...]:
+        """Return the loop closures that the graph holds now, as relations between scans: from the node of the submap that is nearest to the
+        node that was found in it."""
+        node_of = {n.vertex: n for n in self.nodes}
+        submap_of = dict(zip(self.submap_vertices, self.submaps, strict=True))
+        out = []
+        for edge_from, edge_to, submap_from_node in self.graph.loops():
+            node, submap = node_of[edge_to], submap_of[edge_from]
+            within = [self.nodes[k] for k in submap.nodes]
+            poses = [submap.to_submap(n.local_from_base) for n in within]
+            k = min(range(len(within)), key=lambda i: poses[i].distance_to(submap_from_node))
+            out.append(LoopConstraint(within[k].stamp_ns, node.stamp_ns, poses[k].inverse() @ submap_from_node))
+        return tuple(out)
+
     def take_work(self, *, is_final: bool = False) -> Callable[[], JobResult] | None:
         """Return a job when there is enough to do and none is under way; the job must be run and its result committed."""
         unsolved = len(self.nodes) - self._optimized_nodes
@@ -166,7 +189,7 @@ class BackEnd:
         self._counts.tries = {}
         last = -math.inf
         for index, node in enumerate(self.nodes):
-            if node.way >= last + self._loop.query_distance:
+            if node.way >= last + self._loop.final_distance:
                 last = node.way
                 self._queue.append(index)
 

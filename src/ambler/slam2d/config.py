@@ -56,7 +56,8 @@ class DriftConfig:
 
 @dataclass(frozen=True, slots=True)
 class LoopConfig:
-    """Search for loop closures: every `query_distance` metres of way a node is compared with submaps that it may see.
+    """Search for loop closures: every `query_distance` metres of way, at the end of a recording every `final_distance`, a
+    node is compared with submaps that it may see.
 
     A window is `window_base`, `angle_base` and three standard deviations of the drift between the two. A score counts relative to what
     local matches usually reach, but at most `min_score` is asked.
@@ -81,6 +82,7 @@ class LoopConfig:
     max_view_distance: float = 6.0
     turn_price: float = 4.0
     query_distance: float = 1.0
+    final_distance: float = 0.4
     window_base: float = 0.4
     window_max: float = 40.0
     angle_base: float = math.radians(4.0)

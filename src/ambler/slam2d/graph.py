@@ -93,6 +93,14 @@ class Graph:
         self._kind[k] = edge.kind
         self.edges += 1
 
+    def loops(self) -> list[tuple[int, int, SE2]]:
+        """Return (from, to, from_from_to) of the INTER edges."""
+        e = self.edges
+        return [
+            (int(self._from[k]), int(self._to[k]), SE2.from_array(self._z[k]))
+            for k in np.flatnonzero(self._kind[:e] == EdgeKind.INTER)
+        ]
+
     def remove_loops(self, pairs: Collection[tuple[int, int]]) -> int:
         """Drop the INTER edges between the given (from, to) vertices; returns how many there were."""
         e = self.edges

@@ -13,6 +13,7 @@ from ambler.core.grid import OCC_OCCUPIED, GridSpec
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.recordings.log_scans import LogScan
 from ambler.registration.planar_scan import PlanarScan
+from ambler.slam2d.back_end import LoopConstraint
 from ambler.slam2d.config import Slam2dConfig
 from ambler.slam2d.slam import Slam2d
 
@@ -23,7 +24,7 @@ _SAMPLE_STEP = 8
 @dataclass(frozen=True, slots=True, eq=False)
 class OfflineResult:
     """`poses` float64 (N, 3): map_from_base of every scan; `occupancy` int8 [iy, ix] on `spec`; `points_on_walls_ratio` is the share of
-    returns within one cell of an occupied cell."""
+    returns within one cell of an occupied cell; `loops` are the closures in the final graph."""
 
     poses: NDArray[np.float64]
     spec: GridSpec
@@ -32,6 +33,7 @@ class OfflineResult:
     nodes: int
     submaps: int
     points_on_walls_ratio: float
+    loops: tuple[LoopConstraint, ...]
 
 
 def run_offline(
@@ -59,7 +61,9 @@ def run_offline(
     spec, occupancy = slam.render_map()
     poses = poses.reshape(-1, 3)
     agreement = points_on_walls(samples, poses, spec, occupancy)
-    return OfflineResult(poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement)
+    return OfflineResult(
+        poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement, slam.loop_constraints()
+    )
 
 
 def points_on_walls(

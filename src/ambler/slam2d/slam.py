@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.registration.planar_scan import PlanarScan
-from ambler.slam2d.back_end import BackEnd, JobResult
+from ambler.slam2d.back_end import BackEnd, JobResult, LoopConstraint
 from ambler.slam2d.config import Slam2dConfig
 from ambler.slam2d.extrapolator import PoseExtrapolator
 from ambler.slam2d.front_end import FrontEnd
@@ -152,6 +152,10 @@ class Slam2d:
         """Return the map's geometry and occupancy int8 [iy, ix] (-1 unknown, 0 free, 100 occupied)."""
         back_end = self._back_end
         return self._renderer.render([PlacedSubmap(s, back_end.submap_pose(s)) for s in back_end.submaps])
+
+    def loop_constraints(self) -> tuple[LoopConstraint, ...]:
+        """Return the loop closures that hold now, as relations between scans."""
+        return self._back_end.loop_constraints()
 
     def map_from_node(self, index: int) -> SE2:
         """Return the optimized pose of a node."""

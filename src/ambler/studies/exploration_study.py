@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ambler.apps.judgement import LEAST_COVERAGE
 from ambler.studies.demo_process import demo_line, run_demo
 from ambler.studies.study import Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
@@ -26,7 +27,7 @@ MEDIANS = (*WORST, "path_length_m", "real_time_factor", "peak_memory_mb")
 
 @dataclass(frozen=True, slots=True)
 class ExplorationCase:
-    """One exploration; `options` are further words of `ambler demo`."""
+    """One exploration; `options` are further words of `ambler demo`, `places` is the set that the world belongs to, in campaigns."""
 
     world: str
     robot: str
@@ -34,6 +35,7 @@ class ExplorationCase:
     seed: int
     options: tuple[str, ...] = ()
     settings: StudySettings = DEFAULTS
+    places: str = ""
 
     @property
     def label(self) -> str:
@@ -54,8 +56,10 @@ def run_case(case: ExplorationCase, folder: Path) -> dict[str, Any]:
 
 
 def is_good(result: dict[str, Any]) -> bool:
-    """Say whether an exploration ended with proof and without a collision."""
-    return result.get("ended") == "finished" and result.get("collisions") == 0
+    """Say whether an exploration ended with proof, without a collision, and with the floor in its map where the truth is known."""
+    share = result.get("reachable_coverage_ratio")
+    has_floor = share is None or share >= LEAST_COVERAGE
+    return result.get("ended") == "finished" and result.get("collisions") == 0 and has_floor
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:

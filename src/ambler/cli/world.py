@@ -1,0 +1,65 @@
+"""`ambler world generate KIND`: draws a building that nobody has seen."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the verb."""
+    text = "draw a building that nobody has seen"
+    parser: argparse.ArgumentParser = subparsers.add_parser("world", help=text, description=text)
+    members = parser.add_subparsers(dest="world_verb", metavar="WHAT", required=True)
+    generate: argparse.ArgumentParser = members.add_parser(
+        "generate", help="draw one of a kind; `--world KIND-SEED` of every verb is the same place without a file"
+    )
+    generate.add_argument(
+        "kind",
+        metavar="KIND",
+        help="office, flat, ward, warehouse, hall (100 m), corridor, yard (open sides) or campus",
+    )
+    generate.add_argument("--seed", type=int, default=0, help="another place for each (default: 0)")
+    generate.add_argument("--out", type=Path, metavar="FILE", help="world file (YAML), which people may change")
+    generate.add_argument("--picture", type=Path, metavar="FILE", help="picture of the plan (PNG)")
+    generate.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    generate.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw, write what was asked for, and say what it is."""
+    import time
+
+    from ambler.core.errors import BadInputError
+    from ambler.evaluation.results import write_results
+    from ambler.sim.generator.draw import draw_place
+    from ambler.sim.generator.picture import save_picture
+    from ambler.sim.generator.write import write_place
+
+    begin = time.perf_counter()
+    if args.out is not None and args.out.suffix not in (".yaml", ".yml"):
+        raise BadInputError(f"--out {args.out}: a world file ends in .yaml")
+    place = draw_place(args.kind, args.seed)
+    x0, y0, x1, y1 = place.world.bounds()
+    fields: dict[str, Any] = {
+        "kind": place.kind,
+        "reachable_m2": round(place.floor.area, 2),
+        "width_m": round(x1 - x0, 2),
+        "depth_m": round(y1 - y0, 2),
+        "solids": len(place.world.solids),
+        "people": len(place.world.people),
+        "doors": len(place.world.doors),
+    }
+    if args.out is not None:
+        write_place(args.out, place)
+    if args.picture is not None:
+        save_picture(args.picture, place)
+    print(
+        f"{place.name}: {x1 - x0:.0f} x {y1 - y0:.0f} m, {place.floor.area:.0f} m² that a robot reaches,"
+        f" {len(place.world.solids)} solids, {len(place.world.people)} people"
+    )
+    print(f"use it with --world {args.out or place.name}")
+    if args.json is not None:
+        write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
+    return 0

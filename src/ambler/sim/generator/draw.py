@@ -1,0 +1,88 @@
+"""Draws a place: a kind and a seed become the content of a world file whose floor a robot can reach."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ambler.core.errors import BadInputError
+from ambler.sim.generator import grounds, rooms, stores
+from ambler.sim.generator.floor import ROUNDS, Floor, floor_of, make_room, unreached_rooms
+from ambler.sim.generator.plan import Plan, Point
+from ambler.sim.solids import WorldSpec
+from ambler.sim.world_file import world_from_content
+
+KINDS: dict[str, Callable[[Plan], None]] = {
+    "office": rooms.office,
+    "flat": rooms.flat,
+    "ward": rooms.ward,
+    "warehouse": stores.warehouse,
+    "hall": stores.hall,
+    "corridor": stores.corridor,
+    "yard": stores.yard,
+    "campus": grounds.campus,
+}
+ATTEMPTS = 20
+SEEDS_BELOW = 2**31
+_NAME = re.compile(rf"({'|'.join(KINDS)})-(\d+)")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnPlace:
+    """A place: `content` as a world file holds it, the world, its floor, and `ways` (polylines, metres) along which a robot can drive where
+    the kind has such (campuses: streets and ways through houses)."""
+
+    kind: str
+    seed: int
+    content: dict[str, Any]
+    world: WorldSpec
+    floor: Floor
+    ways: tuple[tuple[Point, ...], ...]
+
+    @property
+    def name(self) -> str:
+        """Its name as a world: `kind-seed`."""
+        return f"{self.kind}-{self.seed}"
+
+
+def draw_place(kind: str, seed: int) -> DrawnPlace:
+    """Draw a place; the same for the same kind and seed. Raises BadInputError for kinds and seeds that are none."""
+    if kind not in KINDS:
+        raise BadInputError(f"no kind of place {kind!r}; there are {', '.join(KINDS)}")
+    if not 0 <= seed < SEEDS_BELOW:
+        raise BadInputError(f"seed {seed}: a whole number from 0 on, below {SEEDS_BELOW}")
+    for attempt in range(ATTEMPTS):
+        place = _drawn(kind, seed, attempt)
+        if place is not None:
+            return place
+    raise BadInputError(f"{kind}-{seed}: no valid plan in {ATTEMPTS} attempts")
+
+
+def parse_name(name: str) -> tuple[str, int] | None:
+    """Return (kind, seed) of a name such as `office-17`, None for other names."""
+    found = _NAME.fullmatch(name)
+    return None if found is None else (found[1], int(found[2]))
+
+
+def _drawn(kind: str, seed: int, attempt: int) -> DrawnPlace | None:
+    """Draw once; None where rooms remain that cannot be reached though they are empty."""
+    plan = Plan(np.random.Generator(np.random.SFC64([zlib.crc32(kind.encode()), seed, attempt])))
+    KINDS[kind](plan)
+    plan.start["yaw_deg"] = round(float(plan.rng.uniform(-180.0, 180.0)), 1)  # walls lie aslant of most robots' maps
+    for k in range(ROUNDS + 1):
+        content = plan.content()
+        world = world_from_content(Path(f"{kind}-{seed}"), content)
+        x0, y0, x1, y1 = world.bounds()
+        floor = floor_of(world, (x1 - x0) * (y1 - y0))
+        missing = unreached_rooms(plan, floor)
+        if not missing:
+            return DrawnPlace(kind, seed, content, world, floor, tuple(tuple(way) for way in plan.ways))
+        if not make_room(plan, missing, is_last=k == ROUNDS - 1):
+            return None
+    return None

@@ -1,0 +1,109 @@
+"""Faults of drawn places and of what is measured in them: a place that nobody can enter, or a bar that everybody clears."""
+
+from __future__ import annotations
+
+from tests.mutation.planted import PlantedFault
+
+CAMPUS = ("tests/studies/test_campus.py",)
+CAMPAIGN = ("tests/studies/test_exploration_campaign.py",)
+
+PLACES = (
+    PlantedFault(
+        "every seed draws the same place",
+        "sim/generator/draw.py",
+        "[zlib.crc32(kind.encode()), seed, attempt]",
+        "[zlib.crc32(kind.encode()), 0, attempt]",
+        ("tests/sim/test_generator.py::test_a_seed_is_a_place_and_another_seed_another_one",),
+    ),
+    PlantedFault(
+        "people of drawn places walk through furniture",
+        "sim/generator/rooms.py",
+        "if not any(place.overlaps(piece.place) for piece in plan.pieces):",
+        "if plan.pieces is not None:",
+        ("tests/sim/test_generator.py::test_people_walk_where_nothing_stands",),
+    ),
+    PlantedFault(
+        "furniture of drawn places stands before doors",
+        "sim/generator/zones.py",
+        "self._keep_clear(edge, edge.begin + middle, width)",
+        "self.plan.rng.random()",
+        ("tests/sim/test_generator.py::test_both_sides_of_every_door_are_reached",),
+    ),
+    PlantedFault(
+        "pallets of drawn places stand too low to be seen",
+        "sim/generator/things.py",
+        'thing = solid("pallet", 1.2, 0.8, 0.35, 0.45)',
+        'thing = solid("pallet", 1.2, 0.8, 0.14, 0.45)',
+        ("tests/sim/test_generator.py::test_what_a_low_robot_could_run_into_crosses_the_planes_of_its_scanners",),
+    ),
+    PlantedFault(
+        "the reachable floor goes through what hangs low",
+        "sim/truth.py",
+        "if s.z_min < high and s.z_max > low)",
+        "if s.z_min < low and s.z_max > low)",
+        ("tests/sim/test_truth.py",),
+    ),
+    PlantedFault(
+        "routes through campuses turn back on the way",
+        "studies/campus_route.py",
+        "if there == last or (there, here) in came:",
+        "if (there, here) in came:",
+        ("tests/studies/test_campus.py::test_routes_run_along_ways_and_never_turn_back",),
+    ),
+    PlantedFault(
+        "the scanner of a campus log looks beside its heading",
+        "studies/campus_log.py",
+        "half = 0.5 * (poses[:, 2] + offset.yaw)",
+        "half = 0.49 * (poses[:, 2] + offset.yaw)",
+        ("tests/studies/test_campus.py::test_beams_end_on_what_is_there",),
+    ),
+    PlantedFault(
+        "the wheels of a campus log do not count turning",
+        "studies/campus_log.py",
+        "np.outer(steps[:, 2], around)",
+        "np.outer(0.0 * steps[:, 2], around)",
+        ("tests/studies/test_campus.py::test_odometry_counts_what_wheels_turn",),
+    ),
+    PlantedFault(
+        "a closure is false only when both its place and its angle are",
+        "evaluation/loop_errors.py",
+        "self.distance > FALSE_FROM[0] or self.angle > FALSE_FROM[1]",
+        "self.distance > FALSE_FROM[0] and self.angle > FALSE_FROM[1]",
+        CAMPUS,
+    ),
+    PlantedFault(
+        "a bent campus map is good",
+        "studies/campus_study.py",
+        'result.get("false_closures") == 0 and',
+        'result.get("false_closures") == 0 or',
+        CAMPUS,
+    ),
+    PlantedFault(
+        "time in recoveries is counted to the state before",
+        "evaluation/exploration_run.py",
+        "pairwise(states) if a[1] == state",
+        "pairwise(states) if b[1] == state",
+        ("tests/evaluation/test_recovery_time.py",),
+    ),
+    PlantedFault(
+        "fresh places may fail half of the time",
+        "studies/exploration_campaign.py",
+        'fresh["done"] >= DONE_LEAST * fresh["runs"]',
+        'fresh["done"] >= 0.5 * fresh["runs"]',
+        CAMPAIGN,
+    ),
+    PlantedFault(
+        "development places count against the bars of fresh ones",
+        "studies/exploration_campaign.py",
+        'fresh = [r for r in results if r["places"] == FRESH]',
+        "fresh = list(results)",
+        CAMPAIGN,
+    ),
+    PlantedFault(
+        "a map that lacks a tenth of the floor is enough",
+        "apps/judgement.py",
+        "share >= LEAST_COVERAGE:",
+        "share >= 0.9:",
+        ("tests/apps/test_judgement.py",),
+    ),
+)
