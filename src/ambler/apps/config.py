@@ -124,7 +124,8 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts. In a known map it has
     patience where people block the way, and an omnidirectional base with planar scanners pursues its path."""
     uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
-    planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    # A cloud's lowest rings meet walls up to 30 m away before they meet the floor; what is floor is told by the body's lean.
+    planar = PlanarConfig(range_max=30.0) if uses_cloud else PlanarConfig(range_max=20.0)
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     pursues = has_map and robot.drive is DriveKind.OMNI and bool(robot.scanners)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +23,8 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.merged_rays import MergedRays
-from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
+from ambler.perception.level_mount import Mount, level_mount
+from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import FINISH_MAP, SAVE_MAP, Nothing, SaveMapRequest
@@ -83,7 +83,6 @@ class Slam2dNode(Node):
             self.inputs = (MERGED_FREE, MERGED_CLOUD, ODOMETRY)
         self.slam = Slam2d(self._config.slam)
         self._published_version = 0
-        self._tilt = (0.0, 0.0)
         self._newest_ns = -1
         self._repeats = StuckScan()
         self._odom_from_base = SE2()
@@ -106,11 +105,6 @@ class Slam2dNode(Node):
         self.ctx.timer(self._config.map_period, self._publish_map)
 
     def _on_odometry(self, message: Odometry) -> None:
-        w, x, y, z = message.pose.rotation
-        self._tilt = (
-            math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        )
         self._odom_from_base = message.pose.to_se2()
         self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
         self._motion.add(message)
@@ -120,15 +114,20 @@ class Slam2dNode(Node):
         if self._repeats.update(message.ranges, self._odom_from_base):
             return  # not a measurement; the gate says so and stops the robot
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
-        mount = self._robot.sensor(message.frame).base_from_sensor
+        mount = self._mount(message)
         self._update(scan_to_points(message, mount, twist, self._config.planar))
 
     def _on_cloud(self, message: PointCloud) -> None:
         if self._repeats.update(message.points, self._odom_from_base):
             return
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
-        mount = level(self._robot.sensor(message.frame).base_from_sensor, *self._tilt)
+        mount = self._mount(message)
         self._update(cloud_to_points(message, mount, twist, self._config.planar))
+
+    def _mount(self, message: LaserScan | PointCloud) -> Mount:
+        """Where the sensor was during the sweep, level however the body leaned."""
+        mount = self._robot.sensor(message.frame).base_from_sensor
+        return level_mount(mount, self._motion, message.stamp_ns, scan_duration(message))
 
     def _on_merged(self, message: PointCloud) -> None:
         assert self._rays is not None
