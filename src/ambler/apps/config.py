@@ -18,6 +18,7 @@ from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
+from ambler.exploration.fence import FenceConfig
 from ambler.exploration.strategies import GreedyStrategy
 from ambler.exploration.survey import SurveyConfig
 from ambler.exploration.tour import TourConfig
@@ -109,6 +110,7 @@ SHARP = FrontEndConfig(
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
+SEEN_WELL = 0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 
@@ -143,7 +145,10 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
         explore=ExploreConfig(yaw_tolerance=math.pi) if looks_around(robot) else ExploreConfig(),
-        survey=SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
+        survey=replace(
+            SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
+            fence=FenceConfig(structure_reach=SEEN_WELL * planar.range_max),
+        ),
     )
 
 

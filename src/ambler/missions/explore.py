@@ -363,8 +363,9 @@ class ExploreMission:
         return [DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance)]
 
     def _proof(self) -> str:
-        remaining = len(self._now.frontiers)
-        return "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
+        remaining, left_out = len(self._now.frontiers), self._now.left_out
+        text = "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
+        return f"{text}; {left_out:.1f} m of frontier were left out on purpose" if left_out else text
 
     def _end(self, state: ExploreState, code: str, text: str) -> list[Command]:
         self._enter(state, text)
