@@ -110,7 +110,9 @@ SHARP = FrontEndConfig(
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
-SEEN_WELL = 0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
+SEEN_WELL = (
+    0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
+)
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 

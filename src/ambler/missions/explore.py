@@ -46,6 +46,8 @@ class ExploreMission:
         self._drive = 0
         self._held = ""
         self._held_ns = 0
+        self._doubt = ""
+        self._doubt_ns = 0
 
     def begin(self, goal: ExploreGoal, now_ns: int) -> None:
         """Start a new exploration; the pose at the first update is home."""
@@ -55,6 +57,8 @@ class ExploreMission:
         self._goal = goal
         self._home: SE2 | None = None
         self._trail = Trail()
+        self._back = 0.0
+        self._was_driving = False
         self._is_home = False
         self._goals_reached = 0
         self._begun_ns = self._held_ns = now_ns
@@ -121,6 +125,12 @@ class ExploreMission:
             self.resume(now_ns)
         self._held = reason
 
+    def doubt(self, reason: str, now_ns: int) -> None:
+        """Take why the robot's place in its map is in doubt, empty when it is not any more."""
+        if reason and not self._doubt:
+            self._doubt_ns = now_ns
+        self._doubt = reason
+
     def drive_ended(self, drive: int, code: str, text: str) -> bool:
         """Take the end of a drive; returns whether it is news, so that an update should follow. Earlier drives are not."""
         is_news = drive == self._drive and self.is_active
@@ -144,6 +154,8 @@ class ExploreMission:
             return []
         if self._home is None:
             self._home = view.map_from_base
+        if self._doubt or self.state is ExploreState.DOUBTING:
+            return self._doubting(view)
         self._trail.add(view.map_from_base)
         self._look(view)
         steps = {
@@ -247,6 +259,29 @@ class ExploreMission:
         if self._returns < self.config.return_attempts:
             return [ClearCosts(), *self._watch_the_way(view, code)]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
+
+    def _doubting(self, view: ExploreView) -> list[Command]:
+        """Go back along the way until the map is believed again, then leave alone what led here; the map does not change meanwhile."""
+        if not self._doubt:
+            if self.survey is not None and self._was_driving:
+                self._remember(view, self._target_frontier, "the robot lost its map on the way there", has_looked=False)
+            return [StopDriving(), *self._wait(view, self.config.look_time, "the map is believed again")]
+        if view.now_ns - self._doubt_ns > self.config.doubt_time * 1e9:
+            return self._end(ExploreState.FAILED, "LOST", f"for {self.config.doubt_time:.0f} s: {self._doubt}")
+        code = self._drive_code
+        is_new = self.state is not ExploreState.DOUBTING
+        if not is_new and code is None:
+            return []
+        if is_new:
+            self._was_driving = self.state is ExploreState.DRIVING
+            self._back = 0.0
+        self._back += self.config.doubt_way
+        self._enter(ExploreState.DOUBTING, f"going back along the way: {self._doubt}")
+        self._next_drive()
+        place = self._trail.back(self._back)
+        if place is None:  # in doubt from the first moment on: there is no way to go back
+            return [StopDriving()]
+        return [StopDriving(), DriveTo(self._drive, place, self.config.xy_tolerance, math.pi)]
 
     def _watch_the_way(self, view: ExploreView, code: str) -> list[Command]:
         """Go to where the way that the robot came is shut, and look; there, turn: a map renews itself only where scans move."""

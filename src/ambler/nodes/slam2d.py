@@ -16,12 +16,14 @@ from ambler.core.messages import (
     PointCloud,
     PoseStamped,
     SlamHealth,
+    Status,
     Transforms,
     TransformStamped,
 )
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.localization.map_trust import MapTrust, MapTrustConfig, MapTrustJudge
 from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
@@ -38,6 +40,7 @@ from ambler.runtime.topics import (
     SCAN,
     SLAM_HEALTH,
     SLAM_POSE,
+    STATUS,
     TRANSFORMS,
 )
 from ambler.safety.stuck_scan import StuckScan
@@ -57,17 +60,21 @@ class Slam2dNodeConfig:
     uses_cloud: bool = False
     planar: PlanarConfig = field(default_factory=PlanarConfig)
     slam: Slam2dConfig = field(default_factory=Slam2dConfig)
+    trust: MapTrustConfig = field(default_factory=MapTrustConfig)
     map_period: float = 1.0
     background_duration: float = 1.0
     publishes_matched_scan: bool = False
 
 
 class Slam2dNode(Node):
-    """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured."""
+    """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured.
+
+    While the pose is in doubt (`MapTrustJudge`) nothing is drawn into the map, and STATUS says SLAM_DEGRADED or SLAM_LOST.
+    """
 
     name = "slam2d"
     inputs: Topics = (SCAN, ODOMETRY)
-    outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
+    outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN, STATUS)
     serves = (SAVE_MAP, FINISH_MAP)
     latency = 0.01
 
@@ -82,6 +89,8 @@ class Slam2dNode(Node):
             self._rays = MergedRays(robot, self._config.planar)
             self.inputs = (MERGED_FREE, MERGED_CLOUD, ODOMETRY)
         self.slam = Slam2d(self._config.slam)
+        self._trust = MapTrustJudge(self._config.trust)
+        self._told_trust = MapTrust.GOOD
         self._published_version = 0
         self._newest_ns = -1
         self._repeats = StuckScan()
@@ -140,7 +149,11 @@ class Slam2dNode(Node):
             )
             return
         self._newest_ns = scan.stamp_ns
-        result = self.slam.update(scan)
+        is_telling = self._trust.may_match(scan.points)
+        taken = scan if is_telling else replace(scan, points=scan.points[:0], intensities=None, starts=None)
+        result = self.slam.update(taken, may_insert=is_telling and self._trust.may_map)
+        self._trust.update(scan.stamp_ns, result.odom_from_base, result.map_from_base.transform(scan.points))
+        self._tell_trust()
         self._publish_result(result)
         if self._config.publishes_matched_scan:
             self._publish_scan(scan, result)
@@ -148,6 +161,15 @@ class Slam2dNode(Node):
             self._publish_map()
         if not self._has_job:
             self._work(self.slam.take_background_work())
+
+    def _tell_trust(self) -> None:
+        trust = self._trust
+        if trust.state is self._told_trust:
+            return
+        self._told_trust = trust.state
+        text = trust.text or "the scans agree with the map again"
+        self.ctx.log(f"SLAM_{trust.state.name}", text)
+        self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, f"SLAM_{trust.state.name}", text, "{}"))
 
     def _work(self, job: Callable[[], JobResult] | None) -> None:
         self._has_job = job is not None
@@ -210,6 +232,7 @@ class Slam2dNode(Node):
             return
         self._published_version = self.slam.map_version
         spec, occupancy = self.slam.render_map()
+        self._trust.set_map(spec, occupancy)
         self.ctx.publish(MAP, OccupancyGrid(self._newest_ns, "map", spec, occupancy))
 
     def _save_map(self, request: SaveMapRequest) -> Nothing:
