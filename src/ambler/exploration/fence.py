@@ -79,7 +79,7 @@ class Fence:
         if self._sides is None or self._spec is None:
             return np.zeros(len(cells), np.uint8)
         iy, ix = np.divmod(cells, self._spec.width)
-        return self._sides[iy // self._stride, ix // self._stride]
+        return np.asarray(self._sides[iy // self._stride, ix // self._stride])
 
     def inside(self, costs: CostGrid, map_from_base: SE2) -> CostGrid:
         """Return costs in which all that lies beyond is lethal; as they are when nothing does, or when the robot stands beyond itself."""
@@ -125,7 +125,7 @@ class Fence:
         return is_beyond
 
 
-def is_inside(polygon: Boundary, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_inside(polygon: Boundary, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Tell which points lie inside a closed polygon (even-odd rule); `x` and `y` are broadcast."""
     inside = np.zeros(np.broadcast_shapes(x.shape, y.shape), np.bool_)
     for (x0, y0), (x1, y1) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
