@@ -65,7 +65,9 @@ def test_near_the_end_of_a_path_its_last_point_is_marked() -> None:
 
 
 def test_the_planner_goes_around_a_marked_gap_and_names_it_when_there_is_no_other() -> None:
-    robot = RobotModel("r", DriveKind.DIFFERENTIAL, 0.2 * np.array([[1.0, 1], [-1, 1], [-1, -1], [1, -1]]), VelocityLimits())
+    robot = RobotModel(
+        "r", DriveKind.DIFFERENTIAL, 0.2 * np.array([[1.0, 1], [-1, 1], [-1, -1], [1, -1]]), VelocityLimits()
+    )
     spec = GridSpec(0.05, 160, 120, 0.0, -3.0)
     cells = np.zeros(spec.shape, np.int8)
     wall = spec.cell_of(4.0, 0.0)[1]

@@ -72,6 +72,7 @@ def judge(
             "position_error_max_m": None if trajectory is None else float(trajectory.offsets.max()),
         }
     fields |= {"collisions": len(collisions), "path_length_m": record.path_length}
+    fields |= {"recovery_ratio": record.recovery_ratio}
     fields |= _drives(robot, record)
     if robot.options.docks_wanted:
         fields |= _docking(robot, record)

@@ -10,19 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import OCC_FREE, GridSpec
-from ambler.core.messages import Contact, OccupancyGrid, Odometry, PoseStamped
+from ambler.core.messages import Contact, OccupancyGrid, Odometry, PoseStamped, Status
 from ambler.evaluation.truth_frame import TruthFrame, start_frame
 from ambler.runtime import topics
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
 _TOPICS = (topics.TRUE_POSE, topics.SLAM_POSE, topics.LOCALIZED_POSE, topics.MAP, topics.TRUE_MAP, topics.CONTACT)
+_TOLD = (*_TOPICS, topics.STATUS)
+_ASIDE = ("GOAL_REFUSED", "CLICKED_GOAL_OVER")  # what the navigator says beside the states of its drive
+_LOSING = ("RECOVERING", "WAITING")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorationRecord:
     """What a recording says. Poses float64 (N, 3) in one map frame, with stamps int64 (N,); `speeds` float64 (N,) m/s of the
-    truth; `coverage` float64 (K, 2) of seconds and the share of the truly free cells known as free; maps as (spec, int8)."""
+    truth; `statuses` what nodes said, in the order in which they said it; `coverage` float64 (K, 2) of seconds and the share of the truly free cells known as free; maps as (spec, int8)."""
 
     true_stamps_ns: NDArray[np.int64]
     true_poses: NDArray[np.float64]
@@ -32,6 +35,18 @@ class ExplorationRecord:
     coverage: NDArray[np.float64]
     contacts: tuple[Contact, ...]
     true_map: tuple[GridSpec, NDArray[np.int8]]
+    statuses: tuple[Status, ...] = ()
+
+    @property
+    def recovery_ratio(self) -> float | None:
+        """Share of the run that the navigator spent recovering or waiting for input; None without a run."""
+        if len(self.true_stamps_ns) < 2:
+            return None
+        begin_ns, end_ns = int(self.true_stamps_ns[0]), int(self.true_stamps_ns[-1])
+        told = [s for s in self.statuses if s.node == "navigator" and s.code not in _ASIDE]
+        ends = [s.stamp_ns for s in told[1:]] + [end_ns]
+        lost_ns = sum(max(0, min(e, end_ns) - s.stamp_ns) for s, e in zip(told, ends, strict=True) if s.code in _LOSING)
+        return lost_ns / (end_ns - begin_ns)
 
     @property
     def path_length(self) -> float:
@@ -46,13 +61,14 @@ def read_exploration(
     that holds the ground truth, where it is another one. Raises BadInputError if a recording cannot be read, or tells no start pose."""
     source = truth_in if truth_in is not None else recording
     frame = frame if frame is not None else start_frame(source)
-    told = read_recording(recording, [t.ros_name for t in _TOPICS])
+    told = read_recording(recording, [t.ros_name for t in _TOLD])
     if truth_in is not None:
         told = chain(read_recording(truth_in, [t.ros_name for t in _TOPICS if t.is_truth]), told)
     truth: list[tuple[int, float, float, float, float]] = []
     estimate: list[tuple[int, float, float, float]] = []
     coverage: list[tuple[float, float]] = []
     contacts: list[Contact] = []
+    statuses: list[Status] = []
     true_map: tuple[GridSpec, NDArray[np.int8]] | None = None
     for recorded in told:
         topic = topics.topic_named(recorded.topic)
@@ -63,6 +79,8 @@ def read_exploration(
         elif isinstance(message, PoseStamped | Odometry):  # of SLAM, or of localization
             pose = message.pose.to_se2()
             estimate.append((message.stamp_ns, pose.x, pose.y, pose.yaw))
+        elif isinstance(message, Status):
+            statuses.append(message)
         elif isinstance(message, Contact):
             contacts.append(message)
         elif topic is topics.TRUE_MAP and isinstance(message, OccupancyGrid):
@@ -84,6 +102,7 @@ def read_exploration(
         np.array(coverage).reshape(-1, 2),
         tuple(contacts),
         true_map,
+        tuple(statuses),
     )
 
 
