@@ -44,8 +44,10 @@ class ExplorationRecord:
             return None
         begin_ns, end_ns = int(self.true_stamps_ns[0]), int(self.true_stamps_ns[-1])
         told = [s for s in self.statuses if s.node == "navigator" and s.code not in _ASIDE]
-        ends = [s.stamp_ns for s in told[1:]] + [end_ns]
-        lost_ns = sum(max(0, min(e, end_ns) - s.stamp_ns) for s, e in zip(told, ends, strict=True) if s.code in _LOSING)
+        ends = [*(s.stamp_ns for s in told[1:]), end_ns]
+        lost_ns = sum(
+            max(0, min(e, end_ns) - s.stamp_ns) for s, e in zip(told, ends, strict=False) if s.code in _LOSING
+        )
         return lost_ns / (end_ns - begin_ns)
 
     @property
