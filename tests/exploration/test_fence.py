@@ -25,6 +25,9 @@ def survey(occupancy: NDArray[np.int8], fence: FenceConfig, boundary: Boundary =
     return surveyor.update(*grids(occupancy), at, boundary)
 
 
+FAR = FenceConfig(structure_reach=15.0, open_reach=100.0)
+
+
 def plain() -> NDArray[np.int8]:
     """A wall along x = 1 m, and nothing known to be there on the right of it up to x = 28 m."""
     occupancy = np.full((60, 300), -1, np.int8)
@@ -60,7 +63,7 @@ def test_a_radius_about_the_start_holds_wherever_the_robot_is(radius: float, is_
 
 
 def test_frontiers_far_from_any_surface_are_left_with_that_reason() -> None:
-    seen = survey(plain(), FenceConfig(structure_reach=15.0))
+    seen = survey(plain(), FAR)
     far = [f for f in seen.frontiers if f.state is FrontierState.OUTSIDE_BOUNDARY]
     assert far
     assert all(f.reason.startswith("no known surface within 15 m") for f in far)
@@ -74,18 +77,31 @@ def test_frontiers_far_from_any_surface_are_left_with_that_reason() -> None:
     assert max(float(f.cells[:, 0].max()) for i, f in enumerate(free.frontiers) if i in free.open) > 27.0
 
 
+def test_the_outer_side_of_a_wall_is_left_after_a_few_metres_and_what_walls_surround_is_not() -> None:
+    occupancy = plain()
+    outside = survey(occupancy, FenceConfig())
+    left = np.concatenate([f.cells for f in outside.frontiers if f.state is FrontierState.OUTSIDE_BOUNDARY])
+    assert float(left[:, 0].min()) == pytest.approx(1.0 + 5.0, abs=0.8)
+    occupancy = occupancy.copy()
+    occupancy[20:40, 150:152] = 100  # a wall on the other side, 14 m away
+    between = survey(occupancy, FenceConfig())
+    left = np.concatenate([f.cells for f in between.frontiers if f.state is FrontierState.OUTSIDE_BOUNDARY])
+    assert float(left[:, 0].min()) == pytest.approx(15.1 + 5.0, abs=0.8)
+
+
 def test_columns_hold_a_hall_together_and_lost_returns_do_not() -> None:
     hall = plain()
     hall[30, 120] = hall[20, 200] = 100  # single cells: lost returns
-    reached = survey(hall, FenceConfig(structure_reach=15.0)).left_out
+    reached = survey(hall, FAR).left_out
     hall = hall.copy()
     hall[29:33, 119:123] = hall[19:23, 199:203] = 100  # two columns
-    assert survey(hall, FenceConfig(structure_reach=15.0)).left_out < 0.2 * reached
+    assert survey(hall, FAR).left_out < 0.2 * reached
 
 
 def test_ways_do_not_lead_through_what_is_left_out() -> None:
     occupancy, costs = grids(plain())
-    fence = Fence(FenceConfig(boundary=((0.0, 0.0), (12.0, 0.0), (12.0, 6.0), (0.0, 6.0))))
+    square = ((0.0, 0.0), (12.0, 0.0), (12.0, 6.0), (0.0, 6.0))
+    fence = Fence(FenceConfig(boundary=square, open_reach=100.0))
     fence.update(occupancy, START)
     inside = fence.inside(costs, START)
     assert (inside.data[:, 125:280] == COST_LETHAL).all()
@@ -107,7 +123,7 @@ def test_a_costmap_that_is_larger_than_the_map_is_masked_where_the_map_lies() ->
 
 def test_the_whole_map_may_lie_inside() -> None:
     occupancy, costs = grids(corridor())
-    fence = Fence(FenceConfig())
+    fence = Fence(FAR)
     fence.update(occupancy, START)
     assert fence.inside(costs, START) is costs
     assert (fence.sides_of(np.arange(100)) == Side.INSIDE).all()

@@ -501,3 +501,33 @@ def test_in_doubt_from_the_first_moment_there_is_no_way_back() -> None:
     play.mission.doubt("0 returns", 0)
     assert play.step() == [StopDriving()]
     assert play.until_ended().code == "LOST"
+
+
+def test_in_a_wide_place_frontiers_are_searched_less_often_while_driving_and_at_once_when_a_drive_ends() -> None:
+    play = Play(frontier(12, 10, 9.0), wide_cells=SPEC.width * SPEC.height // 4)
+    looks = 0
+    search = play.surveyor.update
+
+    def counted(*args: object) -> Survey:
+        nonlocal looks
+        looks += 1
+        return search(*args)  # type: ignore[arg-type]
+
+    play.surveyor.update = counted  # type: ignore[method-assign, assignment]
+    drive = play.drive()
+    looks = 0
+    for _ in range(12):
+        assert play.step() == []
+    assert looks == 3
+    play.step()
+    before = looks
+    play.end(drive)
+    assert looks > before
+    assert play.mission.state is ExploreState.LOOKING
+
+
+def test_in_an_office_frontiers_are_searched_at_every_update() -> None:
+    play = Play(frontier(12, 10, 9.0))
+    play.drive()
+    play.surveyor.frontiers = [frontier(5, 5, 2.0)]
+    assert play.drive().map_from_goal.x == 5.0

@@ -34,19 +34,21 @@ class Side(enum.IntEnum):
 class FenceConfig:
     """`boundary` is a polygon (x, y) in the map frame, `radius` (m) a circle about the start; empty and 0 mean none. The robot goes no farther
     than `structure_reach` (m) from surfaces that it knows, 0 meaning anywhere: three quarters of its scanner's range, so that what it
-    would know its place by is seen by many beams. At least `structure_least` metres of surface within 1.5 m are structure, not a lost return.
+    would know its place by is seen by many beams. Nor does it go more than `open_reach` (m) outside of the convex hull of all surfaces that it
+    knows: there it sees walls on one side only, along which it slides (2.4 m along the outer wall of a warehouse). At least `structure_least` metres of surface within 1.5 m are structure, not a lost return.
     Judged on cells of `cell` (m)."""
 
     boundary: Boundary = ()
     radius: float = 0.0
     structure_reach: float = 15.0
+    open_reach: float = 5.0
     structure_least: float = 0.2
     cell: float = 0.5
 
     def __post_init__(self) -> None:
         if len(self.boundary) in (1, 2):
             raise BadInputError("a boundary needs at least three corners")
-        if min(self.radius, self.structure_reach, self.structure_least) < 0.0 or self.cell <= 0.0:
+        if min(self.radius, self.structure_reach, self.open_reach, self.structure_least) < 0.0 or self.cell <= 0.0:
             raise BadInputError("the fence's lengths must not be negative, nor its cells empty")
 
 
@@ -98,7 +100,7 @@ class Fence:
         return CostGrid(costs.stamp_ns, costs.frame, costs.spec, data)
 
     def _far_from_structure(self, occupancy: NDArray[np.int8]) -> NDArray[np.bool_]:
-        """Tell which coarse cells [iy, ix] lie too far from any surface."""
+        """Tell which coarse cells [iy, ix] lie too far from any surface, or from the hull of all."""
         assert self._spec is not None
         n, c = self._stride, self.config
         rows = np.add.reduceat((occupancy >= OCC_OCCUPIED).view(np.uint8), np.arange(0, occupancy.shape[0], n), axis=0)
@@ -107,8 +109,11 @@ class Fence:
         is_structure = (counts > 0) & (around * self._spec.resolution >= c.structure_least)
         if not is_structure.any():
             return np.ones(counts.shape, np.bool_)
-        away = cv2.distanceTransform((~is_structure).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        return np.asarray(away * (n * self._spec.resolution) > c.structure_reach)
+        hull = np.zeros(counts.shape, np.uint8)
+        corners = cv2.convexHull(np.argwhere(is_structure)[:, ::-1].astype(np.int32))
+        cv2.fillConvexPoly(hull, corners, 1)
+        size = n * self._spec.resolution
+        return np.asarray((_away(is_structure) * size > c.structure_reach) | (_away(hull > 0) * size > c.open_reach))
 
     def _beyond(self, polygon: Boundary, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell which coarse cells [iy, ix] have their middle outside of the polygon or the circle."""
@@ -123,6 +128,11 @@ class Fence:
         if polygon:
             is_beyond |= ~is_inside(polygon, x[None], y[:, None])
         return is_beyond
+
+
+def _away(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return each cell's distance to the nearest one of a mask, cells."""
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5))
 
 
 def is_inside(polygon: Boundary, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.bool_]:

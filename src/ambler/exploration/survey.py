@@ -18,6 +18,7 @@ from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
+from ambler.exploration.wide import shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import visible_unknown
 
@@ -30,7 +31,8 @@ A PlanningError says that no path can start there."""
 class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
     a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
-    is such a place: there the robot can turn."""
+    is such a place: there the robot can turn. In grids of more than `wide_cells` cells (39 m square) distances are those of cells of
+    `wide_cell` (m), so that a look costs no more than in an office."""
 
     min_size: float = 0.5
     min_gain: float = 0.25
@@ -39,6 +41,8 @@ class SurveyConfig:
     goal_reach: float = 1.0
     free_below: int = 50
     roomy_cost: int = 252
+    wide_cells: int = 600_000
+    wide_cell: float = 0.2
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     close: CloseLookConfig = field(default_factory=CloseLookConfig)
     fence: FenceConfig = field(default_factory=FenceConfig)
@@ -128,10 +132,11 @@ class FrontierSurvey:
 
     def _left_out(self, found: FrontierGroups, sides: NDArray[np.uint8]) -> list[Frontier]:
         """The frontiers beyond the fence, each with its reason."""
-        reach = self.config.fence.structure_reach
+        fence = self.config.fence
         reasons = {
             Side.BEYOND_BOUNDARY: "outside the boundary",
-            Side.BEYOND_STRUCTURE: f"no known surface within {reach:.0f} m by which the robot could tell where it is",
+            Side.BEYOND_STRUCTURE: f"no known surface within {fence.structure_reach:.0f} m, or only on one side "
+            f"and more than {fence.open_reach:.0f} m outside of all: the robot could not tell where it is",
         }
         out = []
         for side, reason in reasons.items():
@@ -140,8 +145,13 @@ class FrontierSurvey:
         return out
 
     def _distances(self, costs: CostGrid, map_from_base: SE2) -> NDArray[np.float32]:
+        data, spec = costs.data, costs.spec
         try:
-            return self._distance_field(costs.data, costs.spec, map_from_base)
+            if data.size <= self.config.wide_cells:
+                return self._distance_field(data, spec, map_from_base)
+            coarse, coarse_spec = shrunk(data, spec, self.config.wide_cell)
+            factor = round(coarse_spec.resolution / spec.resolution)
+            return spread(self._distance_field(coarse, coarse_spec, map_from_base), factor, data)
         except PlanningError:  # the robot stands where it may not be: nothing can be reached now
             return np.full(costs.spec.shape, np.inf, np.float32)
 
@@ -184,9 +194,8 @@ class FrontierSurvey:
         c, resolution = self.config, occupancy.spec.resolution
         worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
         gains, headings = np.empty(len(groups)), np.empty(len(groups))
-        seen = np.where(
-            self._close.surfaces(occupancy.spec), OCC_OCCUPIED, occupancy.data
-        )  # nothing is visible through them
+        seen = occupancy.data.copy()
+        seen[self._close.surfaces(occupancy.spec)] = OCC_OCCUPIED  # nothing is visible through them
         visible_unknown(seen, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
         return gains, headings
 

@@ -59,6 +59,8 @@ class ExploreMission:
         self._trail = Trail()
         self._back = 0.0
         self._was_driving = False
+        self._looked_ns = now_ns
+        self._is_fresh = True
         self._is_home = False
         self._goals_reached = 0
         self._begun_ns = self._held_ns = now_ns
@@ -157,7 +159,7 @@ class ExploreMission:
         if self._doubt or self.state is ExploreState.DOUBTING:
             return self._doubting(view)
         self._trail.add(view.map_from_base)
-        self._look(view)
+        self._look(view, must=self._drive_code is not None or self.state is not ExploreState.DRIVING)
         steps = {
             ExploreState.STARTING: self._starting,
             ExploreState.CHOOSING: self._choosing,
@@ -216,6 +218,8 @@ class ExploreMission:
             return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
         if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e9:
             return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
+        if not self._is_fresh:
+            return []
         best = choose(self._now, self._strategy, view.map_from_base, again, self._choice_while_driving())
         goal = self._target_frontier.goal
         assert best is not None
@@ -305,7 +309,14 @@ class ExploreMission:
         assert self.survey is not None
         return self.survey
 
-    def _look(self, view: ExploreView) -> None:
+    def _look(self, view: ExploreView, *, must: bool = True) -> None:
+        """Look at the map; in wide places not at every update, because a look takes time with the map's size."""
+        wide = view.map.data.size / self.config.wide_cells
+        if not must and self.survey is not None and view.now_ns - self._looked_ns < (wide - 0.5) * 1e9:
+            self.target, self._is_fresh = None, False
+            return
+        self._is_fresh = True
+        self._looked_ns = view.now_ns
         self.survey = self._surveyor.update(view.map, view.costs, view.map_from_base, self._goal.boundary)
         self.target = None
 
