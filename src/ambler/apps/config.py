@@ -129,7 +129,8 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     patience where people block the way, and an omnidirectional base with planar scanners pursues its path."""
     uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
     # A cloud's lowest rings meet walls up to 30 m away before they meet the floor; what is floor is told by the body's lean.
-    planar = PlanarConfig(range_max=30.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    # Where such a beam meets the floor, all that it passed in the band is proved free; a planar beam that meets nothing proves less.
+    planar = PlanarConfig(range_max=30.0, free_length=15.0) if uses_cloud else PlanarConfig(range_max=20.0)
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     pursues = has_map and robot.drive is DriveKind.OMNI and bool(robot.scanners)
