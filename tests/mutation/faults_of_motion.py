@@ -190,6 +190,13 @@ MOTION = (
         TRUST,
     ),
     PlantedFault(
+        "an open loop is taken for a lost map",
+        "localization/map_trust.py",
+        "score > self._usual_score - c.score_drop",
+        "score > 2.0",
+        TRUST,
+    ),
+    PlantedFault(
         "a scan without returns is drawn as free floor",
         "nodes/slam2d.py",
         "may_insert=is_telling and self._trust.may_map",

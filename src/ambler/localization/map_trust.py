@@ -1,7 +1,8 @@
 """Whether a robot that makes its map still knows where it is in it: enough returns to tell, and no contradiction with what it has mapped.
 
-A scan without returns says nothing of the place; one whose returns lie where the map has long been free says that the pose is wrong. In
-both cases nothing may be drawn into the map: walls would be erased by rays from a place where the robot is not.
+A scan without returns says nothing of the place; one that fits what was seen last much worse than usual, and whose returns lie where the map
+is free, says that the pose is wrong. In both cases nothing may be drawn into the map: walls would be erased by rays from a place where the robot is
+not. A scan that fits what was seen last as well as usual is right even where it contradicts older parts: it is for loop closure to bend them.
 """
 
 from __future__ import annotations
@@ -32,12 +33,15 @@ class MapTrustConfig:
     """A scan says too little with fewer than `least_returns` returns: the matcher takes ten, and a wall of which twenty are seen fixes two
     directions of three. It contradicts the map when more than `most_contradicting` of its returns lie on floor that the map calls free, more
     than `slack` (m) from anything occupied: of returns on known cells, at least as many as `least_returns`. People and doors are a few percent, ten
-    people close by a third; with a pose that is off by half a metre the walls ahead lie on free floor and those behind on unknown cells. Doubt of `doubt_time` s in a row degrades, agreement of `sure_time` s
+    people close by a third; with a pose that is off by half a metre the walls ahead lie on free floor and those behind on unknown cells. It counts only where the match
+    scores at least `score_drop` less than matches of late, which follow with the share `score_gain` of each. Doubt of `doubt_time` s in a row degrades, agreement of `sure_time` s
     restores; the map is lost after `lost_way` metres or `lost_time` s of doubt."""
 
     least_returns: int = 20
     most_contradicting: float = 0.6
     slack: float = 0.2
+    score_drop: float = 0.2
+    score_gain: float = 0.02
     doubt_time: float = 2.0
     sure_time: float = 1.0
     lost_way: float = 8.0
@@ -79,6 +83,7 @@ class MapTrustJudge:
         self._sure_ns: int | None = None
         self._last: SE2 | None = None
         self._way = 0.0
+        self._usual_score: float | None = None
 
     def set_map(self, spec: GridSpec, occupancy: NDArray[np.int8]) -> None:
         """Take the newest map, int8 [iy, ix]; one that is not made in doubt."""
@@ -93,12 +98,15 @@ class MapTrustJudge:
         """Whether scans may be drawn into the map: not from the first doubt on."""
         return self._doubt_ns is None
 
-    def update(self, stamp_ns: int, odom_from_base: SE2, points_map: NDArray[np.floating]) -> MapTrust:
-        """Take a scan's returns (N, 2) at the pose that was found for it; returns the state."""
+    def update(self, stamp_ns: int, odom_from_base: SE2, points_map: NDArray[np.floating], score: float) -> MapTrust:
+        """Take a scan's returns (N, 2) at the pose that was found for it, and the match's score (0 without a match); returns the state."""
         if self._last is not None:
             self._way += self._last.distance_to(odom_from_base)
         self._last = odom_from_base
-        doubt = self._doubt_of(points_map)
+        doubt = self._doubt_of(points_map, score)
+        if not doubt and score > 0.0:
+            usual = score if self._usual_score is None else self._usual_score
+            self._usual_score = usual + self.config.score_gain * (score - usual)
         if doubt:
             self._sure_ns = None
             if self._doubt_ns is None:
@@ -111,11 +119,11 @@ class MapTrustJudge:
                 self._doubt_ns, self._sure_ns, self.state, self.text = None, None, MapTrust.GOOD, ""
         return self.state
 
-    def _doubt_of(self, points_map: NDArray[np.floating]) -> str:
+    def _doubt_of(self, points_map: NDArray[np.floating], score: float) -> str:
         c = self.config
         if len(points_map) < c.least_returns:
             return f"{len(points_map)} returns, too few to tell where the robot is"
-        if self._floor is None:
+        if self._floor is None or self._usual_score is None or score > self._usual_score - c.score_drop:
             return ""
         share, known = self._floor.contradiction(points_map)
         if known >= c.least_returns and share > c.most_contradicting:
