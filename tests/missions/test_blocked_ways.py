@@ -57,6 +57,16 @@ def test_a_mark_ends_and_comes_back_for_twice_as_long() -> None:
     assert len(ways.points(223 * S)) == 0
 
 
+def test_one_of_several_marks_comes_back_and_the_others_stay() -> None:
+    ways = BlockedWays(BlockedWaysConfig(keep=60.0))
+    for begin, y in ((0, 0.0), (10, 3.0), (20, 3.0), (30, 0.0)):
+        for k in range(3):
+            ways.fail(straight(y), SE2(2.0, y), (begin + k) * S)
+    assert len(ways.points(40 * S)) == 2 * len(ways.points(40 * S)[ways.points(40 * S)[:, 1] > 1.5])
+    assert len(ways.points(145 * S)) > 0, "both came back, and hold for two minutes"
+    assert len(ways.points(160 * S)) == 0
+
+
 def test_near_the_end_of_a_path_its_last_point_is_marked() -> None:
     ways = BlockedWays()
     for k in range(3):

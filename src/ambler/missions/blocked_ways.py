@@ -39,7 +39,7 @@ class BlockedWaysConfig:
             raise BadInputError("blocked ways: counts and lengths must be positive")
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Mark:
     place: F64
     points: F64
