@@ -12,6 +12,7 @@ from examples.keep_out_zones import KeepOutLayer
 from ambler.core.grid import GridSpec
 from ambler.core.messages import Polygon
 from ambler.core.se2 import SE2
+from ambler.costmap.blocked_layer import BlockedLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.layer import Layer, Moment, box_around, union, whole
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
@@ -50,6 +51,11 @@ def feed_glass(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
     layer.set_segments(rng.uniform(-3, 3, (int(rng.integers(0, 4)), 4)))
 
 
+def feed_blocked(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, BlockedLayer)
+    layer.set_points(rng.uniform(-3, 3, (int(rng.integers(0, 6)), 2)))
+
+
 def feed_zones(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
     assert isinstance(layer, KeepOutLayer)
     zone = np.zeros((int(rng.choice([0, 3, 5])), 3), np.float32)
@@ -62,6 +68,7 @@ LAYERS: dict[str, tuple[Callable[[], Layer], Feed]] = {
     "obstacles": (lambda: ObstacleLayer(ObstacleConfig(1.0, 1.5)), feed_rays),
     "cones": (lambda: RangeLayer(RangeConfig(decay=1.0)), feed_cones),
     "glass": (GlassLayer, feed_glass),
+    "blocked": (BlockedLayer, feed_blocked),
     "keep_out": (KeepOutLayer, feed_zones),
 }
 every_layer = pytest.mark.parametrize("name", LAYERS)

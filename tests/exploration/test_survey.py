@@ -15,7 +15,7 @@ from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig, choose, find_again
 from ambler.exploration.strategies import GreedyStrategy, NearestStrategy
-from ambler.exploration.survey import FrontierSurvey, Survey, SurveyConfig, is_inside
+from ambler.exploration.survey import FrontierSurvey, Survey, SurveyConfig
 from ambler.exploration.tour import TourConfig, TourStrategy
 from ambler.kernels.frontier_value import shrink_costs, visible_unknown
 
@@ -114,16 +114,6 @@ def test_a_long_sliver_along_a_wall_shows_too_little() -> None:
     assert len(sliver.cells) * R > 3.0
     assert sliver.state is FrontierState.TOO_SMALL
     assert "of unknown visible" in sliver.reason
-
-
-def test_outside_the_boundary_is_left_alone() -> None:
-    occupancy = corridor()
-    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
-    boundary = ((0.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 4.0))
-    (end,) = surveyor.update(*grids(occupancy), SE2(2.0, 2.0), boundary).frontiers
-    assert end.state is FrontierState.OUTSIDE_BOUNDARY
-    assert is_inside(boundary, (4.9, 3.9))
-    assert not is_inside(boundary, (5.1, 3.9))
 
 
 def test_grids_that_do_not_fit_together_are_refused() -> None:

@@ -455,3 +455,79 @@ def test_a_robot_that_can_reach_next_to_nothing_has_not_explored_but_is_boxed_in
     ended = play.until_ended()
     assert ended.code == code
     assert ("boxed in" in ended.text) == (code == "STUCK")
+
+
+def along(play: Play, x_from: float, x_to: float) -> None:
+    """Drive along y = 10 m in small steps."""
+    for x in np.linspace(x_from, x_to, 1 + round(abs(x_to - x_from) / 0.25)):
+        play.pose = SE2(float(x), 10.0)
+        play.step(0.3)
+
+
+def test_a_robot_that_lost_its_map_goes_back_along_its_way_and_leaves_what_led_there() -> None:
+    play = Play(frontier(19, 10, 9.0), frontier(5, 5, 30.0), doubt_way=4.0)
+    play.drive()
+    along(play, 10.0, 17.0)
+    play.mission.doubt("3 returns, too few", play.now_ns)
+    stop, back = play.step()
+    assert isinstance(stop, StopDriving)
+    assert isinstance(back, DriveTo)
+    assert (back.map_from_goal.x, back.map_from_goal.y) == pytest.approx((13.0, 10.0), abs=0.3)
+    assert play.mission.state is ExploreState.DOUBTING
+    assert "3 returns" in play.mission.text
+    along(play, 17.0, 14.0)
+    assert play.mission.state is ExploreState.DOUBTING, "nothing is decided on a map that is in doubt"
+    play.mission.doubt("", play.now_ns)
+    assert StopDriving() in play.step()
+    assert play.drive(2.0).map_from_goal.x == 5.0
+    assert "lost its map on the way there" in play.mission.frontiers()[0].reason
+
+
+def test_it_goes_back_farther_when_that_did_not_help_and_ends_lost_when_nothing_does() -> None:
+    play = Play(frontier(19, 10, 9.0), doubt_way=4.0, doubt_time=60.0)
+    play.drive()
+    along(play, 10.0, 17.0)
+    play.mission.doubt("all returns lie where the map is free", play.now_ns)
+    first = next(c for c in play.step() if isinstance(c, DriveTo))
+    farther = next(c for c in play.end(first) if isinstance(c, DriveTo))
+    assert farther.map_from_goal.x == pytest.approx(10.0, abs=0.3)
+    ended = play.until_ended("NO_VALID_PATH")
+    assert ended.code == "LOST"
+    assert "all returns lie" in ended.text
+
+
+def test_in_doubt_from_the_first_moment_there_is_no_way_back() -> None:
+    play = Play(frontier(12, 10, 2.0), doubt_time=5.0)
+    play.mission.doubt("0 returns", 0)
+    assert play.step() == [StopDriving()]
+    assert play.until_ended().code == "LOST"
+
+
+def test_in_a_wide_place_frontiers_are_searched_less_often_while_driving_and_at_once_when_a_drive_ends() -> None:
+    play = Play(frontier(12, 10, 9.0), wide_cells=SPEC.width * SPEC.height // 4)
+    looks = 0
+    search = play.surveyor.update
+
+    def counted(*args: object) -> Survey:
+        nonlocal looks
+        looks += 1
+        return search(*args)  # type: ignore[arg-type]
+
+    play.surveyor.update = counted  # type: ignore[method-assign, assignment]
+    drive = play.drive()
+    looks = 0
+    for _ in range(12):
+        assert play.step() == []
+    assert looks == 3
+    play.step()
+    before = looks
+    play.end(drive)
+    assert looks > before
+    assert play.mission.state is ExploreState.LOOKING
+
+
+def test_in_an_office_frontiers_are_searched_at_every_update() -> None:
+    play = Play(frontier(12, 10, 9.0))
+    play.drive()
+    play.surveyor.frontiers = [frontier(5, 5, 2.0)]
+    assert play.drive().map_from_goal.x == 5.0

@@ -49,6 +49,8 @@ class Script:
         self.states: list[str] = []
         self.texts: list[str] = []
         self.base: SE2 | None = None
+        self.is_marked = False
+        self.blocked: list[Path] = []
 
     def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
         assert map_from_goal == GOAL.map_from_goal
@@ -77,6 +79,10 @@ class Script:
 
     def map_from_base(self) -> SE2 | None:
         return self.base
+
+    def mark_blocked(self, path: Path) -> bool:
+        self.blocked.append(path)
+        return self.is_marked
 
     def report(self, state: str, text: str) -> None:
         assert text
@@ -476,3 +482,19 @@ def test_the_sequence_gives_each_step_once() -> None:
     sequence.update(3.4)
     assert sequence.peek() == RecoveryStep(RecoveryAction.CLEAR)
     assert sequence.count == 2
+
+
+def test_a_way_that_is_marked_is_planned_around_without_another_recovery(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script)
+    assert drive.state is NavigationState.RECOVERING, "not marked yet: recover"
+    script.clears[-1]()
+    script.plans[-1](plan_to(5.0))
+    script.is_marked = True
+    fail_follow(script, "FAILED_TO_MAKE_PROGRESS")
+    assert drive.state is NavigationState.PLANNING
+    assert len(script.blocked) == 2
+    assert drive.recoveries == 1
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script, "STALE_INPUT")
+    assert len(script.blocked) == 2, "missing input says nothing of the way"

@@ -224,9 +224,30 @@ MAPPING = (
     ),
     PlantedFault(
         "a leaning body does not tilt its scanner",
-        "perception/planar.py",
-        "return SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0) @ base_from_sensor",
-        "return base_from_sensor",
+        "perception/level_mount.py",
+        "SE3((0.0, 0.0, 0.0), lean) @ base_from_sensor",
+        "base_from_sensor",
+        PLANAR,
+    ),
+    PlantedFault(
+        "one lean holds for the whole turn of a scanner",
+        "perception/level_mount.py",
+        "motion.pose_at(stamp_ns + round(k * step * 1e9))",
+        "motion.pose_at(stamp_ns)",
+        PLANAR,
+    ),
+    PlantedFault(
+        "far floor is as surely floor as near floor",
+        "kernels/scan_points.py",
+        "if z < band[0] + band[2] * d:",
+        "if z < band[0]:",
+        PLANAR,
+    ),
+    PlantedFault(
+        "the beam of a nodding scanner ends at the floor as at a wall",
+        "kernels/scan_points.py",
+        "if over < r * sink:",
+        "if over < -1e9:",
         PLANAR,
     ),
     PlantedFault(

@@ -8,6 +8,10 @@ INFLATION = ("tests/costmap/test_inflation.py",)
 LAYERS = ("tests/costmap/test_layers.py",)
 PLANNER = ("tests/planning/test_grid_planner.py",)
 EXPLORE = ("tests/missions/test_explore.py",)
+FENCE = ("tests/exploration/test_fence.py",)
+WIDE = ("tests/exploration/test_wide.py",)
+TRUST = ("tests/localization/test_map_trust.py",)
+BLOCKED = ("tests/missions/test_blocked_ways.py",)
 SURVEY = ("tests/exploration/test_survey.py",)
 NAVIGATE = ("tests/missions/test_navigate.py",)
 JUDGES = ("tests/control/test_judges.py",)
@@ -138,10 +142,87 @@ MOTION = (
     ),
     PlantedFault(
         "frontiers outside of the boundary are open",
-        "exploration/survey.py",
-        "if boundary and not is_inside(boundary, frontier.centroid):",
+        "exploration/fence.py",
+        "if polygon or c.radius > 0.0:",
         "if False:",
-        SURVEY,
+        FENCE,
+    ),
+    PlantedFault(
+        "exploration goes into the plain",
+        "exploration/fence.py",
+        "_away(is_structure) * size > c.structure_reach",
+        "_away(is_structure) * size < 0.0",
+        FENCE,
+    ),
+    PlantedFault(
+        "exploration slides along outer walls",
+        "exploration/fence.py",
+        "_away(hull > 0) * size > c.open_reach",
+        "_away(hull > 0) * size < 0.0",
+        FENCE,
+    ),
+    PlantedFault(
+        "ways of the survey lead through what is left out",
+        "exploration/fence.py",
+        "= COST_LETHAL",
+        "= 0",
+        FENCE,
+    ),
+    PlantedFault(
+        "coarse distances reach where the robot may not be",
+        "kernels/frontier_value.py",
+        "if costs[iy, ix] < limit else np.inf",
+        "if costs[iy, ix] <= 255 else np.inf",
+        WIDE,
+    ),
+    PlantedFault(
+        "a mapping robot draws walls from a place that is in doubt",
+        "localization/map_trust.py",
+        "return self._doubt_ns is None",
+        "return self.state is MapTrust.GOOD",
+        TRUST,
+    ),
+    PlantedFault(
+        "returns on free floor are no contradiction",
+        "localization/map_trust.py",
+        "share > c.most_contradicting",
+        "share > 1.0",
+        TRUST,
+    ),
+    PlantedFault(
+        "an open loop is taken for a lost map",
+        "localization/map_trust.py",
+        "score > self._usual_score - c.score_drop",
+        "score > 2.0",
+        TRUST,
+    ),
+    PlantedFault(
+        "a scan without returns is drawn as free floor",
+        "nodes/slam2d.py",
+        "may_insert=is_telling and self._trust.may_map",
+        "may_insert=True",
+        ("tests/slam2d/test_slam2d_node.py",),
+    ),
+    PlantedFault(
+        "a robot that lost its map drives on",
+        "missions/explore.py",
+        "if self._doubt or self.state is ExploreState.DOUBTING:",
+        "if self.state is ExploreState.DOUBTING:",
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
+        "failures anywhere mark a way as blocked",
+        "missions/blocked_ways.py",
+        "sum(math.hypot(fx - x, fy - y) <= c.near for",
+        "sum(math.hypot(fx - x, fy - y) >= 0.0 for",
+        BLOCKED,
+    ),
+    PlantedFault(
+        "a marked way stays marked for ever",
+        "missions/blocked_ways.py",
+        "if now_ns < m.until_ns)])",
+        "if now_ns >= 0)])",
+        BLOCKED,
     ),
     PlantedFault(
         "the reachable area is that of the known map",

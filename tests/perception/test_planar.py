@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
+from ambler.perception.level_mount import level_mount
+from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
 from tests.registration.room import ranges_at, scan_at
 
 MOUNT = SE3((0.2, -0.1, 0.3))
@@ -134,13 +136,99 @@ def test_one_surface_ends_at_its_depth() -> None:
         assert points == pytest.approx(np.array([[seen, 0.0]]), abs=1e-6)
 
 
-def test_levelling_turns_a_tilted_floor_flat() -> None:
-    roll, pitch = 0.05, -0.08
-    mount = SE3((0.1, 0.0, 0.6))
-    tilt = SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0)
-    floor = np.array([[x, y, 0.0] for x in (-3.0, 2.0, 4.0) for y in (-2.0, 3.0)])
-    in_sensor = (tilt @ mount).inverse().transform(floor)
-    cloud = cloud_of(in_sensor)
-    config = PlanarConfig(range_min=0.3, range_max=10.0, free_length=10.0)
-    assert len(cloud_to_points(cloud, level(mount, roll, pitch), np.zeros(3), config).points) == 0
-    assert len(cloud_to_points(cloud, mount, np.zeros(3), config).points) > 0
+BODY = SE3((0.1, 0.0, 0.6))
+WALKING = PlanarConfig(range_min=0.3, range_max=30.0, free_length=10.0)
+SWEEP = 0.1  # seconds of a turn
+
+
+def walking(amplitude: float) -> BaseMotion:
+    """Return the motion of a body that pitches with 2.5 Hz and rolls with half of that on the spot, told at 50 Hz."""
+    motion = BaseMotion()
+    for k in range(20):
+        motion.add_pose(k * 20_000_000, lean_at(k * 0.02, amplitude))
+    return motion
+
+
+def lean_at(t: float, amplitude: float) -> SE3:
+    roll, pitch = amplitude * math.sin(7.9 * t), amplitude * math.cos(15.7 * t)
+    return SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0)
+
+
+def swept(distance: float, height: float, amplitude: float) -> PointCloud:
+    """Return what a turn sees of a ring of points at a height above the floor, each from where the leaning sensor was then."""
+    n = 360
+    times = np.linspace(0.0, SWEEP, n, dtype=np.float32)
+    bearing = np.arange(n) * INCREMENT - math.pi
+    ring = np.stack((distance * np.cos(bearing), distance * np.sin(bearing), np.full(n, height)), axis=1)
+    points = [
+        (lean_at(float(t), amplitude) @ BODY).inverse().transform(p[None])[0] for t, p in zip(times, ring, strict=True)
+    ]
+    zeros = np.zeros(n, np.float32)
+    return PointCloud(0, "lidar", np.array(points, np.float32), zeros, times, np.zeros(n, np.uint16))
+
+
+@pytest.mark.parametrize("distance", [5.0, 12.0, 20.0, 28.0])
+def test_the_floor_under_a_walking_body_is_no_wall_at_any_distance(distance: float) -> None:
+    lean = math.radians(1.5)
+    cloud = swept(distance, 0.0, lean)
+    mount = level_mount(BODY, walking(lean), 0, SWEEP)
+    assert len(cloud_to_points(cloud, mount, np.zeros(3), WALKING).points) == 0
+    # One lean for the whole turn, as it was at its stamp, would be wrong.
+    at_stamp = level_mount(BODY, walking(lean), 0, 0.0)
+    assert distance < 8.0 or len(cloud_to_points(cloud, at_stamp, np.zeros(3), WALKING).points) > 20
+
+
+@pytest.mark.parametrize("distance", [5.0, 12.0, 28.0])
+def test_a_wall_is_seen_by_a_walking_body_where_it_is(distance: float) -> None:
+    lean = math.radians(1.5)
+    mount = level_mount(BODY, walking(lean), 0, SWEEP)
+    points = cloud_to_points(swept(distance, 0.4, lean), mount, np.zeros(3), WALKING).points
+    assert len(points) == 360
+    assert np.hypot(points[:, 0], points[:, 1]) == pytest.approx(distance, abs=0.01)
+
+
+def test_what_may_be_floor_is_free_only_while_its_ray_is_surely_above_it() -> None:
+    still = math.radians(0.5)
+    motion = BaseMotion()
+    motion.add_pose(0, SE3.from_rpy((0.0, 0.0, 0.0), 0.0, still, 0.0))
+    motion.add_pose(200_000_000, SE3.from_rpy((0.0, 0.0, 0.0), 0.0, still, 0.0))
+    mount = level_mount(BODY, motion, 0, SWEEP)
+    level_from_sensor = SE3.from_rpy((0.0, 0.0, 0.0), 0.0, still, 0.0) @ BODY
+    low = level_from_sensor.inverse().transform(
+        np.array([[0.0, 20.0, 0.15]])
+    )  # above the band's edge, within the doubt
+    free = cloud_to_points(cloud_of(low), mount, np.zeros(3), PlanarConfig(range_max=30.0, free_length=30.0))
+    assert len(free.points) == 0
+    along = float(np.hypot(*(free.free_points[0] - free.origin)))
+    sensor_height = level_from_sensor.translation[2]
+    height = sensor_height + (0.15 - sensor_height) * along / 20.0
+    assert height == pytest.approx(0.1 + math.radians(0.3) * along, abs=1e-3)
+
+
+def test_a_planar_scanner_that_nods_sees_floor_and_no_wall() -> None:
+    nod, height = math.radians(2.0), 0.3
+    motion = BaseMotion()
+    for stamp_ns in (0, 200_000_000):
+        motion.add_pose(stamp_ns, SE3.from_rpy((0.0, 0.0, 0.0), 0.0, nod, 0.0))
+    mount = level_mount(SE3((0.0, 0.0, height)), motion, 0, 0.1)
+    floor = height / math.sin(nod)
+    ranges = np.array(
+        [floor, 4.0, np.inf, floor], np.float32
+    )  # floor ahead, a wall ahead, nothing ahead, a wall behind
+    seen = LaserScan(0, "laser", 0.0, 0.0, 0.0, 0.1, 0.05, 30.0, ranges[:3], np.zeros(0, np.float32))
+    ahead = scan_to_points(seen, mount, np.zeros(3), PlanarConfig(free_length=20.0))
+    at = height * math.sin(nod)  # where the nod carried the scanner
+    assert ahead.points[:, 0] == pytest.approx([at + 4.0 * math.cos(nod)], abs=1e-3)
+    # The two others are free to where they come near the floor.
+    reach = (height - 0.1) / (math.sin(nod) + math.radians(0.3))
+    assert ahead.free_points[:, 0] - at == pytest.approx([reach, reach], abs=0.02)
+    behind = LaserScan(0, "laser", math.pi, 0.0, 0.0, 0.1, 0.05, 30.0, ranges[3:], np.zeros(0, np.float32))
+    assert len(scan_to_points(behind, mount, np.zeros(3), PlanarConfig()).points) == 1
+
+
+def test_a_level_body_needs_no_sweep() -> None:
+    motion = BaseMotion()
+    motion.add_pose(0, SE3((1.0, 2.0, 0.0)))
+    motion.add_pose(200_000_000, SE3.from_se2(SE2(1.0, 2.0, 1.0)))
+    assert level_mount(BODY, motion, 0, SWEEP) is BODY
+    assert level_mount(BODY, BaseMotion(), 0, SWEEP) is BODY  # nothing is known

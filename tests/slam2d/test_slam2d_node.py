@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ambler.core.messages import LaserScan, Odometry
+from ambler.core.se3 import SE3
 from ambler.nodes.slam2d import Slam2dNode, Slam2dNodeConfig
 from ambler.runtime import topics
 from ambler.runtime.tasks import FINISH_MAP, Nothing
@@ -93,3 +95,34 @@ def test_a_cancelled_finish_leaves_the_node_ready_for_another(started: tuple[Sla
         context.run_job()
     assert first.results == []
     assert second.results == [Nothing()]
+
+
+def test_nothing_is_drawn_into_the_map_while_the_robot_has_no_returns(
+    started: tuple[Slam2dNode, HandMadeContext],
+) -> None:
+    node, context = started
+    context.log = lambda *args, **fields: None  # type: ignore[attr-defined]
+    said: list[str] = []
+    publish = context.publish
+    context.publish = lambda topic, message: (  # type: ignore[method-assign]
+        said.append(message.code) if topic is topics.STATUS else publish(topic, message)
+    )
+    handle = Handle()
+    context.tasks[FINISH_MAP.name][0](handle)
+    while context.jobs:
+        context.run_job()
+    _, before = node.slam.render_map()
+    nodes, last_ns = node.slam.nodes, 10**12
+    nothing = np.full(720, np.inf, np.float32)
+    for k in range(60):
+        stamp = last_ns + k * 100_000_000
+        node._on_odometry(odometry(stamp, 0.05 * k))
+        node._on_scan(LaserScan(stamp, "laser", -np.pi, 2 * np.pi / 720, 0.0, 0.1, 0.1, 20.0, nothing, nothing[:0]))
+    assert node.slam.nodes == nodes
+    assert np.array_equal(before, node.slam.render_map()[1])
+    assert said == ["SLAM_DEGRADED"]
+
+
+def odometry(stamp_ns: int, x: float) -> Odometry:
+    zero, cov = (0.0, 0.0, 0.0), np.zeros((6, 6))
+    return Odometry(stamp_ns, "odom", "base", SE3((x, 0.0, 0.0)), zero, zero, cov, cov)

@@ -18,6 +18,7 @@ from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
+from ambler.exploration.fence import FenceConfig
 from ambler.exploration.strategies import GreedyStrategy
 from ambler.exploration.survey import SurveyConfig
 from ambler.exploration.tour import TourConfig
@@ -109,6 +110,9 @@ SHARP = FrontEndConfig(
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
+SEEN_WELL = (
+    0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
+)
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 
@@ -124,7 +128,9 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     """Return the defaults for a robot: sizes from its footprint, the scanner's kind and range from its mounts. In a known map it has
     patience where people block the way, and an omnidirectional base with planar scanners pursues its path."""
     uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
-    planar = PlanarConfig(range_max=10.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    # A cloud's lowest rings meet walls up to 30 m away before they meet the floor; what is floor is told by the body's lean.
+    # Where such a beam meets the floor, all that it passed in the band is proved free; a planar beam that meets nothing proves less.
+    planar = PlanarConfig(range_max=30.0, free_length=15.0) if uses_cloud else PlanarConfig(range_max=20.0)
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     pursues = has_map and robot.drive is DriveKind.OMNI and bool(robot.scanners)
@@ -142,7 +148,10 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
         explore=ExploreConfig(yaw_tolerance=math.pi) if looks_around(robot) else ExploreConfig(),
-        survey=SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
+        survey=replace(
+            SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
+            fence=FenceConfig(structure_reach=SEEN_WELL * planar.range_max),
+        ),
     )
 
 

@@ -22,6 +22,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="STEP",
         help="what to do next in the map just made, any number of times: X,Y[,DEG] (a goal), dock:NAME or undock:NAME",
     )
+    parser.add_argument("--radius", type=float, metavar="M", help="explore no farther than this from the start, metres")
+    parser.add_argument(
+        "--boundary",
+        metavar="X,Y;X,Y;...",
+        help="explore inside this polygon only; corners in metres from the start",
+    )
     add_run_options(parser, world="office", robot="diff", time_limit=3600.0)
     add_dock_options(parser)
     parser.set_defaults(run=run)

@@ -164,6 +164,15 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
         profile = merge(profile, {"localizer": args.localizer})
     if named.get("source"):
         profile = merge(profile, {"localization": {"source": args.source}})
+    fence: dict[str, Any] = {}
+    if named.get("radius") is not None:
+        fence["radius"] = args.radius
+    if named.get("boundary"):
+        fence["boundary"] = [
+            list(parse_pose(corner, "--boundary").as_array()[:2]) for corner in args.boundary.split(";")
+        ]
+    if fence:
+        profile = merge(profile, {"survey": {"fence": fence}})
     return profile, tuple(str(fault) for fault in faults)
 
 

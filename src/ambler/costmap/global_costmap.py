@@ -16,6 +16,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_UNKNOWN, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
+from ambler.costmap.blocked_layer import BlockedLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.inflation import Inflation, InflationConfig
 from ambler.costmap.layer import Box, L, Layer, Moment, changed_box, layer_of, union, whole
@@ -37,8 +38,8 @@ class GlobalCostmapConfig:
 
 
 def global_layers(config: GlobalCostmapConfig) -> tuple[Layer, ...]:
-    """Return the usual layers above the map: obstacles, cones, glass. Without anything fed they cost nothing."""
-    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), GlassLayer()
+    """Return the usual layers above the map: obstacles, cones, glass, blocked ways. Without anything fed they cost nothing."""
+    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), GlassLayer(), BlockedLayer()
 
 
 class GlobalCostmap:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,13 +66,20 @@ class CloseLooks:
         spec, c = occupancy.spec, self.config
         y = (map_from_base.y - spec.origin_y) / spec.resolution
         x = (map_from_base.x - spec.origin_x) / spec.resolution
-        ends, passed = np.empty(c.rays, np.int64), np.zeros(spec.shape, np.uint8)
-        sector = (map_from_base.yaw + c.sector[0], c.sector[1])
         reach = (c.nearest / spec.resolution, c.farthest / spec.resolution)
-        look_around(occupancy.data, self._free_below, y, x, sector, reach, ends, passed)
-        self._counts -= np.minimum(passed, self._counts)
-        counts, cells = self._counts.reshape(-1), np.unique(ends[ends >= 0])
-        counts[cells] = np.minimum(counts[cells] + 1, c.most)
+        border = math.ceil(reach[1]) + 2  # only what a look can reach is touched, however large the map is
+        y0, x0 = max(0, math.floor(y) - border), max(0, math.floor(x) - border)
+        y1, x1 = min(spec.height, math.floor(y) + border), min(spec.width, math.floor(x) + border)
+        if y1 <= y0 or x1 <= x0:
+            return
+        around = np.ascontiguousarray(occupancy.data[y0:y1, x0:x1])
+        ends, passed = np.empty(c.rays, np.int64), np.zeros(around.shape, np.uint8)
+        sector = (map_from_base.yaw + c.sector[0], c.sector[1])
+        look_around(around, self._free_below, y - y0, x - x0, sector, reach, ends, passed)
+        counts = self._counts[y0:y1, x0:x1]
+        counts -= np.minimum(passed, counts)
+        iy, ix = np.divmod(np.unique(ends[ends >= 0]), x1 - x0)
+        counts[iy, ix] = np.minimum(counts[iy, ix] + 1, c.most)
 
     def surfaces(self, spec: GridSpec) -> NDArray[np.bool_]:
         """Tell which cells [iy, ix] of a grid are surfaces, whatever the map says of them."""
@@ -82,9 +88,15 @@ class CloseLooks:
 
     def are_over(self, spec: GridSpec, cells: I64) -> NDArray[np.bool_]:
         """Tell which flat cells of a grid lie where the robot has looked often enough."""
-        width = 2 * self.config.around + 1
-        near = cv2.dilate(self.surfaces(spec).astype(np.uint8), np.ones((width, width), np.uint8))
-        return np.asarray(near.reshape(-1)[cells] > 0)
+        self._move_to(spec)
+        reach, n = self.config.around, self._counts.shape
+        iy, ix = np.divmod(cells, spec.width)
+        is_over = np.zeros(len(cells), np.bool_)
+        for dy in range(-reach, reach + 1):
+            rows = np.clip(iy + dy, 0, n[0] - 1)
+            for dx in range(-reach, reach + 1):
+                is_over |= self._counts[rows, np.clip(ix + dx, 0, n[1] - 1)] >= self.config.looks
+        return is_over
 
     def _move_to(self, spec: GridSpec) -> None:
         """Take another geometry of the same lattice; what lies outside is forgotten."""

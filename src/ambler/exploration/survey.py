@@ -15,12 +15,13 @@ from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGri
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
+from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
+from ambler.exploration.wide import shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import visible_unknown
 
-Boundary = tuple[tuple[float, float], ...]
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
 """(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable.
 A PlanningError says that no path can start there."""
@@ -30,7 +31,8 @@ A PlanningError says that no path can start there."""
 class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
     a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
-    is such a place: there the robot can turn."""
+    is such a place: there the robot can turn. In grids of more than `wide_cells` cells (39 m square) distances are those of cells of
+    `wide_cell` (m), so that a look costs no more than in an office."""
 
     min_size: float = 0.5
     min_gain: float = 0.25
@@ -39,8 +41,11 @@ class SurveyConfig:
     goal_reach: float = 1.0
     free_below: int = 50
     roomy_cost: int = 252
+    wide_cells: int = 600_000
+    wide_cell: float = 0.2
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     close: CloseLookConfig = field(default_factory=CloseLookConfig)
+    fence: FenceConfig = field(default_factory=FenceConfig)
 
     @classmethod
     def from_robot(cls, robot: RobotModel, roomy_cost: int) -> SurveyConfig:
@@ -54,7 +59,8 @@ class SurveyConfig:
 @dataclass(frozen=True, slots=True)
 class Survey:
     """All frontiers of one map: `gains` float64 (N,) in m², `open` the indices that may be driven to, the areas (m²) of the
-    known map and of the cells that the robot can reach, and the cost grid that all was made with."""
+    known map and of the cells that the robot can reach, and the cost grid that all was made with. `left_out` (m) is the length of the
+    frontiers beyond the fence."""
 
     frontiers: tuple[Frontier, ...]
     gains: NDArray[np.float64]
@@ -62,6 +68,7 @@ class Survey:
     known_area: float
     reachable_area: float
     costs: CostGrid
+    left_out: float = 0.0
 
 
 class FrontierSurvey:
@@ -71,6 +78,7 @@ class FrontierSurvey:
         self.config = config
         self.memory = FrontierMemory(config.memory, config.free_below)
         self._close = CloseLooks(config.close, config.free_below)
+        self._fence = Fence(config.fence)
         self._distance_field = distance_field
         self._frontier_map = FrontierMap(config.free_below)
         self._last: OccupancyGrid | None = None
@@ -79,6 +87,7 @@ class FrontierSurvey:
         """Forget the map and every refusal."""
         self.memory = FrontierMemory(self.config.memory, self.config.free_below)
         self._close = CloseLooks(self.config.close, self.config.free_below)
+        self._fence = Fence(self.config.fence)
         self.forget_map()
 
     def forget_map(self) -> None:
@@ -86,14 +95,18 @@ class FrontierSurvey:
         self._last = None
 
     def update(self, occupancy: OccupancyGrid, costs: CostGrid, map_from_base: SE2, boundary: Boundary = ()) -> Survey:
-        """Return every frontier of the map, judged for a robot at `map_from_base`.
+        """Return every frontier of the map, judged for a robot at `map_from_base`; `boundary` goes before that of the configuration.
 
         Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
         """
         found = self._search(occupancy)
         self._close.add(occupancy, map_from_base)
+        self._fence.update(occupancy, map_from_base, boundary)
+        costs = self._fence.inside(costs, map_from_base)
         is_over = self._close.are_over(found.spec, found.cells)
-        groups, over = (group(found.spec, np.sort(found.cells[k])) for k in (~is_over, is_over))
+        sides = self._fence.sides_of(found.cells)
+        is_inside = sides == Side.INSIDE
+        groups, over = (group(found.spec, np.sort(found.cells[k & is_inside])) for k in (~is_over, is_over))
         distance = self._distances(costs, map_from_base)
         goals = self._goals(occupancy, groups, costs, distance)
         gains, headings = self._gains(occupancy, groups, goals)
@@ -106,18 +119,39 @@ class FrontierSurvey:
                 goal = (*occupancy.spec.center_of(iy, ix), float(headings[g]))
                 path_distance = float(distance[iy + diy, ix + dix])
             frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
-            frontiers.append(self._judge(frontier, float(gains[g]), occupancy, boundary))
+            frontiers.append(self._judge(frontier, float(gains[g]), occupancy))
         frontiers += [self._judge_over(*looked_at, occupancy.spec.resolution) for looked_at in over.split()]
-        gains = np.concatenate([gains, np.zeros(len(over))])
+        frontiers += self._left_out(found, sides)
+        gains = np.concatenate([gains, np.zeros(len(frontiers) - len(groups))])
         is_open = tuple(i for i, f in enumerate(frontiers) if f.state is FrontierState.OPEN)
         cell_area = occupancy.spec.resolution**2
         known = float(np.count_nonzero(occupancy.data >= 0)) * cell_area
         reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
-        return Survey(tuple(frontiers), gains, is_open, known, reachable, costs)
+        left_out = float(np.count_nonzero(sides)) * occupancy.spec.resolution
+        return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out)
+
+    def _left_out(self, found: FrontierGroups, sides: NDArray[np.uint8]) -> list[Frontier]:
+        """The frontiers beyond the fence, each with its reason."""
+        fence = self.config.fence
+        reasons = {
+            Side.BEYOND_BOUNDARY: "outside the boundary",
+            Side.BEYOND_STRUCTURE: f"no known surface within {fence.structure_reach:.0f} m, or only on one side "
+            f"and more than {fence.open_reach:.0f} m outside of all: the robot could not tell where it is",
+        }
+        out = []
+        for side, reason in reasons.items():
+            for cells, centroid in group(found.spec, np.sort(found.cells[sides == side])).split():
+                out.append(Frontier(cells, centroid, None, math.inf, FrontierState.OUTSIDE_BOUNDARY, reason))
+        return out
 
     def _distances(self, costs: CostGrid, map_from_base: SE2) -> NDArray[np.float32]:
+        data, spec = costs.data, costs.spec
         try:
-            return self._distance_field(costs.data, costs.spec, map_from_base)
+            if data.size <= self.config.wide_cells:
+                return self._distance_field(data, spec, map_from_base)
+            coarse, coarse_spec = shrunk(data, spec, self.config.wide_cell)
+            factor = round(coarse_spec.resolution / spec.resolution)
+            return spread(self._distance_field(coarse, coarse_spec, map_from_base), factor, data)
         except PlanningError:  # the robot stands where it may not be: nothing can be reached now
             return np.full(costs.spec.shape, np.inf, np.float32)
 
@@ -160,18 +194,15 @@ class FrontierSurvey:
         c, resolution = self.config, occupancy.spec.resolution
         worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
         gains, headings = np.empty(len(groups)), np.empty(len(groups))
-        seen = np.where(
-            self._close.surfaces(occupancy.spec), OCC_OCCUPIED, occupancy.data
-        )  # nothing is visible through them
+        seen = occupancy.data.copy()
+        seen[self._close.surfaces(occupancy.spec)] = OCC_OCCUPIED  # nothing is visible through them
         visible_unknown(seen, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
         return gains, headings
 
-    def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, boundary: Boundary) -> Frontier:
+    def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid) -> Frontier:
         c = self.config
         if reason := self._too_small(frontier.cells, occupancy.spec.resolution):
             return _refused(frontier, FrontierState.TOO_SMALL, reason)
-        if boundary and not is_inside(boundary, frontier.centroid):
-            return _refused(frontier, FrontierState.OUTSIDE_BOUNDARY, "its middle lies outside the boundary")
         if frontier.goal is None:
             return _refused(
                 frontier,
@@ -210,13 +241,3 @@ def _cell_shift(spec: GridSpec, cost_spec: GridSpec) -> tuple[int, int]:
 
 def _refused(frontier: Frontier, state: FrontierState, reason: str) -> Frontier:
     return replace(frontier, state=state, reason=reason)
-
-
-def is_inside(polygon: Boundary, point: tuple[float, float]) -> bool:
-    """Tell whether a point lies inside a closed polygon (even-odd rule)."""
-    x, y = point
-    inside = False
-    for (x0, y0), (x1, y1) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
-        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
-            inside = not inside
-    return inside

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.exploration.survey import DistanceField, Survey
-from ambler.kernels.frontier_value import shrink_costs
+from ambler.exploration.wide import cropped, shrunk
 from ambler.kernels.tour import near_tour_costs, tour_costs
 
 F64 = NDArray[np.float64]
@@ -27,13 +26,16 @@ F64 = NDArray[np.float64]
 class TourConfig:
     """The nearest `places` frontiers enter the tour, which is exact up to `exact_places` of them, found by `sweeps` of local search
     above; the others count as farther than all of them. Distances between frontiers are computed on cells of about
-    `coarse_cell` (m). A gain counts up to `gain_cap` (m²). A frontier is mostly seen before the robot stands at its goal: each leg
+    `coarse_cell` (m), on ways that stay within `around` (m) of the box about all of them; where they lie so far
+    apart that this would take more than `work` cells, fewer enter, but no fewer than `exact_places`. A gain counts up to `gain_cap` (m²). A frontier is mostly seen before the robot stands at its goal: each leg
     counts `seen_from` (m) less, but at least three tenths of its length."""
 
     places: int = 24
     exact_places: int = 11
     sweeps: int = 2
     coarse_cell: float = 0.2
+    around: float = 15.0
+    work: float = 1.5e6
     urgency: float = 0.3
     gain_cap: float = 5.0
     seen_from: float = 1.5
@@ -50,7 +52,7 @@ class TourStrategy:
         """Return the cost of the best tour that begins with each frontier."""
         c = self.config
         distances = np.array([survey.frontiers[i].path_distance for i in survey.open])
-        nearest = np.argsort(distances, kind="stable")[: c.places]
+        nearest = self._affordable(survey, np.argsort(distances, kind="stable")[: c.places])
         indices = [survey.open[k] for k in nearest]
         gains = np.clip(survey.gains[indices], 1e-3, c.gain_cap)
         legs, first_legs = self._leg(self._between(survey, indices)), self._leg(distances[nearest])
@@ -58,6 +60,17 @@ class TourStrategy:
         out = distances * (1.0 + c.urgency) + (tours.max() if len(tours) else 0.0)
         out[nearest] = tours
         return out
+
+    def _affordable(self, survey: Survey, nearest: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Leave out the farthest places while the fields between all would cover more cells than `work`."""
+        goals = np.array([survey.frontiers[survey.open[k]].goal for k in nearest])[:, :2]
+        n = len(nearest)
+        while n > self.config.exact_places:
+            size = np.ptp(goals[:n], axis=0) + 2.0 * self.config.around
+            if n * size[0] * size[1] <= self.config.work * self.config.coarse_cell**2:
+                break
+            n -= 1
+        return nearest[:n]
 
     def _tours(self, first_legs: F64, legs: F64, weights: F64) -> F64:
         n, c = len(first_legs), self.config
@@ -78,7 +91,9 @@ class TourStrategy:
             goal = survey.frontiers[i].goal
             assert goal is not None, "an open frontier has a goal"
             goals.append(goal)
-        spec, costs = self._coarse(survey)
+        points = np.array([goal[:2] for goal in goals])
+        costs, spec = cropped(survey.costs.data, survey.costs.spec, points, self.config.around)
+        costs, spec = shrunk(costs, spec, self.config.coarse_cell)
         out = np.zeros((len(goals), len(goals)))
         for a, goal in enumerate(goals[:-1]):
             distance = self._distance_field(costs, spec, SE2(*goal))
@@ -88,19 +103,3 @@ class TourStrategy:
                 along = float(distance[iy, ix])
                 out[a, b] = out[b, a] = max(straight, along) if math.isfinite(along) else straight
         return out
-
-    def _coarse(self, survey: Survey) -> tuple[GridSpec, NDArray[np.uint8]]:
-        fine = survey.costs.spec
-        factor = max(1, math.floor(self.config.coarse_cell / fine.resolution + 1e-6))
-        if factor == 1:
-            return fine, survey.costs.data
-        spec = GridSpec(
-            fine.resolution * factor,
-            math.ceil(fine.width / factor),
-            math.ceil(fine.height / factor),
-            fine.origin_x,
-            fine.origin_y,
-        )
-        costs = np.empty(spec.shape, np.uint8)
-        shrink_costs(survey.costs.data, factor, costs)
-        return spec, costs

@@ -81,6 +81,18 @@ def shrink_costs(costs: NDArray[np.uint8], factor: int, out: NDArray[np.uint8]) 
             out[iy, ix] = least
 
 
+@jit
+def spread_distances(
+    coarse: NDArray[np.float32], factor: int, costs: NDArray[np.uint8], limit: int, out: NDArray[np.float32]
+) -> None:
+    """Give each fine cell the distance of the coarse cell that holds it, inf where its cost is `limit` or more."""
+    height, width = costs.shape
+    for iy in range(height):
+        cy = iy // factor
+        for ix in range(width):
+            out[iy, ix] = coarse[cy, ix // factor] if costs[iy, ix] < limit else np.inf
+
+
 def warm_up() -> None:
     """Compile every kernel with its real dtypes; grids that come from messages are read-only."""
     occupancy = np.full((4, 4), -1, np.int8)
@@ -89,3 +101,4 @@ def warm_up() -> None:
     costs.flags.writeable = False
     visible_unknown(occupancy, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
     shrink_costs(costs, 2, np.empty((2, 2), np.uint8))
+    spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))

@@ -24,24 +24,51 @@ def carry(x, y, t, twist):
 
 
 @jit
-def beams_to_points(ranges, beam, limits, base_from_sensor, twist, points, free_points, beams, free_beams, counts):
+def mount_at(mounts, step, t, m):
+    """Write the pose of a sensor `t` seconds after the stamp into `m` float64 (3, 4), blended between `mounts` float64 (K, 3, 4), which
+    are `step` seconds apart."""
+    last = mounts.shape[0] - 1
+    at = min(max(t / step, 0.0), float(last))
+    k = min(int(at), last - 1)
+    f = at - k
+    for i in range(3):
+        for j in range(4):
+            m[i, j] = mounts[k, i, j] + f * (mounts[k + 1, i, j] - mounts[k, i, j])
+
+
+@jit
+def beams_to_points(
+    ranges, beam, limits, floor, mounts, step, twist, matrix, points, free_points, beams, free_beams, counts
+):
     """Split a laser scan into returns and free ends, both in the base frame of the scan's stamp.
 
     `beam` (angle_min, angle_increment, time_increment); `limits` (range_min, range_max, free_length). NaN and too short
-    ranges are dropped; ranges beyond range_max (and +inf) become free ends at free_length. `points`, `free_points` float32 (N, 2),
-    `beams`, `free_beams` int32 (N,) the beam of each, `counts` int64 (2,) how many of each were written.
+    ranges are dropped; ranges beyond range_max (and +inf) become free ends at free_length. `mounts` float64 (K, 3, 4) are the sensor's
+    poses every `step` seconds, level where the body leans (K = 1: at rest in the base); `floor` (height, doubt): a return lower than height +
+    doubt * range is the floor, and its beam free up to where it sank below that. `matrix` float64 (3, 4) is scratch. `points`,
+    `free_points` float32 (N, 2), `beams`, `free_beams` int32 (N,) the beam of each, `counts` int64 (2,) how many of each were written.
     """
     n_hit = 0
     n_free = 0
-    m = base_from_sensor
+    matrix[:, :] = mounts[0]
+    m = matrix
     for i in range(ranges.shape[0]):
         r = float(ranges[i])
         if math.isnan(r) or r < limits[0]:
             continue
+        if mounts.shape[0] > 1:
+            mount_at(mounts, step, i * beam[2], m)
+        a = beam[0] + i * beam[1]
+        sink = -(m[2, 0] * math.cos(a) + m[2, 1] * math.sin(a)) + floor[1]
+        over = m[2, 3] - floor[0]
         is_free = r > limits[1]
         if is_free:
             r = limits[2]
-        a = beam[0] + i * beam[1]
+        if over < r * sink:
+            r = min(limits[2], over / sink) if over > 0.0 else 0.0
+            is_free = True
+            if r < limits[0]:
+                continue
         sx, sy = r * math.cos(a), r * math.sin(a)
         x, y = carry(m[0, 0] * sx + m[0, 1] * sy + m[0, 3], m[1, 0] * sx + m[1, 1] * sy + m[1, 3], i * beam[2], twist)
         if is_free:
@@ -109,22 +136,23 @@ def split_rays(ends, sources, times, offsets, twist, limits, points, starts, fre
 
 @jit
 def cloud_to_points(
-    cloud, times, base_from_sensor, twist, band, limits, inside, nearest, reach, points, free_points, counts
+    cloud, times, mounts, step, twist, band, limits, matrix, inside, nearest, reach, points, free_points, counts
 ):
     """Flatten a cloud: per azimuth bin the nearest surface inside the height band, else how far the bin is seen to be free.
 
     The nearest surface is the mean of the returns within `limits[3]` behind the nearest one: the nearest of several noisy returns by
     itself would lie too near.
 
-    `cloud` float32 (N, 3) in the sensor frame, `times` float32 (N,) s after the stamp, `base_from_sensor` float64 (3, 4),
-    `band` (z_min, z_max) above the base origin's ground, `limits` (range_min, range_max, free_length, depth) of planar distance from
-    the sensor. A return above or below the band proves its ray free while the ray is inside the band. `nearest` and `reach`
+    `cloud` float32 (N, 3) in the sensor frame, `times` float32 (N,) s after the stamp, `mounts` float64 (K, 3, 4) the sensor's poses
+    every `step` seconds, level where the body leans, `matrix` float64 (3, 4) scratch, `band` (z_min, z_max, doubt) above the base
+    origin's ground, whose lower edge rises by `doubt` with the distance, `limits` (range_min, range_max, free_length, depth) of planar distance
+    from the sensor. A return above or below the band proves its ray free while the ray is inside the band. `nearest` and `reach`
     float64 (B, 4) and (B, 3) and `inside` float64 (N, 4) are scratch: planar distance, sums of x, y and their number;
     distance, x, y; bin, distance, x, y of a return. Outputs as in `beams_to_points`.
     """
     bins = nearest.shape[0]
-    m = base_from_sensor
-    ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
+    matrix[:, :] = mounts[0]
+    m = matrix
     for b in range(bins):
         nearest[b, 0] = math.inf
         nearest[b, 1], nearest[b, 2], nearest[b, 3] = 0.0, 0.0, 0.0
@@ -132,6 +160,9 @@ def cloud_to_points(
     n_inside = 0
     for i in range(cloud.shape[0]):
         px, py, pz = float(cloud[i, 0]), float(cloud[i, 1]), float(cloud[i, 2])
+        if mounts.shape[0] > 1:
+            mount_at(mounts, step, float(times[i]), m)
+        ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
         bx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + ox
         by = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + oy
         z = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + oz
@@ -143,8 +174,8 @@ def cloud_to_points(
         b = min(max(b, 0), bins - 1)
         length = d
         is_obstacle = False
-        if z < band[0]:
-            length = d * (oz - band[0]) / (oz - z) if oz > band[0] else 0.0
+        if z < band[0] + band[2] * d:
+            length = d * (oz - band[0]) / (oz - z + band[2] * d) if oz > band[0] else 0.0
         elif z > band[1]:
             length = d * (band[1] - oz) / (z - oz) if oz < band[1] else 0.0
         else:
@@ -321,7 +352,12 @@ def warm_up() -> None:
     eye = np.ascontiguousarray(np.eye(4)[:3])
     three = np.ones(3)
     beams = np.zeros(4, np.int32)
-    beams_to_points(np.ones(4, np.float32), three, three, eye, three, points, out, beams, beams.copy(), counts)
+    mounts = np.stack((eye, eye))
+    matrix = np.empty((3, 4))
+    beams_to_points(
+        *(np.ones(4, np.float32), three, three, np.zeros(2), mounts, 0.1, three, matrix),
+        *(points, out, beams, beams.copy(), counts),
+    )
     beam_starts(beams, 0.0, np.zeros(2), three, out)
     ends, when, source = np.ones((4, 3), np.float32), np.zeros(4, np.float32), np.zeros(4, np.uint16)
     split_rays(ends, source, when, np.zeros((1, 2)), three, three, points, out, points, out, beams, counts)
@@ -329,10 +365,12 @@ def warm_up() -> None:
     cloud_to_points(
         np.ones((4, 3), np.float32),
         np.zeros(4, np.float32),
-        eye,
+        mounts,
+        0.1,
         three,
-        np.zeros(2),
+        three,
         np.ones(4),
+        matrix,
         scratch.copy(),
         scratch,
         np.zeros((8, 3)),

@@ -46,6 +46,8 @@ class ExploreMission:
         self._drive = 0
         self._held = ""
         self._held_ns = 0
+        self._doubt = ""
+        self._doubt_ns = 0
 
     def begin(self, goal: ExploreGoal, now_ns: int) -> None:
         """Start a new exploration; the pose at the first update is home."""
@@ -55,6 +57,10 @@ class ExploreMission:
         self._goal = goal
         self._home: SE2 | None = None
         self._trail = Trail()
+        self._back = 0.0
+        self._was_driving = False
+        self._looked_ns = now_ns
+        self._is_fresh = True
         self._is_home = False
         self._goals_reached = 0
         self._begun_ns = self._held_ns = now_ns
@@ -121,6 +127,12 @@ class ExploreMission:
             self.resume(now_ns)
         self._held = reason
 
+    def doubt(self, reason: str, now_ns: int) -> None:
+        """Take why the robot's place in its map is in doubt, empty when it is not any more."""
+        if reason and not self._doubt:
+            self._doubt_ns = now_ns
+        self._doubt = reason
+
     def drive_ended(self, drive: int, code: str, text: str) -> bool:
         """Take the end of a drive; returns whether it is news, so that an update should follow. Earlier drives are not."""
         is_news = drive == self._drive and self.is_active
@@ -144,8 +156,10 @@ class ExploreMission:
             return []
         if self._home is None:
             self._home = view.map_from_base
+        if self._doubt or self.state is ExploreState.DOUBTING:
+            return self._doubting(view)
         self._trail.add(view.map_from_base)
-        self._look(view)
+        self._look(view, must=self._drive_code is not None or self.state is not ExploreState.DRIVING)
         steps = {
             ExploreState.STARTING: self._starting,
             ExploreState.CHOOSING: self._choosing,
@@ -204,6 +218,8 @@ class ExploreMission:
             return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
         if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e9:
             return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
+        if not self._is_fresh:
+            return []
         best = choose(self._now, self._strategy, view.map_from_base, again, self._choice_while_driving())
         goal = self._target_frontier.goal
         assert best is not None
@@ -248,6 +264,29 @@ class ExploreMission:
             return [ClearCosts(), *self._watch_the_way(view, code)]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
 
+    def _doubting(self, view: ExploreView) -> list[Command]:
+        """Go back along the way until the map is believed again, then leave alone what led here; the map does not change meanwhile."""
+        if not self._doubt:
+            if self.survey is not None and self._was_driving:
+                self._remember(view, self._target_frontier, "the robot lost its map on the way there", has_looked=False)
+            return [StopDriving(), *self._wait(view, self.config.look_time, "the map is believed again")]
+        if view.now_ns - self._doubt_ns > self.config.doubt_time * 1e9:
+            return self._end(ExploreState.FAILED, "LOST", f"for {self.config.doubt_time:.0f} s: {self._doubt}")
+        code = self._drive_code
+        is_new = self.state is not ExploreState.DOUBTING
+        if not is_new and code is None:
+            return []
+        if is_new:
+            self._was_driving = self.state is ExploreState.DRIVING
+            self._back = 0.0
+        self._back += self.config.doubt_way
+        self._enter(ExploreState.DOUBTING, f"going back along the way: {self._doubt}")
+        self._next_drive()
+        place = self._trail.back(self._back)
+        if place is None:  # in doubt from the first moment on: there is no way to go back
+            return [StopDriving()]
+        return [StopDriving(), DriveTo(self._drive, place, self.config.xy_tolerance, math.pi)]
+
     def _watch_the_way(self, view: ExploreView, code: str) -> list[Command]:
         """Go to where the way that the robot came is shut, and look; there, turn: a map renews itself only where scans move."""
         self._next_drive()
@@ -270,7 +309,14 @@ class ExploreMission:
         assert self.survey is not None
         return self.survey
 
-    def _look(self, view: ExploreView) -> None:
+    def _look(self, view: ExploreView, *, must: bool = True) -> None:
+        """Look at the map; in wide places not at every update, because a look takes time with the map's size."""
+        wide = view.map.data.size / self.config.wide_cells
+        if not must and self.survey is not None and view.now_ns - self._looked_ns < (wide - 0.5) * 1e9:
+            self.target, self._is_fresh = None, False
+            return
+        self._is_fresh = True
+        self._looked_ns = view.now_ns
         self.survey = self._surveyor.update(view.map, view.costs, view.map_from_base, self._goal.boundary)
         self.target = None
 
@@ -363,8 +409,9 @@ class ExploreMission:
         return [DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance)]
 
     def _proof(self) -> str:
-        remaining = len(self._now.frontiers)
-        return "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
+        remaining, left_out = len(self._now.frontiers), self._now.left_out
+        text = "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
+        return f"{text}; {left_out:.1f} m of frontier were left out on purpose" if left_out else text
 
     def _end(self, state: ExploreState, code: str, text: str) -> list[Command]:
         self._enter(state, text)

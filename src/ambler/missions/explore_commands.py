@@ -20,6 +20,7 @@ class ExploreState(enum.Enum):
     DRIVING = "driving"
     LOOKING = "looking"
     RETURNING = "returning"
+    DOUBTING = "doubting"
     FINISHED = "finished"
     FAILED = "failed"
     CANCELLED = "cancelled"
@@ -29,7 +30,9 @@ class ExploreState(enum.Enum):
 class ExploreConfig:
     """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again;
     a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
-    shut."""
+    shut. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
+    `doubt_time` to find itself again before the exploration ends as LOST. While it drives through a map of
+    n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
 
     start_timeout: float = 60.0
     look_time: float = 1.5
@@ -51,6 +54,9 @@ class ExploreConfig:
     home_xy_tolerance: float = 0.15
     home_yaw_tolerance: float = 0.2
     home_near: float = 0.6
+    wide_cells: int = 1_000_000
+    doubt_way: float = 4.0
+    doubt_time: float = 90.0
     choice: ChoiceConfig = field(default_factory=ChoiceConfig)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ParamSpec, Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from ambler.core.errors import AmblerError, StaleInputError, TransformError
 from ambler.core.grid import COST_INSCRIBED, COST_UNKNOWN
 from ambler.core.messages import CostGrid, Path
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.missions.blocked_ways import BlockedWaysConfig
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
 from ambler.runtime.tasks import NEAREST_REACHED, NavigateGoal, PlanReply
 
@@ -48,6 +49,7 @@ ENDS = (
 MISSING = (TransformError.code, StaleInputError.code)
 TICK_PERIOD = 1.0
 BLOCKED_REST = 3.0
+IN_THE_WAY = ("NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS")
 HOPELESS = ("GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP")
 
 
@@ -70,6 +72,10 @@ class Driver(Protocol):
 
     def map_from_base(self) -> SE2 | None: ...
 
+    def mark_blocked(self, path: Path) -> bool:
+        """Take that a path could not be followed from here; say whether the place is marked now, so that planning goes around it."""
+        ...
+
     def report(self, state: str, text: str) -> None: ...
 
     def finish(self, code: str, text: str) -> None: ...
@@ -88,6 +94,7 @@ class NavigationConfig:
     blocked_patience: float = 0.0
     loose_tolerance: float = 0.35
     recoveries: tuple[RecoveryStep, ...] = DEFAULT_SEQUENCE
+    blocked: BlockedWaysConfig = field(default_factory=BlockedWaysConfig)
 
 
 class Navigation:
@@ -227,6 +234,8 @@ class Navigation:
             self._succeed("the goal is reached")
         elif code in MISSING:
             self._wait(text)
+        elif code in IN_THE_WAY and self._path is not None and self._driver.mark_blocked(self._path):
+            self._plan()  # around what is marked now
         else:
             self._recover_or_fail("RECOVERIES_EXHAUSTED", f"{code}: {text}")
 

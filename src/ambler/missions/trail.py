@@ -28,6 +28,17 @@ class Trail:
         if not self._places or math.dist(here, self._places[-1]) >= SPACING:
             self._places.append(here)
 
+    def back(self, way: float) -> SE2 | None:
+        """Return the place that lies `way` metres back along the trail, or its beginning, looking as the robot did there; None without a trail."""
+        if not self._places:
+            return None
+        k, left = len(self._places) - 1, way
+        while k > 0 and left > 0.0:
+            left -= math.dist(self._places[k], self._places[k - 1])
+            k -= 1
+        (x, y), (to_x, to_y) = self._places[k], self._places[min(k + 1, len(self._places) - 1)]
+        return SE2(x, y, math.atan2(to_y - y, to_x - x))
+
     def lookout(self, costs: CostGrid, map_from_base: SE2) -> SE2 | None:
         """Return from where to watch the place at which an obstacle cuts the way back, looking at it; None when nothing does, or when the
         robot is there already. `costs` are in the map frame."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import StaleInputError
 from ambler.core.messages import JudgedEcho, LaserScan, Odometry, PointCloud, Range
 from ambler.core.robot import RobotModel
 from ambler.core.se3 import SE3
 from ambler.nodes.range_view import RangeView
-from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, lean_of, level
+from ambler.perception.level_mount import level_mount
+from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.topics import CLOUD, ECHOES, ODOMETRY, RANGES, SCAN, SCANNERS
 
@@ -32,7 +34,7 @@ class EchoNode(Node):
         self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._planar = planar if planar is not None else default_planar(robot)
         self._view = RangeView(robot)
-        self._lean = (0.0, 0.0)
+        self._motion = BaseMotion()
         has_cloud = any(m.kind == "cloud" for m in robot.sensors)
         scans = () if not robot.scanners else (SCAN,) if len(robot.scanners) == 1 else (SCANNERS,)
         self._scanners: Topics = (*scans, *((CLOUD,) if has_cloud else ()))
@@ -47,14 +49,14 @@ class EchoNode(Node):
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)
-        self._lean = lean_of(odometry.pose)
+        self._motion.add(odometry)
 
     def _on_scan(self, scan: LaserScan) -> None:
         ahead_ns = self._ahead_ns.get(scan.frame, 0)
         self._view.add_scan(replace(scan, stamp_ns=scan.stamp_ns - ahead_ns) if ahead_ns else scan)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
-        mount = level(self._mounts[cloud.frame], *self._lean)
+        mount = level_mount(self._mounts[cloud.frame], self._motion, cloud.stamp_ns, scan_duration(cloud))
         seen = cloud_to_points(cloud, mount, self._view.twist, self._planar)
         try:
             odom_from_base = self._view.pose_at(seen.stamp_ns)

@@ -86,7 +86,9 @@ class ExplorerNode(Node):
             self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
 
     def _on_status(self, message: Status) -> None:
-        """When a person's own goal is over, go on with the drive that it displaced."""
+        """Hear from SLAM whether the map is in doubt. When a person's own goal is over, go on with the drive that it displaced."""
+        if message.code in ("SLAM_GOOD", "SLAM_DEGRADED", "SLAM_LOST"):
+            self._mission.doubt("" if message.code == "SLAM_GOOD" else message.text, self.ctx.now_ns)
         if self._is_yielding and message.code == CLICKED_GOAL_OVER:
             self._is_yielding = False
             self._mission.resume(self.ctx.now_ns)

@@ -62,6 +62,7 @@ from ambler.safety.stuck_scan import StuckScan
 PERIOD = 0.02
 STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
+SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
 Stamped = TypeVar("Stamped", LaserScan, PointCloud, Range)
@@ -172,8 +173,16 @@ class GateNode(Node):
         self._take_points(
             cloud,
             FieldOfView(mount.range_min, elevation=mount.elevation),
-            lambda level_from_sensor: points_of_cloud(cloud, level_from_sensor, self._twist, reach, band),
+            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), self._twist, reach, band),
         )
+
+    def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
+        """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile."""
+        duration_ns = round(float(cloud.time.max(initial=0.0)) * 1e9)
+        parts = max(1, math.ceil(duration_ns / SWEEP_STEP_NS))
+        mount = self._mounts[cloud.frame].base_from_sensor
+        stamps = [cloud.stamp_ns + duration_ns * k // parts for k in range(parts + 1)]
+        return [_level_from_base(self._motion.pose_at(stamp_ns)) @ mount for stamp_ns in stamps]
 
     def _on_host_time(self, message: Stamped) -> Stamped:
         """A sensor's message with the stamp that its clock would have given if it went right."""
@@ -187,9 +196,7 @@ class GateNode(Node):
             return  # without a pose of that moment the points say nothing; if that lasts, they are stale
         if self._is_stuck(scan, odom_from_base.to_se2()):
             return  # its last points grow stale, and the robot stops
-        lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
-        level_from_base = SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean
-        level_from_sensor = level_from_base @ self._mounts[scan.frame].base_from_sensor
+        level_from_sensor = _level_from_base(odom_from_base) @ self._mounts[scan.frame].base_from_sensor
         points = points_of(level_from_sensor)
         unseen = self._unseen(scan.frame, points, odom_from_base.to_se2(), level_from_sensor, field)
         if isinstance(scan, PointCloud):
@@ -283,3 +290,9 @@ class GateNode(Node):
 
     def _on_reset(self, request: GateRequest) -> GateReply:
         return GateReply(*self.gate.reset(self.ctx.now_ns))
+
+
+def _level_from_base(odom_from_base: SE3) -> SE3:
+    """The lean of a body, without its place and heading."""
+    lean = SE3((0.0, 0.0, 0.0), odom_from_base.rotation)
+    return SE3.from_se2(SE2(0.0, 0.0, -lean.to_se2().yaw)) @ lean

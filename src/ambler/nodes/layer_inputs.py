@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from ambler.core.errors import StaleInputError, TransformError
-from ambler.core.messages import GlassWalls, JudgedEcho, Message
+from ambler.core.messages import GlassWalls, JudgedEcho, Message, Path
 from ambler.core.se2 import SE2
+from ambler.costmap.blocked_layer import BlockedLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.layer import Frames, Layer
 from ambler.costmap.range_layer import RangeCone, RangeLayer
-from ambler.runtime.topics import ECHOES, GLASS, Topic
+from ambler.runtime.topics import BLOCKED, ECHOES, GLASS, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -38,13 +39,15 @@ class LayerInput(Generic[M]):
 
 
 def usual_inputs(layers: Sequence[Layer], *, needs_echoes: bool = False) -> tuple[LayerInput[Any], ...]:
-    """Return the inputs of those layers that this package knows: echoes for cones, glass for glass."""
+    """Return the inputs of those layers that this package knows: echoes for cones, glass for glass, blocked ways."""
     inputs: list[LayerInput[Any]] = []
     for layer in layers:
         if isinstance(layer, RangeLayer):
             inputs.append(LayerInput(ECHOES, _cone_feed(layer), needs_echoes))
         elif isinstance(layer, GlassLayer):
             inputs.append(LayerInput(GLASS, _glass_feed(layer)))
+        elif isinstance(layer, BlockedLayer):
+            inputs.append(LayerInput(BLOCKED, _blocked_feed(layer)))
     return tuple(inputs)
 
 
@@ -66,5 +69,12 @@ def _cone_feed(layer: RangeLayer) -> Callable[[JudgedEcho, Frames], None]:
 def _glass_feed(layer: GlassLayer) -> Callable[[GlassWalls, Frames], None]:
     def feed(glass: GlassWalls, frames: Frames) -> None:
         layer.set_segments(glass.segments)
+
+    return feed
+
+
+def _blocked_feed(layer: BlockedLayer) -> Callable[[Path, Frames], None]:
+    def feed(places: Path, frames: Frames) -> None:
+        layer.set_points(places.poses[:, :2])
 
     return feed

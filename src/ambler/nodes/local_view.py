@@ -17,7 +17,8 @@ from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.nodes.merged_rays import MergedRays
-from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, lean_of, level, scan_to_points
+from ambler.perception.level_mount import Mount, level_mount
+from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.topics import CLOUD, MERGED_CLOUD, MERGED_FREE, SCAN, Topic
 
@@ -76,13 +77,14 @@ class LocalView:
 
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan."""
-        self._mark(scan_to_points(scan, self._mounts[scan.frame], self._twist(), self._planar))
+        self._mark(scan_to_points(scan, self._mount(scan), self._twist(), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
-        lean = (0.0, 0.0) if self._odometry is None else lean_of(self._odometry.pose)
-        mount = level(self._mounts[cloud.frame], *lean)
-        self._mark(cloud_to_points(cloud, mount, self._twist(), self._planar))
+        self._mark(cloud_to_points(cloud, self._mount(cloud), self._twist(), self._planar))
+
+    def _mount(self, message: LaserScan | PointCloud) -> Mount:
+        return level_mount(self._mounts[message.frame], self._motion, message.stamp_ns, scan_duration(message))
 
     def costmap_from(self, frame: str, stamp_ns: int) -> SE2:
         """Return where the base or a sensor was in the odom frame, or where the map lies there now; raises TransformError."""

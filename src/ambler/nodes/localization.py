@@ -31,7 +31,8 @@ from ambler.localization.localizer import Estimate, Localizer, Observation
 from ambler.localization.relocalizer import Relocalizer, RelocalizerConfig
 from ambler.localization.supervisor import LocalizationState, SearchResult, Supervision, Supervisor, SupervisorConfig
 from ambler.localization.surface_map import SurfaceMap
-from ambler.perception.planar import PlanarConfig, cloud_to_points, lean_of, level, scan_duration, scan_to_points
+from ambler.perception.level_mount import Mount, level_mount
+from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import RELOCALIZE, Nothing
 from ambler.runtime.topics import (
@@ -243,8 +244,7 @@ class LocalizationNode(Node):
             if self._config.source == "points":
                 return self._points_in_band(message), None
             return np.array(message.points[:, :2], np.float32), np.array(message.intensity, np.float32)
-        is_base = message.frame == "base"
-        mount = SE3() if is_base else self._robot.sensor(message.frame).base_from_sensor
+        mount = SE3() if message.frame == "base" else self._mount(message)
         scan = scan_to_points(message, mount, self._twist(message), self._config.planar)
         cloud = self._cloud
         if cloud is not None and cloud.stamp_ns == message.stamp_ns:
@@ -253,9 +253,13 @@ class LocalizationNode(Node):
 
     def _points_in_band(self, message: PointCloud) -> F32:
         """What a scanner of many rings saw in the height band, float32 (N, 2) in the base frame, levelled as the body leans."""
-        lean = (0.0, 0.0) if self._odometry is None else lean_of(self._odometry.pose)
-        mount = level(self._robot.sensor(message.frame).base_from_sensor, *lean)
-        return cloud_to_points(message, mount, self._twist(message), self._config.planar).points.astype(np.float32)
+        scan = cloud_to_points(message, self._mount(message), self._twist(message), self._config.planar)
+        return scan.points.astype(np.float32)
+
+    def _mount(self, message: LaserScan | PointCloud) -> Mount:
+        """Where the sensor was during the sweep, level however the body leaned."""
+        mount = self._robot.sensor(message.frame).base_from_sensor
+        return level_mount(mount, self._motion, message.stamp_ns, scan_duration(message))
 
     def _twist(self, message: LaserScan | PointCloud) -> F64:
         """Velocity (vx, vy, wz) of the base over a scan; still when odometry does not reach back."""

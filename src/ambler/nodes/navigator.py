@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import numpy as np
+
 from ambler.core.errors import TransformError
 from ambler.core.messages import CostGrid, Path, PoseStamped, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
+from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoveryStep
 from ambler.runtime.node import GoalHandle, Node, TaskOutcome
@@ -30,7 +33,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import GLOBAL_COSTMAP, GOAL, PATH, STATUS, TRANSFORMS
+from ambler.runtime.topics import BLOCKED, GLOBAL_COSTMAP, GOAL, PATH, STATUS, TRANSFORMS
 
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, NavigateResult]
 
@@ -44,7 +47,7 @@ class NavigatorNode(Node):
     name = "navigator"
     inputs = (TRANSFORMS,)
     optional_inputs = (GOAL, GLOBAL_COSTMAP)
-    outputs = (PATH, STATUS)
+    outputs = (PATH, STATUS, BLOCKED)
     serves = (NAVIGATE,)
     calls = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
     latency = 0.002
@@ -54,6 +57,8 @@ class NavigatorNode(Node):
         self._tree = TransformTree()
         self._costmap: CostGrid | None = None
         self._drive: _Drive | None = None
+        self._blocked = BlockedWays(self._config.blocked)
+        self._marked = 0
 
     def start(self) -> None:
         """Subscribe, serve, and start the timers."""
@@ -81,6 +86,25 @@ class NavigatorNode(Node):
         fields = json.dumps({"recoveries": recoveries})
         self.ctx.log(f"NAVIGATION_{code}", text, recoveries=recoveries)
         self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, text, fields))
+
+    def mark_blocked(self, path: Path) -> bool:
+        """Count a path that could not be followed; say whether it is marked now, and planned around."""
+        base = self.map_from_base()
+        if base is None or not self._blocked.fail(path, base, self.ctx.now_ns):
+            return False
+        self.ctx.log("WAY_BLOCKED", "a way that could not be followed three times is planned around")
+        self._tell_blocked()
+        return True
+
+    def _tell_blocked(self) -> None:
+        """Publish the places that are marked, when that has changed."""
+        points = self._blocked.points(self.ctx.now_ns)
+        if len(points) == 0 and self._marked == 0:
+            return
+        self._marked = len(points)
+        poses = np.zeros((len(points), 3))
+        poses[:, :2] = points
+        self.ctx.publish(BLOCKED, Path(self.ctx.now_ns, "map", poses))
 
     def _on_transforms(self, message: Transforms) -> None:
         for edge in message.transforms:
@@ -110,6 +134,8 @@ class NavigatorNode(Node):
             drive.navigation.cancel()
 
     def _tick(self) -> None:
+        if self._marked and len(self._blocked.points(self.ctx.now_ns)) != self._marked:
+            self._tell_blocked()
         if self._drive is not None:
             self._drive.navigation.tick()
 
@@ -164,6 +190,9 @@ class _Drive:
 
     def map_from_base(self) -> SE2 | None:
         return self._node.map_from_base()
+
+    def mark_blocked(self, path: Path) -> bool:
+        return self._node.mark_blocked(path)
 
     def report(self, state: str, text: str) -> None:
         self._node.say(state, text, self.navigation.recoveries)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,14 +16,17 @@ from ambler.core.messages import (
     PointCloud,
     PoseStamped,
     SlamHealth,
+    Status,
     Transforms,
     TransformStamped,
 )
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.localization.map_trust import MapTrust, MapTrustConfig, MapTrustJudge
 from ambler.nodes.merged_rays import MergedRays
-from ambler.perception.planar import PlanarConfig, cloud_to_points, level, scan_duration, scan_to_points
+from ambler.perception.level_mount import Mount, level_mount
+from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import FINISH_MAP, SAVE_MAP, Nothing, SaveMapRequest
@@ -38,6 +40,7 @@ from ambler.runtime.topics import (
     SCAN,
     SLAM_HEALTH,
     SLAM_POSE,
+    STATUS,
     TRANSFORMS,
 )
 from ambler.safety.stuck_scan import StuckScan
@@ -57,17 +60,21 @@ class Slam2dNodeConfig:
     uses_cloud: bool = False
     planar: PlanarConfig = field(default_factory=PlanarConfig)
     slam: Slam2dConfig = field(default_factory=Slam2dConfig)
+    trust: MapTrustConfig = field(default_factory=MapTrustConfig)
     map_period: float = 1.0
     background_duration: float = 1.0
     publishes_matched_scan: bool = False
 
 
 class Slam2dNode(Node):
-    """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured."""
+    """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured.
+
+    While the pose is in doubt (`MapTrustJudge`) nothing is drawn into the map, and STATUS says SLAM_DEGRADED or SLAM_LOST.
+    """
 
     name = "slam2d"
     inputs: Topics = (SCAN, ODOMETRY)
-    outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN)
+    outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN, STATUS)
     serves = (SAVE_MAP, FINISH_MAP)
     latency = 0.01
 
@@ -82,8 +89,9 @@ class Slam2dNode(Node):
             self._rays = MergedRays(robot, self._config.planar)
             self.inputs = (MERGED_FREE, MERGED_CLOUD, ODOMETRY)
         self.slam = Slam2d(self._config.slam)
+        self._trust = MapTrustJudge(self._config.trust)
+        self._told_trust = MapTrust.GOOD
         self._published_version = 0
-        self._tilt = (0.0, 0.0)
         self._newest_ns = -1
         self._repeats = StuckScan()
         self._odom_from_base = SE2()
@@ -106,11 +114,6 @@ class Slam2dNode(Node):
         self.ctx.timer(self._config.map_period, self._publish_map)
 
     def _on_odometry(self, message: Odometry) -> None:
-        w, x, y, z = message.pose.rotation
-        self._tilt = (
-            math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        )
         self._odom_from_base = message.pose.to_se2()
         self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
         self._motion.add(message)
@@ -120,15 +123,20 @@ class Slam2dNode(Node):
         if self._repeats.update(message.ranges, self._odom_from_base):
             return  # not a measurement; the gate says so and stops the robot
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
-        mount = self._robot.sensor(message.frame).base_from_sensor
+        mount = self._mount(message)
         self._update(scan_to_points(message, mount, twist, self._config.planar))
 
     def _on_cloud(self, message: PointCloud) -> None:
         if self._repeats.update(message.points, self._odom_from_base):
             return
         twist = self.slam.twist(message.stamp_ns, scan_duration(message))
-        mount = level(self._robot.sensor(message.frame).base_from_sensor, *self._tilt)
+        mount = self._mount(message)
         self._update(cloud_to_points(message, mount, twist, self._config.planar))
+
+    def _mount(self, message: LaserScan | PointCloud) -> Mount:
+        """Where the sensor was during the sweep, level however the body leaned."""
+        mount = self._robot.sensor(message.frame).base_from_sensor
+        return level_mount(mount, self._motion, message.stamp_ns, scan_duration(message))
 
     def _on_merged(self, message: PointCloud) -> None:
         assert self._rays is not None
@@ -141,7 +149,13 @@ class Slam2dNode(Node):
             )
             return
         self._newest_ns = scan.stamp_ns
-        result = self.slam.update(scan)
+        is_telling = self._trust.may_match(scan.points)
+        taken = scan if is_telling else replace(scan, points=scan.points[:0], intensities=None, starts=None)
+        result = self.slam.update(taken, may_insert=is_telling and self._trust.may_map)
+        self._trust.update(
+            scan.stamp_ns, result.odom_from_base, result.map_from_base.transform(scan.points), result.score
+        )
+        self._tell_trust()
         self._publish_result(result)
         if self._config.publishes_matched_scan:
             self._publish_scan(scan, result)
@@ -149,6 +163,15 @@ class Slam2dNode(Node):
             self._publish_map()
         if not self._has_job:
             self._work(self.slam.take_background_work())
+
+    def _tell_trust(self) -> None:
+        trust = self._trust
+        if trust.state is self._told_trust:
+            return
+        self._told_trust = trust.state
+        text = trust.text or "the scans agree with the map again"
+        self.ctx.log(f"SLAM_{trust.state.name}", text)
+        self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, f"SLAM_{trust.state.name}", text, "{}"))
 
     def _work(self, job: Callable[[], JobResult] | None) -> None:
         self._has_job = job is not None
@@ -211,6 +234,7 @@ class Slam2dNode(Node):
             return
         self._published_version = self.slam.map_version
         spec, occupancy = self.slam.render_map()
+        self._trust.set_map(spec, occupancy)
         self.ctx.publish(MAP, OccupancyGrid(self._newest_ns, "map", spec, occupancy))
 
     def _save_map(self, request: SaveMapRequest) -> Nothing:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.robot import RobotModel
-from ambler.core.se3 import SE3
 from ambler.kernels import scan_points
+from ambler.perception.level_mount import LevelMount, Mount, matrix_of
 from ambler.registration.planar_scan import PlanarScan
 
 F32 = NDArray[np.float32]
@@ -22,7 +22,8 @@ F64 = NDArray[np.float64]
 class PlanarConfig:
     """Which measurements count. Ranges are planar distances from the sensor; a ray without return is free for `free_length` at most;
     the height band (metres above the base's ground), the azimuth bins and the depth (m) of what counts as one surface in a bin concern
-    clouds only."""
+    clouds only. Where a body leans, what lies lower than the band plus `lean_doubt` (rad) times the distance is taken for the floor: three
+    sigma of what a body's IMU tells of its lean (0.1°)."""
 
     range_min: float = 0.1
     range_max: float = 30.0
@@ -31,6 +32,7 @@ class PlanarConfig:
     height_max: float = 0.6
     azimuth_bins: int = 900
     surface_depth: float = 0.06
+    lean_doubt: float = math.radians(0.3)
 
 
 def default_planar(robot: RobotModel) -> PlanarConfig:
@@ -40,40 +42,43 @@ def default_planar(robot: RobotModel) -> PlanarConfig:
     return PlanarConfig(height_max=top + 0.1, range_max=10.0)
 
 
-def lean_of(odom_from_base: SE3) -> tuple[float, float]:
-    """Return roll and pitch of a pose, as `level` wants them."""
-    w, x, y, z = odom_from_base.rotation
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return roll, math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+def _sweep_of(mount: Mount) -> tuple[F64, float, tuple[float, float]]:
+    """The sensor's poses, the seconds between them, and where it is at the stamp."""
+    if isinstance(mount, LevelMount):
+        return mount.matrices, mount.step, mount.origin
+    return matrix_of(mount)[None], 1.0, (mount.translation[0], mount.translation[1])
 
 
-def _matrix(base_from_sensor: SE3) -> F64:
-    return np.ascontiguousarray(base_from_sensor.matrix()[:3])
-
-
-def scan_to_points(scan: LaserScan, base_from_sensor: SE3, twist: F64, config: PlanarConfig) -> PlanarScan:
+def scan_to_points(scan: LaserScan, base_from_sensor: Mount, twist: F64, config: PlanarConfig) -> PlanarScan:
     """Return the returns and free ends of a laser scan; `twist` (vx, vy, wz) is the base's velocity during the scan.
 
-    Beam i was taken at stamp + i * time_increment; everything is moved to the base frame at the stamp.
+    Beam i was taken at stamp + i * time_increment; everything is moved to the base frame at the stamp. While the body leans, returns on
+    the floor are no obstacles.
     """
     n = len(scan.ranges)
     points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
     beams, free_beams = np.empty(n, np.int32), np.empty(n, np.int32)
     counts = np.empty(2, np.int64)
     far = min(config.range_max, scan.range_max)
+    mounts, step, origin = _sweep_of(base_from_sensor)
+    floor = np.array([-math.inf, 0.0])
+    if isinstance(base_from_sensor, LevelMount):
+        floor[:] = min(config.height_min, 0.5 * float(mounts[0, 2, 3])), config.lean_doubt
     scan_points.beams_to_points(
         np.ascontiguousarray(scan.ranges, np.float32),
         np.array([scan.angle_min, scan.angle_increment, scan.time_increment]),
         np.array([max(config.range_min, scan.range_min), far, min(config.free_length, far)]),
-        _matrix(base_from_sensor),
+        floor,
+        mounts,
+        step,
         twist,
+        np.empty((3, 4)),
         points,
         free_points,
         beams,
         free_beams,
         counts,
     )
-    origin = base_from_sensor.translation[0], base_from_sensor.translation[1]
     hits, free = int(counts[0]), int(counts[1])
     starts: F32 | None = None
     free_starts: F32 | None = None
@@ -133,24 +138,28 @@ def _split(cloud: PointCloud, offsets: F64, twist: F64, limits: F64) -> _Rays:
 
 
 def cloud_to_points(
-    cloud: PointCloud, base_from_sensor: SE3, twist: F64, config: PlanarConfig, height_offset: float = 0.0
+    cloud: PointCloud, base_from_sensor: Mount, twist: F64, config: PlanarConfig, height_offset: float = 0.0
 ) -> PlanarScan:
     """Flatten a cloud: per azimuth bin the nearest surface of the height band, else how far the bin is proved free.
 
     Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. `base_from_sensor`
-    should be levelled when the body tilts; `height_offset` is the height of the base origin above the ground.
+    should be that of `level_mount` when the body leans; `height_offset` is the height of the base origin above the ground.
     """
     counts = np.empty(2, np.int64)
     bins = config.azimuth_bins
     points, free_points = np.empty((bins, 2), np.float32), np.empty((bins, 2), np.float32)
-    band = np.array([config.height_min - height_offset, config.height_max - height_offset])
+    mounts, step, origin = _sweep_of(base_from_sensor)
+    doubt = config.lean_doubt if isinstance(base_from_sensor, LevelMount) else 0.0
+    band = np.array([config.height_min - height_offset, config.height_max - height_offset, doubt])
     scan_points.cloud_to_points(
         np.ascontiguousarray(cloud.points, np.float32),
         np.ascontiguousarray(cloud.time, np.float32),
-        _matrix(base_from_sensor),
+        mounts,
+        step,
         twist,
         band,
         np.array([config.range_min, config.range_max, min(config.free_length, config.range_max), config.surface_depth]),
+        np.empty((3, 4)),
         np.empty((len(cloud.points), 4)),
         np.empty((bins, 4)),
         np.empty((bins, 3)),
@@ -158,7 +167,6 @@ def cloud_to_points(
         free_points,
         counts,
     )
-    origin = base_from_sensor.translation[0], base_from_sensor.translation[1]
     return PlanarScan(cloud.stamp_ns, points[: counts[0]], free_points[: counts[1]], origin)
 
 
@@ -167,11 +175,3 @@ def scan_duration(message: LaserScan | PointCloud) -> float:
     if isinstance(message, LaserScan):
         return max(0.0, (len(message.ranges) - 1) * message.time_increment)
     return float(message.time.max()) if len(message.time) else 0.0
-
-
-def level(base_from_sensor: SE3, roll: float, pitch: float) -> SE3:
-    """Return the sensor's pose in the base frame turned level, for a body that is rolled and pitched by the given angles."""
-    half = math.cos(roll / 2) * math.cos(pitch / 2)
-    if half <= 0.0:
-        return base_from_sensor
-    return SE3.from_rpy((0.0, 0.0, 0.0), roll, pitch, 0.0) @ base_from_sensor

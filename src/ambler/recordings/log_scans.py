@@ -19,6 +19,7 @@ F64 = NDArray[np.float64]
 
 _NO_RETURN_RATIO = 0.98
 _STEP_NS = 1000
+_NO_FLOOR = np.array([-np.inf, 0.0])  # of a planar log nothing is known of how the body leaned
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class LogScan:
         points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
         beams, counts = np.empty((2, n), np.int32), np.empty(2, np.int64)
         scan_points.beams_to_points(
-            *(self.ranges, self.beam, self.limits, self.base_from_laser, twist),
+            *(self.ranges, self.beam, self.limits, _NO_FLOOR, self.base_from_laser[None], 1.0, twist, np.empty((3, 4))),
             *(points, free_points, beams[0], beams[1], counts),
         )
         origin = float(self.base_from_laser[0, 3]), float(self.base_from_laser[1, 3])

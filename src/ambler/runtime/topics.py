@@ -92,6 +92,7 @@ GLOBAL_COSTMAP = _topic("global_costmap", m.CostGrid, "/global_costmap/costmap",
 LOCAL_COSTMAP = _topic("local_costmap", m.CostGrid, "/local_costmap/costmap", "latched", 1, max_age=1.0)
 FOOTPRINT = _topic("footprint", m.Polygon, "/footprint", depth=1)
 PATH = _topic("path", m.Path, "/plan", "latched", 1)
+BLOCKED = _topic("blocked", m.Path, "/blocked", "latched", 1)
 LOCAL_PATH = _topic("local_path", m.Path, "/local_plan", depth=1)
 FRONTIERS = _topic("frontiers", m.Frontiers, "/frontiers", "latched", 1)
 VELOCITY_REQUEST = _topic("velocity_request", m.VelocityCommand, "/cmd_vel_nav", "latest", 1, max_age=0.3)

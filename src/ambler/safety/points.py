@@ -6,6 +6,7 @@ Of a cloud, means of small patches count: of the thousands of returns of a wall 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +32,22 @@ def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
 
 
 def points_of_cloud(
-    cloud: PointCloud, base_from_sensor: SE3, twist: F64, reach: float, z_band: tuple[float, float]
+    cloud: PointCloud, sweep: Sequence[SE3], twist: F64, reach: float, z_band: tuple[float, float]
 ) -> F64:
     """Return the points of a 3-D scan within `reach` metres of the sensor and inside the height band above the floor, float64
-    (N, 3), in the base frame of the stamp. `base_from_sensor` is told level, free of the body's lean."""
+    (N, 3), in the base frame of the stamp. `sweep` is where the sensor was in a level base, free of the body's lean, at equal times from
+    the scan's first point to its last."""
     x, y = cloud.points[:, 0], cloud.points[:, 1]
     is_near = x * x + y * y <= np.float32(reach * reach)
-    points = base_from_sensor.transform(cloud.points[is_near])
+    near, times = cloud.points[is_near], cloud.time[is_near].astype(np.float64)
+    duration = float(cloud.time.max(initial=0.0))
+    part = (
+        np.rint(times / duration * (len(sweep) - 1)).astype(np.int64) if duration > 0.0 else np.zeros(len(times), int)
+    )
+    points = np.empty((len(near), 3))
+    for k, base_from_sensor in enumerate(sweep):
+        points[part == k] = base_from_sensor.transform(near[part == k])
     is_in_band = (points[:, 2] >= z_band[0]) & (points[:, 2] <= z_band[1])
-    times = cloud.time[is_near].astype(np.float64)
     return carried_to_stamp(points[is_in_band], times[is_in_band], twist)
 
 

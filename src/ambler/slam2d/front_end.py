@@ -49,8 +49,8 @@ class FrontEnd:
         self._usual_score = 0.0
         self.odometry_error = 0.0
 
-    def update(self, scan: PlanarScan, prediction: Prediction) -> LocalResult:
-        """Match one scan near its prediction and insert it when the robot has moved."""
+    def update(self, scan: PlanarScan, prediction: Prediction, *, may_insert: bool = True) -> LocalResult:
+        """Match one scan near its prediction and insert it when the robot has moved, if it may be."""
         config, target = self._config, self.active.target
         scan = scan.thinned(config.voxel_size)
         points = filter_voxels_adaptively(scan.points, config.match_max_voxel, config.match_min_points)
@@ -61,7 +61,7 @@ class FrontEnd:
             self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None
-        if len(scan.points) >= POINTS_LEAST and self._has_moved(scan.stamp_ns, pose):
+        if may_insert and len(scan.points) >= POINTS_LEAST and self._has_moved(scan.stamp_ns, pose):
             surfaces = points_between_returns(scan, config.insertion.resolution)
             submaps, finished = self.active.insert(scan, pose, surfaces)
             self._inserted = (scan.stamp_ns, pose)

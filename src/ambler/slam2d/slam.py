@@ -85,9 +85,9 @@ class Slam2d:
         """Return the body twist (vx, vy, wz) expected from an instant on, for the motion compensation of a scan."""
         return self._extrapolator.twist(stamp_ns, duration)
 
-    def update(self, scan: PlanarScan) -> Slam2dResult:
-        """Match, insert and add one scan to the graph. Stamps must increase."""
-        local = self._front_end.update(scan, self._extrapolator.predict(scan.stamp_ns))
+    def update(self, scan: PlanarScan, *, may_insert: bool = True) -> Slam2dResult:
+        """Match, insert and add one scan to the graph; where its pose is in doubt it must not be inserted. Stamps must increase."""
+        local = self._front_end.update(scan, self._extrapolator.predict(scan.stamp_ns), may_insert=may_insert)
         self._extrapolator.add_matched(scan.stamp_ns, local.local_from_base)
         node = None
         if local.submaps:

@@ -1,0 +1,48 @@
+"""Path distances in wide places: on coarse cells, and only where they are asked for, so that a look costs little however large the map is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.grid import COST_INSCRIBED, GridSpec
+from ambler.kernels.frontier_value import shrink_costs, spread_distances
+
+U8 = NDArray[np.uint8]
+
+
+def shrunk(costs: U8, spec: GridSpec, cell: float) -> tuple[U8, GridSpec]:
+    """Return costs uint8 on cells of about `cell` metres, each the least of the fine cells in it, and their geometry; the same when the
+    cells are not smaller.
+
+    A wall stays closed: it is inflated by the robot's inscribed radius on both sides, which is wider than a cell.
+    """
+    factor = max(1, math.floor(cell / spec.resolution + 1e-6))
+    if factor == 1:
+        return costs, spec
+    size = spec.resolution * factor
+    coarse = GridSpec(
+        size, math.ceil(spec.width / factor), math.ceil(spec.height / factor), spec.origin_x, spec.origin_y
+    )
+    out = np.empty(coarse.shape, np.uint8)
+    shrink_costs(costs, factor, out)
+    return out, coarse
+
+
+def cropped(costs: U8, spec: GridSpec, points: NDArray[np.float64], margin: float) -> tuple[U8, GridSpec]:
+    """Return the part of a grid that holds points (N, 2) with `margin` metres about them, and its geometry."""
+    low = (points.min(axis=0) - margin - (spec.origin_x, spec.origin_y)) / spec.resolution
+    high = (points.max(axis=0) + margin - (spec.origin_x, spec.origin_y)) / spec.resolution
+    x0, y0 = (max(0, math.floor(v)) for v in low)
+    x1, y1 = min(spec.width, math.ceil(high[0])), min(spec.height, math.ceil(high[1]))
+    origin = spec.origin_x + x0 * spec.resolution, spec.origin_y + y0 * spec.resolution
+    return np.ascontiguousarray(costs[y0:y1, x0:x1]), GridSpec(spec.resolution, x1 - x0, y1 - y0, *origin)
+
+
+def spread(distance: NDArray[np.float32], factor: int, costs: U8) -> NDArray[np.float32]:
+    """Return distances of coarse cells on the fine cells [iy, ix] of `costs`, inf where the robot's centre may not be."""
+    out = np.empty(costs.shape, np.float32)
+    spread_distances(distance, factor, costs, COST_INSCRIBED, out)
+    return out

@@ -1,0 +1,128 @@
+"""Marks where the controller failed three times: where they lie, that they end, and that the planner goes around them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.errors import BadInputError, PlanningError
+from ambler.core.grid import COST_LETHAL, GridSpec
+from ambler.core.messages import Path
+from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
+from ambler.core.se2 import SE2
+from ambler.costmap.blocked_layer import BlockedLayer
+from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
+from ambler.missions.blocked_ways import BlockedWays, BlockedWaysConfig
+from ambler.planning.grid_planner import GridPlanner, PlannerConfig
+
+S = 1_000_000_000
+HERE = SE2(2.0, 0.0)
+
+
+def straight(y: float = 0.0) -> Path:
+    xs = np.arange(0.0, 8.0, 0.1)
+    return Path(0, "map", np.stack((xs, np.full_like(xs, y), np.zeros_like(xs)), axis=1))
+
+
+def test_the_third_failure_at_one_place_marks_the_way_ahead() -> None:
+    ways = BlockedWays()
+    assert [ways.fail(straight(), HERE, k * S) for k in range(3)] == [False, False, True]
+    points = ways.points(3 * S)
+    assert points[:, 0].min() == pytest.approx(2.6, abs=0.02)
+    assert points[:, 0].max() == pytest.approx(3.2, abs=0.06)
+    assert (points[:, 1].min(), points[:, 1].max()) == pytest.approx((-0.25, 0.25))
+
+
+def test_failures_apart_in_place_or_time_do_not_add_up() -> None:
+    ways = BlockedWays()
+    places = (2.0, 4.0, 0.5)
+    assert not any(ways.fail(straight(), SE2(x, 0.0), k * S) for k, x in enumerate(places))
+    ways = BlockedWays(BlockedWaysConfig(memory=100.0))
+    assert not any(ways.fail(straight(), HERE, k * 60 * S) for k in range(5))
+
+
+def test_a_mark_ends_and_comes_back_for_twice_as_long() -> None:
+    ways = BlockedWays(BlockedWaysConfig(keep=60.0))
+
+    def mark(at_s: int) -> None:
+        assert [ways.fail(straight(), HERE, (at_s + k) * S) for k in range(3)][-1]
+
+    mark(0)
+    assert len(ways.points(61 * S)) > 0
+    assert len(ways.points(63 * S)) == 0
+    mark(100)
+    assert len(ways.points(220 * S)) > 0
+    assert len(ways.points(223 * S)) == 0
+
+
+def test_one_of_several_marks_comes_back_and_the_others_stay() -> None:
+    ways = BlockedWays(BlockedWaysConfig(keep=60.0))
+    for begin, y in ((0, 0.0), (10, 3.0), (20, 3.0), (30, 0.0)):
+        for k in range(3):
+            ways.fail(straight(y), SE2(2.0, y), (begin + k) * S)
+    assert len(ways.points(40 * S)) == 2 * len(ways.points(40 * S)[ways.points(40 * S)[:, 1] > 1.5])
+    assert len(ways.points(145 * S)) > 0, "both came back, and hold for two minutes"
+    assert len(ways.points(160 * S)) == 0
+
+
+def test_near_the_end_of_a_path_its_last_point_is_marked() -> None:
+    ways = BlockedWays()
+    for k in range(3):
+        ways.fail(straight(), SE2(7.6, 0.0), k * S)
+    assert ways.points(3 * S) == pytest.approx(np.array([[7.9, 0.0]]))
+
+
+def test_the_planner_goes_around_a_marked_gap_and_names_it_when_there_is_no_other() -> None:
+    robot = RobotModel(
+        "r", DriveKind.DIFFERENTIAL, 0.2 * np.array([[1.0, 1], [-1, 1], [-1, -1], [1, -1]]), VelocityLimits()
+    )
+    spec = GridSpec(0.05, 160, 120, 0.0, -3.0)
+    cells = np.zeros(spec.shape, np.int8)
+    wall = spec.cell_of(4.0, 0.0)[1]
+    cells[:, wall] = 100
+    near, far = spec.cell_of(4.0, 0.0)[0], spec.cell_of(4.0, 2.2)[0]
+    for gap in (near, far):
+        cells[gap - 9 : gap + 10, wall] = 0
+    costmap = GlobalCostmap(GlobalCostmapConfig(), robot)
+    costmap.set_map(spec, cells)
+    planner = GridPlanner(PlannerConfig())
+
+    def highest() -> float:
+        found = planner.plan(costmap.costs, spec, SE2(3.0, 0.0), SE2(5.5, 0.0)).path
+        return float(np.abs(found[:, 1]).max())
+
+    assert highest() < 0.5
+    ways = BlockedWays()
+    path = planner.plan(costmap.costs, spec, SE2(3.0, 0.0), SE2(5.5, 0.0)).path
+    for k in range(3):
+        ways.fail(Path(0, "map", path), SE2(3.3, 0.0), k * S)
+    costmap.layer(BlockedLayer).set_points(ways.points(3 * S))
+    costmap.update()
+    assert highest() > 1.5
+    costmap.clear()
+    assert highest() > 1.5, "no sensor saw it, so none takes it back"
+    cells[far - 9 : far + 10, wall] = 100
+    costmap.set_map(spec, cells)
+    with pytest.raises(PlanningError):
+        planner.plan(costmap.costs, spec, SE2(3.0, 0.0), SE2(5.5, 0.0))
+    costmap.layer(BlockedLayer).set_points(ways.points(100 * S))
+    costmap.update()
+    assert highest() < 0.5
+
+
+def test_points_outside_the_grid_are_no_trouble() -> None:
+    layer, spec = BlockedLayer(), GridSpec(0.1, 10, 10, 0.0, 0.0)
+    layer.set_points(np.array([[-5.0, 0.0], [0.55, 0.55], [50.0, math.pi]]))
+    from ambler.costmap.layer import Moment
+
+    layer.update(spec, Moment(costmap_from_map=SE2()))
+    master = np.zeros(spec.shape, np.uint8)
+    layer.draw_into(master, spec, (0, 10, 0, 10))
+    assert np.argwhere(master == COST_LETHAL).tolist() == [[5, 5]]
+
+
+def test_nonsense_is_refused() -> None:
+    with pytest.raises(BadInputError):
+        BlockedWaysConfig(failures=0)
