@@ -54,7 +54,8 @@ def test_several_markers_give_the_dock_at_one_metre() -> None:
         turns.append(abs(found.base_from_dock.yaw - truth.yaw))
         assert surprise(found.base_from_dock, truth, found.covariance) < 5.0
     assert np.percentile(errors, 95) < 0.004, "0.95 m from the markers to the dock's origin: yaw is a lever"
-    assert np.percentile(turns, 95) < math.radians(0.2)
+    # One picture; the detector counts on prints that hang 1 mm and 0.3° off, and trusts a far marker's own slant more than exact ones would have it.
+    assert np.percentile(turns, 95) < math.radians(0.25)
 
 
 def test_one_marker_near_the_end_of_the_approach() -> None:

@@ -116,8 +116,8 @@ def _pose(track: PlanarTrack, seconds: float) -> SE2:
 
 def _moved_apart(a: PointCloud, b: PointCloud) -> F64:
     """Return how far apart (m) the same returns lie in two clouds; a return that one of them took for the robot itself is left out."""
-    keys = [cloud.ring * 10.0 + cloud.time for cloud in (a, b)]
-    _, of_a, of_b = np.intersect1d(*keys, return_indices=True)
+    one, other = (cloud.ring * 10.0 + cloud.time for cloud in (a, b))
+    _, of_a, of_b = np.intersect1d(one, other, return_indices=True)
     return np.asarray(np.hypot(*(a.points[of_a, :2] - b.points[of_b, :2]).T.astype(np.float64)))
 
 
