@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import Image, LaserScan, PointCloud, PoseStamped, Status
@@ -18,6 +18,7 @@ from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
 from ambler.docking.detection import DockDetector, DockSighting
 from ambler.docking.dock import Dock
+from ambler.docking.lesson import DockLesson, LessonConfig
 from ambler.docking.tracker import TrackerConfig
 from ambler.missions.dock import DockMission
 from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, DockView, LookForDock
@@ -37,8 +38,8 @@ from ambler.runtime.tasks import (
     DockFeedback,
     DockGoal,
     DockReport,
-    TeachDockReply,
-    TeachDockRequest,
+    TeachDockGoal,
+    TeachDockReport,
     UndockGoal,
 )
 from ambler.runtime.topics import (
@@ -56,10 +57,12 @@ from ambler.runtime.topics import (
 )
 
 DockHandle = GoalHandle[DockGoal, DockFeedback, DockReport] | GoalHandle[UndockGoal, DockFeedback, DockReport]
+TeachHandle = GoalHandle[TeachDockGoal, DockFeedback, TeachDockReport]
 
 PERIOD = 0.02
 DETECTION_TIME = 0.03  # seconds that looking at a picture or scan takes
 FEEDBACK_NS = 250_000_000
+AT_REST = 0.02  # m/s and rad/s up to which a robot stands
 FROM_DOCK = 0.3  # metres from a dock's pose at which a robot without contact does not stand in it
 
 
@@ -72,6 +75,17 @@ class DockingNodeConfig:
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sight: float = 2.5
     refines: bool = True
+    lesson: LessonConfig = field(default_factory=LessonConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lesson:
+    """Whose lesson it is, where the robot stands in the map, what it has seen, and since when."""
+
+    handle: TeachHandle
+    map_from_base: SE2
+    lesson: DockLesson
+    begun_ns: int
 
 
 class DockingNode(Node):
@@ -101,6 +115,7 @@ class DockingNode(Node):
         self._fed_ns = 0
         self._said: tuple[DockState, str] | None = None
         self._misfit: str | None = None
+        self._lesson: _Lesson | None = None
 
     def start(self) -> None:
         """Subscribe, serve, and start the timer."""
@@ -115,7 +130,7 @@ class DockingNode(Node):
         self.ctx.subscribe(GATE_STATUS, self._state.take_gate)
         self.ctx.serve_task(DOCK, self._on_dock, self._on_cancel)
         self.ctx.serve_task(UNDOCK, self._on_undock, self._on_cancel)
-        self.ctx.serve(TEACH_DOCK, self._on_teach)
+        self.ctx.serve_task(TEACH_DOCK, self._on_teach, self._on_cancel)
         self.ctx.timer(PERIOD, self._tick)
 
     # Seeing
@@ -149,12 +164,16 @@ class DockingNode(Node):
         self._is_looking = False
         if sighting is None or series != self._sight.series:
             return
+        if self._lesson is not None:
+            self._lesson.lesson.add(sighting.base_from_dock)
         self._sight.take(sighting, self.ctx.now_ns)
         pose = SE3.from_se2(sighting.base_from_dock)
         self.ctx.publish(DOCK_POSE, PoseStamped(sighting.stamp_ns, "base", pose))
 
     def _base_from_dock(self) -> SE2 | None:
-        """Where the dock is by the map."""
+        """Where the dock is by the map; while it is taught, where the robot stands."""
+        if self._lesson is not None:
+            return SE2()
         map_from_base = self._state.map_from_base(self.ctx.now_ns)
         if map_from_base is None or self._dock is None:
             return None
@@ -191,8 +210,11 @@ class DockingNode(Node):
         self._handle, self._dock = handle, dock
         self._carrier.do(self.mission.begin_undock(dock, self.ctx.now_ns))
 
-    def _dock_for(self, handle: DockHandle, name: str) -> Dock | None:
+    def _dock_for(self, handle: DockHandle | TeachHandle, name: str) -> Dock | None:
         """End what is under way, and return the dock of a new goal; None when the goal is refused."""
+        if self._lesson is not None:
+            self._lesson.handle.is_preempted = True
+            self._end_lesson().cancelled()
         if self._handle is not None:
             self._handle.is_preempted = True
             self._carrier.do(self.mission.cancel())
@@ -206,27 +228,78 @@ class DockingNode(Node):
             return None
         return dock
 
-    def _refuse(self, handle: DockHandle, code: str, text: str) -> None:
+    def _refuse(self, handle: DockHandle | TeachHandle, code: str, text: str) -> None:
         self._say(code, text)
         handle.fail(code, text)
 
-    def _on_cancel(self, handle: DockHandle) -> None:
-        if self._handle is handle:
+    def _on_cancel(self, handle: DockHandle | TeachHandle) -> None:
+        if self._lesson is not None and self._lesson.handle is handle:
+            self._end_lesson().cancelled()
+        elif self._handle is handle:
             self._carrier.do(self.mission.cancel())
 
-    def _on_teach(self, request: TeachDockRequest) -> TeachDockReply:
-        """Save where the robot stands; a BadInputError, when it does not know where or no such dock is described, is the reply."""
+    # Teaching
+
+    def _on_teach(self, handle: TeachHandle) -> None:
+        """Look at the dock for a while from where the robot stands in it."""
+        dock = self._dock_for(handle, handle.goal.name)
+        if dock is None:
+            return
         here = self._state.map_from_base(self.ctx.now_ns)
         if here is None:
-            raise BadInputError("the robot does not know where it is: a dock cannot be taught")
-        taught = self._database.teach(self._database.dock(request.name), here)
-        self._say("DOCK_TAUGHT", f"dock {taught.name} is at {here.x:.3f}, {here.y:.3f}, {math.degrees(here.yaw):.2f}°")
-        return TeachDockReply(taught.map_from_dock)
+            self._refuse(handle, "LOST", "the robot does not know where it is: a dock cannot be taught")
+            return
+        plain = replace(dock, offset=SE2())
+        try:
+            detector = detector_of(plain, self._robot, self._state.camera)
+        except BadInputError as error:
+            self._refuse(handle, "NOT_CALIBRATED", str(error))
+            return
+        self._dock = plain
+        self._lesson = _Lesson(handle, here, DockLesson(self._config.lesson), self.ctx.now_ns)
+        self._sight.begin(plain, detector)
+        self._say("TEACHING", f"the robot stands in {dock.name} and looks at it")
+
+    def _teach(self, now_ns: int) -> None:
+        """Go on with a lesson: until it has seen enough, its time is over, or the robot moves."""
+        taught, dock, v = self._lesson, self._dock, self._sight.velocity
+        assert taught is not None and dock is not None
+        if math.hypot(v.vx, v.vy) > AT_REST or abs(v.wz) > AT_REST:
+            self._refuse(self._end_lesson(), "NOT_DOCKED", "the robot moved while it was taught a dock")
+            return
+        if self._sight.wants_pictures:
+            self._carrier.lease_pictures()
+        is_late = (now_ns - taught.begun_ns) * 1e-9 > taught.lesson.config.seconds
+        if not (taught.lesson.is_full or is_late):
+            return
+        handle = self._end_lesson()
+        try:
+            offset = taught.lesson.offset()
+            saved = self._database.teach(replace(dock, offset=offset), taught.map_from_base)
+        except BadInputError as error:
+            self._refuse(handle, "DOCK_NOT_SEEN", str(error))
+            return
+        at, off = saved.map_from_dock, saved.offset
+        text = (
+            f"dock {saved.name} is at {at.x:.3f}, {at.y:.3f} m, {math.degrees(at.yaw):.2f}°; what is seen there is "
+            f"{1e3 * off.x:+.1f}, {1e3 * off.y:+.1f} mm, {math.degrees(off.yaw):+.2f}° off ({taught.lesson.count} sightings)"
+        )
+        self._say("DOCK_TAUGHT", text)
+        handle.end(TaskOutcome("SUCCEEDED", text, TeachDockReport(at, off, taught.lesson.count)))
+
+    def _end_lesson(self) -> TeachHandle:
+        """Look no more; returns whose lesson it was."""
+        assert self._lesson is not None
+        handle, self._lesson = self._lesson.handle, None
+        self._sight.end()
+        return handle
 
     # The mission
 
     def _tick(self) -> None:
         pose = self._sight.odom_from_base
+        if self._lesson is not None:
+            self._teach(self.ctx.now_ns)
         if not self.mission.is_active or pose is None:
             return
         now_ns, state = self.ctx.now_ns, self._state
