@@ -31,8 +31,8 @@ from ambler.core.requests import (
     RecoverGoal,
     RecoveryKind,
     SaveMapRequest,
-    TeachDockReport,
     TeachDockGoal,
+    TeachDockReport,
     UndockGoal,
 )
 from ambler.runtime.node import Service, Task
@@ -88,8 +88,8 @@ __all__ = [
     "RecoverGoal",
     "RecoveryKind",
     "SaveMapRequest",
-    "TeachDockReport",
     "TeachDockGoal",
+    "TeachDockReport",
     "UndockGoal",
     "all_services",
     "all_tasks",
