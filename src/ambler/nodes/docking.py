@@ -18,13 +18,14 @@ from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
 from ambler.docking.detection import DockDetector, DockSighting
 from ambler.docking.dock import Dock
-from ambler.docking.lesson import DockLesson, LessonConfig
+from ambler.docking.lesson import LessonConfig
 from ambler.docking.tracker import TrackerConfig
 from ambler.missions.dock import DockMission
 from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, DockView, LookForDock
 from ambler.nodes.dock_carrier import DockCarrier
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
 from ambler.nodes.dock_state import RobotState
+from ambler.nodes.dock_teacher import DockTeacher, TeachHandle
 from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, WorkKind
 from ambler.runtime.tasks import (
     CAMERA_PICTURES,
@@ -38,8 +39,6 @@ from ambler.runtime.tasks import (
     DockFeedback,
     DockGoal,
     DockReport,
-    TeachDockGoal,
-    TeachDockReport,
     UndockGoal,
 )
 from ambler.runtime.topics import (
@@ -57,35 +56,25 @@ from ambler.runtime.topics import (
 )
 
 DockHandle = GoalHandle[DockGoal, DockFeedback, DockReport] | GoalHandle[UndockGoal, DockFeedback, DockReport]
-TeachHandle = GoalHandle[TeachDockGoal, DockFeedback, TeachDockReport]
 
 PERIOD = 0.02
 DETECTION_TIME = 0.03  # seconds that looking at a picture or scan takes
 FEEDBACK_NS = 250_000_000
-AT_REST = 0.02  # m/s and rad/s up to which a robot stands
 FROM_DOCK = 0.3  # metres from a dock's pose at which a robot without contact does not stand in it
 
 
 @dataclass(frozen=True, slots=True)
 class DockingNodeConfig:
     """`sight`: metres to the dock's pose, by the map, from which the dock is looked for while the robot still drives to the staging pose.
-    `refines`: whether each docking moves the dock's pose in the database a little."""
+    `refines`: whether each docking moves the dock's pose in the database a little. `edge_shift_px`: how far farther out the edges of markers are
+    than seen (`ambler calibrate range`)."""
 
     mission: DockConfig = field(default_factory=DockConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sight: float = 2.5
     refines: bool = True
     lesson: LessonConfig = field(default_factory=LessonConfig)
-
-
-@dataclass(frozen=True, slots=True)
-class _Lesson:
-    """Whose lesson it is, where the robot stands in the map, what it has seen, and since when."""
-
-    handle: TeachHandle
-    map_from_base: SE2
-    lesson: DockLesson
-    begun_ns: int
+    edge_shift_px: float = 0.0
 
 
 class DockingNode(Node):
@@ -115,7 +104,7 @@ class DockingNode(Node):
         self._fed_ns = 0
         self._said: tuple[DockState, str] | None = None
         self._misfit: str | None = None
-        self._lesson: _Lesson | None = None
+        self._teacher = DockTeacher(database, self._config.lesson)
 
     def start(self) -> None:
         """Subscribe, serve, and start the timer."""
@@ -164,15 +153,14 @@ class DockingNode(Node):
         self._is_looking = False
         if sighting is None or series != self._sight.series:
             return
-        if self._lesson is not None:
-            self._lesson.lesson.add(sighting.base_from_dock)
+        self._teacher.see(sighting)
         self._sight.take(sighting, self.ctx.now_ns)
         pose = SE3.from_se2(sighting.base_from_dock)
         self.ctx.publish(DOCK_POSE, PoseStamped(sighting.stamp_ns, "base", pose))
 
     def _base_from_dock(self) -> SE2 | None:
         """Where the dock is by the map; while it is taught, where the robot stands."""
-        if self._lesson is not None:
+        if self._teacher.handle is not None:
             return SE2()
         map_from_base = self._state.map_from_base(self.ctx.now_ns)
         if map_from_base is None or self._dock is None:
@@ -192,7 +180,7 @@ class DockingNode(Node):
         if dock is None:
             return
         try:
-            self._detector = detector_of(dock, self._robot, self._state.camera)
+            self._detector = self._detector_of(dock)
         except BadInputError as error:
             self._refuse(handle, "NOT_CALIBRATED", str(error))
             return
@@ -212,9 +200,9 @@ class DockingNode(Node):
 
     def _dock_for(self, handle: DockHandle | TeachHandle, name: str) -> Dock | None:
         """End what is under way, and return the dock of a new goal; None when the goal is refused."""
-        if self._lesson is not None:
-            self._lesson.handle.is_preempted = True
-            self._end_lesson().cancelled()
+        if self._teacher.handle is not None:
+            self._teacher.handle.is_preempted = True
+            self._end_lesson()
         if self._handle is not None:
             self._handle.is_preempted = True
             self._carrier.do(self.mission.cancel())
@@ -233,12 +221,10 @@ class DockingNode(Node):
         handle.fail(code, text)
 
     def _on_cancel(self, handle: DockHandle | TeachHandle) -> None:
-        if self._lesson is not None and self._lesson.handle is handle:
-            self._end_lesson().cancelled()
+        if self._teacher.handle is handle:
+            self._end_lesson()
         elif self._handle is handle:
             self._carrier.do(self.mission.cancel())
-
-    # Teaching
 
     def _on_teach(self, handle: TeachHandle) -> None:
         """Look at the dock for a while from where the robot stands in it."""
@@ -249,57 +235,43 @@ class DockingNode(Node):
         if here is None:
             self._refuse(handle, "LOST", "the robot does not know where it is: a dock cannot be taught")
             return
-        plain = replace(dock, offset=SE2())
+        self._dock = plain = replace(dock, offset=SE2())
         try:
-            detector = detector_of(plain, self._robot, self._state.camera)
+            detector = self._detector_of(plain)
         except BadInputError as error:
             self._refuse(handle, "NOT_CALIBRATED", str(error))
             return
-        self._dock = plain
-        self._lesson = _Lesson(handle, here, DockLesson(self._config.lesson), self.ctx.now_ns)
+        self._teacher.begin(handle, plain, here, self.ctx.now_ns)
         self._sight.begin(plain, detector)
         self._say("TEACHING", f"the robot stands in {dock.name} and looks at it")
 
-    def _teach(self, now_ns: int) -> None:
-        """Go on with a lesson: until it has seen enough, its time is over, or the robot moves."""
-        taught, dock, v = self._lesson, self._dock, self._sight.velocity
-        assert taught is not None and dock is not None
-        if math.hypot(v.vx, v.vy) > AT_REST or abs(v.wz) > AT_REST:
-            self._refuse(self._end_lesson(), "NOT_DOCKED", "the robot moved while it was taught a dock")
-            return
+    def _teach(self) -> None:
+        """Go on with a lesson until it is over."""
         if self._sight.wants_pictures:
             self._carrier.lease_pictures()
-        is_late = (now_ns - taught.begun_ns) * 1e-9 > taught.lesson.config.seconds
-        if not (taught.lesson.is_full or is_late):
-            return
-        handle = self._end_lesson()
-        try:
-            offset = taught.lesson.offset()
-            saved = self._database.teach(replace(dock, offset=offset), taught.map_from_base)
-        except BadInputError as error:
-            self._refuse(handle, "DOCK_NOT_SEEN", str(error))
-            return
-        at, off = saved.map_from_dock, saved.offset
-        text = (
-            f"dock {saved.name} is at {at.x:.3f}, {at.y:.3f} m, {math.degrees(at.yaw):.2f}°; what is seen there is "
-            f"{1e3 * off.x:+.1f}, {1e3 * off.y:+.1f} mm, {math.degrees(off.yaw):+.2f}° off ({taught.lesson.count} sightings)"
-        )
-        self._say("DOCK_TAUGHT", text)
-        handle.end(TaskOutcome("SUCCEEDED", text, TeachDockReport(at, off, taught.lesson.count)))
+        handle = self._teacher.handle
+        outcome = self._teacher.update(self._sight.velocity, self.ctx.now_ns)
+        if outcome is not None and handle is not None:
+            self._sight.end()
+            self._say("DOCK_TAUGHT" if outcome.code == "SUCCEEDED" else outcome.code, outcome.text)
+            handle.end(outcome)
 
-    def _end_lesson(self) -> TeachHandle:
-        """Look no more; returns whose lesson it was."""
-        assert self._lesson is not None
-        handle, self._lesson = self._lesson.handle, None
-        self._sight.end()
-        return handle
+    def _end_lesson(self) -> None:
+        """End a lesson that nobody wants any more."""
+        handle = self._teacher.stop()
+        if handle is not None:
+            self._sight.end()
+            handle.cancelled()
+
+    def _detector_of(self, dock: Dock) -> DockDetector:
+        return detector_of(dock, self._robot, self._state.camera, self._config.edge_shift_px)
 
     # The mission
 
     def _tick(self) -> None:
         pose = self._sight.odom_from_base
-        if self._lesson is not None:
-            self._teach(self.ctx.now_ns)
+        if self._teacher.handle is not None:
+            self._teach()
         if not self.mission.is_active or pose is None:
             return
         now_ns, state = self.ctx.now_ns, self._state

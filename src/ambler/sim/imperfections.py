@@ -23,10 +23,11 @@ from ambler.sim.solids import Person, Shape, SimDock, SimMarker, WorldSpec
 
 F64 = NDArray[np.float64]
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
-GROUND = 0.25  # metres between the samples of a floor
-AROUND = 1.3  # metres about a docked robot's middle within which its floor is one plane
+GROUND = 0.65  # metres between the samples of a floor, along the dock's axes
+AROUND = 2 * GROUND  # metres about a docked robot's middle within which its floor is one plane
 LEVELLING = 0.5  # metres over which that plane goes over into a level floor
 BESIDE = 0.5  # metres that the floor reaches beyond the walls
+START = 1.5  # metres about a start in which nobody walks
 PASSERBY = "passer_by"
 WALK, BODY = (
     4.0,
@@ -84,6 +85,13 @@ class Imperfections:
     strafe_loss: float
     passer_by: tuple[float, float] | None
 
+    def beginning_at(self, dock_from_base: SE2) -> Imperfections:
+        """Return the same for a robot that starts there: nobody walks where it stands."""
+        passing = self.passer_by
+        if passing is None or abs(dock_from_base.x - passing[0]) > START or abs(dock_from_base.y) > WALK + START:
+            return self
+        return replace(self, passer_by=None)
+
     def of_robot(self, robot: SimRobot) -> SimRobot:
         """Return the robot as it was built: its cameras moved and ground otherwise than drawn, its wheels slipping as they do here."""
         odometry = replace(robot.odometry, slip_sigma=self.slip)
@@ -138,14 +146,12 @@ class Imperfections:
     def _floor(self, world: WorldSpec, dock: SimDock) -> HeightField:
         """A plane under the docked robot, level farther away."""
         x0, y0, x1, y1 = world.bounds()
-        x, y = (
-            np.arange(x0 - BESIDE, x1 + BESIDE + GROUND, GROUND),
-            np.arange(y0 - BESIDE, y1 + BESIDE + GROUND, GROUND),
-        )
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        ahead, aside = _levelled(dock.world_from_dock.inverse().transform(points)).T
-        heights = (math.tan(self.tilt[0]) * ahead + math.tan(self.tilt[1]) * aside).reshape(len(y), len(x))
-        return HeightField("floor", heights, GROUND, SE2(float(x[0]), float(y[0]), 0.0), world.floor_albedo)
+        corners = dock.world_from_dock.inverse().transform(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
+        low, high = np.floor((corners.min(axis=0) - BESIDE) / GROUND), np.ceil((corners.max(axis=0) + BESIDE) / GROUND)
+        x, y = (_levelled(GROUND * np.arange(a, b + 1.0)) for a, b in zip(low.tolist(), high.tolist(), strict=True))
+        heights = math.tan(self.tilt[0]) * x[None, :] + math.tan(self.tilt[1]) * y[:, None]
+        origin = dock.world_from_dock @ SE2(GROUND * float(low[0]), GROUND * float(low[1]), 0.0)
+        return HeightField("ground", heights, GROUND, origin, world.floor_albedo)
 
     def _somebody(self, world: WorldSpec, dock: SimDock) -> tuple[Person, ...]:
         """Somebody who walks across before the dock, as far to either side as nothing stands there."""
