@@ -15,7 +15,7 @@ from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import Image, LaserScan, Odometry, PointCloud
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.docking.detection import DockDetector, DockObservation, DockSighting
@@ -51,7 +51,7 @@ class DockSight:
 
     def __init__(self, robot: RobotModel, config: TrackerConfig | None = None) -> None:
         self._robot = robot
-        self._tracker = DockTracker(config)
+        self._tracker = DockTracker(config, has_gyroscope=bool(robot.of_kind(SensorKind.IMU)))
         self._motion = BaseMotion()
         self._newest: Odometry | None = None
         self._detector: DockDetector | None = None
