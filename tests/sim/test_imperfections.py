@@ -12,7 +12,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.sim.battery import Battery, BatterySpec
 from ambler.sim.dock_body import marker_poses
-from ambler.sim.imperfections import AROUND, PASSERBY, Tolerances, draw_imperfections
+from ambler.sim.imperfections import AROUND, NEAREST, PASSERBY, Tolerances, draw_imperfections
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.world_file import load_world
@@ -117,20 +117,22 @@ def test_a_docked_robot_leans_as_its_floor_does_and_the_floor_is_level_far_away(
     assert world.terrain.heights_at(near) == pytest.approx(expected, abs=1e-9)
 
 
-def test_somebody_passes_before_the_dock_but_not_where_the_robot_starts() -> None:
-    off = replace(EXACT, passer_by=(0.1, 1.0))
+def test_somebody_walks_beside_the_dock_but_not_where_the_robot_starts() -> None:
+    off = replace(EXACT, passer_by=(0.1, 1.0, -1.0))
     world = off.of_world(HALL)
     (person,) = world.people
     assert person.name == PASSERBY
     ends = DOCK.world_from_dock.inverse().transform(np.array(person.way))
     assert ends[:, 0] == pytest.approx([0.1, 0.1])
-    assert ends[0, 1] > 1.0 > -1.0 > ends[1, 1]
+    assert ends[0, 1] == pytest.approx(-NEAREST)
+    assert ends[1, 1] < -2.0
     for solid in HALL.solids:
         local = solid.world_from_solid.inverse().transform(np.linspace(*np.array(person.way), 50))
         half = 0.5 * np.array([solid.size_x, solid.size_y])
         assert solid.z_min > 1.7 or np.hypot(*np.maximum(np.abs(local) - half, 0.0).T).min() > 0.25
     assert off.beginning_at(SE2(-8.0, 0.0, 0.0)) == off
-    assert off.beginning_at(SE2()).passer_by is None
+    assert off.beginning_at(SE2(0.3, 2.0, 0.0)) == off
+    assert off.beginning_at(SE2(0.3, -2.0, 0.0)).passer_by is None
 
 
 def test_a_world_without_the_dock_is_refused_and_all_is_told() -> None:

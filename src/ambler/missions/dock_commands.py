@@ -97,7 +97,7 @@ class DockConfig:
     contact_time: float = 0.2
     back_timeout: float = 15.0
     back_xy: float = 0.05
-    wait_time: float = 12.0
+    wait_time: float = 8.0
     blocked_time: float = 3.0
     stale_time: float = 0.5
     permit_time: float = 1.0

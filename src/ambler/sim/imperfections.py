@@ -29,10 +29,11 @@ LEVELLING = 0.5  # metres over which that plane goes over into a level floor
 BESIDE = 0.5  # metres that the floor reaches beyond the walls
 START = 1.5  # metres about a start in which nobody walks
 PASSERBY = "passer_by"
-WALK, BODY = (
+NEAREST, WALK = (
+    1.1,
     4.0,
-    0.45,
-)  # metres to either side of a dock that somebody walks, if so much is free for a body of this radius
+)  # metres beside a dock's line between which somebody walks: who comes from the side sees it hidden
+BODY = 0.45  # metres that must be free about them
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Tolerances:
     """Half widths within which everything is drawn, evenly: place (m) and turn (rad) of the camera's mounting, share of each of its focal lengths
     and of its centre, place, turn and share of the side of each marker, the depth (m) at which the switch closes, the tilt (rad) of the floor
     under a docked robot. `slip` and `friction`: from, to (share of the way, coefficient); `strafe` up to (share). `passers_by`: share of
-    the runs in which somebody walks to and fro before the dock, `passing` metres ahead of the docked pose, at `pace` m/s."""
+    the runs in which somebody walks to and fro beside the dock, `passing` metres ahead of the docked pose, at `pace` m/s."""
 
     camera_place: float = 0.002
     camera_turn: float = math.radians(0.3)
@@ -70,8 +71,8 @@ class MarkerFlaw:
 @dataclass(frozen=True, slots=True)
 class Imperfections:
     """What is off at `dock` and on a robot that docks there. `camera_*` in the base frame; `lens`: shares of (fx, fy, cx, cy); `contact`: how much
-    deeper (m) the switch closes; `tilt`: rise of the floor along the dock's x and y (rad); `passer_by`: metres ahead of the docked pose
-    and m/s, None: nobody."""
+    deeper (m) the switch closes; `tilt`: rise of the floor along the dock's x and y (rad); `passer_by`: metres ahead of the docked pose,
+    m/s, and the side (1: left), None: nobody."""
 
     dock: str
     camera_place: Vector3
@@ -83,12 +84,14 @@ class Imperfections:
     slip: float
     friction: float
     strafe_loss: float
-    passer_by: tuple[float, float] | None
+    passer_by: tuple[float, float, float] | None
 
     def beginning_at(self, dock_from_base: SE2) -> Imperfections:
         """Return the same for a robot that starts there: nobody walks where it stands."""
         passing = self.passer_by
-        if passing is None or abs(dock_from_base.x - passing[0]) > START or abs(dock_from_base.y) > WALK + START:
+        beside = 0.0 if passing is None else passing[2] * dock_from_base.y
+        is_far = not NEAREST - START < beside < WALK + START
+        if passing is None or abs(dock_from_base.x - passing[0]) > START or is_far:
             return self
         return replace(self, passer_by=None)
 
@@ -154,19 +157,17 @@ class Imperfections:
         return HeightField("ground", heights, GROUND, origin, world.floor_albedo)
 
     def _somebody(self, world: WorldSpec, dock: SimDock) -> tuple[Person, ...]:
-        """Somebody who walks across before the dock, as far to either side as nothing stands there."""
+        """Somebody who walks to and fro beside the dock's line, as far away from it as nothing stands there."""
         assert self.passer_by is not None
-        ahead, pace = self.passer_by
-        ends = []
-        for side in (1.0, -1.0):
-            steps = np.column_stack([np.full(41, ahead), side * np.linspace(0.0, WALK, 41)])
-            is_free = _is_free(world, dock.world_from_dock.transform(steps))
-            last = len(steps) if is_free.all() else int(np.argmin(is_free))
-            if last < 2:
-                return ()
-            x, y = dock.world_from_dock.transform(steps[last - 1 : last])[0]
-            ends.append((float(x), float(y)))
-        return (Person(PASSERBY, (ends[0], ends[1]), pace),)
+        ahead, pace, side = self.passer_by
+        steps = np.column_stack([np.full(31, ahead), side * np.linspace(NEAREST, WALK, 31)])
+        way = dock.world_from_dock.transform(steps)
+        is_free = _is_free(world, way)
+        last = len(way) if is_free.all() else int(np.argmin(is_free))
+        if last < 2:
+            return ()
+        ends = way[[0, last - 1]].tolist()
+        return (Person(PASSERBY, tuple((x, y) for x, y in ends), pace),)
 
 
 def draw_imperfections(seed: int, dock: SimDock, tolerances: Tolerances | None = None) -> Imperfections:
@@ -187,7 +188,7 @@ def draw_imperfections(seed: int, dock: SimDock, tolerances: Tolerances | None =
     contact, tilt = one(t.contact), (one(t.tilt), one(t.tilt))
     slip, friction = float(rng.uniform(*t.slip)), float(rng.uniform(*t.friction))
     strafe, is_passed = float(rng.uniform(0.0, t.strafe)), float(rng.uniform()) < t.passers_by
-    passer_by = (float(rng.uniform(*t.passing)), float(rng.uniform(*t.pace)))
+    passer_by = (float(rng.uniform(*t.passing)), float(rng.uniform(*t.pace)), float(rng.choice((-1.0, 1.0))))
     return Imperfections(
         dock.name,
         place,
