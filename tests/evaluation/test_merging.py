@@ -42,7 +42,7 @@ def test_merged_points_at_full_speed_lie_on_the_walls() -> None:
 def test_noisy_wheels_move_few_points_when_a_gyroscope_goes_with_them() -> None:
     """The bar of the project, with the noise of wheels, gyroscope and ranges; the wheels alone miss it by far."""
     fused = drive_and_merge(3, Wheels.FUSED, NOISY_SCANNER)
-    assert 1e-3 < np.percentile(fused.carry, 99) < 0.01
+    assert 0.0025 < np.percentile(fused.carry, 99) < 0.01  # of which the gyroscope errs most
     assert np.percentile(drive_and_merge(3, Wheels.ALONE).carry, 99) > 0.03
     ranges = drive_and_merge(3, Wheels.EXACT, NOISY_SCANNER)
     assert ranges.carry.max() < 1e-3
