@@ -92,6 +92,29 @@ def test_a_summary_counts_what_happened() -> None:
     assert "9 m" not in text
 
 
+def test_untaught_and_taught_are_told_apart() -> None:
+    taught = replace(GOOD, kind="taught", error_x=0.001, error_yaw_deg=-0.2)
+    untaught = replace(GOOD, error_x=0.007, error_yaw_deg=0.4, attempts=2)
+    fields = summarize([untaught, taught, replace(taught, code="NOT_TAUGHT", attempts=0)])
+    assert fields["runs"] == 1
+    assert fields["yaw_error_max_deg"] == 0.4
+    assert fields["taught_runs"] == 2
+    assert fields["taught_within_two_attempts"] == 1
+    assert math.isclose(fields["taught_yaw_error_max_deg"], 0.2)
+    assert math.isclose(fields["taught_position_error_p95_m"], math.hypot(0.001, 0.0004))
+    assert not docking_study.is_good(replace(taught, code="NOT_TAUGHT", attempts=0))
+
+
+def test_every_random_start_is_tried_untaught_and_taught_with_the_same_drawn_flaws() -> None:
+    cases = docking_study.imperfect([*docking_study.random_cases(3, 11), *docking_study.fault_cases(1, 4)])
+    assert [c.kind for c in cases[:6]] == ["random", "taught"] * 3
+    assert [c.is_taught for c in cases[:6]] == [False, True] * 3
+    assert all(a.start == b.start and a.seed == b.seed for a, b in zip(cases[:6:2], cases[1:6:2], strict=True))
+    assert all(c.imperfections == docking_study.DRAWN for c in cases)
+    assert all(c.is_taught for c in cases[6:])
+    assert len({c.label for c in cases}) == len(cases)
+
+
 def test_the_interval_of_a_ratio_is_exact() -> None:
     assert math.isclose(lower_bound(60, 60), 0.025 ** (1 / 60), rel_tol=1e-9)
     assert lower_bound(0, 10) == 0.0

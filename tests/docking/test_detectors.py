@@ -9,10 +9,11 @@ import pytest
 from ambler.core.camera import MarkerSpec
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.docking.covariance import difference, through_offset
 from ambler.docking.detection import DockDetector, DockObservation
 from ambler.docking.dock import Dock
-from ambler.docking.marker_dock import MarkerDockDetector
+from ambler.docking.marker_dock import MarkerDockDetector, _moved_rays
 from ambler.docking.reflector_dock import ReflectorDockDetector, align
 from ambler.docking.v_shape_dock import VShapeDockDetector
 from ambler.perception.fiducials import FiducialDetector
@@ -54,7 +55,8 @@ def test_several_markers_give_the_dock_at_one_metre() -> None:
         turns.append(abs(found.base_from_dock.yaw - truth.yaw))
         assert surprise(found.base_from_dock, truth, found.covariance) < 5.0
     assert np.percentile(errors, 95) < 0.004, "0.95 m from the markers to the dock's origin: yaw is a lever"
-    assert np.percentile(turns, 95) < math.radians(0.2)
+    # One picture; the detector counts on prints that hang 1 mm and 0.3° off, and trusts a far marker's own slant more than exact ones would have it.
+    assert np.percentile(turns, 95) < math.radians(0.25)
 
 
 def test_one_marker_near_the_end_of_the_approach() -> None:
@@ -261,3 +263,35 @@ def test_a_detector_needs_what_it_looks_for() -> None:
         ReflectorDockDetector(REFLECTORS),
     ]
     assert all(d.detect(DockObservation(0)) is None for d in detectors)
+
+
+def test_how_rays_move_with_a_marker_is_their_derivative() -> None:
+    camera_from_marker = SE3.from_rpy((0.05, -0.03, 0.8), math.pi + 0.1, 0.2, -0.05)
+    corners = MarkerSpec("4X4_50", 3, 0.12).corners()
+
+    def rays(step: np.ndarray) -> np.ndarray:
+        moved = camera_from_marker @ SE3.from_rpy(tuple(step[:3].tolist()), *step[3:6].tolist())
+        seen = moved.transform(corners * (1.0 + step[6]))
+        return np.asarray((seen[:, :2] / seen[:, 2:]).reshape(-1))
+
+    h = 1e-6
+    numeric = np.column_stack([(rays(h * e) - rays(-h * e)) / (2.0 * h) for e in np.eye(7)])
+    assert np.abs(_moved_rays(camera_from_marker, corners) - numeric).max() < 1e-6
+
+
+def test_markers_that_hang_as_people_hang_them_are_believed_and_surprise_nobody() -> None:
+    """Each 1 mm and 0.3° off, its print 0.3 % too large: all are used, and the pose errs as much as its covariance says."""
+    rng, truth, surprises = np.random.default_rng(8), SE2(0.4, 0.02, 0.03), []
+    for _ in range(10):
+        hung = []
+        for m in MARKERS:
+            x, y, z = (float(v) for v in rng.uniform(-0.001, 0.001, 3))
+            size = m.spec.size * (1.0 + float(rng.uniform(-0.003, 0.003)))
+            yaw = m.yaw + float(rng.uniform(-1.0, 1.0)) * math.radians(0.3)
+            hung.append(replace(m, spec=replace(m.spec, size=size), x=m.x + x, y=m.y + y, z=m.z + z, yaw=yaw))
+        view = View(replace(MARKER_DOCK, markers=tuple(hung)))
+        found = by_camera(MARKER_DOCK).detect(DockObservation(0, view.picture(truth)), truth)
+        assert found is not None
+        assert found.parts == 3
+        surprises.append(surprise(found.base_from_dock, truth, found.covariance))
+    assert 0.2 < np.mean(surprises) < 2.0

@@ -106,6 +106,22 @@ def test_uncertainty_grows_with_the_way_not_with_the_calls() -> None:
     assert 0.003 < many[0] < 0.02
 
 
+def test_beside_a_gyroscope_the_way_costs_less_heading() -> None:
+    def heading(*, has_gyroscope: bool) -> float:
+        tracker = DockTracker(has_gyroscope=has_gyroscope)
+        for k in range(3):
+            tracker.update(sighting(k, SE2(1.0, 0.0, 0.0)), SE2(), k)
+        before = tracker.track(3, SE2())
+        tracker.move(SE2(0.3, 0.0, 0.2))
+        after = tracker.track(3, SE2(0.3, 0.0, 0.2))
+        assert before is not None
+        assert after is not None
+        return math.sqrt(after.covariance[2, 2] - before.covariance[2, 2])
+
+    assert heading(has_gyroscope=True) == pytest.approx(0.2 * heading(has_gyroscope=False), rel=1e-6)
+    assert math.degrees(heading(has_gyroscope=False)) > 0.2
+
+
 def track_of(sightings: int = 6) -> tuple[DockTracker, np.ndarray, int]:
     """A tracker that has seen the dock some times where it is, the covariance that the next sighting will be judged by, and the instant."""
     tracker, here = DockTracker(), SE2()

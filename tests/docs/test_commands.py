@@ -31,6 +31,7 @@ QUICK = (
     "config explain gate.reaction_time",
     "config check slow.yaml",
     "world generate office --seed 17 --out office.yaml --picture office.png",
+    "calibrate range --simulated --out robot.yaml",
 )
 NOT_RUN = {
     "demo": WHOLE_RUN,
@@ -49,6 +50,7 @@ NOT_RUN = {
     "dock charger_v --world dock_shapes": WHOLE_RUN,
     "dock charger_1 --fault shadow --fault blur": WHOLE_RUN,
     "dock charger_1 --teach --docks docks.yaml": WHOLE_RUN,
+    "dock charger_1 --imperfections drawn --seed 3": WHOLE_RUN,
     "dock charger_1 --camera camera.yaml": WHOLE_RUN,
     "dock charger_1 --profile slow.yaml": WHOLE_RUN,
     "undock charger_1": WHOLE_RUN,
@@ -57,7 +59,11 @@ NOT_RUN = {
     "calibrate RECORDING --robot amr_omni --out robot.yaml": OWN_FILES,
     "calibrate --simulated --robot amr_omni --out check.yaml": WHOLE_RUN,
     "tune space.yaml --out studies/paths --processes 2": STUDY,
-    "eval docking --runs 60 --fault-runs 20 --json docs/results/docking.json": STUDY,
+    "calibrate range near.png@0.50 far.png@2.00 mid.png@1.00 more.png@1.50 last.png@1.75 --camera camera.yaml "
+    "--marker 4X4_50:3:0.15 --out robot.yaml": OWN_FILES,
+    "calibrate reflectors --survey RECORDING --robot diff --out robot.yaml": OWN_FILES,
+    "eval docking --imperfections exact --runs 60 --fault-runs 20 --json docs/results/docking.json": STUDY,
+    "eval docking --world dock_room --only random --runs 100 --seed draw --json docs/results/docking_drawn.json": STUDY,
     "eval docking --world dock_shapes --dock charger_v": STUDY,
     "eval faults --json faults.json": STUDY,
     "eval faults --only people,glass --runs 5": STUDY,

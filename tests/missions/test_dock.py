@@ -178,6 +178,29 @@ def test_something_in_the_way_is_named() -> None:
     assert "cannot back out" in ended.text
 
 
+class Passing:
+    """Somebody who stands in the way, and hides the dock, for so many seconds from when the robot is near."""
+
+    def __init__(self, seconds: float, *, hides: bool) -> None:
+        self.seconds, self.hides, self.begun_ns = seconds, hides, -1
+
+    def is_there(self, site: Site) -> bool:
+        if self.begun_ns < 0 and site.mission.state is DockState.APPROACHING and site.dock_from_base.x > -0.7:
+            self.begun_ns = site.now_ns
+        return self.begun_ns >= 0 and (site.now_ns - self.begun_ns) * 1e-9 < self.seconds
+
+
+@pytest.mark.parametrize("hides", [False, True])
+def test_who_passes_is_waited_for_without_a_failed_attempt(*, hides: bool) -> None:
+    for seconds in (4.0, 7.0):
+        passing = Passing(seconds, hides=hides)
+        site = Site(is_held=passing.is_there, is_visible=lambda s, p=passing: not (p.hides and p.is_there(s)))
+        ended = site.run(100.0)
+        assert ended.code == "SUCCEEDED"
+        assert ended.result.attempts == 1
+        assert math.hypot(site.dock_from_base.x, site.dock_from_base.y) < 0.004
+
+
 @pytest.mark.parametrize(("code", "named"), [("NO_VALID_PATH", "NAVIGATION_FAILED"), ("LOST", "LOST")])
 def test_a_staging_pose_that_is_not_reached(code: str, named: str) -> None:
     ended = Site(navigation=code).run()

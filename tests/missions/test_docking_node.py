@@ -17,6 +17,7 @@ from ambler.core.messages import (
     CameraInfo,
     LaserScan,
     Odometry,
+    PointCloud,
     PowerSupply,
     Transforms,
     TransformStamped,
@@ -45,10 +46,10 @@ from ambler.runtime.tasks import (
     GateReply,
     NavigateResult,
     Nothing,
-    TeachDockRequest,
+    TeachDockGoal,
     UndockGoal,
 )
-from ambler.runtime.topics import BATTERY, CAMERA_INFO, DOCKING_REQUEST, ODOMETRY, SCAN, TRANSFORMS
+from ambler.runtime.topics import BATTERY, CAMERA_INFO, DOCKING_REQUEST, MERGED_CLOUD, ODOMETRY, SCAN, TRANSFORMS
 from ambler.sim.robots import robot_named
 from tests.docking.docks import MARKER_DOCK, REFLECTORS
 
@@ -139,7 +140,6 @@ class Client(Node):
         self.asks = asks
         self.outcomes: list[TaskOutcome[DockReport]] = []
         self.feedback: list[DockFeedback] = []
-        self.replies: list[Any] = []
         self.ticket: GoalTicket | None = None
 
     def start(self) -> None:
@@ -150,8 +150,8 @@ class Client(Node):
         if ask == "cancel":
             assert self.ticket is not None
             self.ticket.cancel()
-        elif isinstance(ask, TeachDockRequest):
-            self.ctx.call(TEACH_DOCK, ask, self.replies.append)
+        elif isinstance(ask, TeachDockGoal):
+            self.ticket = self.ctx.send_goal(TEACH_DOCK, ask, self.outcomes.append)
         elif isinstance(ask, DockGoal):
             self.ticket = self.ctx.send_goal(DOCK, ask, self.outcomes.append, self.feedback.append)
         else:
@@ -257,17 +257,56 @@ def test_a_newer_task_takes_the_place_of_the_one_under_way(tmp_path: Path) -> No
     assert codes(client) == ["PREEMPTED", "CANCELLED"]
 
 
-def test_a_dock_is_taught_where_the_robot_stands(tmp_path: Path) -> None:
+class Standing(Peers):
+    """Stands in the dock of strips, of which its scanners show returns that are moved by `seen`, as if strips or scanners were."""
+
+    seen = SE2()
+    outputs = (*Peers.outputs, MERGED_CLOUD)
+
+    def _tick(self) -> None:
+        super()._tick()
+        across = np.linspace(-0.02, 0.02, 5)
+        points = np.array([[x, y + a] for x, y in STRIPS.reflectors for a in across])
+        cloud = np.column_stack([self.seen.transform(points), np.full(len(points), 0.2)]).astype(np.float32)
+        bright, times = np.full(len(cloud), 600.0, np.float32), np.zeros(len(cloud), np.float32)
+        rings = np.zeros(len(cloud), np.uint16)
+        self.ctx.publish(MERGED_CLOUD, PointCloud(self.ctx.now_ns, "base", cloud, bright, times, rings))
+
+
+def test_a_dock_is_taught_where_the_robot_stands_and_by_what_it_sees_there(tmp_path: Path) -> None:
     stand = SE2(2.5, -1.0, 0.3)
-    client, _, _ = play(tmp_path, Peers(stand), [(0.5, TeachDockRequest("strips"))], 1.0)
-    assert client.replies[0].map_from_dock.distance_to(stand) < 1e-9
+    peers = Standing(stand)
+    peers.seen = SE2(0.004, -0.006, math.radians(0.5))
+    client, _, _ = play(tmp_path, peers, [(0.5, TeachDockGoal("strips"))], 9.0)
+    assert codes(client) == ["SUCCEEDED"]
     saved = DockDatabase.load(tmp_path / "docks.yaml").dock("strips")
     assert saved.map_from_dock.distance_to(stand) < 1e-9
     assert math.isclose(saved.map_from_dock.yaw, stand.yaw)
-    lost = Peers(stand)
+    left = peers.seen @ saved.offset
+    assert math.hypot(left.x, left.y) < 0.002
+    assert abs(left.yaw) < math.radians(0.1)
+
+
+def test_a_dock_is_not_taught_by_a_robot_that_is_lost_sees_nothing_or_moves(tmp_path: Path) -> None:
+    lost = Peers(SE2(2.5, -1.0, 0.3))
     lost.is_located = False
-    client, _, _ = play(tmp_path, lost, [(0.5, TeachDockRequest("strips"))], 1.0)
-    assert "does not know where it is" in str(client.replies[0])
+    client, _, _ = play(tmp_path, lost, [(0.5, TeachDockGoal("strips"))], 1.0)
+    assert codes(client) == ["LOST"]
+    assert "does not know where it is" in client.outcomes[0].text
+    blind = Peers(SE2(2.5, -1.0, 0.3))
+    client, _, _ = play(tmp_path, blind, [(0.5, TeachDockGoal("strips"))], 15.0)
+    assert codes(client) == ["DOCK_NOT_SEEN"]
+    moving = Peers(SE2(2.5, -1.0, 0.3))
+    moving.command = VelocityCommand(700_000_000, 0.1, 0.0, 0.0)
+    client, _, _ = play(tmp_path, moving, [(0.5, TeachDockGoal("strips"))], 2.0)
+    assert codes(client) == ["NOT_DOCKED"]
+    client, _, _ = play(tmp_path, Peers(SE2()), [(0.5, TeachDockGoal("strips")), (1.0, "cancel")], 2.0)
+    assert codes(client) == ["CANCELLED"]
+    client, _, _ = play(
+        tmp_path, Peers(SE2(1.0, 1.0, 0.0)), [(0.5, TeachDockGoal("strips")), (1.0, DockGoal("strips"))], 2.0
+    )
+    assert codes(client) == ["PREEMPTED"]
+    assert not (tmp_path / "docks.yaml").exists(), "nothing was changed"
 
 
 def test_odometry_that_is_no_number_ends_the_docking(tmp_path: Path) -> None:

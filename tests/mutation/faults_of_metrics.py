@@ -10,8 +10,44 @@ MAPS = ("tests/evaluation/test_map_quality.py",)
 JUDGEMENT = ("tests/apps/test_judgement.py",)
 LOST = ("tests/studies/test_lost_robot.py",)
 DOCKING = ("tests/cli/test_docking.py",)
+MERGING = ("tests/evaluation/test_merging.py",)
 
 METRICS = (
+    PlantedFault(
+        "the gyroscope of noisy wheels measures without errors",
+        "evaluation/merging.py",
+        "imu, estimator = ImuSensor(spec,",
+        "imu, estimator = ImuSensor(spec.perfect(),",
+        MERGING,
+    ),
+    PlantedFault(
+        "the merger with noisy wheels is told the true motion",
+        "evaluation/merging.py",
+        "            merger.odometry.add(told[now_ns])\n",
+        "            merger.odometry.add_pose(now_ns, _pose(truth, now_ns * 1e-9))\n",
+        MERGING,
+    ),
+    PlantedFault(
+        "merged points are compared with themselves",
+        "evaluation/merging.py",
+        "carry.append(_moved_apart(result.cloud, ideal.cloud))",
+        "carry.append(_moved_apart(result.cloud, result.cloud))",
+        MERGING,
+    ),
+    PlantedFault(
+        "a dock that could not be taught counts as a good docking",
+        "studies/docking_study.py",
+        "    is_fault = outcome.kind in FAULTS\n",
+        '    is_fault = outcome.kind in FAULTS or outcome.code == "NOT_TAUGHT"\n    if outcome.code == "NOT_TAUGHT":\n        return True\n',
+        DOCKING,
+    ),
+    PlantedFault(
+        "untaught dockings are those of taught docks, too",
+        "evaluation/docking.py",
+        "        runs = [o for o in outcomes if o.kind == kind]\n        if runs:\n            fields |= {prefix",
+        "        runs = [o for o in outcomes if o.kind in STANDARD]\n        if runs:\n            fields |= {prefix",
+        DOCKING,
+    ),
     PlantedFault(
         "NEES is divided by 30",
         "evaluation/localization_quality.py",

@@ -19,6 +19,7 @@ TRACKER = ("tests/docking/test_tracker.py",)
 DOCK = ("tests/missions/test_dock.py",)
 DATABASE = ("tests/docking/test_database.py",)
 DETECTORS = ("tests/docking/test_detectors.py",)
+LESSON = ("tests/docking/test_lesson.py",)
 
 MOTION = (
     PlantedFault(
@@ -349,5 +350,54 @@ MOTION = (
         "if self._now.contact_seconds >= c.contact_time:",
         "if self._now.contact_seconds > 0.0:",
         DOCK,
+    ),
+    PlantedFault(
+        "a taught offset makes twice the error",
+        "docking/lesson.py",
+        "return SE2(x, y, yaw).inverse()",
+        "return SE2(x, y, yaw)",
+        LESSON,
+    ),
+    PlantedFault(
+        "a lesson believes every sighting",
+        "docking/lesson.py",
+        "seen[(away <= c.outlier * spread).all(axis=1)].mean(axis=0)",
+        "seen.mean(axis=0)",
+        LESSON,
+    ),
+    PlantedFault(
+        "a robot may move while it is taught a dock",
+        "nodes/dock_teacher.py",
+        "if math.hypot(velocity.vx, velocity.vy) > AT_REST or abs(velocity.wz) > AT_REST:",
+        "if abs(velocity.wz) > AT_REST:",
+        ("tests/missions/test_docking_node.py",),
+    ),
+    PlantedFault(
+        "markers count as hung exactly",
+        "docking/marker_dock.py",
+        "spread = np.repeat([self._config.place, self._config.turn, self._config.size], (3, 3, 1))",
+        "spread = 0.01 * np.repeat([self._config.place, self._config.turn, self._config.size], (3, 3, 1))",
+        DETECTORS,
+    ),
+    PlantedFault(
+        "a docking robot does not wait for who stands in its way",
+        "missions/dock.py",
+        "        if self._now.held_seconds > c.wait_time:",
+        "        if self._now.held_seconds > 1.0:",
+        DOCK,
+    ),
+    PlantedFault(
+        "a dock that somebody hid counts as lost",
+        "missions/dock.py",
+        "        if track is None and self._now.waited_seconds > 0.0 and self._is_outside(view):\n            return self._search(view, HIDDEN)\n",
+        "",
+        DOCK,
+    ),
+    PlantedFault(
+        "a filter beside a gyroscope forgets its heading as one of wheels alone",
+        "docking/tracker.py",
+        "self._yaw_share = self.config.gyro_share if has_gyroscope else 1.0",
+        "self._yaw_share = 1.0",
+        TRACKER,
     ),
 )

@@ -10,6 +10,8 @@ INERTIAL = ("tests/sim/test_imu_noise.py",)
 ULTRASONIC = ("tests/sim/test_ultrasonic.py",)
 PHYSICS = ("tests/sim/test_physics.py",)
 FAULTS = ("tests/sim/test_faults.py",)
+IMPERFECTIONS = ("tests/sim/test_imperfections.py",)
+TOLD = ("tests/apps/test_imperfect_robot.py",)
 
 SENSORS = (
     PlantedFault(
@@ -144,5 +146,68 @@ SENSORS = (
         "return self.begin <= seconds < self.end",
         "return seconds < self.end",
         FAULTS,
+    ),
+    PlantedFault(
+        "the camera of a real site sits exactly where it was drawn",
+        "sim/imperfections.py",
+        "            if mount.kind is SensorKind.CAMERA:",
+        "            if mount.kind is SensorKind.CAMERA and not self.camera_place:",
+        IMPERFECTIONS,
+    ),
+    PlantedFault(
+        "the camera of a real site looks exactly where it was drawn",
+        "sim/imperfections.py",
+        "SE3.from_rpy(NOWHERE, *self.camera_turn) @",
+        "SE3.from_rpy(NOWHERE, 0.0, 0.0, 0.0) @",
+        IMPERFECTIONS,
+    ),
+    PlantedFault(
+        "markers of a real site hang exactly",
+        "sim/dock_body.py",
+        " @ facing @ SE3.from_rpy(m.place, *m.turn) for m in dock.markers",
+        " @ facing for m in dock.markers",
+        IMPERFECTIONS,
+    ),
+    PlantedFault(
+        "markers of a real site are printed exactly",
+        "sim/imperfections.py",
+        "size=marker.size * (1.0 + flaw.size)",
+        "size=marker.size",
+        IMPERFECTIONS,
+    ),
+    PlantedFault(
+        "a switch that closes deeper closes earlier",
+        "sim/battery.py",
+        "SE2(-dock.contact)",
+        "SE2(dock.contact)",
+        IMPERFECTIONS,
+    ),
+    PlantedFault(
+        "the floor of a real site is level",
+        "sim/imperfections.py",
+        "heights = math.tan(self.tilt[0]) *",
+        "heights = 0.0 * math.tan(self.tilt[0]) *",
+        IMPERFECTIONS,
+    ),
+    PlantedFault(
+        "the robot of a real site is told where its camera really sits",
+        "apps/simulated.py",
+        "simulated_nodes(world, FIRST, camera, parts.devices, scene.robot.model)",
+        "simulated_nodes(world, FIRST, camera, parts.devices)",
+        TOLD,
+    ),
+    PlantedFault(
+        "the robot of a real site is told how its lens really projects",
+        "apps/simulated.py",
+        "        if camera is None:  # it tells",
+        "        if False:  # it tells",
+        TOLD,
+    ),
+    PlantedFault(
+        "people do not hide markers in pictures",
+        "sim/dock_camera.py",
+        "            found += _silhouettes(eye, movers)",
+        "            found += []",
+        ("tests/sim/test_docks.py",),
     ),
 )

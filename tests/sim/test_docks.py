@@ -21,7 +21,7 @@ from ambler.sim.dock_body import CONTACTS, FILM, LIP_GAP, marker_poses
 from ambler.sim.faults import Fault, FaultKind
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
-from ambler.sim.solids import Shape, SimDock, Solid, WorldSpec
+from ambler.sim.solids import Person, Shape, SimDock, Solid, WorldSpec
 from ambler.sim.world_file import load_world
 
 ROOM = load_world("dock_room")
@@ -88,10 +88,10 @@ def test_the_lip_stops_the_robot_a_little_beyond_the_docked_pose() -> None:
     assert lip.z_min < 0.04 < lip.z_max, "it is as low as the lower edge of the robot's body"
 
 
-def simulation(start: SE2, *faults: str, solids: tuple[Solid, ...] = ()) -> Simulation:
+def simulation(start: SE2, *faults: str, solids: tuple[Solid, ...] = (), people: tuple[Person, ...] = ()) -> Simulation:
     """A robot that stands at a pose of the dock's frame."""
     world = load_world("dock_room", DOCK.world_from_dock @ start)
-    world = replace(world, solids=world.solids + solids)
+    world = replace(world, solids=world.solids + solids, people=people)
     config = SimulationConfig(physics="kinematic", faults=tuple(Fault.parse(f) for f in faults))
     return Simulation(world, robot_named("amr_omni"), config)
 
@@ -123,6 +123,21 @@ def test_what_stands_between_hides_the_markers() -> None:
     assert not seen(simulation(SE2(-0.5, 0.0, 0.0), solids=(board,)))
     low = replace(board, z_max=0.2)
     assert len(seen(simulation(SE2(-0.5, 0.0, 0.0), solids=(low,)))) == 3
+
+
+def test_somebody_hides_exactly_what_is_behind_them() -> None:
+    """A person of 0.5 m, 0.6 m before the camera, covers the middle; beside the line, one marker; behind the panel, nothing."""
+    eye = SE2(-0.5, 0.0, 0.0)
+    camera = robot_named("amr_omni").model.camera
+    assert camera is not None
+    at = eye.x + camera.base_from_sensor.translation[0] + 0.6
+    for y, numbers in ((0.0, set()), (0.34, {3, 5}), (-0.34, {3, 8}), (0.9, {3, 5, 8})):
+        spot = DOCK.world_from_dock @ SE2(at, y, 0.0)
+        person = Person("somebody", ((spot.x, spot.y), (spot.x + 1e-3, spot.y)), 1e-6)  # who stands, nearly
+        assert set(seen(simulation(eye, people=(person,)))) == numbers
+    behind = DOCK.world_from_dock @ SE2(1.4, 0.0, 0.0)
+    person = Person("somebody", ((behind.x, behind.y), (behind.x + 1e-3, behind.y)), 1e-6)
+    assert len(seen(simulation(eye, people=(person,)))) == 3
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
 from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, TeachStep, UndockStep
 from ambler.sim.faults import Fault, FaultInjector
+from ambler.sim.imperfections import Imperfections
 from ambler.sim.robots import SimRobot, robot_named
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
@@ -35,7 +36,7 @@ class RunOptions:
     the world's plan. `start` is in that map's frame, whose origin is the world's own start; `starts_docked` names a dock to start in
     instead. A robot that `is_lost` is not told where it starts, and `may_turn` to find out. `docks_file` None: the docks are those of
     the world's plan; `camera_file` replaces the calibration that the camera tells. `port` None shows nothing; `time_limit` is in seconds
-    of the run; `profile` overrides the robot's defaults; `faults` are written as in `sim.faults`. `is_apart`: the simulator runs in a process of its own, and the
+    of the run; `profile` overrides the robot's defaults; `faults` are written as in `sim.faults`; `imperfections`: what is off in truth, of which the robot is told nothing. `is_apart`: the simulator runs in a process of its own, and the
     robot is a live one, which reaches its devices over a serial line and a socket."""
 
     steps: tuple[Step, ...] = (ExploreStep(),)
@@ -59,6 +60,7 @@ class RunOptions:
     time_limit: float = 3600.0
     profile: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
+    imperfections: Imperfections | None = None
 
     @property
     def makes_map(self) -> bool:
@@ -153,6 +155,10 @@ def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None
     steps = options.steps
     if options.is_apart and options.faults:
         raise BadInputError("the simulator in a process of its own takes no faults yet")
+    if options.imperfections is not None:
+        if options.is_apart or options.is_perfect:
+            raise BadInputError("imperfections are for the simulator in this process, with all noise on")
+        dock_of_world(world, options.imperfections.dock)
     if not steps and options.port is None:
         raise BadInputError("there is nothing to do: no step, and no view from which somebody could click a goal")
     if any(isinstance(step, ExploreStep) for step in steps[1:]) or (options.makes_map and options.map_file is not None):

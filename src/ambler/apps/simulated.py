@@ -163,11 +163,16 @@ def _world_nodes(
 ) -> dict[str, list[Node]]:
     """Put all robots into one world; returns the nodes of the devices of each."""
     config = SimulationConfig(options.seed, options.is_perfect, options.physics, scene.faults)
-    bodies = [BodySpec(FIRST, scene.robot, scene.start)]
+    spec, robot, camera, off = scene.world, scene.robot, scene.camera, options.imperfections
+    if off is not None:
+        spec, robot = off.of_world(spec), off.of_robot(robot)
+        if camera is None:  # it tells the projection of its drawing
+            camera = next((spec.model for spec in scene.robot.cameras.values()), None)
+    bodies = [BodySpec(FIRST, robot, scene.start)]
     bodies += [BodySpec(name, other.robot, other.start, mate.seed) for name, (mate, other) in others.items()]
-    world = World(scene.world, bodies, config)
+    world = World(spec, bodies, config)
     nodes = {name: simulated_nodes(world, name, other.camera) for name, (_, other) in others.items()}
-    return {FIRST: simulated_nodes(world, FIRST, scene.camera, parts.devices), **nodes}
+    return {FIRST: simulated_nodes(world, FIRST, camera, parts.devices, scene.robot.model), **nodes}
 
 
 def _simulator(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from ambler.core.camera import CameraModel
 from ambler.core.devices import RobotDevices
+from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.nodes.devices.table import device_nodes
 from ambler.nodes.devices.truth import TruthNode
@@ -22,12 +23,14 @@ def simulated_nodes(
     name: str,
     calibration: CameraModel | None = None,
     replaced: Callable[[RobotDevices], RobotDevices] | None = None,
+    described: RobotModel | None = None,
 ) -> list[Node]:
     """Return the nodes of one robot of a running world: its devices and its ground truth. `calibration` replaces what its camera says,
-    `replaced` puts other devices in the place of simulated ones."""
+    `replaced` puts other devices in the place of simulated ones; `described`: the robot as its drawing has it (None: as it is)."""
     devices = robot_devices(world, name)
     devices = devices if replaced is None else replaced(devices)
-    nodes = device_nodes(world.body(name).robot.model, devices, calibration=calibration)
+    model = world.body(name).robot.model if described is None else described
+    nodes = device_nodes(model, devices, calibration=calibration)
     return [*nodes, TruthNode(GroundTruth(world, world.body(name)))]
 
 

@@ -1,5 +1,5 @@
-"""`ambler calibrate`: where a robot's scanners sit and what their clocks are off, from a minute of driving, into its profile; and
-`ambler calibrate camera`, from pictures of a checkerboard."""
+"""`ambler calibrate`: where a robot's scanners sit and what their clocks are off, from a minute of driving, into its profile; `ambler calibrate
+camera`, from pictures of a checkerboard; `range`, from pictures of a marker at taped distances; `reflectors`, from a recorded drive."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ambler.cli import calibrate_camera
+from ambler.cli import calibrate_camera, calibrate_range, calibrate_reflectors
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from ambler.perception.scanner_profile import ScannerCalibration
 
 SECTION = "scanners"
+OTHERS: dict[str, Any] = {
+    "camera": calibrate_camera,
+    "range": calibrate_range,
+    "reflectors": calibrate_reflectors,
+}
+"""What else can be calibrated, by the word that stands in the place of the recording."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -30,9 +36,10 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         nargs="?",
         metavar="RECORDING",
-        help="bag or run recording of the drive; or the word `camera`, and pictures after it",
+        help="bag or run recording of the drive; or one of the words `camera` or `range`, and pictures after it, or `reflectors`",
     )
-    calibrate_camera.add_options(parser)
+    for word in OTHERS.values():
+        word.add_options(parser)
     parser.add_argument(
         "--simulated", action="store_true", help="drive in simulation, scanners a little off their model"
     )
@@ -47,8 +54,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate, print, save. 2 when the recording cannot be used, 1 when it does not tell a mounting."""
-    if args.recording == Path("camera"):
-        return calibrate_camera.run(args)
+    other = OTHERS.get(str(args.recording))
+    if other is not None:
+        return int(other.run(args))
     from ambler.apps.config import recorded_config
     from ambler.calibration.scan_calibration import calibrate_scanners
     from ambler.core.errors import BadInputError
@@ -66,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
     robot = robot_named(args.robot)
     if not robot.model.scanners:
         raise BadInputError(f"{args.robot} has no planar scanner to calibrate")
-    profile = load_profile(args.out) if args.out.exists() else {}
+    if args.out.exists():
+        load_profile(args.out)  # what could not be completed is refused before the work
     drive: CalibrationDrive | ScannerDrive
     if args.simulated:
         drive = simulate_robot_drive(robot, args.seed, args.seconds)
@@ -83,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     if args.simulated:
         fields |= _errors(found, drive)
     source = "a simulated drive" if args.simulated else str(args.recording)
-    _save(args.out, profile, found, f"scanners calibrated from {source}")
+    _save(args.out, found, f"scanners calibrated from {source}")
     print(f"profile: {args.out}")
     if args.simulated:
         print(
@@ -132,18 +141,8 @@ def _errors(found: dict[str, ScannerCalibration], drive: Any) -> dict[str, float
     }
 
 
-def _save(out: Path, profile: dict[str, Any], found: dict[str, ScannerCalibration], heading: str) -> None:
+def _save(out: Path, found: dict[str, ScannerCalibration], heading: str) -> None:
     """Lay the scanners over what the profile holds; whole or not at all."""
-    import yaml
+    from ambler.settings.profiles import as_values
 
-    from ambler.core.errors import BadInputError
-    from ambler.settings.profiles import as_values, merge
-
-    text = yaml.safe_dump(merge(profile, {SECTION: as_values(found)}), sort_keys=False, allow_unicode=True)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        partial = out.with_name(out.name + ".part")
-        partial.write_text(f"# {heading}\n{text}", encoding="utf-8")
-        partial.replace(out)
-    except OSError as error:
-        raise BadInputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    calibrate_range.save_profile(out, {SECTION: as_values(found)}, heading)

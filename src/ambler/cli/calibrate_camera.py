@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInputError("--profile and --set: a camera is calibrated without settings of the robot")
     begin = time.perf_counter()
     board = _board(args.board, args.square)
-    images = _simulated(board, args.seed) if args.simulated else [_read(path) for path in args.pictures]
+    images = _simulated(board, args.seed) if args.simulated else [read_picture(path) for path in args.pictures]
     done = calibrate_camera(args.name, images, board)
     save_camera_info(args.out, done.camera)
     c = done.camera
@@ -74,7 +74,8 @@ def _board(text: str, square: float) -> Checkerboard:
     return Checkerboard(int(numbers[0]), int(numbers[1]), square)
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """Read a picture as grey, uint8 (H, W); raises BadInputError."""
     import cv2
     import numpy as np
 

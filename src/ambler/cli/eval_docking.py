@@ -23,6 +23,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--dock", default=DOCK, help=f"the dock; only {DOCK} has approaches and faults (default: {DOCK})"
     )
+    parser.add_argument(
+        "--imperfections",
+        choices=("drawn", "exact"),
+        default="drawn",
+        help="mounting, lens, markers, contacts, floor and wheels off by what real ones are off by, drawn per run, every random start "
+        "untaught and taught; or exactly as told (default: drawn)",
+    )
     parser.add_argument("--only", choices=PARTS, action="append", default=[], help="only this part; may be repeated")
     parser.add_argument("--pictures", type=Path, help="where box plots go (default: a folder below --out)")
     add_study_options(parser, 20, "random starts; 60 before a release")
@@ -45,9 +52,11 @@ def run(args: argparse.Namespace) -> int:
     settings.check([args.world], [study.ROBOT], (DockStep(args.dock),))
     sizes = (args.runs, args.fault_runs, args.fault)
     cases = study.cases_of(parts, *sizes, seed, args.world, args.dock)
+    if args.imperfections == study.DRAWN:
+        cases = study.imperfect(cases)
     outcomes = [study.outcome_of(r) for r in conduct_study(args, study.docking_study(cases, settings))]
     sights = study.sights_of(seed, args.looks, args.world, args.dock, settings) if "sights" in parts else []
-    fields: dict[str, Any] = docking.summarize(outcomes)
+    fields: dict[str, Any] = {"imperfections": args.imperfections, **docking.summarize(outcomes)}
     for series in sights:
         fields |= series.summary()
     pictures = args.pictures or args.out / "docking" / f"{args.world}-{args.dock}"

@@ -103,20 +103,6 @@ class EndProgramRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class TeachDockRequest:
-    """Save where the robot stands now as the docked pose of a known dock."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class TeachDockReply:
-    """The dock's new pose in the map."""
-
-    map_from_dock: SE2
-
-
-@dataclass(frozen=True, slots=True)
 class FollowPathGoal:
     """Follow a path in the map frame to its end; newer paths on the `path` topic replace it while the goal is active."""
 
@@ -213,6 +199,22 @@ class UndockGoal:
     """Back out of a dock to its staging pose."""
 
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class TeachDockGoal:
+    """Save where the robot stands now as the docked pose of a known dock, and how what it sees there differs from that."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class TeachDockReport:
+    """The dock's new pose in the map, the offset of its sightings in its own frame, and of how many sightings that is the mean."""
+
+    map_from_dock: SE2
+    offset: SE2
+    sightings: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,11 +28,14 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class MarkerDockConfig:
-    """`placement`: how exactly markers sit where the dock says (m). `prior`: standard deviations (m, rad) of the expected pose, which only
+    """`place` (m), `turn` (rad), `size` (share): how exactly markers hang where the dock says, turned as it says, and are printed as large as it says;
+    the standard deviations of ± 1 mm, ± 0.3° and ± 0.3 %, to which people hang and print them. `prior`: standard deviations (m, rad) of the expected pose, which only
     chooses. `surprise`: chi-squared per corner coordinate from which a marker does not fit the others. `guess`: share of belief
     in the second pose from which, when the two are `apart` (rad), nothing is said."""
 
-    placement: float = 0.0005
+    place: float = 0.0006
+    turn: float = math.radians(0.17)
+    size: float = 0.0017
     prior: tuple[float, float] = (0.15, math.radians(4.0))
     surprise: float = 9.0
     guess: float = 0.01
@@ -111,10 +114,10 @@ class MarkerDockDetector:
         return [SE3.from_se2(guess.to_se2()) for guess in out]
 
     def _ray_covariance(self, s: MarkerSighting) -> F64:
-        """The corners' covariance and the marker's placement: it moves as a whole, and its print is a tenth as true."""
-        spread = (self._config.placement / s.camera_from_marker.translation[2]) ** 2
-        whole = np.kron(np.ones((4, 4)), np.eye(2))
-        return s.ray_covariance + spread * (whole + 0.01 * np.eye(8))
+        """The corners' covariance, and what becomes of it when the marker hangs, is turned and is printed a little otherwise than told."""
+        spread = np.repeat([self._config.place, self._config.turn, self._config.size], (3, 3, 1))
+        moved = _moved_rays(s.camera_from_marker, s.marker.corners()) * spread
+        return np.asarray(s.ray_covariance + moved @ moved.T)
 
     def _surprise(self, pose: SE2, expected: SE2 | None) -> float:
         if expected is None:
@@ -147,3 +150,19 @@ class MarkerDockDetector:
             covariance += belief * np.outer(d, d)
         offset = self._dock.offset
         return DockSighting(stamp_ns, "markers", pose @ offset, through_offset(covariance, offset), parts)
+
+
+def _moved_rays(camera_from_marker: SE3, corners: F64) -> F64:
+    """Return the derivative (8, 7) of the rays of a marker's corners (4, 3) by its place, its turning (3 each, in its own frame) and its size."""
+    turn = camera_from_marker.matrix()[:3, :3]
+    seen = camera_from_marker.transform(corners)
+    z = seen[:, 2]
+    image = np.zeros((len(corners), 2, 3))
+    image[:, 0, 0] = image[:, 1, 1] = 1.0 / z
+    image[:, 0, 2], image[:, 1, 2] = -seen[:, 0] / z**2, -seen[:, 1] / z**2
+    motion = np.zeros((len(corners), 3, 7))
+    motion[:, :, :3] = turn
+    motion[:, :, 3:6] = np.cross(np.eye(3)[None], corners[:, None, :]).transpose(0, 2, 1)
+    motion[:, :, 3:6] = turn @ motion[:, :, 3:6]
+    motion[:, :, 6] = corners @ turn.T
+    return np.asarray((image @ motion).reshape(-1, 7))

@@ -23,13 +23,15 @@ SOURCE_APPROACH: dict[float, float] = {1.0: 15.0, 3.0: 20.0, 9.0: 34.0, 12.5: 40
 SOURCE_DOCKING_SECONDS = 17.0
 SOURCE_ERROR = (10.0, 0.3)
 """Millimetres and degrees of the final error (source 002, 5.3.2): "± 1 cm", "± 0.3 degrees"."""
+STANDARD = {"random", "taught", "approach"}
+"""Kinds of dockings without a fault."""
 SOURCE_MARKER_MM = 3.0
 """Worst axis of a marker's place while the robot moves (source 002, 5.2.4)."""
 
 
 @dataclass(frozen=True, slots=True)
 class DockingOutcome:
-    """One docking. `kind` groups runs: `random`, `approach` (with `distance`, metres of path from the start to the staging pose) or the
+    """One docking. `kind` groups runs: `random`, `taught` (random, of a robot that was taught the dock), `approach` (with `distance`, metres of path from the start to the staging pose) or the
     name of a fault. Seconds and errors (docked pose in the dock's frame, m and degrees) are None where there was none."""
 
     kind: str
@@ -83,9 +85,10 @@ class SightErrors:
 def summarize(outcomes: Sequence[DockingOutcome]) -> dict[str, Any]:
     """Return the flat fields of the random runs, of the approaches, and of every fault."""
     fields: dict[str, Any] = {}
-    random = [o for o in outcomes if o.kind == "random"]
-    if random:
-        fields |= _of_random(random)
+    for kind, prefix in (("random", ""), ("taught", "taught_")):
+        runs = [o for o in outcomes if o.kind == kind]
+        if runs:
+            fields |= {prefix + name: value for name, value in _of_random(runs).items()}
     for distance, expected in SOURCE_APPROACH.items():
         runs = [o for o in outcomes if o.kind == "approach" and math.isclose(o.distance, distance, abs_tol=0.26)]
         times = [o.approach_seconds for o in runs if o.approach_seconds is not None]
@@ -95,13 +98,13 @@ def summarize(outcomes: Sequence[DockingOutcome]) -> dict[str, Any]:
     errors = [o.error for o in outcomes if o.kind == "approach" and o.error is not None]
     if errors:
         fields["approach_position_error_max_m"] = max(errors)
-    standard = [o for o in outcomes if o.kind in ("random", "approach")]
+    standard = [o for o in outcomes if o.kind in STANDARD]
     times = [o.docking_seconds for o in standard if o.is_docked and o.docking_seconds is not None]
     if times:
         fields["docking_time_median_s"] = statistics.median(times)
         fields["docking_time_max_s"] = max(times)
         fields["source_docking_time_s"] = SOURCE_DOCKING_SECONDS
-    for kind in sorted({o.kind for o in outcomes} - {"random", "approach"}):
+    for kind in sorted({o.kind for o in outcomes} - STANDARD):
         fields |= _of_fault(kind, [o for o in outcomes if o.kind == kind])
     fields["collisions"] = sum(o.collisions for o in outcomes)
     return fields
@@ -166,6 +169,15 @@ def table(fields: dict[str, Any]) -> str:
     row("final error, 95 %", f"± {SOURCE_ERROR[0]:g} mm", "position_error_p95_m", "{:.2f} mm", 1e3)
     row("final error, worst", "not told", "position_error_max_m", "{:.2f} mm", 1e3)
     row("final yaw error, 95 %", f"± {SOURCE_ERROR[1]:g}°", "yaw_error_p95_deg", "{:.3f}°")
+    row(
+        "final error of a taught dock, 95 %",
+        f"± {SOURCE_ERROR[0]:g} mm",
+        "taught_position_error_p95_m",
+        "{:.2f} mm",
+        1e3,
+    )
+    row("final error of a taught dock, worst", "not told", "taught_position_error_max_m", "{:.2f} mm", 1e3)
+    row("final yaw error of a taught dock, 95 %", f"± {SOURCE_ERROR[1]:g}°", "taught_yaw_error_p95_deg", "{:.3f}°")
     row("docking from 1 m, median", f"{SOURCE_DOCKING_SECONDS:g} s", "docking_time_median_s", "{:.1f} s")
     for distance, seconds in SOURCE_APPROACH.items():
         row(f"approach, {distance:g} m", f"{seconds:g} s", f"approach_{distance:g}m_s", "{:.1f} s")

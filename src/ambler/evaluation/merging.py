@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.calibration.planar_arrays import PlanarTrack
-from ambler.core.messages import LaserScan, Odometry
+from ambler.core.messages import LaserScan, Odometry, PointCloud
+from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.localization.odometry import WheelInertialOdometry
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger, ScannerConfig
+from ambler.sim.drive import drive_of
+from ambler.sim.imu import ImuSensor
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.robots import robot_named
 from ambler.sim.scene import build_scene
-from ambler.sim.sensors import SCANNER_360, LidarSpec
+from ambler.sim.sensors import SCANNER_360, ImuSpec, LidarSpec
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 F64 = NDArray[np.float64]
@@ -32,57 +37,88 @@ SCANNERS = (
 BODY = np.array([[0.6, 0.4], [-0.6, 0.4], [-0.6, -0.4], [0.6, -0.4]])
 SPEED, TURN = 1.0, math.pi / 2
 PHASES = (0.0, 0.031, 0.067)
-SECONDS = 3.0
+REST, RAMP, HOLD, SWERVE = (
+    1.0,
+    1.0,
+    1.5,
+    1.2,
+)  # seconds: standing, to full speed, around to the left, over to the right; around again
+START = SE2(0.3, -1.2, 0.0)  # from here nothing of the hall stands in the way
+FULL = REST + RAMP  # from here on it goes at full speed
+SECONDS = FULL + HOLD + SWERVE + HOLD
+NOISY_SCANNER = replace(SCANNER_360, columns=720)
+EXACT_SCANNER = NOISY_SCANNER.perfect()
 
 
 @dataclass(frozen=True, slots=True)
 class MergeErrors:
-    """Distances (m) of merged points and of filled bins from the true walls, and the latency (s) of every merged scan."""
+    """Distances (m) of merged points and of filled bins from the true walls; `carry`: of merged points from where the true motion would
+    have carried them, whatever the scanners' own noise; the latency (s) of every merged scan."""
 
     cloud: F64
     bins: F64
+    carry: F64
     latency: F64
     period: float
 
 
 class Wheels(enum.Enum):
-    """Odometry of a drive: exact, with the wheels' full errors (radius, track, slip, encoders), or blind: the robot seems to stand,
-    which is what a merger without compensation assumes."""
+    """Odometry of a drive: exact; fused, the one odometry of every robot: wheels with their full errors (radius, track, slip, encoders)
+    and a gyroscope with its own; those wheels alone; or blind: the robot seems to stand, which is what a merger without compensation
+    assumes."""
 
     EXACT = "exact"
-    NOISY = "noisy"
+    FUSED = "fused"
+    ALONE = "alone"
     BLIND = "blind"
 
 
-def drive_and_merge(seed: int, wheels: Wheels) -> MergeErrors:
-    """Drive a circle at 1 m/s and 90°/s with exact ranges; merge as the scans arrive."""
-    world = _hall()
+def drive_and_merge(seed: int, wheels: Wheels, scanner: LidarSpec = EXACT_SCANNER) -> MergeErrors:
+    """Drive at 1 m/s and 90°/s; merge as the scans arrive, beside a merger that is told the true motion."""
+    world, truth = hall(), true_motion()
     scene = build_scene(world)
-    spec = replace(SCANNER_360.perfect(), columns=720)
-    truth = PlanarTrack(
-        np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], SE2.exp(np.array([SPEED, 0.0, TURN])).as_array()])
-    )
-    sensors = {s.frame: LidarSensor(spec, s.frame, scene, seed) for s in SCANNERS}
-    merger = ScanMerger(MergerConfig(SCANNERS, self_mask=(BODY,)))
-    events: list[tuple[int, int, str]] = [(round(t * 1e9), 0, "odometry") for t in np.arange(0.0, SECONDS, 0.02)]
-    for scanner, phase in zip(SCANNERS, PHASES, strict=True):
-        ends = 0.2 + phase + spec.period * np.arange(1, int((SECONDS - 0.5) / spec.period))
-        events += [(round((end + spec.latency) * 1e9), 1, scanner.frame) for end in ends]
-    odometry = iter(_odometry(seed, wheels))
-    cloud, bins, latency = [], [], []
-    for now_ns, _, what in sorted(events):
+    sensors = {s.frame: LidarSensor(scanner, s.frame, scene, seed) for s in SCANNERS}
+    merger, exact = (ScanMerger(MergerConfig(SCANNERS, self_mask=(BODY,))) for _ in range(2))
+    told = {odometry.stamp_ns: odometry for odometry in _odometry(seed, wheels, truth)}
+    cloud, bins, carry, latency = [], [], [], []
+    for now_ns, _, what in _events(scanner, told):
         if what == "odometry":
-            merger.odometry.add(next(odometry))
+            merger.odometry.add(told[now_ns])
+            exact.odometry.add_pose(now_ns, _pose(truth, now_ns * 1e-9))
             continue
-        begin = now_ns * 1e-9 - spec.latency - spec.period
-        merger.add_scan(_sweep(sensors[what], what, truth, begin), now_ns)
+        scan = _sweep(sensors[what], what, truth, now_ns * 1e-9 - scanner.latency - scanner.period)
+        for each in (merger, exact):
+            each.add_scan(scan, now_ns)
         if merger.is_due(now_ns):
-            result = merger.merge(now_ns)
-            pose = SE2.from_array(truth.at(np.array([result.scan.stamp_ns * 1e-9]))[0])
+            result, ideal = merger.merge(now_ns), exact.merge(now_ns)
+            pose = _pose(truth, result.scan.stamp_ns * 1e-9)
             cloud.append(distances_to_walls(world, pose.transform(result.cloud.points[:, :2])))
             bins.append(distances_to_walls(world, pose.transform(_bin_ends(result))))
+            carry.append(_moved_apart(result.cloud, ideal.cloud))
             latency.append(result.latency)
-    return MergeErrors(np.concatenate(cloud), np.concatenate(bins), np.array(latency), spec.period)
+    return MergeErrors(
+        np.concatenate(cloud), np.concatenate(bins), np.concatenate(carry), np.array(latency), scanner.period
+    )
+
+
+def _events(scanner: LidarSpec, stamps_ns: Iterable[int]) -> list[tuple[int, int, str]]:
+    """Return what arrives when, in order: odometry first, then the scans whose instant it is."""
+    events = [(stamp_ns, 0, "odometry") for stamp_ns in stamps_ns]
+    for mounted, phase in zip(SCANNERS, PHASES, strict=True):
+        ends = FULL + phase + scanner.period * np.arange(2, int((SECONDS - FULL - 0.2) / scanner.period))
+        events += [(round((end + scanner.latency) * 1e9), 1, mounted.frame) for end in ends]
+    return sorted(events)
+
+
+def _pose(track: PlanarTrack, seconds: float) -> SE2:
+    return SE2.from_array(track.at(np.array([seconds]))[0])
+
+
+def _moved_apart(a: PointCloud, b: PointCloud) -> F64:
+    """Return how far apart (m) the same returns lie in two clouds; a return that one of them took for the robot itself is left out."""
+    one, other = (cloud.ring * 10.0 + cloud.time for cloud in (a, b))
+    _, of_a, of_b = np.intersect1d(one, other, return_indices=True)
+    return np.asarray(np.hypot(*(a.points[of_a, :2] - b.points[of_b, :2]).T.astype(np.float64)))
 
 
 def distances_to_walls(world: WorldSpec, points: F64) -> F64:
@@ -102,7 +138,7 @@ def distances_to_walls(world: WorldSpec, points: F64) -> F64:
     return best
 
 
-def _hall() -> WorldSpec:
+def hall() -> WorldSpec:
     """A hall of 12 × 10 m with boxes, a skew wall and pillars."""
     walls = [(6, 0, 10, 0.5), (-6, 0, 10, 0.5), (0, 5, 12, 0.0), (0, -5, 12, 0.0), (-2.5, 3.0, 3.0, 0.15)]
     solids = [
@@ -115,16 +151,47 @@ def _hall() -> WorldSpec:
     return WorldSpec("hall", tuple(solids), SE2())
 
 
-def _odometry(seed: int, wheels: Wheels) -> list[Odometry]:
+def true_motion() -> PlanarTrack:
+    """Return the drive: from a rest, as every drive begins, up to full speed in a left circle, then over into a right one."""
+    times = np.arange(0.0, SECONDS + 0.2, 0.001)
+    speed = SPEED * np.clip((times - REST) / RAMP, 0.0, 1.0)
+    turn = TURN * np.clip((times - REST) / RAMP, 0.0, 1.0)
+    turn -= 2.0 * TURN * np.clip((times - FULL - HOLD) / SWERVE, 0.0, 1.0)
+    poses = [START]
+    for v, w, dt in zip(speed[:-1].tolist(), turn[:-1].tolist(), np.diff(times).tolist(), strict=True):
+        poses.append(poses[-1] @ SE2.exp(np.array([v, 0.0, w]) * dt))
+    return PlanarTrack(times, np.array([pose.as_array() for pose in poses]))
+
+
+def _odometry(seed: int, wheels: Wheels, truth: PlanarTrack) -> list[Odometry]:
     robot = robot_named("diff")
-    spec = robot.odometry if wheels is Wheels.NOISY else robot.odometry.perfect()
+    spec = robot.odometry if wheels in (Wheels.FUSED, Wheels.ALONE) else robot.odometry.perfect()
     reckoning = DeadReckoning(robot, spec, seed)
-    half = 0.5 * robot.track * TURN
-    rates = np.array([SPEED - half, SPEED + half]) / robot.wheel_radius
-    if wheels is Wheels.BLIND:
-        rates = np.zeros(2)
-    times = np.arange(0.0, SECONDS, 0.02)
-    return [reckoning.update(tuple((rates * t).tolist()), SE3(), round(t * 1e9)) for t in times.tolist()]
+    drive, travel, told = drive_of(robot), np.zeros(2), []
+    times = np.arange(0.0, SECONDS, 1.0 / spec.rate_hz)
+    twists = truth.twist_at(times - 0.5 / spec.rate_hz, 1.0 / spec.rate_hz) / spec.rate_hz
+    for t, (x, y, yaw) in zip(times.tolist(), twists.tolist(), strict=True):
+        if wheels is not Wheels.BLIND:
+            travel += drive.rates(BodyVelocity(x, y, yaw))
+        told.append(reckoning.update(tuple(travel.tolist()), SE3(), round(t * 1e9)))
+    return _fused(told, robot.imus["imu"], seed, truth) if wheels is Wheels.FUSED else told
+
+
+def _fused(wheels: Sequence[Odometry], spec: ImuSpec, seed: int, truth: PlanarTrack) -> list[Odometry]:
+    """Return what the robot's odometry makes of its wheels and its gyroscope."""
+    imu, estimator = ImuSensor(spec, "imu", seed), WheelInertialOdometry()
+    period, k, out = 1.0 / spec.rate_hz, 0, []
+    for message in wheels:
+        while k * period <= message.stamp_ns * 1e-9 + 1e-9:
+            pose = SE3.from_se2(_pose(truth, k * period))
+            measured = imu.update(pose, (0.0, 0.0, 0.0), round((k - 0.5) * period * 1e9))  # of its forces nobody asks
+            if measured is not None:
+                estimator.add_imu(measured.stamp_ns, measured.angular_velocity)
+            k += 1
+        odometry = estimator.update(message).odometry
+        if odometry is not None:
+            out.append(odometry)
+    return out
 
 
 def _sweep(sensor: LidarSensor, frame: str, truth: PlanarTrack, begin: float) -> LaserScan:

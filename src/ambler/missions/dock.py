@@ -34,6 +34,7 @@ from ambler.runtime.tasks import NEAREST_REACHED
 
 STILL = Move(BodyVelocity())
 MAX_DT = 0.1
+HIDDEN = "the dock was hidden by who stood in the way: looking for it"
 STOP_CHARGING_TIME = 3.0  # seconds that the current may take to end before the robot leaves
 
 
@@ -175,11 +176,16 @@ class DockMission:
         if self._is_contacting(view):
             self._enter(DockState.CONFIRMING, "contact")
             return self._confirming(view)
+        if track is None and self._now.waited_seconds > 0.0 and self._is_outside(view):
+            return self._search(view, HIDDEN)
         if track is None:
             return self._attempt_failed(view, "DOCK_LOST", "the dock vanished during the final approach")
         dock = track.base_from_dock
         left = -dock.inverse().x
-        is_old = track.travel > c.lost_travel or track.age > c.lost_age
+        is_waiting = view.is_held and self._now.held_seconds <= c.wait_time
+        is_old = track.travel > c.lost_travel or (track.age > c.lost_age and not is_waiting)
+        if is_old and track.travel <= c.lost_travel and self._now.waited_seconds > 0.0 and self._is_outside(view):
+            return self._search(view, HIDDEN)
         if is_old and (left > c.blind_distance or track.travel > c.blind_push):
             return self._attempt_failed(
                 view, "DOCK_LOST", f"the dock vanished {max(left, 0.0):.2f} m before the contact"
@@ -188,11 +194,11 @@ class DockMission:
         if left < c.limit_at and (abs(y) > c.limit_y or abs(yaw) > c.limit_yaw):
             text = f"{y * 1e3:.0f} mm and {math.degrees(yaw):.1f}° beside the line, {max(left, 0.0):.2f} m before the contact"
             return self._attempt_failed(view, "OUTSIDE_LIMITS", text)
-        if self._now.seconds(view) > c.approach_timeout:
+        if self._now.seconds(view) - self._now.waited_seconds > c.approach_timeout:
             return self._attempt_failed(
                 view, "TIMEOUT", f"still {max(left, 0.0):.2f} m before the contact after {c.approach_timeout:.0f} s"
             )
-        if self._now.held_seconds > c.blocked_time:
+        if self._now.held_seconds > c.wait_time:
             return self._attempt_failed(
                 view, "BLOCKED", f"something stands between robot and dock, {max(left, 0.0):.2f} m before the contact"
             )
@@ -287,6 +293,11 @@ class DockMission:
         self._now.drive_code = None
         c = self.config
         return [NavigateTo(self._drive, self._now.dock.map_from_staging, c.staging_xy, c.staging_yaw)]
+
+    def _is_outside(self, view: DockView) -> bool:
+        """Whether the robot is still so far before the dock that it may turn and look for it."""
+        dock = self._now.dock_odom
+        return dock is not None and (dock.inverse() @ view.odom_from_base).x < -self.config.blind_distance
 
     def _fresh_track(self, view: DockView) -> DockTrack | None:
         """Return the dock if it was seen lately."""

@@ -62,7 +62,8 @@ class DockConfig:
     overrun            how far beyond the taught pose it pushes while it waits for the contact
     settle_*           what counts as docked where the dock has no contacts
     confirm_time       how long contact or charge may take to come; `contact_time` how long it must last
-    blocked_time       how long the gate may hold the robot before the attempt is given up
+    wait_time          how long a robot that goes in waits for who stands in its way (people stay for some seconds) before it gives the attempt up
+    blocked_time       how long the gate may hold a robot that backs out or leaves before it gives up
     permit_time        how long a permission for the gate lasts; it is renewed while needed
     final_speed        share of the speed in the last `final_distance`
     """
@@ -96,6 +97,7 @@ class DockConfig:
     contact_time: float = 0.2
     back_timeout: float = 15.0
     back_xy: float = 0.05
+    wait_time: float = 8.0
     blocked_time: float = 3.0
     stale_time: float = 0.5
     permit_time: float = 1.0

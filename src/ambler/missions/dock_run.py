@@ -28,6 +28,8 @@ class DockRun:
     look_poses: list[SE2] = field(default_factory=list)
     stale_seconds: float = 0.0
     held_seconds: float = 0.0
+    waited_seconds: float = 0.0
+    """Seconds of the present state in which the gate held the robot."""
     settled_seconds: float = 0.0
     contact_seconds: float = 0.0
     reason: str = ""
@@ -43,6 +45,7 @@ class DockRun:
         last, self.view = self.view, view
         self.dt = longest if last is None else min(longest, max(1e-3, (view.now_ns - last.now_ns) * 1e-9))
         self.held_seconds = self.held_seconds + self.dt if view.is_held else 0.0
+        self.waited_seconds += self.dt if view.is_held else 0.0
         if self.entered_ns is None:
             self.entered_ns = view.now_ns
         if view.track is not None:
@@ -51,7 +54,7 @@ class DockRun:
     def enter(self) -> None:
         """Begin a state."""
         self.entered_ns = None if self.view is None else self.view.now_ns
-        self.held_seconds = self.settled_seconds = self.contact_seconds = 0.0
+        self.held_seconds = self.waited_seconds = self.settled_seconds = self.contact_seconds = 0.0
 
     def seconds(self, view: DockView) -> float:
         """Seconds in the present state."""

@@ -15,7 +15,7 @@ from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import Image, LaserScan, Odometry, PointCloud
 from ambler.core.protocols import BodyVelocity
-from ambler.core.robot import RobotModel
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.docking.detection import DockDetector, DockObservation, DockSighting
@@ -32,8 +32,8 @@ ODOMETRY_AGE_NS = 300_000_000
 Look = Callable[[], DockSighting | None]
 
 
-def detector_of(dock: Dock, robot: RobotModel, camera: CameraModel | None) -> DockDetector:
-    """Return what sees a dock; raises BadInputError for markers without a camera, or with one that was never calibrated."""
+def detector_of(dock: Dock, robot: RobotModel, camera: CameraModel | None, edge_shift_px: float = 0.0) -> DockDetector:
+    """Return what sees a dock, the edges of markers farther out by `edge_shift_px`; raises BadInputError for markers without a camera, or with one that was never calibrated."""
     if dock.kind is DockKind.V_SHAPE:
         return VShapeDockDetector(dock)
     if dock.kind is DockKind.REFLECTORS:
@@ -42,7 +42,7 @@ def detector_of(dock: Dock, robot: RobotModel, camera: CameraModel | None) -> Do
         raise BadInputError(f"dock {dock.name} is recognized by markers, but there is no camera")
     if not min(camera.fx, camera.fy) > 0.0:
         raise BadInputError(f"camera {camera.name} is not calibrated: run `ambler calibrate camera`")
-    finder = FiducialDetector(camera, [m.spec for m in dock.markers])
+    finder = FiducialDetector(camera, [m.spec for m in dock.markers]).with_shift(edge_shift_px)
     return MarkerDockDetector(dock, finder, robot.camera.base_from_sensor)
 
 
@@ -51,7 +51,7 @@ class DockSight:
 
     def __init__(self, robot: RobotModel, config: TrackerConfig | None = None) -> None:
         self._robot = robot
-        self._tracker = DockTracker(config)
+        self._tracker = DockTracker(config, has_gyroscope=bool(robot.of_kind(SensorKind.IMU)))
         self._motion = BaseMotion()
         self._newest: Odometry | None = None
         self._detector: DockDetector | None = None

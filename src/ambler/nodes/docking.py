@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import Image, LaserScan, PointCloud, PoseStamped, Status
@@ -18,12 +18,14 @@ from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
 from ambler.docking.detection import DockDetector, DockSighting
 from ambler.docking.dock import Dock
+from ambler.docking.lesson import LessonConfig
 from ambler.docking.tracker import TrackerConfig
 from ambler.missions.dock import DockMission
 from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, DockView, LookForDock
 from ambler.nodes.dock_carrier import DockCarrier
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
 from ambler.nodes.dock_state import RobotState
+from ambler.nodes.dock_teacher import DockTeacher, TeachHandle
 from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, WorkKind
 from ambler.runtime.tasks import (
     CAMERA_PICTURES,
@@ -37,8 +39,6 @@ from ambler.runtime.tasks import (
     DockFeedback,
     DockGoal,
     DockReport,
-    TeachDockReply,
-    TeachDockRequest,
     UndockGoal,
 )
 from ambler.runtime.topics import (
@@ -66,12 +66,15 @@ FROM_DOCK = 0.3  # metres from a dock's pose at which a robot without contact do
 @dataclass(frozen=True, slots=True)
 class DockingNodeConfig:
     """`sight`: metres to the dock's pose, by the map, from which the dock is looked for while the robot still drives to the staging pose.
-    `refines`: whether each docking moves the dock's pose in the database a little."""
+    `refines`: whether each docking moves the dock's pose in the database a little. `edge_shift_px`: how far farther out the edges of markers are
+    than seen (`ambler calibrate range`)."""
 
     mission: DockConfig = field(default_factory=DockConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     sight: float = 2.5
     refines: bool = True
+    lesson: LessonConfig = field(default_factory=LessonConfig)
+    edge_shift_px: float = 0.0
 
 
 class DockingNode(Node):
@@ -101,6 +104,7 @@ class DockingNode(Node):
         self._fed_ns = 0
         self._said: tuple[DockState, str] | None = None
         self._misfit: str | None = None
+        self._teacher = DockTeacher(database, self._config.lesson)
 
     def start(self) -> None:
         """Subscribe, serve, and start the timer."""
@@ -115,7 +119,7 @@ class DockingNode(Node):
         self.ctx.subscribe(GATE_STATUS, self._state.take_gate)
         self.ctx.serve_task(DOCK, self._on_dock, self._on_cancel)
         self.ctx.serve_task(UNDOCK, self._on_undock, self._on_cancel)
-        self.ctx.serve(TEACH_DOCK, self._on_teach)
+        self.ctx.serve_task(TEACH_DOCK, self._on_teach, self._on_cancel)
         self.ctx.timer(PERIOD, self._tick)
 
     # Seeing
@@ -149,12 +153,15 @@ class DockingNode(Node):
         self._is_looking = False
         if sighting is None or series != self._sight.series:
             return
+        self._teacher.see(sighting)
         self._sight.take(sighting, self.ctx.now_ns)
         pose = SE3.from_se2(sighting.base_from_dock)
         self.ctx.publish(DOCK_POSE, PoseStamped(sighting.stamp_ns, "base", pose))
 
     def _base_from_dock(self) -> SE2 | None:
-        """Where the dock is by the map."""
+        """Where the dock is by the map; while it is taught, where the robot stands."""
+        if self._teacher.handle is not None:
+            return SE2()
         map_from_base = self._state.map_from_base(self.ctx.now_ns)
         if map_from_base is None or self._dock is None:
             return None
@@ -173,7 +180,7 @@ class DockingNode(Node):
         if dock is None:
             return
         try:
-            self._detector = detector_of(dock, self._robot, self._state.camera)
+            self._detector = self._detector_of(dock)
         except BadInputError as error:
             self._refuse(handle, "NOT_CALIBRATED", str(error))
             return
@@ -191,8 +198,11 @@ class DockingNode(Node):
         self._handle, self._dock = handle, dock
         self._carrier.do(self.mission.begin_undock(dock, self.ctx.now_ns))
 
-    def _dock_for(self, handle: DockHandle, name: str) -> Dock | None:
+    def _dock_for(self, handle: DockHandle | TeachHandle, name: str) -> Dock | None:
         """End what is under way, and return the dock of a new goal; None when the goal is refused."""
+        if self._teacher.handle is not None:
+            self._teacher.handle.is_preempted = True
+            self._end_lesson()
         if self._handle is not None:
             self._handle.is_preempted = True
             self._carrier.do(self.mission.cancel())
@@ -206,27 +216,62 @@ class DockingNode(Node):
             return None
         return dock
 
-    def _refuse(self, handle: DockHandle, code: str, text: str) -> None:
+    def _refuse(self, handle: DockHandle | TeachHandle, code: str, text: str) -> None:
         self._say(code, text)
         handle.fail(code, text)
 
-    def _on_cancel(self, handle: DockHandle) -> None:
-        if self._handle is handle:
+    def _on_cancel(self, handle: DockHandle | TeachHandle) -> None:
+        if self._teacher.handle is handle:
+            self._end_lesson()
+        elif self._handle is handle:
             self._carrier.do(self.mission.cancel())
 
-    def _on_teach(self, request: TeachDockRequest) -> TeachDockReply:
-        """Save where the robot stands; a BadInputError, when it does not know where or no such dock is described, is the reply."""
+    def _on_teach(self, handle: TeachHandle) -> None:
+        """Look at the dock for a while from where the robot stands in it."""
+        dock = self._dock_for(handle, handle.goal.name)
+        if dock is None:
+            return
         here = self._state.map_from_base(self.ctx.now_ns)
         if here is None:
-            raise BadInputError("the robot does not know where it is: a dock cannot be taught")
-        taught = self._database.teach(self._database.dock(request.name), here)
-        self._say("DOCK_TAUGHT", f"dock {taught.name} is at {here.x:.3f}, {here.y:.3f}, {math.degrees(here.yaw):.2f}°")
-        return TeachDockReply(taught.map_from_dock)
+            self._refuse(handle, "LOST", "the robot does not know where it is: a dock cannot be taught")
+            return
+        self._dock = plain = replace(dock, offset=SE2())
+        try:
+            detector = self._detector_of(plain)
+        except BadInputError as error:
+            self._refuse(handle, "NOT_CALIBRATED", str(error))
+            return
+        self._teacher.begin(handle, plain, here, self.ctx.now_ns)
+        self._sight.begin(plain, detector)
+        self._say("TEACHING", f"the robot stands in {dock.name} and looks at it")
+
+    def _teach(self) -> None:
+        """Go on with a lesson until it is over."""
+        if self._sight.wants_pictures:
+            self._carrier.lease_pictures()
+        handle = self._teacher.handle
+        outcome = self._teacher.update(self._sight.velocity, self.ctx.now_ns)
+        if outcome is not None and handle is not None:
+            self._sight.end()
+            self._say("DOCK_TAUGHT" if outcome.code == "SUCCEEDED" else outcome.code, outcome.text)
+            handle.end(outcome)
+
+    def _end_lesson(self) -> None:
+        """End a lesson that nobody wants any more."""
+        handle = self._teacher.stop()
+        if handle is not None:
+            self._sight.end()
+            handle.cancelled()
+
+    def _detector_of(self, dock: Dock) -> DockDetector:
+        return detector_of(dock, self._robot, self._state.camera, self._config.edge_shift_px)
 
     # The mission
 
     def _tick(self) -> None:
         pose = self._sight.odom_from_base
+        if self._teacher.handle is not None:
+            self._teach()
         if not self.mission.is_active or pose is None:
             return
         now_ns, state = self.ctx.now_ns, self._state

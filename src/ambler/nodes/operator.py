@@ -50,8 +50,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
     SaveMapRequest,
-    TeachDockReply,
-    TeachDockRequest,
+    TeachDockGoal,
     UndockGoal,
 )
 from ambler.runtime.topics import LOCALIZED_POSE, STATUS
@@ -186,8 +185,7 @@ class OperatorNode(Node):
             case TaskStep():
                 self._ticket = self.ctx.send_goal(step.task, step.goal, self._ended, self._tell_task)
             case TeachStep():
-                self._ticket = None
-                self.ctx.call(TEACH_DOCK, TeachDockRequest(step.dock), self._taught)
+                self._ticket = self.ctx.send_goal(TEACH_DOCK, TeachDockGoal(step.dock), self._ended, self._tell_docking)
 
     def _explored(self, outcome: TaskOutcome[Any]) -> None:
         """An exploration is over when its map is saved, so that later steps lose nothing."""
@@ -200,14 +198,6 @@ class OperatorNode(Node):
             self._is_saved = False
             self._note(outcome.code, outcome.text, outcome.result)
             self._next()
-
-    def _taught(self, reply: TeachDockReply | Exception) -> None:
-        if isinstance(reply, Exception):
-            self._note("NOT_TAUGHT", str(reply), None)
-        else:
-            pose = reply.map_from_dock
-            self._note("SUCCEEDED", f"taught at {pose.x:.3f}, {pose.y:.3f} m, {pose.yaw:.4f} rad", reply)
-        self._next()
 
     def _note(self, code: str, text: str, result: Any) -> None:
         self._ticket = None

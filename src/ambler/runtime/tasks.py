@@ -31,8 +31,8 @@ from ambler.core.requests import (
     RecoverGoal,
     RecoveryKind,
     SaveMapRequest,
-    TeachDockReply,
-    TeachDockRequest,
+    TeachDockGoal,
+    TeachDockReport,
     UndockGoal,
 )
 from ambler.runtime.node import Service, Task
@@ -88,8 +88,8 @@ __all__ = [
     "RecoverGoal",
     "RecoveryKind",
     "SaveMapRequest",
-    "TeachDockReply",
-    "TeachDockRequest",
+    "TeachDockGoal",
+    "TeachDockReport",
     "UndockGoal",
     "all_services",
     "all_tasks",
@@ -162,7 +162,6 @@ CAMERA_PICTURES = _service(
 STOP_CHARGING = _service("stop_charging", Nothing, Nothing, TRIGGER, is_outside=True)
 PERMIT_APPROACH = _service("permit_approach", ApproachRequest, GateReply, "ambler_msgs/srv/PermitApproach")
 REVOKE_APPROACH = _service("revoke_approach", Nothing, Nothing, TRIGGER)
-TEACH_DOCK = _service("teach_dock", TeachDockRequest, TeachDockReply, "ambler_msgs/srv/TeachDock", is_outside=True)
 END_PROGRAM = _service("end_program", EndProgramRequest, Nothing, "ambler_msgs/srv/EndProgram", is_outside=True)
 RELOCALIZE = _service("relocalize", Nothing, Nothing, TRIGGER, is_outside=True)
 
@@ -215,6 +214,15 @@ DOCK_FAILURES = (
 DOCK = _task("dock", DockGoal, DockFeedback, DockReport, DOCK_FAILURES, "ambler_msgs/action/Dock", is_outside=True)
 UNDOCK = _task(
     "undock", UndockGoal, DockFeedback, DockReport, DOCK_FAILURES, "ambler_msgs/action/Dock", is_outside=True
+)
+TEACH_DOCK = _task(
+    "teach_dock",
+    TeachDockGoal,
+    DockFeedback,
+    TeachDockReport,
+    ("UNKNOWN_DOCK", "NOT_DOCKED", "NOT_CALIBRATED", "DOCK_NOT_SEEN", "STALE_INPUT", "LOST"),
+    "ambler_msgs/action/TeachDock",
+    is_outside=True,
 )
 FINISH_MAP = _task("finish_map", Nothing, Nothing, Nothing, (), "ambler_msgs/action/FinishMap", is_outside=True)
 """Search once more for loop closures among everything that is known, and optimize; before a map is saved, while the robot stands."""

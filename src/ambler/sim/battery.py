@@ -40,7 +40,7 @@ class Battery:
     def __init__(self, spec: BatterySpec, docks: Sequence[SimDock], share: float = 0.6) -> None:
         self.spec = spec
         self.share = share
-        self._docks_from_world = tuple(dock.world_from_dock.inverse() for dock in docks)
+        self._contacts_from_world = tuple(SE2(-dock.contact) @ dock.world_from_dock.inverse() for dock in docks)
         self._current = -spec.idle_current
         self._closed_for: float | None = None
         self._is_stopped = False
@@ -59,7 +59,7 @@ class Battery:
     def update(self, world_from_base: SE2, speed: float, dt: float, *, has_power: bool) -> None:
         """Advance by `dt` seconds; docks without power close contacts but give no current."""
         self._seconds += dt
-        if any(self._meets(dock_from_world @ world_from_base) for dock_from_world in self._docks_from_world):
+        if any(self._meets(contacts_from_world @ world_from_base) for contacts_from_world in self._contacts_from_world):
             self._closed_for = dt if self._closed_for is None else self._closed_for + dt
         else:
             self._closed_for, self._is_stopped = None, False
@@ -80,10 +80,10 @@ class Battery:
         voltage = rest + self.spec.resistance * self._current
         return BatteryState(stamp_ns, "base", voltage, self._current, self.share, supply)
 
-    def _meets(self, dock_from_base: SE2) -> bool:
+    def _meets(self, contacts_from_base: SE2) -> bool:
         s = self.spec
-        is_deep = s.depth <= dock_from_base.x < 0.05
-        return is_deep and abs(dock_from_base.y) <= s.side and abs(wrap_angle(dock_from_base.yaw)) <= s.askew
+        is_deep = s.depth <= contacts_from_base.x < 0.05
+        return is_deep and abs(contacts_from_base.y) <= s.side and abs(wrap_angle(contacts_from_base.yaw)) <= s.askew
 
     def _supply(self) -> PowerSupply:
         if self._closed_for is None:

@@ -83,7 +83,9 @@ def marker_poses(dock: SimDock) -> tuple[SE3, ...]:
     """Return the pose of every marker in the world: x to the right and y up for who looks at it, z towards them."""
     facing = SE3.from_rpy((0.0, 0.0, 0.0), 0.5 * math.pi, 0.0, -0.5 * math.pi)
     base = SE3.from_se2(dock.world_from_dock)
-    return tuple(base @ SE3((dock.panel - PAPER, m.y, m.z)) @ facing for m in dock.markers)
+    return tuple(
+        base @ SE3((dock.panel - PAPER, m.y, m.z)) @ facing @ SE3.from_rpy(m.place, *m.turn) for m in dock.markers
+    )
 
 
 def dock_prints(dock: SimDock) -> tuple[Print, tuple[Print, ...]]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
+from ambler.core.se3 import Vector3
 from ambler.sim.meshes import HeightField, TriangleMesh, highest_below
 
 TERRAIN_DROP = 0.005  # metres that the floor around a terrain lies below the terrain's lowest point
@@ -74,13 +75,16 @@ class Door:
 
 @dataclass(frozen=True, slots=True)
 class SimMarker:
-    """A printed marker on a dock's panel: `y` to the left of the dock's line and `z` above the floor, metres."""
+    """A printed marker on a dock's panel: `y` to the left of the dock's line and `z` above the floor, metres; hung beside that by `place` (m)
+    and `turn` (roll, pitch, yaw; rad) of its own frame: x to the right and y up for who looks at it, z towards them."""
 
     dictionary: str
     number: int
     size: float
     y: float
     z: float
+    place: Vector3 = (0.0, 0.0, 0.0)
+    turn: Vector3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +109,7 @@ class SimReflector:
 class SimDock:
     """A charging dock. `world_from_dock` is where the base stands when docked, x into the dock; the robot's front is then `front` metres
     ahead, the lip with the contacts just beyond it, and the panel `panel` metres ahead of the base. Markers or reflectors hang on
-    the panel, a V shape stands before it."""
+    the panel, a V shape stands before it. `contact`: how much deeper (m) than it should the switch of the contacts closes."""
 
     name: str
     world_from_dock: SE2
@@ -115,6 +119,7 @@ class SimDock:
     markers: tuple[SimMarker, ...] = ()
     v_shape: SimVShape | None = None
     reflectors: tuple[SimReflector, ...] = ()
+    contact: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,10 +26,11 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockObservation
 from ambler.docking.marker_dock import MarkerDockDetector
 from ambler.evaluation.docking import DockingOutcome, SightErrors
-from ambler.nodes.steps import DockStep
+from ambler.nodes.steps import DockStep, TeachStep
 from ambler.perception.fiducials import FiducialDetector
 from ambler.runtime.tasks import DOCK_FAILURES
 from ambler.sim.dock_body import marker_poses
+from ambler.sim.imperfections import draw_imperfections
 from ambler.sim.robots import robot_named
 from ambler.sim.sensors import named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
@@ -40,6 +41,9 @@ from ambler.studies.study import CRASHED, Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 WORLD, ROBOT, NAME = "dock_hall", "amr_omni", "charger_1"
+EXACT, DRAWN = "exact", "drawn"
+TAUGHT = "taught"  # the kind of a random start of a robot that was taught the dock
+LESSON_SEED = 500_000_003  # the noise of the lesson is another one than that of the docking
 PARTS = ("sights", "approach", "random", "faults")
 ROOM = 0.85  # metres from a random start to anything
 APPROACHES: dict[float, SE2] = {
@@ -58,7 +62,8 @@ CAMERA_TO_PANEL = 0.37  # metres that the camera of a docked robot is before the
 
 @dataclass(frozen=True, slots=True)
 class DockingCase:
-    """One docking: `start` in the dock's frame; `distance` is about the path to the staging pose."""
+    """One docking: `start` in the dock's frame; `distance` is about the path to the staging pose. What is off (`imperfections`: "exact", nothing,
+    or "drawn") follows from the seed; a robot that `is_taught` stood in the dock once before."""
 
     kind: str
     seed: int
@@ -67,11 +72,24 @@ class DockingCase:
     world: str = WORLD
     name: str = NAME
     settings: StudySettings = DEFAULTS
+    imperfections: str = EXACT
+    is_taught: bool = False
 
     @property
     def label(self) -> str:
         """A name for files and people."""
         return f"{self.world}-{self.name}-{self.kind}-{self.seed}"
+
+
+def imperfect(cases: Sequence[DockingCase]) -> list[DockingCase]:
+    """Return the cases as on a real site: every random start untaught and taught, the others taught."""
+    out = []
+    for case in cases:
+        if case.kind == "random":
+            out.append(replace(case, imperfections=DRAWN))
+            case = replace(case, kind=TAUGHT)
+        out.append(replace(case, imperfections=DRAWN, is_taught=True))
+    return out
 
 
 def random_cases(runs: int, seed: int, world_name: str = WORLD, name: str = NAME) -> list[DockingCase]:
@@ -183,7 +201,7 @@ def docking_line(result: dict[str, Any]) -> str:
 
 def is_good(outcome: DockingOutcome) -> bool:
     """Say whether a robot docked within two attempts, or failed under a fault with a name, without a collision."""
-    is_fault = outcome.kind not in ("random", "approach")
+    is_fault = outcome.kind in FAULTS
     is_ended = (outcome.is_docked and outcome.attempts <= 2) or (is_fault and outcome.code in DOCK_FAILURES)
     return is_ended and outcome.collisions == 0
 
@@ -192,16 +210,26 @@ def run_case(case: DockingCase, folder: Path) -> dict[str, Any]:
     """Run one docking and judge it by its recording, which is deleted when the robot docked without a collision."""
     folder = folder / "run"
     shutil.rmtree(folder, ignore_errors=True)
+    world = load_world(case.world)
+    dock = dock_of_world(world.from_start(), case.name)
+    off = draw_imperfections(case.seed, dock).beginning_at(case.start) if case.imperfections == DRAWN else None
     options = RunOptions(
         (DockStep(case.name),),
         case.world,
         ROBOT,
         case.seed,
-        start=dock_of_world(load_world(case.world).from_start(), case.name).world_from_dock @ case.start,
+        start=dock.world_from_dock @ case.start,
         port=None,
         faults=(case.kind,) if case.kind in FAULTS else (),
+        imperfections=off,
     )
-    run = SimulatedRun(case.settings.applied_to(options), RunFolder(folder))
+    options = case.settings.applied_to(options)
+    told = {} if off is None else {f"off_{name}": value for name, value in off.told().items()}
+    if case.is_taught:
+        options, refusal = _teach(case, options, folder / "lesson")
+        if refusal is not None:
+            return {**_refused(case, refusal).to_dict(), **told}
+    run = SimulatedRun(options, RunFolder(folder / "docking"))
     try:
         run.run(TIME_LIMIT)
         outcome = _outcome(case, run, judge(run).fields)
@@ -209,7 +237,35 @@ def run_case(case: DockingCase, folder: Path) -> dict[str, Any]:
         run.close()
     if outcome.is_docked and outcome.collisions == 0:
         shutil.rmtree(folder)
-    return outcome.to_dict()
+    return {**outcome.to_dict(), **told}
+
+
+def _teach(case: DockingCase, options: RunOptions, folder: Path) -> tuple[RunOptions, str | None]:
+    """Put the robot into the dock by hand and let it look; returns the options with what it learned, or why it did not."""
+    docks = docks_of_world(load_world(case.world).from_start(), folder / "docks.yaml")
+    folder.mkdir(parents=True, exist_ok=True)
+    docks.save()
+    options = replace(options, docks_file=folder / "docks.yaml")
+    assert options.imperfections is not None
+    lesson = replace(
+        options,
+        steps=(TeachStep(case.name),),
+        seed=case.seed + LESSON_SEED,
+        start=None,
+        starts_docked=case.name,
+        faults=(),
+        imperfections=options.imperfections.beginning_at(SE2()),
+    )
+    run = SimulatedRun(lesson, RunFolder(folder))
+    try:
+        run.run(TIME_LIMIT)
+    finally:
+        run.close()
+    return options, None if run.ended == "succeeded" else f"{run.ended}: {run.text}"
+
+
+def _refused(case: DockingCase, text: str) -> DockingOutcome:
+    return DockingOutcome(case.kind, case.seed, "NOT_TAUGHT", text, 0, case.distance, None, None, None, None, None, 0)
 
 
 def _outcome(case: DockingCase, run: SimulatedRun, verdict: dict[str, Any]) -> DockingOutcome:
