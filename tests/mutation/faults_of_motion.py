@@ -69,15 +69,15 @@ MOTION = (
     PlantedFault(
         "the length of a path is told in cells",
         "planning/grid_planner.py",
-        "metres = cost * spec.resolution / (2.0",
-        "metres = cost / (2.0",
+        "points)) * spec.resolution / c.neutral",
+        "points)) / c.neutral",
         PLANNER,
     ),
     PlantedFault(
         "paths face backwards",
-        "planning/grid_planner.py",
-        "np.arctan2(leg[:, 1], leg[:, 0])[which]",
-        "np.arctan2(-leg[:, 1], -leg[:, 0])[which]",
+        "kernels/any_angle.py",
+        "np.arctan2(along_y, along_x) if",
+        "np.arctan2(-along_y, -along_x) if",
         PLANNER,
     ),
     PlantedFault(
