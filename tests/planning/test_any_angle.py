@@ -92,3 +92,16 @@ def test_the_potential_over_free_floor_is_the_distance() -> None:
     n = gradient.descend(levels, 5, 12, 30, 30, out)
     np.testing.assert_allclose(out[[0, n - 1]], [[5.5, 12.5], [30.5, 30.5]])
     assert np.hypot(*np.diff(out[:n], axis=0).T).sum() == pytest.approx(np.hypot(25, 18), rel=5e-3)
+
+
+def test_a_path_around_what_is_dearer_never_cuts_through_it_even_where_that_is_cheaper() -> None:
+    weights = np.zeros((42, 52), np.uint16)
+    weights[1:-1, 1:-1] = 50
+    weights[10:30, 10:41] = 60
+    down, along = [(y, 5) for y in range(20, 8, -1)], [(8, x) for x in range(5, 46)]
+    points = np.array([*down, *along, *[(y, 45) for y in range(9, 21)]]) + 0.5
+    out = kernels.any_angle(weights, points, 50, 8.0, 20, 200)
+    legs = [kernels.segment_cost(weights, *a, *b, 65535) for a, b in pairwise(out)]
+    assert max(dearest for _, dearest in legs) == 50
+    assert kernels.segment_cost(weights, *points[0], *points[-1], 65535)[0] < sum(cost for cost, _ in legs)
+    assert sum(cost for cost, _ in legs) < 0.9 * 50 * (len(points) - 1)

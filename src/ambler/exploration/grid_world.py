@@ -101,7 +101,9 @@ class GridWorld:
     def _inflate(self, occupancy: NDArray[np.int8]) -> NDArray[np.uint8]:
         hit = cv2.dilate((occupancy >= OCC_OCCUPIED).astype(np.uint8), self._body)
         iy, ix = self.spec.cell_of(self.pose.x, self.pose.y)
-        if hit[iy, ix]:  # the robot fits where it stands, and may leave; elsewhere it would squeeze itself into where it cannot come back from
+        if hit[
+            iy, ix
+        ]:  # the robot fits where it stands, and may leave; elsewhere it would squeeze itself into where it cannot come back from
             reach = self._body.shape[0] // 2
             around = np.s_[max(0, iy - reach) : iy + reach + 1, max(0, ix - reach) : ix + reach + 1]
             hit[around][occupancy[around] < OCC_OCCUPIED] = 0
