@@ -93,16 +93,18 @@ def main() -> int:
     started, fields = time.perf_counter(), dict[str, Any]()
     known = candidates(args.most)
     drawn = random.Random(args.seed).sample(known, min(args.count, len(known)))
+    equal = 0
     with tempfile.TemporaryDirectory() as name:
         for path in drawn:
             differing = run_again(path, Path(name))
             fields[f"{path.stem}.differing"] = ", ".join(differing)
             print(f"{path.stem}: {'differs in ' + ', '.join(differing) if differing else 'equal'}", flush=True)
+            equal = sum(not value for value in fields.values())
+            told = {"candidates": len(known), "drawn": len(drawn), "compared": len(fields), "equal": equal, **fields}
+            # after each of them, for the whole takes long and may be interrupted
+            write_results(args.json, " ".join(["python", *sys.argv]), args.seed, time.perf_counter() - started, told)
     subprocess.run(["git", "-C", ROOT, "worktree", "prune"], check=True)
-    equal = sum(not value for value in fields.values())
-    told = {"candidates": len(known), "drawn": len(drawn), "equal": equal, **fields}
-    write_results(args.json, " ".join(["python", *sys.argv]), args.seed, time.perf_counter() - started, told)
-    return 0 if equal == len(drawn) else 1
+    return 0 if 0 < len(drawn) == equal else 1
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ def unmeasured(fields: dict[str, object]) -> list[str]:
     [
         ["costmap", "--sizes", "60", "--runs", "1"],
         ["control", "--runs", "2"],
-        ["planner", "--sizes", "1000", "--runs", "1", "--oracle-up-to", "0"],
+        ["planner", "--sizes", "1000", "--runs", "1", "--oracle-up-to", "0", "--paths", "0"],
     ],
     ids=lambda words: words[0],
 )

@@ -9,6 +9,7 @@ import pytest
 from ambler.cli.main import build_parser, main
 from tests.docs import stand_ins
 from tests.docs.commands import ROOT, Command, block_commands, mentioned_commands
+from tests.docs.example_recording import MADE_ON, processor
 
 DATA = "needs public recordings (docs/datasets.md)"
 WHOLE_RUN = "a whole run of a robot; tests/apps and tests/scenarios drive such"
@@ -82,7 +83,7 @@ SAYS = {
     "slam2d log.clf.bz2 --out my_map --relations": r"relations: 1 used, translation 0\.\d+",
     "localize": r"times_lost +0\b",
     "world generate": r"office-17: 31 x 20 m, \d+ m² that a robot reaches",
-    "replay": r"/slam_pose +\d+ of 160 equal",
+    "replay": r"/slam_pose +\d+ of \d{3} equal",
     "demo --world lab_empty --start": r"ended +│ finished",
     "config explain gate.reaction_time": r"gate\.reaction_time",
 }
@@ -141,8 +142,9 @@ def test_quick_commands_run(
 ) -> None:
     monkeypatch.chdir(folder)
     code = main(list(BLOCKS[text].words))
-    # Another class of processor, or a node that was changed, gives other bits: replay says so with 1.
-    assert code == 0 or (code == 1 and text.startswith("replay"))
+    # On the processor that it was made on the recording gives the same bits. When a node was changed on purpose: tests.docs.example_recording.
+    is_elsewhere = text.startswith("replay") and MADE_ON.read_text(encoding="utf-8").strip() != processor()
+    assert code == 0 or (code == 1 and is_elsewhere)
     printed = capsys.readouterr().out
     assert printed.strip()
     for start, said in SAYS.items():
@@ -151,4 +153,4 @@ def test_quick_commands_run(
 
 def test_the_small_recording_is_small() -> None:
     files = [path for path in (ROOT / "examples" / "lab_empty").rglob("*") if path.is_file()]
-    assert sum(path.stat().st_size for path in files) < 1_500_000
+    assert sum(path.stat().st_size for path in files) < 2_000_000

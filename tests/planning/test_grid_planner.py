@@ -14,10 +14,11 @@ from ambler.core.errors import (
 )
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
-from ambler.kernels.graph_search import STRAIGHT
+from ambler.kernels.any_angle import path_cost
+from ambler.kernels.graph_search import weigh
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner, PlannerConfig, weight_table
-from ambler.planning.oracle import scipy_costs
+from ambler.planning.oracle import gradient_path, scipy_costs
 from ambler.studies.planner_worlds import inflated
 
 SPEC = GridSpec(0.05, 200, 160, -3.0, -2.0)
@@ -49,6 +50,15 @@ def clearance_costs(costs: np.ndarray, path: np.ndarray) -> np.ndarray:
     return costs[cells[:, 0], cells[:, 1]]
 
 
+def sampled_cost(costs: np.ndarray, path: np.ndarray) -> float:
+    """Return the integral of the weights along the path in metres, as the mean over points a few millimetres apart."""
+    weights = weight_table(PlannerConfig())[costs] / PlannerConfig().neutral
+    legs = np.diff(path[:, :2], axis=0)
+    shares = (np.arange(16) + 0.5) / 16
+    cells = SPEC.cells_of((path[:-1, None, :2] + legs[:, None] * shares[:, None]).reshape(-1, 2))
+    return float((np.hypot(*legs.T) * weights[cells[:, 0], cells[:, 1]].reshape(-1, 16).mean(axis=1)).sum())
+
+
 @pytest.mark.parametrize("seed", range(15))
 def test_paths_are_optimal_smooth_and_never_closer_than_allowed(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -67,7 +77,7 @@ def test_paths_are_optimal_smooth_and_never_closer_than_allowed(seed: int) -> No
     result = planner.plan(costs, SPEC, start, goal)
     again = GridPlanner(config).plan(costs.copy(), SPEC, start, goal)
     np.testing.assert_array_equal(result.path, again.path)
-    assert result.cost == pytest.approx(oracle * SPEC.resolution / (2 * STRAIGHT * config.neutral), rel=1e-12)
+    assert result.cost == pytest.approx(sampled_cost(costs, result.path), rel=2e-3)
     assert result.goal_distance == 0.0
     np.testing.assert_allclose(result.path[0, :2], [start.x, start.y], atol=1e-9)
     np.testing.assert_allclose(result.path[-1], [goal.x, goal.y, goal.yaw], atol=1e-9)
@@ -75,10 +85,39 @@ def test_paths_are_optimal_smooth_and_never_closer_than_allowed(seed: int) -> No
     assert steps.max() <= config.spacing + 1e-9
     assert clearance_costs(costs, result.path).max() < 253
     raw = GridPlanner(PlannerConfig(is_smooth=False)).plan(costs, SPEC, start, goal)
-    assert steps.sum() <= np.hypot(*np.diff(raw.path[:, :2], axis=0).T).sum() + 1e-9
+    assert result.cost <= raw.cost + 1e-9
     assert clearance_costs(costs, result.path).max() <= clearance_costs(costs, raw.path).max()
     heading = np.arctan2(*np.diff(result.path[:, :2], axis=0).T[::-1])
     np.testing.assert_allclose(result.path[:-1, 2], heading, atol=1e-6)
+
+
+def test_paths_cost_less_than_down_the_gradient_of_a_full_potential() -> None:
+    ratios = []
+    for seed in range(20):
+        costs = random_world(100 + seed)
+        free = np.argwhere(costs < 200)
+        a, b = free[np.random.default_rng(seed).integers(len(free), size=2)]
+        weights = np.zeros((costs.shape[0] + 2, costs.shape[1] + 2), np.uint16)
+        weigh(costs, weight_table(PlannerConfig()), weights)
+        peer = gradient_path(weights, (a[0] + 1, a[1] + 1), (b[0] + 1, b[1] + 1))
+        if peer is None or not np.isfinite(path_cost(weights, peer)):
+            continue
+        result = GridPlanner().plan(costs, SPEC, SE2(*SPEC.center_of(*a)), SE2(*SPEC.center_of(*b)))
+        ours = path_cost(weights, (result.path[:, 1::-1] - [SPEC.origin_y, SPEC.origin_x]) / SPEC.resolution + 1.0)
+        assert ours * SPEC.resolution / PlannerConfig().neutral == pytest.approx(result.cost, rel=1e-6)
+        ratios.append(ours / path_cost(weights, peer))
+    assert len(ratios) > 12
+    assert np.median(ratios) < 0.998
+    assert np.mean(np.array(ratios) <= 1.0) >= 0.85  # the rest passes an obstacle on the other side
+
+
+def test_a_path_over_free_floor_is_a_straight_line_in_any_direction() -> None:
+    costs = np.zeros(SPEC.shape, np.uint8)
+    for degrees in range(0, 90, 7):
+        goal = SE2(-2.9 + 4.0 * np.cos(np.radians(degrees)), -1.9 + 4.0 * np.sin(np.radians(degrees)))
+        result = GridPlanner().plan(costs, SPEC, SE2(-2.9, -1.9), goal)
+        assert result.cost == pytest.approx(4.0, abs=1e-9)
+        np.testing.assert_allclose(result.path[:-1, 2], np.radians(degrees), atol=1e-6)
 
 
 def test_a_path_keeps_to_the_middle_of_a_doorway() -> None:
@@ -185,7 +224,7 @@ def test_distance_field_agrees_with_planned_lengths() -> None:
     costs = inflated(two_rooms())
     field = distance_field(costs, SPEC, SE2(-2.0, 0.0))
     raw = GridPlanner(PlannerConfig(factor=0.0, is_smooth=False)).plan(costs, SPEC, SE2(-2.0, 0.0), SE2(6.0, 4.0))
-    assert field[SPEC.cell_of(6.0, 4.0)] == pytest.approx(raw.cost, rel=1e-3)
+    assert field[SPEC.cell_of(6.0, 4.0)] == pytest.approx(raw.cost, abs=0.05)
     assert field[SPEC.cell_of(-2.0, 0.0)] == 0.0
     assert np.isinf(field[costs >= 253]).all()
     with pytest.raises(StartOutsideMapError):

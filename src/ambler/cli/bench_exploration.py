@@ -19,11 +19,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--strategies", default="tour,nearest,greedy", help="names, separated by commas")
     parser.add_argument("--resolution", type=float, default=0.0625, help="metres per pixel")
+    parser.add_argument("--no-plans", action="store_true", help="worlds only")
     parser.add_argument("--every", type=int, default=1, help="take each n-th plan only")
     parser.add_argument(
         "--worlds",
         default="office,lab_empty,lab_obstacle,warehouse,maze,corridor,building",
-        help="built-in worlds, separated by commas",
+        help="worlds by name, separated by commas",
     )
     parser.add_argument("--plan-range", type=float, default=5.0, help="how far the scanner sees in plans, metres")
     parser.add_argument("--world-range", type=float, default=20.0, help="how far the scanner sees in worlds, metres")
@@ -35,17 +36,18 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Explore every plan with every strategy; exit 1 when an exploration ends without proof or below 98 % coverage."""
     from ambler.recordings.public_data import public_data
-    from ambler.studies.bench_exploration import check_strategies, compare, measure
+    from ambler.studies.bench_exploration import check_strategies, compare, compare_with_tours, measure
     from ambler.studies.exploration_places import plans_in, worlds_named
 
-    data = public_data("exploration") if args.data is None else args.data
+    data = public_data("exploration") if args.data is None and not args.no_plans else args.data
     begin = time.perf_counter()
     strategies = args.strategies.split(",")
     check_strategies(strategies)
-    plans = plans_in(data, args.every, args.resolution, args.plan_range)
+    plans = [] if args.no_plans else plans_in(data, args.every, args.resolution, args.plan_range)
     places = [*worlds_named(args.worlds, args.world_range), *plans]
-    results = measure(places, strategies, partial(print, flush=True))
-    fields = {"plans": len(plans), "places": len(places), **compare(results)}
+    found = measure(places, strategies, partial(print, flush=True))
+    fields = {"plans": len(plans), "places": len(places), **compare(found.explorations)}
+    fields |= compare_with_tours(found)
     print_fields(fields, 45)
     save_json(args, begin, fields)
-    return 0 if all(e.is_good for explorations in results.values() for e in explorations) else 1
+    return 0 if found.is_good else 1

@@ -26,12 +26,13 @@ def run(args: argparse.Namespace) -> int:
     import time
     from dataclasses import replace
 
-    from ambler.apps.tuning import DemoEvaluator, check_space
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
-    from ambler.evaluation.tuning import TuningStudy, write_best, write_ranking
+    from ambler.evaluation.tuning import write_best, write_ranking
     from ambler.evaluation.tuning_report import study_fields, write_study_report
     from ambler.evaluation.tuning_space import load_space
+    from ambler.studies.pool import LocalPool
+    from ambler.studies.tuning_study import check_space, tune
 
     space = load_space(args.space)
     if args.seed is not None:
@@ -40,22 +41,10 @@ def run(args: argparse.Namespace) -> int:
         if args.trials < 2:
             raise BadInputError("--trials: needs at least 2, the defaults are one of them")
         space = replace(space, trials=args.trials)
-    if args.processes < 1:
-        raise BadInputError("--processes: needs at least 1")
+    pool = LocalPool(args.processes)
     check_space(space)
     started = time.perf_counter()
-    study = TuningStudy(space, args.out)
-    options = ("--time-limit", str(space.time_limit), *(["--kinematic"] if space.physics == "kinematic" else []))
-    evaluate = DemoEvaluator((args.out / "work").resolve(), options)
-
-    def show(done: int, planned: int, text: str) -> None:
-        left = (time.perf_counter() - started) / max(1, done - before) * max(0, planned - done)
-        print(f"[{done} of about {planned}, {left / 60:.0f} min left] {text}", flush=True)
-
-    before = study.done
-    if before:
-        print(f"going on with {before} results in {args.out}", flush=True)
-    ranking = study.run(evaluate, args.processes, show)
+    ranking = tune(space, args.out, pool, tell=lambda line: print(line, flush=True))
     fields = study_fields(space, ranking)
     write_ranking(args.out / "ranking.jsonl", ranking)
     report = write_study_report(args.out, space, ranking)

@@ -121,6 +121,12 @@ _PLANNER = (
 )
 
 
+def _is_short(f: dict[str, Any]) -> bool:
+    """Whether `tour` drives at most twice the tour with full knowledge, and less than the other strategies."""
+    mine, others = "tour_ratio_vs_known_tour_median", ("nearest", "greedy")
+    return f[mine] <= 2.0 and all(f["tour_path_total_m_mean"] < f[f"{name}_path_total_m_mean"] for name in others)
+
+
 _VERBS = ("explore", "navigate", "navigate_lost", "dock", "undock")
 _DISTURBANCES = ("stalled_disk", "full_disk", "recorder_raises", "log_raises")
 
@@ -219,6 +225,17 @@ ROWS: Sequence[Row] = (
         _is_planner_met(4000, open=818.0, clutter=858.0, rooms=898.0, serpentine=448.0),
     ),
     Row(
+        "global paths on drawn grids: cost over that of the path down the gradient of a full potential (navfn's method)",
+        "≤ 1 (integral of the cell weights along the polyline)",
+        "bench_planner.json",
+        "; ".join(
+            f"{name} {{{name}_cost_ratio_vs_gradient_median:.4f}} median, {{{name}_cost_ratio_vs_gradient_mean:.4f}} mean, "
+            f"{{{name}_dearer_paths}} of {{{name}_paths}} dearer, by {{{name}_cost_ratio_vs_gradient_max:.4f}} at most"
+            for name in ("open", "clutter", "rooms")
+        ),
+        _all(*(_at_most(f"{name}_", dearer_paths=0) for name in ("open", "clutter", "rooms"))),
+    ),
+    Row(
         "local inflation 60²",
         "≤ 0.3 ms",
         "bench_costmap.json",
@@ -273,6 +290,14 @@ ROWS: Sequence[Row] = (
         "exploration_worlds.json",
         _explored_briefly("corridor"),
         _is_world_met("corridor", error=0.10),
+    ),
+    Row(
+        "way until proof and home over the tour with full knowledge, median (development worlds and public plans)",
+        "≤ 2 ×, aim ≤ 1.5 ×; shorter than `nearest` and `greedy`",
+        "bench_exploration.json",
+        "{tour_ratio_vs_known_tour_median:.2f} × (`nearest` {nearest_ratio_vs_known_tour_median:.2f}, `greedy` {greedy_ratio_vs_known_tour_median:.2f}); "
+        "{tour_way_m_median:.0f} m ({nearest_way_m_median:.0f}, {greedy_way_m_median:.0f}), the tour {known_tour_m_median:.0f} m",
+        _is_short,
     ),
     Row(
         "way until 98 % is seen, worlds and 30 public plans, over that of other strategies",
@@ -481,6 +506,13 @@ ROWS: Sequence[Row] = (
         "mutation.json",
         "{noticed} of {faults} noticed, the slowest after {slowest_seconds:.0f} s",
         _all(_every("", "noticed", "faults", of=60), _at_most(slowest_seconds=60.0)),
+    ),
+    Row(
+        "results drawn at random, their commands run again at their commits",
+        "10 of 10 give the same numbers (times apart)",
+        "run_again.json",
+        "{equal} of {compared} equal, of {candidates} that can be run again in short time",
+        lambda f: f["equal"] == f["compared"] == f["drawn"] >= 10,
     ),
     Row(
         "velocity gate: random search for a counterexample",

@@ -1,7 +1,6 @@
-"""A tuning study: runs trials over cases in a pool, keeps every result in a folder, and ranks. Killed and restarted it goes on.
+"""The ranking of a tuning study: what each trial came to over its cases, what it breaks, and which trials go on to more cases.
 
-Every finished run is one file of one JSON line, written beside and renamed, so that a result is whole or absent. Which trials go on to
-more cases follows from the results alone: an interrupted study ends with the same ranking as one that was not.
+All of it follows from the results alone: an interrupted study ends with the same ranking as one that was not.
 """
 
 from __future__ import annotations
@@ -10,8 +9,7 @@ import dataclasses
 import json
 import math
 import statistics
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +20,7 @@ from ambler.settings.profiles import as_values
 from ambler.wire.atomic_file import write_whole
 
 Metrics = dict[str, Any]
-Evaluate = Callable[[dict[str, Any], Case, str], Metrics]
 FINISHED = "finished"
-_GROWING = "trials"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,35 +41,24 @@ class Ranked:
         return not self.broken
 
 
-class TuningStudy:
-    """A study in a folder. `evaluate(profile, case, label)` makes the metrics of one run; it is called from several threads."""
+class TrialResults:
+    """What the trials of a space have shown so far, and the ranking that follows from it alone."""
 
-    def __init__(self, space: TuningSpace, folder: Path) -> None:
+    def __init__(self, space: TuningSpace) -> None:
         self.space = space
-        self.folder = folder
         self.trials = space.sampled()
         self._results: dict[tuple[int, str], Metrics] = {}
-        self._open()
 
-    @property
-    def done(self) -> int:
-        """How many results there are."""
-        return len(self._results)
+    def add(self, trial: int, case: Case, metrics: Metrics) -> None:
+        """Take the result of one run; raises BadInputError when a finished one lacks what the space weighs."""
+        self._check_names(metrics)
+        self._results[trial, case.name] = metrics
 
-    def run(self, evaluate: Evaluate, processes: int, on_result: Callable[[int, int, str], None]) -> list[Ranked]:
-        """Run what is missing and return the ranking. `on_result(done, of, text)` hears of every new result."""
-        cases = self.space.cases()
-        going = list(range(len(self.trials)))
-        planned = self._planned()
-        for rung, count in enumerate(self.space.rungs()):
-            wanted = [(t, case) for case in cases[:count] for t in going]
-            missing = [(t, case) for t, case in wanted if (t, case.name) not in self._results]
-            self._run_all(missing, evaluate, processes, lambda text: on_result(len(self._results), planned, text))
-            if rung + 1 < len(self.space.rungs()):
-                keep = math.ceil(len(going) / self.space.halving)
-                best = [r.trial for r in self._ranked(going, count)][:keep]
-                going = sorted({0, *best})
-        return self.ranking()
+    def going_on(self, going: Iterable[int], cases: int) -> list[int]:
+        """Return the trials that go on to more cases: the best 1/`halving` of those that were going, and the defaults."""
+        ranked = self._ranked(going, cases)
+        keep = math.ceil(len(ranked) / self.space.halving)
+        return sorted({0, *(r.trial for r in ranked[:keep])})
 
     def ranking(self) -> list[Ranked]:
         """Return all trials, best first: valid before invalid, those with more cases first."""
@@ -128,25 +113,6 @@ class TuningStudy:
             reference = statistics.median(values)
         return float(metrics[name]) / reference if reference else 1.0
 
-    def _run_all(
-        self, jobs: list[tuple[int, Case]], evaluate: Evaluate, processes: int, say: Callable[[str], None]
-    ) -> None:
-        with ThreadPoolExecutor(processes) as pool:
-            futures = {
-                pool.submit(evaluate, self.space.profile(self.trials[t]), case, self._label(t, case)): (t, case)
-                for t, case in jobs
-            }
-            try:
-                for future in as_completed(futures):
-                    trial, case = futures[future]
-                    metrics = future.result()
-                    self._check_names(metrics)
-                    self._keep(trial, case, metrics)
-                    say(f"{self._label(trial, case)}: {metrics.get('ended')}")
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-
     def _check_names(self, metrics: Metrics) -> None:
         if metrics.get("ended") != FINISHED:
             return
@@ -158,45 +124,9 @@ class TuningStudy:
             if not _is_number(metrics[name]):
                 raise BadInputError(f"the study weighs {name!r}, which is {metrics[name]!r} in a finished run")
 
-    def _planned(self) -> int:
-        """How many results there will be when nothing fails to go on."""
-        going, total, before = len(self.trials), 0, 0
-        for count in self.space.rungs():
-            total, before = total + going * (count - before), count
-            going = math.ceil(going / self.space.halving)
-        return total
-
     def _cases_done(self, trial: int) -> int:
         names = [case.name for case in self.space.cases()]
         return next((k for k, name in enumerate(names) if (trial, name) not in self._results), len(names))
-
-    # The folder
-
-    def _label(self, trial: int, case: Case) -> str:
-        return f"{trial:04d}-{case.name}"
-
-    def _open(self) -> None:
-        """Make the folder, or check that it holds this study and load its results."""
-        own = as_values(self.space)
-        kept = self.folder / "study.json"
-        if kept.exists():
-            there = json.loads(kept.read_text(encoding="utf-8"))
-            changed = sorted(k for k in own if k != _GROWING and json.loads(json.dumps(own[k])) != there.get(k))
-            if changed:
-                raise BadInputError(
-                    f"{self.folder} holds another study: {', '.join(changed)} differ; choose another --out"
-                )
-        (self.folder / "results").mkdir(parents=True, exist_ok=True)
-        write_whole(kept, json.dumps(own, indent=2) + "\n")
-        for file in sorted((self.folder / "results").glob("*.jsonl")):
-            record = json.loads(file.read_text(encoding="utf-8"))
-            if record["trial"] < len(self.trials):
-                self._results[record["trial"], record["case"]] = record["metrics"]
-
-    def _keep(self, trial: int, case: Case, metrics: Metrics) -> None:
-        record = {"trial": trial, "case": case.name, "values": self.trials[trial], "metrics": metrics}
-        write_whole(self.folder / "results" / f"{self._label(trial, case)}.jsonl", json.dumps(record) + "\n")
-        self._results[trial, case.name] = metrics
 
 
 def ranking_lines(ranking: Iterable[Ranked]) -> Iterable[str]:

@@ -39,15 +39,15 @@ class GridWorld:
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         self._body = (x * x + y * y <= reach * reach).astype(np.uint8)
         self._rays = rays
-        self._reach_cells = sensor_range / spec.resolution
-        self._reachable = np.isfinite(distance_field(self._inflate(truth), spec, start))
+        self.reach_cells = sensor_range / spec.resolution
+        self.reachable = np.isfinite(distance_field(self._inflate(truth), spec, start))
         self.sense()
 
     def sense(self) -> None:
         """Mark what the scanner sees from here: free cells up to the first occupied one, and that one."""
         x = (self.pose.x - self.spec.origin_x) / self.spec.resolution
         y = (self.pose.y - self.spec.origin_y) / self.spec.resolution
-        sense(self.truth, OCC_OCCUPIED, x, y, self._rays, self._reach_cells, OCC_FREE, OCC_OCCUPIED, self.built)
+        sense(self.truth, OCC_OCCUPIED, x, y, self._rays, self.reach_cells, OCC_FREE, OCC_OCCUPIED, self.built)
 
     def map(self, stamp_ns: int) -> OccupancyGrid:
         """Return the map built so far."""
@@ -59,8 +59,8 @@ class GridWorld:
 
     def coverage(self) -> float:
         """Return the share of the cells that the robot can reach that it has seen free."""
-        seen = np.count_nonzero(self._reachable & (self.built == OCC_FREE))
-        return seen / int(np.count_nonzero(self._reachable))
+        seen = np.count_nonzero(self.reachable & (self.built == OCC_FREE))
+        return seen / int(np.count_nonzero(self.reachable))
 
     def drive(self, map_from_goal: SE2, distance: float, step: float = 0.25) -> bool | None:
         """Follow the shortest path for a distance, sensing every `step` metres; True: arrived, None: no path, False: under way."""
@@ -72,7 +72,7 @@ class GridWorld:
             cell = self.spec.cell_of(self.pose.x, self.pose.y)
             if cell == (iy, ix):
                 break
-            best = self._downhill(to_goal, cell)
+            best = self.downhill(to_goal, cell)
             if best is None:
                 return None
             x, y = self.spec.center_of(*best)
@@ -84,7 +84,12 @@ class GridWorld:
         self.sense()
         return self.spec.cell_of(self.pose.x, self.pose.y) == (iy, ix)
 
-    def _downhill(self, to_goal: NDArray[np.float32], cell: tuple[int, int]) -> tuple[int, int] | None:
+    def distances_from(self, place: SE2) -> NDArray[np.float32]:
+        """Return the path lengths from a place to every cell of the true grid, metres; inf: the robot cannot go there."""
+        return self._distance_field(self._inflate(self.truth), self.spec, place)
+
+    def downhill(self, to_goal: NDArray[np.float32], cell: tuple[int, int]) -> tuple[int, int] | None:
+        """Return the neighbour of a cell that is nearest to the goal of a distance field, None when none is nearer."""
         best, lowest = None, float(to_goal[cell])
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
@@ -96,9 +101,12 @@ class GridWorld:
     def _inflate(self, occupancy: NDArray[np.int8]) -> NDArray[np.uint8]:
         hit = cv2.dilate((occupancy >= OCC_OCCUPIED).astype(np.uint8), self._body)
         iy, ix = self.spec.cell_of(self.pose.x, self.pose.y)
-        reach = self._body.shape[0] // 2
-        around = np.s_[max(0, iy - reach) : iy + reach + 1, max(0, ix - reach) : ix + reach + 1]
-        hit[around][occupancy[around] < OCC_OCCUPIED] = 0  # the robot fits where it stands, and may leave
+        if hit[
+            iy, ix
+        ]:  # the robot fits where it stands, and may leave; elsewhere it would squeeze itself into where it cannot come back from
+            reach = self._body.shape[0] // 2
+            around = np.s_[max(0, iy - reach) : iy + reach + 1, max(0, ix - reach) : ix + reach + 1]
+            hit[around][occupancy[around] < OCC_OCCUPIED] = 0
         costs = np.where(occupancy < 0, COST_UNKNOWN, COST_FREE).astype(np.uint8)
         costs[hit > 0] = COST_LETHAL
         return costs

@@ -214,18 +214,23 @@ def search(weights, start_y, start_x, goal_y, goal_x, least, most, cost, state):
 
 
 @jit
-def extract_path(state, goal_y, goal_x, out):
-    """Write the packed cells from the goal back to the start into `out` int32; returns how many there are (out may be too short)."""
-    iy, ix, n = goal_y, goal_x, 0
-    while True:
-        if n < len(out):
-            out[n] = (iy << 16) | ix
-        n += 1
+def path_points(state, goal_y, goal_x):
+    """Return the centres of the path's cells from the start to the goal, float64 (N, 2) of (y, x) in cells; cell i covers [i, i + 1)."""
+    iy, ix, n = goal_y, goal_x, 1
+    while np.int64(state[iy, ix]) & 15 != START:
         move = np.int64(state[iy, ix]) & 15
-        if move == START:
-            return n
         iy -= _MOVE_Y[move]
         ix -= _MOVE_X[move]
+        n += 1
+    out = np.empty((n, 2))
+    iy, ix = goal_y, goal_x
+    for k in range(n - 1, -1, -1):
+        out[k, 0], out[k, 1] = iy + 0.5, ix + 0.5
+        move = np.int64(state[iy, ix]) & 15
+        if move != START:
+            iy -= _MOVE_Y[move]
+            ix -= _MOVE_X[move]
+    return out
 
 
 @jit
@@ -350,82 +355,6 @@ def distance_field(costs, start_iy, start_ix, lethal_from, resolution, out):
             out[iy, ix] = d * scale if d != limit else np.inf
 
 
-@jit
-def segment_cost(weights, y0, x0, y1, x1, most):
-    """Return the integral of the weights along a straight segment (cells; cell i covers [i, i + 1)), or -1 when it touches a cell
-    that is blocked or dearer than `most`; where it passes a corner exactly, both neighbours count as touched."""
-    iy, ix = int(np.floor(y0)), int(np.floor(x0))
-    end_y, end_x = int(np.floor(y1)), int(np.floor(x1))
-    dy, dx = y1 - y0, x1 - x0
-    length = np.sqrt(dy * dy + dx * dx)
-    w = weights[iy, ix]
-    if w == 0 or w > most:
-        return -1.0
-    step_y, step_x = (1 if dy > 0 else -1), (1 if dx > 0 else -1)
-    far = 1e30
-    per_y = abs(1.0 / dy) if dy != 0.0 else far
-    per_x = abs(1.0 / dx) if dx != 0.0 else far
-    next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * per_y if dy != 0.0 else far
-    next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * per_x if dx != 0.0 else far
-    t, total = 0.0, 0.0
-    for _ in range(abs(end_y - iy) + abs(end_x - ix) + 2):
-        until = min(next_y, next_x)
-        if until >= 1.0 or (iy == end_y and ix == end_x):
-            break
-        total += (until - t) * w
-        t = until
-        if abs(next_y - next_x) < 1e-9:
-            for side in (weights[iy + step_y, ix], weights[iy, ix + step_x]):
-                if side == 0 or side > most:
-                    return -1.0
-            iy += step_y
-            ix += step_x
-            next_y += per_y
-            next_x += per_x
-        elif next_y < next_x:
-            iy += step_y
-            next_y += per_y
-        else:
-            ix += step_x
-            next_x += per_x
-        w = weights[iy, ix]
-        if w == 0 or w > most:
-            return -1.0
-    return (total + (1.0 - t) * w) * length
-
-
-@jit
-def shortcut(weights, points, window, keep):
-    """Mark in `keep` bool (N,) the corners of a shorter way through the points float64 (N, 2) of (y, x) in cells.
-
-    A run of points (at most `window`) is replaced by its chord when the chord costs no more than the run and touches no cell
-    that is blocked or dearer than the dearest of the run: it never comes closer to an obstacle. Returns the number kept.
-    """
-    n = len(points)
-    keep[:] = False
-    keep[0] = True
-    kept, i = 1, 0
-    while i < n - 1:
-        reach, run, most = i + 1, 0.0, weights[int(points[i, 0]), int(points[i, 1])]
-        j, due = i, i + 2
-        while j + 1 < n and j - i < window:
-            j += 1
-            w = weights[int(points[j, 0]), int(points[j, 1])]
-            run += segment_cost(weights, points[j - 1, 0], points[j - 1, 1], points[j, 0], points[j, 1], 65535)
-            most = max(most, w)
-            if j < due and j + 1 < n:
-                continue
-            chord = segment_cost(weights, points[i, 0], points[i, 1], points[j, 0], points[j, 1], most)
-            if j > i + 1 and (chord < 0.0 or chord > run * (1.0 + 1e-9)):
-                break
-            reach = j
-            due = j + 1 + (j - i) // 8
-        i = reach
-        keep[i] = True
-        kept += 1
-    return kept
-
-
 def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     costs = np.zeros((3, 3), np.uint8)
@@ -440,6 +369,4 @@ def warm_up() -> None:
         cost = np.full((5, 5), 1 << 30, kind)
         search(weights, 1, 1, 3, 3, 50, 252, cost, state)
         nearest_reached(cost, 3, 3)
-    extract_path(state, 3, 3, np.zeros(9, np.int32))
-    segment_cost(weights, 1.5, 1.5, 2.5, 3.5, 65535)
-    shortcut(weights, np.array([[1.5, 1.5], [2.5, 2.5]]), 100, np.zeros(2, np.bool_))
+    path_points(state, 3, 3)

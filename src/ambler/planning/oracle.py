@@ -1,4 +1,4 @@
-"""The planner's graph handed to SciPy's Dijkstra: the slow twin of the tests and the peer of the benchmark."""
+"""Peers of the planner, for tests and the benchmark: its graph handed to SciPy's Dijkstra, and the gradient path of a full potential."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from ambler.kernels import gradient_path as gradient
 from ambler.kernels.graph_search import DIAGONAL, STRAIGHT
 
 F64 = NDArray[np.float64]
@@ -44,3 +45,17 @@ def sweep(graph: csr_array, start: int) -> F64:
     """Return the least cost from one node of a symmetric graph to every node, float64 (n,)."""
     costs: F64 = np.asarray(dijkstra(graph, directed=False, indices=np.array([start])), np.float64)
     return costs.reshape(-1)
+
+
+def gradient_path(weights: NDArray[np.uint16], start: tuple[int, int], goal: tuple[int, int]) -> F64 | None:
+    """Return the points (N, 2) of (y, x) in cells down the gradient of the full potential; None when it finds no way.
+
+    `weights` has a border of blocked cells (`graph_search.weigh`), and the cells (iy, ix) are counted with it.
+    """
+    levels = np.empty(weights.shape)
+    gradient.potential(weights, goal[0], goal[1], levels)
+    if not np.isfinite(levels[start]):
+        return None
+    points = np.empty((4 * weights.size, 2))
+    n = gradient.descend(levels, start[0], start[1], goal[0], goal[1], points)
+    return points[:n].copy() if n else None

@@ -1,4 +1,5 @@
-"""Path lengths and times of each strategy, with an ideal scanner and robot and the real mission.
+"""Path lengths and times of each strategy, with an ideal scanner and robot and the real mission, beside the tour of somebody who knows
+the plan.
 
 Places are the simulator's worlds, seen with the scanner of `diff`, and floor plans, seen as far as their authors saw (80 pixels).
 """
@@ -14,6 +15,7 @@ import numpy as np
 
 from ambler.core.errors import BadInputError
 from ambler.exploration.grid_world import GridWorld
+from ambler.exploration.known_tour import KnownTour, known_tour
 from ambler.exploration.strategies import STRATEGIES, Strategy, strategy_named
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
 from ambler.missions.explore import ExploreMission
@@ -42,16 +44,32 @@ COLUMNS = (
 )
 
 
-def measure(
-    places: Sequence[Place], strategies: Sequence[str], tell: Callable[[str], None]
-) -> dict[str, list[Exploration]]:
-    """Explore every place with every strategy; tells a line of each place, returns each strategy's explorations."""
-    results: dict[str, list[Exploration]] = {name: [] for name in strategies}
+LEAST_TOUR = 10.0  # metres; shorter tours see their place from the start or nearly so, and a ratio to them says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """The explorations of each strategy and the tours with full knowledge, both in the order of the places."""
+
+    explorations: dict[str, list[Exploration]]
+    tours: list[KnownTour]
+
+    @property
+    def is_good(self) -> bool:
+        """Whether every exploration ended with proof, and saw enough."""
+        return all(e.is_good for explorations in self.explorations.values() for e in explorations)
+
+
+def measure(places: Sequence[Place], strategies: Sequence[str], tell: Callable[[str], None]) -> Findings:
+    """Explore every place with every strategy, and plan its tour with full knowledge; tells a line of each place."""
+    found = Findings({name: [] for name in strategies}, [])
     for label, make in places:
         for name in strategies:
-            results[name].append(explore(make(), strategy_named(name, distance_field)))
-        tell(f"{label}: " + ", ".join(results[name][-1].words(name) for name in strategies))
-    return results
+            found.explorations[name].append(explore(make(), strategy_named(name, distance_field)))
+        found.tours.append(known_tour(make()))
+        words = ", ".join(found.explorations[name][-1].words(name) for name in strategies)
+        tell(f"{label}: {words}; with full knowledge {found.tours[-1].length:.0f} m")
+    return found
 
 
 def check_strategies(names: Sequence[str]) -> None:
@@ -71,6 +89,29 @@ def compare(results: Mapping[str, Sequence[Exploration]]) -> dict[str, Any]:
         for column in ("path_at_98pct_m", "path_explored_m", "path_total_m", "path_weighted_m"):
             ratio = fields[f"{first}_{column}_mean"] / fields[f"{peer}_{column}_mean"]
             fields[f"{column}_ratio_vs_{peer}"] = round(ratio, 4)
+    return fields
+
+
+def compare_with_tours(found: Findings) -> dict[str, Any]:
+    """Return, over the places whose tour with full knowledge is LEAST_TOUR long, the medians of the tours and of the strategies' whole ways
+    in metres, and of the ratios of the ways to the tours, with their highest."""
+    tours = np.array([tour.length for tour in found.tours])
+    counts = tours >= LEAST_TOUR
+    fields: dict[str, Any] = {"places_with_tour": int(counts.sum())}
+    if not counts.any():
+        return fields
+    fields |= {
+        "known_tour_m_median": round(float(np.median(tours[counts])), 4),
+        "known_tour_coverage_ratio_least": round(min(t.coverage for t in found.tours), 4),
+    }
+    for name, explorations in found.explorations.items():
+        ways = np.array([e.total for e in explorations])[counts]
+        ratios = ways / tours[counts]
+        fields |= {
+            f"{name}_way_m_median": round(float(np.median(ways)), 4),
+            f"{name}_ratio_vs_known_tour_median": round(float(np.median(ratios)), 4),
+            f"{name}_ratio_vs_known_tour_max": round(float(ratios.max()), 4),
+        }
     return fields
 
 

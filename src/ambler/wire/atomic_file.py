@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 
 def write_whole(path: Path, data: bytes | str) -> None:
-    """Write bytes, or text as UTF-8, beside `path`, bring them to the disk, and only then put them in its place; raises OSError."""
+    """Write bytes, or text as UTF-8, beside `path`, bring them to the disk, and only then put them in its place; raises OSError.
+
+    When it returns, the name is on the disk, too: the folder is synchronized after the file.
+    """
     partial = path.with_name(path.name + ".partial")
     try:
         with partial.open("wb") as file:
@@ -18,3 +22,14 @@ def write_whole(path: Path, data: bytes | str) -> None:
     except OSError:
         partial.unlink(missing_ok=True)
         raise
+    _bring_to_disk(path.parent)
+
+
+def _bring_to_disk(folder: Path) -> None:
+    """Synchronize a folder, where its file system can do that."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +15,12 @@ from hypothesis import strategies as st
 
 from ambler.cli.main import main
 from ambler.core.errors import BadInputError
-from ambler.evaluation.tuning import Ranked, TuningStudy, write_best, write_ranking
+from ambler.evaluation.tuning import Ranked, write_best, write_ranking
 from ambler.evaluation.tuning_report import effect, study_fields, write_study_report
 from ambler.evaluation.tuning_space import Bound, Case, Parameter, TuningSpace, load_space
+from ambler.studies import demo_process, pool
+from ambler.studies.pool import LocalPool, Pool, ThisProcess
+from ambler.studies.tuning_study import TrialCase, tune
 
 SPACE = TuningSpace(
     {
@@ -34,8 +36,9 @@ SPACE = TuningSpace(
 )
 
 
-def fake(profile: dict[str, Any], case: Case, label: str) -> dict[str, Any]:
+def fake(trial: TrialCase, folder: Path) -> dict[str, Any]:
     """The best weight is 2; `near` does not matter; `greedy` collides in one case; the second seed is twice as long."""
+    profile, case = trial.settings.profile, trial.case
     rollout = profile.get("rollout", {})
     weight, strategy = rollout.get("weight_path", 3.0), profile.get("strategy", "tour")
     length = (40.0 + 10.0 * abs(weight - 2.0)) * (1 + case.seed)
@@ -43,12 +46,12 @@ def fake(profile: dict[str, Any], case: Case, label: str) -> dict[str, Any]:
     return {"ended": "finished", "path_length_m": length, "coverage_ratio": 0.99, "collisions": collisions}
 
 
-def ignore(done: int, planned: int, text: str) -> None:
+def ignore(text: str) -> None:
     """Nobody watches."""
 
 
-def run(folder: Path, space: TuningSpace = SPACE, processes: int = 1, evaluate: Any = fake) -> list[Ranked]:
-    return TuningStudy(space, folder).run(evaluate, processes, ignore)
+def run(folder: Path, space: TuningSpace = SPACE, pool: Pool | None = None, evaluate: Any = fake) -> list[Ranked]:
+    return tune(space, folder, pool or ThisProcess(), run=evaluate, tell=ignore)
 
 
 def test_the_best_valid_trial_wins_and_is_a_profile(tmp_path: Path) -> None:
@@ -57,7 +60,7 @@ def test_the_best_valid_trial_wins_and_is_a_profile(tmp_path: Path) -> None:
     assert best.is_valid
     assert best.cases == 4
     assert best.values["strategy"] != "greedy"
-    tried = TuningStudy(SPACE, tmp_path).trials
+    tried = SPACE.sampled()
     allowed = [t for t in tried[1:] if t["strategy"] != "greedy"]
     assert best.values == min(allowed, key=lambda t: abs(float(t["rollout.weight_path"]) - 2.0))
     write_best(tmp_path / "best.yaml", SPACE.profile(best.values), "made by a test")
@@ -89,48 +92,58 @@ def test_half_of_the_trials_go_on(tmp_path: Path) -> None:
 
 
 def test_runs_under_way_do_not_change_the_end(tmp_path: Path) -> None:
-    assert run(tmp_path / "one", processes=1) == run(tmp_path / "four", processes=4)
+    assert run(tmp_path / "one") == run(tmp_path / "two", pool=LocalPool(2))
 
 
 class Killed(BaseException):
     """Not an Exception: nothing may swallow it."""
 
 
+calls: list[str] = []
+dies_after = 0
+
+
+def counted(trial: TrialCase, folder: Path) -> dict[str, Any]:
+    """The made-up objective, until it has been called so many times."""
+    if len(calls) == dies_after:
+        raise Killed
+    calls.append(trial.label)
+    return fake(trial, folder)
+
+
 @pytest.mark.parametrize("after", [1, 7, 33])
-def test_killed_and_restarted_it_goes_on_to_the_same_end(after: int, tmp_path: Path) -> None:
-    calls: list[str] = []
-
-    def dying(profile: dict[str, Any], case: Case, label: str) -> dict[str, Any]:
-        if len(calls) == after:
-            raise Killed
-        calls.append(label)
-        return fake(profile, case, label)
-
+def test_killed_and_restarted_it_goes_on_to_the_same_end(
+    after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(globals(), "dies_after", after)
+    calls.clear()
     with pytest.raises(Killed):
-        run(tmp_path / "killed", evaluate=dying)
-    (tmp_path / "killed" / "results" / "0099-office-diff-0.jsonl.part").write_text("{half a")
-
-    def counting(profile: dict[str, Any], case: Case, label: str) -> dict[str, Any]:
-        calls.append(label)
-        return fake(profile, case, label)
-
-    ranking = run(tmp_path / "killed", evaluate=counting)
+        run(tmp_path / "killed", evaluate=counted)
+    monkeypatch.setitem(globals(), "dies_after", -1)
+    ranking = run(tmp_path / "killed", evaluate=counted)
     assert ranking == run(tmp_path / "whole")
     assert len(calls) == len(set(calls)), "nothing is run twice"
 
 
-def test_a_study_may_grow_but_not_change(tmp_path: Path) -> None:
-    run(tmp_path)
-    larger = TuningStudy(replace(SPACE, trials=32), tmp_path)
-    assert larger.trials[:16] == TuningSpace.sampled(SPACE)
-    assert larger.done > 0
-    with pytest.raises(BadInputError, match="holds another study: objective, seed differ"):
-        TuningStudy(replace(SPACE, seed=1, objective={"sim_seconds": 1.0}), tmp_path)
+def test_a_study_may_grow_and_weigh_otherwise_without_running_again_what_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(globals(), "dies_after", -1)
+    calls.clear()
+    run(tmp_path, evaluate=counted)
+    first = set(calls)
+    assert replace(SPACE, trials=32).sampled()[:16] == SPACE.sampled()
+    run(tmp_path, replace(SPACE, trials=32), evaluate=counted)
+    assert len(calls) == len(set(calls))
+    assert set(calls) > first
+    calls.clear()
+    run(tmp_path, replace(SPACE, objective={"path_length_m": -1.0}, seeds=(0,)), evaluate=counted)
+    assert calls == []
 
 
 def test_crashed_runs_are_invalid_and_defaults_that_crash_are_replaced_as_reference(tmp_path: Path) -> None:
-    def crashing(profile: dict[str, Any], case: Case, label: str) -> dict[str, Any]:
-        return fake(profile, case, label) if profile else {"ended": "crashed", "why": "no power"}
+    def crashing(trial: TrialCase, folder: Path) -> dict[str, Any]:
+        return fake(trial, folder) if trial.trial else {"ended": "crashed", "why": "no power"}
 
     ranking = run(tmp_path, evaluate=crashing)
     assert ranking[0].is_valid
@@ -205,23 +218,27 @@ def test_files_of_worlds_and_robots_make_names_fit_for_files() -> None:
     assert Case("office", "diff+ultrasonic", 3).name == "office-diff+ultrasonic-3"
 
 
-@pytest.mark.parametrize("code", [130, -signal.SIGINT, -signal.SIGTERM])
-def test_an_interrupted_study_ends_with_130_and_keeps_nothing_of_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], code: int
-) -> None:
-    monkeypatch.setattr(subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, code))
-    space = {"parameters": {"rollout.near_speed": {"range": [0.2, 0.5]}}, "worlds": ["lab_empty"], "trials": 2}
-    (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
-    assert main(["tune", str(tmp_path / "space.yaml"), "--out", str(tmp_path / "study")]) == 130
-    assert capsys.readouterr().err == "ambler: interrupted\n"
-    assert list((tmp_path / "study" / "results").iterdir()) == []
-
-
-def test_a_killed_run_ends_the_study_with_its_name(
+def test_the_verb_searches_ranks_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, -signal.SIGKILL))
-    space = {"parameters": {"rollout.near_speed": {"range": [0.2, 0.5]}}, "worlds": ["lab_empty"], "trials": 2}
+    ran: list[list[str]] = []
+
+    def demo(command: list[str], **kwargs: Any) -> subprocess.CompletedProcess[bytes]:
+        ran.append(command)
+        result = {"ended": "finished", "collisions": 0, "path_length_m": 20.0 - len(ran), "sim_seconds": 9.0}
+        Path(command[command.index("--json") + 1]).write_text(json.dumps(result))
+        (Path(command[command.index("--out") + 1]) / "run").mkdir(exist_ok=True)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(demo_process.subprocess, "run", demo)
+    monkeypatch.setattr(pool, "LocalPool", lambda processes: ThisProcess())
+    space = {"parameters": {"rollout.near_speed": {"range": [0.2, 0.5]}}, "worlds": ["lab_empty"], "trials": 3}
     (tmp_path / "space.yaml").write_text(yaml.safe_dump(space))
-    assert main(["tune", str(tmp_path / "space.yaml"), "--out", str(tmp_path / "study")]) == 1
-    assert "RUN_KILLED: 0000-lab_empty-diff-0" in capsys.readouterr().err
+    words = ["tune", str(tmp_path / "space.yaml"), "--out", str(tmp_path / "study")]
+    assert main(words) == 0
+    assert len(ran) == 3
+    assert "best: trial 2" in capsys.readouterr().out
+    assert not list((tmp_path / "study" / "tune").rglob("run"))
+    assert yaml.safe_load((tmp_path / "study" / "best.yaml").read_text())["rollout"]["near_speed"]
+    assert main(words) == 0
+    assert len(ran) == 3
