@@ -74,6 +74,8 @@ class _Person(Entry):
     speed: float = Field(default=1.1, gt=0, le=3)
     radius: float = Field(default=0.25, gt=0)
     height: float = Field(default=1.75, gt=0)
+    yields: bool | None = None
+    mass: float = Field(default=75.0, gt=0)
     name: str | None = None
 
 
@@ -131,6 +133,8 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
             p.speed,
             p.radius,
             p.height,
+            p.yields,
+            p.mass,
         )
         for k, p in enumerate(entry.people)
     )
