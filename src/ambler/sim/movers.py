@@ -84,7 +84,7 @@ class Walker:
                 self._waited, self._direction = 0.0, -self._direction
                 self._turn_back()
             return
-        self._waited = 0.0
+        self._waited = max(0.0, self._waited - DT)  # who gets on by inches is held all the same
         self.at = (self.at + self._direction * self._speed * DT) % self.length
         self.wish = self.place(self.at)
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.evaluation.collisions import find_collisions, find_contacts
+from ambler.evaluation.collisions import find_contacts
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
 from ambler.sim.world_file import load_world
