@@ -21,6 +21,7 @@ from ambler.kernels.footprint import footprint_edges
 from ambler.kernels.movers import starts_contact
 
 F64 = NDArray[np.float64]
+MOMENTS = 80  # of a motion that are looked at, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,7 @@ class Yielding:
         self._plan = np.array([config.reaction, config.hold, *brakes, config.calm, config.slow, config.step])
         self.hypotheses = np.zeros((0, 6))
         """Where movers may go, float64 (H, 6) of (x, y, vx, vy, radius, growth) from now on, in the odom frame."""
+        self._past = np.zeros((MOMENTS, 6))
         self._pose = np.zeros(3)
         self._now = np.zeros(3)
 
@@ -88,7 +90,7 @@ class Yielding:
         if self.is_alone:
             return math.inf
         twist = np.array([wanted.vx, wanted.vy, wanted.wz])
-        shape = (self._normals, self._offsets, self._corners)
+        shape = (self._normals, self._offsets, self._corners, self._past)
         return float(starts_contact(self._pose, self._now, twist, self._plan, self.hypotheses, *shape))
 
     def limited(self, wanted: BodyVelocity) -> BodyVelocity:

@@ -368,7 +368,8 @@ class Contact(Message):
     """A contact of the robot with something that is not the ground, as the simulator's ground truth sees it.
 
     `approach` is told of somebody who walks: the fastest speed (m/s) at which the point of the robot that is touched moved towards him
-    within the last half second, negative if it only moved away; None for everything else.
+    within the last half second, negative if it only moved away; and of what a robot meets within half a second after somebody touched it, who may
+    have pushed it there: the speed at which it drove itself. None for everything else.
     """
 
     stamp_ns: int

@@ -13,7 +13,7 @@ from ambler.kernels.footprint import footprint_edges
 from ambler.kernels.jit import jit
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-STANDING, CAME, MOVING = 0, 1, 2
+STANDING, BESIDE, CAME, MOVING = 0, 1, 2, 3
 MISSES = 2  # scans in a row that must look through an occupied cell before it counts as free
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
 
@@ -32,7 +32,8 @@ def _cell(x, y, resolution, size, keys, states):
 
 @jit
 def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resolution, age, grid, times, out):
-    """Take one scan and write uint8 (N,) into `out`: of each point whether it stands, came later into what was free, or moves.
+    """Take one scan and write uint8 (N,) into `out`: of each point whether it stands, came into what was free beside something that stands,
+    came into what was free, or moves.
 
     All places float64 (., 2) in a frame that does not move; `starts` and `free_starts` (N, 2) or (1, 2). `grid` int64 (5, size * size): key,
     state, scan of the last hit, scans that looked through since, the last of them; `times` float64 (2, size * size): since when a cell is
@@ -65,9 +66,11 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
             for dx in range(-1, 2):
                 x, y = points[i, 0] + dx * resolution, points[i, 1] + dy * resolution
                 n = _cell(x, y, resolution, size, keys, states)
-                if states[n] == UNKNOWN:  # the far side of a wall that rays have grazed
-                    out[i] = STANDING
-                elif states[n] == OCCUPIED and (was_free[n] == 0.0 or now - since[n] > age):
+                if states[n] == UNKNOWN or (
+                    states[n] == OCCUPIED and was_free[n] == 0.0
+                ):  # the far side of a wall that rays have grazed
+                    out[i] = BESIDE
+                elif states[n] == OCCUPIED and now - since[n] > age:
                     out[i] = min(out[i], CAME)
 
 
@@ -144,48 +147,55 @@ def outline_distance(x, y, normals, offsets, corners, nearest):
 
 
 @jit
-def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners):
+def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, past):
     """Say how soon (s) a motion would start a contact: the robot at `pose` (x, y, yaw) moves with `now` (vx, vy, wz), takes on `twist` after a
     reaction, keeps it for a while and then brakes to a stand; inf if it never does.
 
     `plan` is (reaction, hold, brake x, y (m/s^2), z (rad/s^2), calm, slow, step): a contact counts as started by the robot when, within `calm`
-    seconds before it, the nearest point of the footprint moved towards the mover faster than `slow`. `movers` float64 (K, 6) of (x, y, vx, vy,
-    radius, growth): a disc on its way from now on, its radius growing by so many m/s. All in one frame.
+    seconds before it, the touched point of the footprint moved towards the mover faster than `slow`. `movers` float64 (K, 6) of (x, y, vx, vy,
+    radius, growth): a disc on its way from now on, its radius growing by so many m/s. All in one frame. `past` float64 (T, 6) is scratch for
+    the poses and twists of all steps; what happened before now is done and does not count.
     """
-    reaction, hold, calm, slow, dt = plan[0], plan[1], plan[5], plan[6], plan[7]
+    reaction, hold, dt = plan[0], plan[1], plan[7]
     nearest = np.empty(2)
     stand = reaction + hold + max(abs(twist[0]) / plan[2], abs(twist[1]) / plan[3], abs(twist[2]) / plan[4])
-    steps = int(math.ceil((stand + calm) / dt))
-    last = np.full(movers.shape[0], -1e9)
+    steps = min(past.shape[0] - 1, int(math.ceil((stand + plan[5]) / dt)))
     x, y, yaw = pose[0], pose[1], pose[2]
     for k in range(steps + 1):
         t = k * dt
-        if t < reaction:
-            vx, vy, wz = now[0], now[1], now[2]
-        else:
+        vx, vy, wz = now[0], now[1], now[2]
+        if t >= reaction:
             since = max(0.0, t - reaction - hold)
             vx = math.copysign(max(0.0, abs(twist[0]) - plan[2] * since), twist[0])
             vy = math.copysign(max(0.0, abs(twist[1]) - plan[3] * since), twist[1])
             wz = math.copysign(max(0.0, abs(twist[2]) - plan[4] * since), twist[2])
+        past[k, 0], past[k, 1], past[k, 2] = x, y, yaw
+        past[k, 3], past[k, 4], past[k, 5] = vx, vy, wz
         c, s = math.cos(yaw), math.sin(yaw)
         for m in range(movers.shape[0]):
             dx, dy = movers[m, 0] + movers[m, 2] * t - x, movers[m, 1] + movers[m, 3] * t - y
             bx, by = c * dx + s * dy, -s * dx + c * dy
             gap = outline_distance(bx, by, normals, offsets, corners, nearest)
-            ux, uy = bx - nearest[0], by - nearest[1]
-            length = math.hypot(ux, uy)
-            if gap > 0.0 and length > 1e-9:
-                toward = ((vx - wz * nearest[1]) * ux + (vy + wz * nearest[0]) * uy) / length
-            else:
-                toward = math.hypot(vx - wz * by, vy + wz * bx)
-            if toward > slow:
-                last[m] = t
-            if gap <= movers[m, 4] + movers[m, 5] * t and t - last[m] <= calm:
+            if gap <= movers[m, 4] + movers[m, 5] * t and _came_nearer(nearest, movers[m], past, k, plan):
                 return t
         x += (c * vx - s * vy) * dt
         y += (s * vx + c * vy) * dt
         yaw += wz * dt
     return np.inf
+
+
+@jit
+def _came_nearer(point, mover, past, last, plan):
+    """Say whether a point of the robot moved towards a mover within the calm time before the step `last`."""
+    calm, slow, dt = plan[5], plan[6], plan[7]
+    for k in range(last, max(-1, last - int(math.ceil(calm / dt)) - 1), -1):
+        c, s = math.cos(past[k, 2]), math.sin(past[k, 2])
+        px, py = past[k, 0] + c * point[0] - s * point[1], past[k, 1] + s * point[0] + c * point[1]
+        ux, uy = mover[0] + mover[2] * k * dt - px, mover[1] + mover[3] * k * dt - py
+        bx, by = past[k, 3] - past[k, 5] * point[1], past[k, 4] + past[k, 5] * point[0]
+        if (c * bx - s * by) * ux + (s * bx + c * by) * uy > slow * math.hypot(ux, uy):
+            return True
+    return False
 
 
 def warm_up() -> None:
@@ -201,4 +211,6 @@ def warm_up() -> None:
     outline_distance(1.0, 0.0, normals, offsets, corners, np.zeros(2))
     plan = np.array([0.2, 0.2, 1.0, 1.0, 1.0, 0.5, 0.05, 0.1])
     movers = np.array([[2.0, 0.0, -1.0, 0.0, 0.3, 0.1]])
-    starts_contact(np.zeros(3), np.zeros(3), np.array([0.3, 0.0, 0.1]), plan, movers, normals, offsets, corners)
+    starts_contact(
+        np.zeros(3), np.zeros(3), np.array([0.3, 0.0, 0.1]), plan, movers, normals, offsets, corners, np.zeros((9, 6))
+    )

@@ -112,7 +112,7 @@ class MoverTracker:
         points = np.require(points, np.float64, ["C", "W"])
         kinds = self._judged(points, free_ends, starts, free_starts, now)
         places = self._groups(points, kinds, starts)
-        came = points[kinds != kernels.STANDING]
+        came = points[kinds != kernels.STANDING]  # beside a wall, too: who is known may lean on it
         for track in self._tracks:
             self._follow(track, places, came, points, starts, now)
         self._tracks += [_Track(place, now) for place in places]
@@ -121,9 +121,7 @@ class MoverTracker:
         self.movers = Movers(scan.stamp_ns, np.array(rows).reshape(-1, 6))
         return self.movers
 
-    def _judged(
-        self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float
-    ) -> NDArray[np.uint8]:
+    def _judged(self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float) -> NDArray[np.uint8]:
         self._scan += 1
         c, kinds = self._config, np.zeros(len(points), np.uint8)
         rays = [np.require(a, np.float64, ["C", "W"]) for a in (starts, free_ends, free_starts)]

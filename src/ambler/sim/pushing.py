@@ -1,4 +1,4 @@
-"""People as bodies of finite mass: each strives to where he wants to be, and leans no harder than `PUSH` on what he walks into.
+"""People as bodies of finite mass: each strives to where he wants to be; who walks into something halts, and leans on it with `PUSH`.
 
 A critically damped spring pulls him there, with the force of a walker who changes his pace; people and walls do not touch each other,
 because ways keep clear of walls and people halt for each other (`sim.movers`).
@@ -20,6 +20,8 @@ STIFFNESS = 20.0  # 1/s: natural frequency of the spring
 PACE = 6.0  # m/s^2 with which a person turns or halts
 PUSH = 100.0  # N with which a person leans on a robot: below the 140 N that ISO/TS 15066 allows on a body
 AFTER = 0.5  # seconds after a touch for which a person goes gently: an impact is no reason to take a run-up
+LEAN_SPEED = 0.15  # m/s above which somebody who has walked into something brakes
+SOFT = 0.04  # s: clothes and flesh; time constant of the contact
 PEOPLE_BIT = 2  # people meet robots (conaffinity 3) and nothing else
 
 
@@ -32,7 +34,7 @@ def person_xml(solid: Solid, place: str, mass: float) -> str:
         f'<joint name={quoteattr(f"{name}/x")} type="slide" axis="1 0 0"/>'
         f'<joint name={quoteattr(f"{name}/y")} type="slide" axis="0 1 0"/>'
         f'<geom name={quoteattr(f"{name}#person")} type="cylinder" size="{0.5 * solid.size_x!r} {half!r}"'
-        f' mass="{mass!r}" contype="{PEOPLE_BIT}" conaffinity="0"/></body>'
+        f' mass="{mass!r}" contype="{PEOPLE_BIT}" conaffinity="0" solref="{SOFT!r} 1"/></body>'
     )
 
 
@@ -70,7 +72,10 @@ class PushingPeople:
         self._gentle = np.maximum(0.0, self._gentle - self._dt)
         if is_met:
             self._gentle[np.isin(self._geoms, data.contact.geom)] = AFTER
-        most = np.where(self._gentle[:, None] > 0.0, np.minimum(PACE, PUSH / self._mass), PACE)
+        is_gentle = self._gentle[:, None] > 0.0
+        is_halting = is_gentle & (np.hypot(speed[:, :1], speed[:, 1:]) > LEAN_SPEED)
+        pull = np.where(is_halting, -2.0 * STIFFNESS * speed, pull)
+        most = np.where(is_gentle & ~is_halting, np.minimum(PACE, PUSH / self._mass), PACE)
         size = np.hypot(pull[:, :1], pull[:, 1:])
         force = self._mass * pull * np.minimum(1.0, most / np.maximum(size, 1e-9))
         data.qfrc_applied[self._dofs] = force.ravel()

@@ -172,12 +172,13 @@ class World:
         return self._physics.touches(self.bodies.index(body))
 
     def approach_of(self, body: Body, touch: Touch) -> float | None:
-        """Return how fast the touched point of a robot moved towards a person within the last half second at most (m/s); None for a touch
-        of anything else."""
+        """Return how fast the touched point of a robot moved towards a person within the last half second at most (m/s), and of a robot that
+        a person has just touched how fast it drove towards anything itself; None for every other touch."""
+        robot, point = self.bodies.index(body), touch.position[:2]
         person = self._people.get(touch.solid)
-        if person is None:
-            return None
-        return self._approaches.approach(self.bodies.index(body), person, touch.position[:2])
+        if person is not None:
+            return self._approaches.approach(robot, person, point)
+        return self._approaches.driven_speed(robot, point) if self._approaches.is_pushed(robot) else None
 
     def _tick(self) -> None:
         elapsed = self.elapsed_ns
@@ -185,10 +186,13 @@ class World:
             self._crowd.take(self._physics.people())
             self._crowd.update([b.footprint_world for b in self.bodies], self._faults, elapsed * 1e-9)
             self._physics.move(self._crowd.wishes)
-        self._physics.step([body.target(elapsed) for body in self.bodies])
+        targets = [body.target(elapsed) for body in self.bodies]
+        self._physics.step(targets)
         if self._people:
-            bases = [self._physics.carriage(k).to_se2() for k in range(len(self.bodies))]
-            self._approaches.note(bases, self._physics.people())
+            robots = range(len(self.bodies))
+            bases = [self._physics.carriage(k).to_se2() for k in robots]
+            touched = [k for k in robots if any(t.solid in self._people for t in self._physics.touches(k))]
+            self._approaches.note(bases, self._physics.people(), targets, touched)
         self.elapsed_ns = elapsed = elapsed + TICK_NS
         has_power = not self._faults.is_on(FaultKind.NO_POWER, elapsed * 1e-9)
         for k, body in enumerate(self.bodies):
