@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from ambler.control.config import RolloutConfig
 from ambler.control.goal_turn import GoalTurn
 from ambler.control.local_window import LocalWindow
+from ambler.control.passing import passing_discs
 from ambler.control.path_tracker import PathTracker
 from ambler.control.velocity_samples import velocity_samples
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.grid import GridSpec
+from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2, wrap_angle
@@ -59,6 +61,7 @@ class TrajectoryRollout:
         self._turn_sign = 0.0
         self._has_arrived = False
         self._is_escaping = False
+        self._movers = NOBODY
         self._top, self._grid = 0.0, np.zeros((0, 3))
         self.trajectory = np.zeros((0, 3))
         """Where the last command leads, float64 (N, 3) of (x, y, yaw) in the odom frame, for people to look at."""
@@ -83,6 +86,10 @@ class TrajectoryRollout:
             self._has_arrived = self._is_escaping = False
             self._turn_target, self._turn_sign = "", 0.0
             self._goal_turn.reset()
+
+    def set_movers(self, movers: Movers) -> None:
+        """Take the movers of now, in the odom frame; they count until the next call."""
+        self._movers = movers
 
     def compute_command(
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
@@ -233,8 +240,11 @@ class TrajectoryRollout:
         return None
 
     def _movers_ahead(self) -> F64:
-        """Return the movers of the rollout's start, measured from the corner of the grid."""
-        return np.zeros((0, 6))
+        """Return the movers of the rollout's start, measured from the corner of the grid, rows as `roll_out` takes them."""
+        rows = passing_discs(self._movers, self._config.reaction_time)
+        rows[:, 0] -= self._window.spec.origin_x
+        rows[:, 1] -= self._window.spec.origin_y
+        return rows
 
     def _path_ahead(self) -> F64:
         """Return the stretch of path that is scored, measured from the corner of the grid."""
@@ -267,7 +277,11 @@ class TrajectoryRollout:
         if best < 0:
             return None
         spec = self._window.spec
-        end = [out[best, END_X] + spec.origin_x, out[best, END_Y] + spec.origin_y, wrap_angle(float(out[best, END_YAW]))]
+        end = [
+            out[best, END_X] + spec.origin_x,
+            out[best, END_Y] + spec.origin_y,
+            wrap_angle(float(out[best, END_YAW])),
+        ]
         self.trajectory = np.vstack((self.trajectory, [end]))
         return BodyVelocity(float(samples[best, 0]), float(samples[best, 1]), float(samples[best, 2]))
 

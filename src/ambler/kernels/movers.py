@@ -66,9 +66,7 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
             for dx in range(-1, 2):
                 x, y = points[i, 0] + dx * resolution, points[i, 1] + dy * resolution
                 n = _cell(x, y, resolution, size, keys, states)
-                if states[n] == UNKNOWN or (
-                    states[n] == OCCUPIED and was_free[n] == 0.0
-                ):  # the far side of a wall that rays have grazed
+                if states[n] == OCCUPIED and was_free[n] == 0.0:
                     out[i] = BESIDE
                 elif states[n] == OCCUPIED and now - since[n] > age:
                     out[i] = min(out[i], CAME)

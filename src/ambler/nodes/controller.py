@@ -5,6 +5,7 @@ One motion at a time: a path or a recovery. Every end of a motion, whatever its 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ambler.control.checkers import GoalChecker, ProgressChecker
+from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
 from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
@@ -29,7 +31,7 @@ from ambler.core.messages import (
     Transforms,
     VelocityCommand,
 )
-from ambler.core.protocols import BodyVelocity, LocalPlanner
+from ambler.core.protocols import BodyVelocity, LocalPlanner, MoverAware
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
@@ -104,6 +106,7 @@ class ControllerNode(Node):
         self._yield_config = yielding if yielding is not None else YieldConfig()
         self._yielding = Yielding(self._yield_config, robot)
         self._yields_since_ns: int | None = None
+        self._window = LocalWindow(robot, RECOVERY_PADDING)
         self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)
         needed = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
         self._fresh: Topics = (*self._view.topics, *needed)
@@ -238,7 +241,10 @@ class ControllerNode(Node):
             self.ctx.newest(ODOMETRY)
             self._check_sight()
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
-            self._yielding.set_movers(self._view.movers(self.ctx.now_ns), odom_from_base, velocity)
+            movers = self._view.movers(self.ctx.now_ns)
+            self._yielding.set_movers(movers, odom_from_base, velocity)
+            if isinstance(self._planner, MoverAware):
+                self._planner.set_movers(movers)
             if self._recover is not None:
                 self._recover_step(odom_from_base)
             else:
@@ -296,13 +302,27 @@ class ControllerNode(Node):
             self._drive(command)
 
     def _drive(self, wanted: BodyVelocity) -> None:
-        """Send as much of a velocity as starts no contact with anybody who moves."""
+        """Send as much of a velocity as starts no contact with anybody who moves; a robot that has to stand gets out of his way if it can."""
         passed = self._yielding.limited(wanted)
-        if passed == wanted:
+        is_standing = passed == BodyVelocity() and not self._yielding.is_alone
+        if not is_standing:
             self._yields_since_ns = None
         elif self._yields_since_ns is None:
             self._yields_since_ns = self.ctx.now_ns
-        self._send(passed)
+        self._send(self._yielding.evasion(self._seen_slide) if is_standing else passed)
+
+    def _seen_slide(self, heading: float, length: float) -> float:
+        """Return how far the robot may slide along a heading of the odom frame through what it has seen to be free, at most `length` m."""
+        odom_from_base, _ = self._view.now(self.ctx.now_ns)
+        end = SE2(
+            odom_from_base.x + length * math.cos(heading),
+            odom_from_base.y + length * math.sin(heading),
+            odom_from_base.yaw,
+        )
+        if not self._view.has_seen(end.transform(self._robot.footprint)):
+            return 0.0
+        self._window.update(self._view.costmap.costs, self._view.costmap.spec)
+        return self._window.free_slide(odom_from_base, heading, length)
 
     def _is_yielding(self) -> bool:
         """Whether the robot waits for people, and has not done so for too long."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import StaleInputError, TransformError
+from ambler.core.grid import COST_UNKNOWN
 from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Transforms
 from ambler.core.movers import Movers
 from ambler.core.protocols import BodyVelocity
@@ -65,6 +66,16 @@ class LocalView:
     def movers(self, now_ns: int) -> Movers:
         """Return what moves, as the newest scan and its going on as before tell it for now."""
         return self._tracker.movers.at(now_ns)
+
+    def has_seen(self, points_odom: F64) -> bool:
+        """Whether a sensor has told of all the cells under points (N, 2) of the odom frame."""
+        cells = None if self._obstacles is None else self._obstacles.cells
+        if cells is None:
+            return False
+        spec = self.costmap.spec
+        places = spec.cells_of(points_odom)
+        is_inside = (places >= 0).all(axis=1) & (places < np.array(spec.shape)).all(axis=1)
+        return bool(is_inside.all() and (cells[places[:, 0], places[:, 1]] != COST_UNKNOWN).all())
 
     @property
     def uses_merged(self) -> bool:

@@ -36,6 +36,8 @@ class MoverConfig:
     alpha, beta     the gains that the fit fades to
     confirmed       measurements after which a track is believed, if it has moved by `way` metres and nothing stands within `vacated` metres
                     of where it began: a wall that comes into sight piece by piece leaves its first piece behind
+    close           metres from a scanner within which `close_confirmed` measurements and `close_way` metres are enough: there is no time for
+                    more, and walls that come into sight piece by piece lie farther off
     coast           seconds for which a track that nobody sees goes on
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
     """
@@ -53,6 +55,9 @@ class MoverConfig:
     confirmed: int = 3
     way: float = 0.3
     vacated: float = 0.15
+    close: float = 1.6
+    close_confirmed: int = 2
+    close_way: float = 0.1
     coast: float = 0.8
     speed_max: float = 2.0
     speed_min: float = 0.3
@@ -70,8 +75,8 @@ class _Track:
     def predicted(self, now: float) -> F64:
         return self.place + self.velocity * (now - self.at)
 
-    def measure(self, place: F64, now: float, config: MoverConfig, points: F64) -> None:
-        """Take a place; `points` (N, 2) are all that the scan hit."""
+    def measure(self, place: F64, now: float, config: MoverConfig, points: F64, starts: F64) -> None:
+        """Take a place; `points` (N, 2) are all that the scan hit, from `starts`."""
         self.count += 1
         k, dt = self.count, now - self.at
         alpha = max(config.alpha, 2.0 * (2 * k - 1) / (k * (k + 1)))
@@ -84,7 +89,9 @@ class _Track:
         if speed > config.speed_max:
             self.velocity = self.velocity * (config.speed_max / speed)
         self.at = self.seen = now
-        if not self.is_mover and self.count >= config.confirmed and math.dist(self.place, self.born) >= config.way:
+        is_close = float(np.hypot(*(starts - self.place).T).min()) < config.close
+        enough, way = (config.close_confirmed, config.close_way) if is_close else (config.confirmed, config.way)
+        if not self.is_mover and self.count >= enough and math.dist(self.place, self.born) >= way:
             self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()
         if self.is_mover and speed >= config.speed_min:
             self.walk = self.velocity
@@ -124,9 +131,23 @@ class MoverTracker:
     def _judged(self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float) -> NDArray[np.uint8]:
         self._scan += 1
         c, kinds = self._config, np.zeros(len(points), np.uint8)
-        rays = [np.require(a, np.float64, ["C", "W"]) for a in (starts, free_ends, free_starts)]
-        place = (now, self._scan, c.reach, c.resolution, c.age)
-        kernels.judge_points(points, *rays, *place, self._grid, self._times, kinds)
+        begins, ends, free_begins = (np.require(a, np.float64, ["C", "W"]) for a in (starts, free_ends, free_starts))
+        kernels.judge_points(
+            *(
+                points,
+                begins,
+                ends,
+                free_begins,
+                now,
+                self._scan,
+                c.reach,
+                c.resolution,
+                c.age,
+                self._grid,
+                self._times,
+                kinds,
+            )
+        )
         return kinds
 
     def _groups(self, points: F64, kinds: NDArray[np.uint8], starts: F64) -> list[F64]:
@@ -155,8 +176,8 @@ class MoverTracker:
             away = [math.dist(expected, place) for place in places]
             k = int(np.argmin(away))
             if away[k] <= c.gate:
-                track.measure(places.pop(k), now, c, points)
+                track.measure(places.pop(k), now, c, points, starts)
                 return
         near = came[np.hypot(*(came - expected).T) <= 0.7 * c.gate] if track.is_mover else came[:0]
         if len(near) >= c.min_points:
-            track.measure(self._middle(near, starts), now, c, points)
+            track.measure(self._middle(near, starts), now, c, points, starts)

@@ -86,4 +86,4 @@ class PushingPeople:
         return [(x, y) for x, y in self._here().tolist()] if self.count else []
 
     def _here(self) -> F64:
-        return self._origin + self._data.qpos[self._qpos].reshape(-1, 2)
+        return np.asarray(self._origin + self._data.qpos[self._qpos].reshape(-1, 2))
