@@ -60,5 +60,5 @@ class RolloutConfig:
     weight_clearance: float = 1.5
     weight_turn_change: float = 0.04
     weight_sideways: float = 0.3
-    weight_movers: float = 1.5
-    movers_near: float = 0.6
+    weight_movers: float = 4.0
+    movers_near: float = 0.5

@@ -61,8 +61,8 @@ class YieldConfig:
     speed_max: float = 0.5
     turn_max: float = 0.7
     patience: float = 30.0
-    evade_speed: float = 0.25
-    evade_length: float = 0.6
+    evade_speed: float = 0.4
+    evade_length: float = 0.8
     evade_seconds: float = 2.0
     evade_gain: float = 0.15
 

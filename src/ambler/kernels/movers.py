@@ -155,7 +155,7 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
     the poses and twists of all steps; what happened before now is done and does not count.
     """
     reaction, hold, dt = plan[0], plan[1], plan[7]
-    nearest = np.empty(2)
+    nearest, touched = np.empty(2), np.zeros((movers.shape[0], 5))
     stand = reaction + hold + max(abs(twist[0]) / plan[2], abs(twist[1]) / plan[3], abs(twist[2]) / plan[4])
     steps = min(past.shape[0] - 1, int(math.ceil((stand + plan[5]) / dt)))
     x, y, yaw = pose[0], pose[1], pose[2]
@@ -173,9 +173,24 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
         for m in range(movers.shape[0]):
             dx, dy = movers[m, 0] + movers[m, 2] * t - x, movers[m, 1] + movers[m, 3] * t - y
             bx, by = c * dx + s * dy, -s * dx + c * dy
+            if touched[m, 4] > 0.0:  # nobody walks through the robot: who has reached it stays where he touches it
+                tx, ty = vx - wz * touched[m, 1], vy + wz * touched[m, 0]
+                if tx * touched[m, 2] + ty * touched[m, 3] > plan[6]:
+                    return t
+                continue
             gap = outline_distance(bx, by, normals, offsets, corners, nearest)
-            if gap <= movers[m, 4] + movers[m, 5] * t and _came_nearer(nearest, movers[m], past, k, plan):
-                return t
+            if gap <= movers[m, 4] + movers[m, 5] * t:
+                if _came_nearer(nearest, movers[m], past, k, plan):
+                    return t
+                ux, uy = (bx - nearest[0], by - nearest[1]) if gap > 0.0 else (bx, by)
+                length = max(1e-9, math.hypot(ux, uy))
+                touched[m, 0], touched[m, 1], touched[m, 2], touched[m, 3] = (
+                    nearest[0],
+                    nearest[1],
+                    ux / length,
+                    uy / length,
+                )
+                touched[m, 4] = 1.0
         x += (c * vx - s * vy) * dt
         y += (s * vx + c * vy) * dt
         yaw += wz * dt

@@ -93,7 +93,7 @@ class _Track:
         enough, way = (config.close_confirmed, config.close_way) if is_close else (config.confirmed, config.way)
         if not self.is_mover and self.count >= enough and math.dist(self.place, self.born) >= way:
             self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()
-        if self.is_mover and speed >= config.speed_min:
+        if self.is_mover and speed >= max(config.speed_min, 0.8 * math.hypot(*self.walk)):
             self.walk = self.velocity
 
 
