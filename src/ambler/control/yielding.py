@@ -52,7 +52,7 @@ class YieldConfig:
     growth: float = 0.1
     reaction: float = 0.25
     hold: float = 0.1
-    calm: float = 0.55
+    calm: float = 0.65
     slow: float = 0.03
     step: float = 0.05
     scales: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)

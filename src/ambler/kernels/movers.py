@@ -15,6 +15,7 @@ from ambler.kernels.jit import jit
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 STANDING, BESIDE, CAME, MOVING = 0, 1, 2, 3
 MISSES = 2  # scans in a row that must look through an occupied cell before it counts as free
+LEANING = 0.25  # metres to either side of a touched point that a turning robot brings nearer to who leans there
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
 
 
@@ -175,7 +176,7 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
             bx, by = c * dx + s * dy, -s * dx + c * dy
             if touched[m, 4] > 0.0:  # nobody walks through the robot: who has reached it stays where he touches it
                 tx, ty = vx - wz * touched[m, 1], vy + wz * touched[m, 0]
-                if tx * touched[m, 2] + ty * touched[m, 3] > plan[6]:
+                if tx * touched[m, 2] + ty * touched[m, 3] + abs(wz) * LEANING > plan[6]:
                     return t
                 continue
             gap = outline_distance(bx, by, normals, offsets, corners, nearest)
