@@ -16,6 +16,7 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 STANDING, BESIDE, CAME, MOVING = 0, 1, 2, 3
 MISSES = 2  # scans in a row that must look through an occupied cell before it counts as free
 LEANING = 0.25  # metres to either side of a touched point that a turning robot brings nearer to who leans there
+AWAY = 0.7  # share of a motion that must lead away from who touches the robot, else it slides along him and pushes with what comes next
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
 
 
@@ -162,7 +163,7 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
     x, y, yaw = pose[0], pose[1], pose[2]
     for k in range(steps + 1):
         t = k * dt
-        vx, vy, wz = now[0], now[1], now[2]
+        vx, vy, wz = _faster(now[0], twist[0]), _faster(now[1], twist[1]), _faster(now[2], twist[2])
         if t >= reaction:
             since = max(0.0, t - reaction - hold)
             vx = math.copysign(max(0.0, abs(twist[0]) - plan[2] * since), twist[0])
@@ -176,7 +177,9 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
             bx, by = c * dx + s * dy, -s * dx + c * dy
             if touched[m, 4] > 0.0:  # nobody walks through the robot: who has reached it stays where he touches it
                 tx, ty = vx - wz * touched[m, 1], vy + wz * touched[m, 0]
-                if tx * touched[m, 2] + ty * touched[m, 3] + abs(wz) * LEANING > plan[6]:
+                away = -(tx * touched[m, 2] + ty * touched[m, 3]) - abs(wz) * LEANING
+                speed = math.hypot(tx, ty) + abs(wz) * LEANING
+                if speed > plan[6] and away < AWAY * speed:
                     return t
                 continue
             gap = outline_distance(bx, by, normals, offsets, corners, nearest)
@@ -196,6 +199,12 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
         y += (s * vx + c * vy) * dt
         yaw += wz * dt
     return np.inf
+
+
+@jit
+def _faster(now, wanted):
+    """Return the velocity that counts while nobody knows whether the base obeys already."""
+    return wanted if abs(wanted) > abs(now) else now
 
 
 @jit
