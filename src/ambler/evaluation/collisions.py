@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from ambler.core.messages import Contact
 
 MIN_SPEED = 0.05  # m/s
+GAP = 0.5  # seconds up to which contacts are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ def find_collisions(
     contacts: Iterable[Contact],
     *,
     min_speed: float = MIN_SPEED,
-    gap: float = 0.5,
+    gap: float = GAP,
     allowed: frozenset[str] = frozenset(),
 ) -> tuple[Collision, ...]:
     """Return the collisions among contacts: those that the robot caused, faster than `min_speed` (m/s), with anything whose name is not
@@ -44,7 +45,7 @@ def find_collisions(
 
 
 def find_contacts(
-    contacts: Iterable[Contact], *, gap: float = 0.5, allowed: frozenset[str] = frozenset()
+    contacts: Iterable[Contact], *, gap: float = GAP, allowed: frozenset[str] = frozenset()
 ) -> tuple[Collision, ...]:
     """Return all contacts with anything whose name is not `allowed`, whoever caused them; those at most `gap` seconds apart are one."""
     hits = [c for c in contacts if c.other_geom not in allowed]
