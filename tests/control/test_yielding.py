@@ -92,8 +92,14 @@ def test_without_yielding_the_same_robot_would_be_to_blame(monkeypatch: pytest.M
 
 def test_who_turns_round_before_the_robot_is_not_run_into() -> None:
     for turns_at in np.arange(0.0, 3.0, 0.25):
-        seconds, approach, _ = meet(DIFF, SE2(), BodyVelocity(0.8), (1.3, 0.0), (1.1, 0.0), float(turns_at))
+        seconds, approach, _ = meet(DIFF, SE2(), BodyVelocity(0.8), (1.1, 0.0), (0.4, 0.0), float(turns_at))
         assert math.isinf(seconds) or approach <= 0.05
+
+
+def test_who_walks_ahead_may_turn_round() -> None:
+    yielding = Yielding(YieldConfig(), DIFF)
+    yielding.set_movers(walker(0.9, 0.0, 1.1, 0.0), SE2(), BodyVelocity(0.4))
+    assert yielding.limited(BodyVelocity(0.4)).vx < 0.2
 
 
 def test_who_walks_past_with_room_does_not_stop_it() -> None:

@@ -48,13 +48,6 @@ MOTION = (
         YIELDING,
     ),
     PlantedFault(
-        "walls that come into sight piece by piece walk",
-        "perception/mover_tracker.py",
-        "self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()",
-        "self.is_mover = True",
-        MOVERS,
-    ),
-    PlantedFault(
         "who stands still is forgotten",
         "perception/mover_tracker.py",
         "near = came[np.hypot(*(came - expected).T) <= 0.7 * c.gate] if track.is_mover else came[:0]",
