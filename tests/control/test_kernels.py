@@ -137,11 +137,13 @@ def roll(samples: np.ndarray, start: np.ndarray, v0: np.ndarray, costs: np.ndarr
     cells = np.floor(path[:, [1, 0]] / RES).astype(np.int32)
     steps, label = np.empty(costs.shape, np.int32), np.empty(costs.shape, np.int32)
     rollout.spread_path(cells, distance, 0.2, steps, label, np.empty(costs.size, np.int32))
-    out = np.empty((len(samples), 8))
-    plan = np.array([1.0, stop, 0.02, window.radius])
+    out = np.empty((len(samples), rollout.COLUMNS))
+    plan = np.array([1.0, stop, 0.02, window.radius, 9.0, 0.0, 9.0])
     rates = np.array([1.0, 1.0, 2.5, 1.5, 1.5, 2.5])
     edges = (window.normals, window.offsets, window.circles)
-    rollout.roll_out(samples, start, v0, rates, plan, sums, distance, RES, *edges, path, steps, label, out)
+    rollout.roll_out(
+        samples, start, v0, rates, plan, sums, distance, RES, *edges, path, steps, label, np.zeros((0, 6)), out
+    )
     return out
 
 

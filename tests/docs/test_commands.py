@@ -69,6 +69,8 @@ NOT_RUN = {
     "eval faults --json faults.json": STUDY,
     "eval faults --only people,glass --runs 5": STUDY,
     "eval faults --runs 2": STUDY,
+    "eval crowd --runs 30 --people 10 --seed draw --json crowd.json": STUDY,
+    "eval crowd --worlds office --robots diff --runs 2 --people 4 --stubborn 4": STUDY,
     "eval exploration --worlds lab_empty --robots diff --runs 5 --json summary.json": STUDY,
     "eval exploration --worlds lab_empty --robots diff --runs 9": STUDY,
     "eval exploration --worlds office --seed draw --runs 3": STUDY,

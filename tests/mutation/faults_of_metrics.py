@@ -7,6 +7,7 @@ from tests.mutation.planted import PlantedFault
 QUALITY = ("tests/evaluation/test_localization_quality.py",)
 TRAJECTORY = ("tests/evaluation/test_trajectory.py",)
 MAPS = ("tests/evaluation/test_map_quality.py",)
+CROWDS = ("tests/sim/test_crowds.py",)
 JUDGEMENT = ("tests/apps/test_judgement.py",)
 LOST = ("tests/studies/test_lost_robot.py",)
 DOCKING = ("tests/cli/test_docking.py",)
@@ -140,6 +141,27 @@ METRICS = (
         JUDGEMENT,
     ),
     PlantedFault(
+        "a contact with a person is nobody's fault",
+        "evaluation/collisions.py",
+        "return (contact.speed if contact.approach is None else contact.approach) > min_speed",
+        "return contact.approach is None and contact.speed > min_speed",
+        CROWDS,
+    ),
+    PlantedFault(
+        "who walks into a standing robot is its fault",
+        "evaluation/collisions.py",
+        "return (contact.speed if contact.approach is None else contact.approach) > min_speed",
+        "return contact.approach is not None or contact.speed > min_speed",
+        CROWDS,
+    ),
+    PlantedFault(
+        "what the robot did half a second ago is forgotten",
+        "sim/approach.py",
+        "WINDOW = 0.5",
+        "WINDOW = 0.1",
+        CROWDS,
+    ),
+    PlantedFault(
         "a dock may be touched anywhere",
         "apps/judgement.py",
         "    collisions = tuple(find_collisions(record.contacts, allowed=allowed))",
@@ -192,15 +214,15 @@ METRICS = (
     PlantedFault(
         "contacts below 0.15 m/s are no collisions",
         "evaluation/collisions.py",
-        "min_speed: float = 0.05",
-        "min_speed: float = 0.15",
+        "MIN_SPEED = 0.05",
+        "MIN_SPEED = 0.15",
         TRAJECTORY,
     ),
     PlantedFault(
         "contacts of one collision may lie 5 s apart",
         "evaluation/collisions.py",
-        "gap: float = 0.5",
-        "gap: float = 5.0",
+        "GAP = 0.5",
+        "GAP = 5.0",
         TRAJECTORY,
     ),
     PlantedFault(

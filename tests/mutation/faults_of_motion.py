@@ -17,11 +17,48 @@ NAVIGATE = ("tests/missions/test_navigate.py",)
 JUDGES = ("tests/control/test_judges.py",)
 TRACKER = ("tests/docking/test_tracker.py",)
 DOCK = ("tests/missions/test_dock.py",)
+YIELDING = ("tests/control/test_yielding.py",)
+MOVERS = ("tests/perception/test_mover_tracker.py",)
 DATABASE = ("tests/docking/test_database.py",)
 DETECTORS = ("tests/docking/test_detectors.py",)
 LESSON = ("tests/docking/test_lesson.py",)
 
 MOTION = (
+    PlantedFault(
+        "nobody turns round",
+        "control/yielding.py",
+        "ways = [(vx, vy), (-vx, -vy)] if is_walking",
+        "ways = [(vx, vy)] if is_walking",
+        YIELDING,
+    ),
+    PlantedFault(
+        "the robot stands only when it is touched",
+        "control/yielding.py",
+        "calm: float = 0.65",
+        "calm: float = 0.1",
+        YIELDING,
+    ),
+    PlantedFault(
+        "robots pass on the left",
+        "control/passing.py",
+        "np.stack((velocity[:, 1], -velocity[:, 0]), axis=1)",
+        "np.stack((-velocity[:, 1], velocity[:, 0]), axis=1)",
+        YIELDING,
+    ),
+    PlantedFault(
+        "a robot gets out of the way to where it cannot go",
+        "control/yielding.py",
+        "if free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length) >= c.evade_length - 1e-6:",
+        "if True:",
+        YIELDING,
+    ),
+    PlantedFault(
+        "who stands still is forgotten",
+        "perception/mover_tracker.py",
+        "near = came[np.hypot(*(came - expected).T) <= 0.7 * c.gate] if track.is_mover else came[:0]",
+        "near = came[:0]",
+        MOVERS,
+    ),
     PlantedFault(
         "the automatic inflation ends at the robot's corners: paths keep no distance",
         "costmap/inflation.py",

@@ -13,7 +13,7 @@ from ambler.core.messages import LaserScan
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.safety.stuck_scan import StuckScan
-from ambler.sim.faults import START_ROOM, Fault, FaultKind, world_with_faults
+from ambler.sim.faults import START_ROOM, Fault, FaultKind, numbers_of_people, world_with_faults
 from ambler.sim.movers import Walker
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
@@ -129,7 +129,24 @@ def test_people_of_the_fault_stand_until_it_begins() -> None:
         simulation.step(simulation.now_ns + 100_000_000)
         places.append([w.position for w in simulation.running.crowd.walkers])
     moved = [np.abs(np.subtract(a, b)).max() > 0 for a, b in itertools.pairwise(places)]
-    assert moved == [False] * 4 + [True] * 5 + [False] * 5
+    assert moved[:9] == [False] * 4 + [True] * 5
+    assert not any(moved[13:]), "within a few steps everybody stands"
+
+
+@pytest.mark.parametrize(
+    ("target", "numbers"), [("", (3, 2)), ("10", (10, 5)), ("7", (7, 4)), ("10/5", (10, 5)), ("4/0", (4, 0))]
+)
+def test_the_fault_says_how_many_people_and_how_many_do_not_yield(target: str, numbers: tuple[int, int]) -> None:
+    assert numbers_of_people(target) == numbers
+    fault = Fault.parse(f"people@{target}" if target else "people")
+    people = world_with_faults(load_world("office"), (fault,), 4).people
+    assert (len(people), sum(p.yields is False for p in people)) == numbers
+
+
+@pytest.mark.parametrize("target", ["0", "3/4", "x", "3/", "/3", "-1"])
+def test_wrong_numbers_of_people_are_one_clear_error(target: str) -> None:
+    with pytest.raises(BadInputError, match="people"):
+        Fault.parse(f"people@{target}")
 
 
 @pytest.mark.parametrize("mode", ["contact", "kinematic"])

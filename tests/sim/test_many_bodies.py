@@ -248,7 +248,7 @@ def test_names_must_tell_robots_apart() -> None:
 
 
 def test_people_halt_before_every_robot() -> None:
-    lane = Person("person_0", ((3.0, 0.0), (-3.0, 0.0)), speed=1.0)
+    lane = Person("person_0", ((3.0, 0.0), (-3.0, 0.0)), speed=1.0, yields=True)
     spec = WorldSpec("lane", (), SE2(0.0, 20.0, 0.0), people=(lane,))
     specs = [BodySpec("a", robot_named("diff")), BodySpec("b", robot_named("diff"), SE2(0.0, 0.0, 0.0))]
     world = World(spec, specs, PERFECT)

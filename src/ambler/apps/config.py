@@ -13,6 +13,7 @@ from ambler.calibration.scan_calibration import CalibrationConfig
 from ambler.control.config import RolloutConfig
 from ambler.control.local_planners import Controller
 from ambler.control.pursuit_config import PursuitConfig
+from ambler.control.yielding import YieldConfig
 from ambler.core.errors import BadInputError
 from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
@@ -37,6 +38,7 @@ from ambler.nodes.localization import LocalizationNodeConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
+from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.planning.grid_planner import PlannerConfig
@@ -70,6 +72,8 @@ class RobotConfig:
     navigation: NavigationConfig = field(default_factory=NavigationConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
     pursuit: PursuitConfig = field(default_factory=PursuitConfig)
+    movers: MoverConfig = field(default_factory=MoverConfig)
+    yielding: YieldConfig = field(default_factory=YieldConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)

@@ -15,7 +15,7 @@ from ambler.apps.simulated import SimulatedRobot, SimulatedRun
 from ambler.core.errors import BadInputError
 from ambler.core.messages import BatteryState
 from ambler.core.se2 import SE2, wrap_angle
-from ambler.evaluation.collisions import Collision, find_collisions
+from ambler.evaluation.collisions import Collision, find_collisions, find_contacts
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps, floor_coverage, reachable_coverage
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
@@ -76,7 +76,8 @@ def judge(
             "position_error_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
             "position_error_max_m": None if trajectory is None else float(trajectory.offsets.max()),
         }
-    fields |= {"collisions": len(collisions), "path_length_m": record.path_length}
+    contacts = len(find_contacts(record.contacts, allowed=allowed))
+    fields |= {"collisions": len(collisions), "contacts": contacts, "path_length_m": record.path_length}
     fields |= _drives(robot, record)
     if robot.options.docks_wanted:
         fields |= _docking(robot, record)

@@ -120,7 +120,12 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
     return [
         *echoes,
         GlobalPlannerNode(wide, global_planner, layer_inputs=parts.global_inputs),
-        ControllerNode(robot, controller, near, config.slam2d.planar, layer_inputs=parts.local_inputs),
+        ControllerNode(
+            *(robot, controller, near, config.slam2d.planar),
+            layer_inputs=parts.local_inputs,
+            movers=config.movers,
+            yielding=config.yielding,
+        ),
         NavigatorNode(config.navigation),
     ]
 

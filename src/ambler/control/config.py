@@ -26,7 +26,7 @@ class RolloutConfig:
     near               clearance below which a trajectory is charged (the kernel measures no more than 0.25 m)
     near_speed, speed_per_clearance   a trajectory may go this fast at no clearance, and faster per metre of it
     weight_*           cost per metre off the path (less while it is blocked, as for the heading), per metre not gained, per radian off the path's heading, per metre of missing
-                       clearance, per radian/s of change in yaw rate, per m/s sideways
+                       clearance, per radian/s of change in yaw rate, per m/s sideways, per metre of gap to movers missing to `movers_near`
     """
 
     horizon: float = 1.7
@@ -60,3 +60,5 @@ class RolloutConfig:
     weight_clearance: float = 1.5
     weight_turn_change: float = 0.04
     weight_sideways: float = 0.3
+    weight_movers: float = 4.0
+    movers_near: float = 0.5

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.control.local_window import LocalWindow
+from ambler.control.passing import passing_discs
 from ambler.control.path_tracker import PathTracker
 from ambler.control.pursuit_config import PursuitConfig
 from ambler.control.trajectory_rollout import approach_limit
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.grid import GridSpec
+from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2, wrap_angle
@@ -42,6 +44,7 @@ class OmniPursuit:
         self._is_turning = False
         self._has_arrived = False
         self._last: tuple[SE2, BodyVelocity] | None = None
+        self._movers = NOBODY
 
     @property
     def trajectory(self) -> F64:
@@ -67,6 +70,10 @@ class OmniPursuit:
         """Take a new path float64 (N, 3); raises InvalidPathError."""
         if not self._tracker.set_path(path_odom):
             self._is_turning = self._has_arrived = False
+
+    def set_movers(self, movers: Movers) -> None:
+        """Take the movers of now, in the odom frame; they count until the next call."""
+        self._movers = movers
 
     def compute_command(
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
@@ -108,7 +115,7 @@ class OmniPursuit:
         if self._is_turning:
             return BodyVelocity(0.0, 0.0, self._turn_rate(start, error) if is_resting else 0.0)
         self._turn_sign = 0.0
-        aside, push = self._aside(start), self._push(start)
+        aside, push = self._aside(start), self._push(start) - self._give_way(start)
         speed = min(lim.vx_max, self._approach_speed(left), self._clear_speed(start))
         speed = min(speed, c.curve_speed * reach / max(abs(error), 1e-6))
         if self._is_omni:
@@ -212,6 +219,19 @@ class OmniPursuit:
         left, right = self._clearance(start @ SE2(0.15, 0.05, 0.0)), self._clearance(start @ SE2(0.15, -0.05, 0.0))
         nearness = max(0.0, 1.0 - min(left, right) / self._config.near)
         return self._config.cost_gain * nearness * float(np.clip((left - right) / 0.1, -1.0, 1.0))
+
+    def _give_way(self, start: SE2) -> float:
+        """Return the velocity to the right by which the robot passes who comes towards it, m/s: the sooner they meet the more, as far as
+        there is room at its right."""
+        c, soonest = self._config, math.inf
+        for x, y, vx, vy, *_ in passing_discs(self._movers, c.reaction_time):
+            place = start.inverse() @ SE2(float(x), float(y), 0.0)
+            away = math.hypot(place.x, place.y)
+            closing = -(vx * (x - start.x) + vy * (y - start.y)) / max(away, 1e-9)
+            if place.x > 0.0 and abs(place.y) < c.give_way_width and closing > 0.0:
+                soonest = min(soonest, away / (closing + self._limits.vx_max))
+        room = min(1.0, self._clearance(start @ SE2(0.15, -0.15, 0.0)) / c.near)
+        return c.give_way_gain * room * max(0.0, 1.0 - soonest / c.give_way_seconds)
 
     def _checked(self, wanted: BodyVelocity, start: SE2, is_resting: bool) -> BodyVelocity:
         """Slow down on the same arc so that the robot stops before what lies on it."""

@@ -26,6 +26,8 @@ class PursuitConfig:
     brake_share        share of the deceleration limits used on purpose
     xy_tolerance, yaw_tolerance   where the goal is reached: no command any more
     creep, creep_yaw   slowest motion commanded while the goal is not reached, m/s and rad/s
+    give_way_gain, give_way_seconds, give_way_width   velocity to the right (m/s) for who comes towards the robot, how soon before they meet, and
+                       how far beside its way he may walk (m)
     arrive_radius, pass_radius, arrive_yaw   of a differential base, as in the rollout
     """
 
@@ -52,6 +54,9 @@ class PursuitConfig:
     yaw_tolerance: float = 0.005
     creep: float = 0.01
     creep_yaw: float = 0.02
+    give_way_gain: float = 0.3
+    give_way_seconds: float = 2.0
+    give_way_width: float = 1.0
     arrive_radius: float = 0.03
     pass_radius: float = 0.12
     arrive_yaw: float = math.radians(1.1)

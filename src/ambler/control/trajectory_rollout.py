@@ -16,14 +16,25 @@ from numpy.typing import NDArray
 from ambler.control.config import RolloutConfig
 from ambler.control.goal_turn import GoalTurn
 from ambler.control.local_window import LocalWindow
+from ambler.control.passing import passing_discs
 from ambler.control.path_tracker import PathTracker
 from ambler.control.velocity_samples import velocity_samples
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.grid import GridSpec
+from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2, wrap_angle
-from ambler.kernels.rollout import locate_on_path, roll_out, spread_path
+from ambler.kernels.rollout import (
+    COLUMNS,
+    END_X,
+    END_Y,
+    END_YAW,
+    best_sample,
+    locate_on_path,
+    roll_out,
+    spread_path,
+)
 
 F64 = NDArray[np.float64]
 
@@ -50,6 +61,7 @@ class TrajectoryRollout:
         self._turn_sign = 0.0
         self._has_arrived = False
         self._is_escaping = False
+        self._movers = NOBODY
         self._top, self._grid = 0.0, np.zeros((0, 3))
         self.trajectory = np.zeros((0, 3))
         """Where the last command leads, float64 (N, 3) of (x, y, yaw) in the odom frame, for people to look at."""
@@ -74,6 +86,10 @@ class TrajectoryRollout:
             self._has_arrived = self._is_escaping = False
             self._turn_target, self._turn_sign = "", 0.0
             self._goal_turn.reset()
+
+    def set_movers(self, movers: Movers) -> None:
+        """Take the movers of now, in the odom frame; they count until the next call."""
+        self._movers = movers
 
     def compute_command(
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
@@ -204,7 +220,7 @@ class TrajectoryRollout:
         resolution = self._window.spec.resolution
         locate_on_path(at[0], at[1], path, steps, label, resolution, here)
         samples = self._samples(velocity, left)
-        out = np.empty((len(samples), 8))
+        out = np.empty((len(samples), COLUMNS))
         lim = self._limits
         rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
         is_end_near = left <= self._config.window
@@ -212,15 +228,23 @@ class TrajectoryRollout:
         w = self._window
         v0 = np.array([velocity.vx, velocity.vy, velocity.wz])
         for horizon in self._horizons(samples):
-            plan = np.array([horizon, stop, self._config.step_length, w.radius])
+            c, slowest = self._config, self._speeds(samples)[0] + 1e-9  # slower than the slowest sample is not on offer
+            plan = np.array([horizon, stop, c.step_length, w.radius, c.near_speed, c.speed_per_clearance, slowest])
             roll_out(
                 samples, at, v0, rates, plan, w.row_sums, w.distance, resolution, w.normals, w.offsets, w.circles,
-                path, steps, label, out,
+                path, steps, label, self._movers_ahead(), out,
             )  # fmt: skip
             command = self._choose(samples, out, here, path, velocity, horizon)
             if command is not None:
                 return command
         return None
+
+    def _movers_ahead(self) -> F64:
+        """Return the movers of the rollout's start, measured from the corner of the grid, rows as `roll_out` takes them."""
+        rows = passing_discs(self._movers, self._config.reaction_time)
+        rows[:, 0] -= self._window.spec.origin_x
+        rows[:, 1] -= self._window.spec.origin_y
+        return rows
 
     def _path_ahead(self) -> F64:
         """Return the stretch of path that is scored, measured from the corner of the grid."""
@@ -237,35 +261,27 @@ class TrajectoryRollout:
         self, samples: F64, out: F64, here: F64, path: F64, velocity: BodyVelocity, horizon: float
     ) -> BodyVelocity | None:
         c = self._config
-        end_s = path[-1, 2]
+        end_s = float(path[-1, 2])
         weight_path, weight_heading = c.weight_path, c.weight_heading
         if self._is_blocked(path):
             weight_path, weight_heading = c.weight_path_blocked, c.weight_heading_blocked
-        before = (end_s - here[1]) + min(1.0, weight_path) * here[0]
-        after = (end_s - out[:, 5]) + min(1.0, weight_path) * out[:, 4]
-        speed = np.hypot(samples[:, 0], samples[:, 1])
-        allowed = c.near_speed + c.speed_per_clearance * np.maximum(0.0, out[:, 6])
-        is_slow_enough = speed <= np.maximum(
-            allowed, speed.min() + 1e-9
-        )  # slower than the slowest sample is not on offer
-        gain = min(GAIN_MIN, 0.25 * before, 0.5 * float(speed.max()) * horizon)
-        is_worth = (out[:, 0] > 0.0) & is_slow_enough & (after < before - gain)
-        if not is_worth.any():
-            return None
-        missing = np.maximum(0.0, c.near - out[:, 6])
-        cost = (
-            c.weight_progress * (end_s - out[:, 5])
-            + weight_path * out[:, 4]
-            + weight_heading * out[:, 7]
-            + c.weight_clearance * missing
-            + c.weight_turn_change * np.abs(samples[:, 2] - velocity.wz)
-            + c.weight_sideways * np.abs(samples[:, 1])
-            - 0.05 * samples[:, 0]
+        before = float((end_s - here[1]) + min(1.0, weight_path) * here[0])
+        gain = min(GAIN_MIN, 0.25 * before, 0.5 * self._speeds(samples)[1] * horizon)
+        weights = np.array(
+            [
+                *(c.weight_progress, weight_path, weight_heading, c.weight_clearance, c.weight_turn_change),
+                *(c.weight_sideways, c.near, c.weight_movers, c.movers_near),
+            ]
         )
-        cost[~is_worth] = np.inf
-        best = int(np.argmin(cost))
+        best = int(best_sample(samples, out, weights, end_s, before, gain, velocity.wz))
+        if best < 0:
+            return None
         spec = self._window.spec
-        end = [out[best, 1] + spec.origin_x, out[best, 2] + spec.origin_y, wrap_angle(float(out[best, 3]))]
+        end = [
+            out[best, END_X] + spec.origin_x,
+            out[best, END_Y] + spec.origin_y,
+            wrap_angle(float(out[best, END_YAW])),
+        ]
         self.trajectory = np.vstack((self.trajectory, [end]))
         return BodyVelocity(float(samples[best, 0]), float(samples[best, 1]), float(samples[best, 2]))
 
@@ -290,6 +306,11 @@ class TrajectoryRollout:
         if top != self._top:
             self._top, self._grid = top, velocity_samples(self._config, self._robot, top)
         return self._grid
+
+    def _speeds(self, samples: F64) -> tuple[float, float]:
+        """Return the least and the greatest speed of samples, m/s."""
+        speed = np.hypot(samples[:, 0], samples[:, 1])
+        return float(speed.min()), float(speed.max())
 
     def _top_speed(self, left: float) -> float:
         """Return how fast the robot may go with `left` metres of path before it."""

@@ -365,7 +365,12 @@ class SlamHealth(Message):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contact(Message):
-    """A contact of the robot with something that is not the ground, as the simulator's ground truth sees it."""
+    """A contact of the robot with something that is not the ground, as the simulator's ground truth sees it.
+
+    `approach` is told of somebody who walks: the fastest speed (m/s) at which the point of the robot that is touched moved towards him
+    within the last half second, negative if it only moved away; and of what a robot meets within half a second after somebody touched it, who may
+    have pushed it there: the speed at which it drove itself. None for everything else.
+    """
 
     stamp_ns: int
     robot_geom: str
@@ -373,6 +378,7 @@ class Contact(Message):
     position: Vector3
     speed: float
     force: float
+    approach: float | None = None
 
 
 class GateState(enum.IntEnum):

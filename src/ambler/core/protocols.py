@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
+from ambler.core.movers import Movers
 from ambler.core.se2 import SE2
 
 
@@ -54,4 +55,13 @@ class LocalPlanner(Protocol):
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
     ) -> BodyVelocity:
         """Return the next command; raises NoValidControlError when every admissible motion collides."""
+        ...
+
+
+@runtime_checkable
+class MoverAware(Protocol):
+    """A local planner that looks ahead at what moves; one that does not is held back before it all the same."""
+
+    def set_movers(self, movers: Movers) -> None:
+        """Take the movers of now, in the odom frame, before `compute_command`."""
         ...

@@ -1,4 +1,8 @@
-"""Collisions, judged from the ground truth: contacts of the robot while it moves, clustered in time."""
+"""Collisions, judged from the ground truth: contacts that the robot causes, clustered in time.
+
+What stands is touched by whoever moves: a contact while the robot moves is its own. People move, too: a contact with somebody who walks
+is the robot's if, at any time in the half second before it, the touched point of the robot moved towards him.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,13 @@ from dataclasses import dataclass
 
 from ambler.core.messages import Contact
 
+MIN_SPEED = 0.05  # m/s
+GAP = 0.5  # seconds up to which contacts are one
+
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """One collision: first and last contact, what was touched first, the fastest speed (m/s) and the greatest force (N)."""
+    """One collision, or one contact: first and last instant, what was touched first, the fastest speed (m/s) and the greatest force (N)."""
 
     begin_ns: int
     end_ns: int
@@ -20,25 +27,35 @@ class Collision:
     force: float
 
 
+def is_caused(contact: Contact, min_speed: float = MIN_SPEED) -> bool:
+    """Say whether the robot is the cause of a contact, by its speed, or towards a person by its approach."""
+    return (contact.speed if contact.approach is None else contact.approach) > min_speed
+
+
 def find_collisions(
     contacts: Iterable[Contact],
     *,
-    min_speed: float = 0.05,
-    gap: float = 0.5,
+    min_speed: float = MIN_SPEED,
+    gap: float = GAP,
     allowed: frozenset[str] = frozenset(),
 ) -> tuple[Collision, ...]:
-    """Return the collisions among contacts: those faster than `min_speed` (m/s) with anything whose name is not `allowed`.
+    """Return the collisions among contacts: those that the robot caused, faster than `min_speed` (m/s), with anything whose name is not
+    `allowed`. Contacts at most `gap` seconds apart are one collision, whatever they touch."""
+    return find_contacts((c for c in contacts if is_caused(c, min_speed)), gap=gap, allowed=allowed)
 
-    Contacts at most `gap` seconds apart are one collision, whatever they touch.
-    """
-    hits = [c for c in contacts if c.speed > min_speed and c.other_geom not in allowed]
-    collisions: list[Collision] = []
+
+def find_contacts(
+    contacts: Iterable[Contact], *, gap: float = GAP, allowed: frozenset[str] = frozenset()
+) -> tuple[Collision, ...]:
+    """Return all contacts with anything whose name is not `allowed`, whoever caused them; those at most `gap` seconds apart are one."""
+    hits = [c for c in contacts if c.other_geom not in allowed]
+    found: list[Collision] = []
     for c in sorted(hits, key=lambda c: c.stamp_ns):
-        last = collisions[-1] if collisions else None
+        last = found[-1] if found else None
         if last is None or c.stamp_ns - last.end_ns > gap * 1e9:
-            collisions.append(Collision(c.stamp_ns, c.stamp_ns, c.robot_geom, c.other_geom, c.speed, c.force))
+            found.append(Collision(c.stamp_ns, c.stamp_ns, c.robot_geom, c.other_geom, c.speed, c.force))
         else:
-            collisions[-1] = Collision(
+            found[-1] = Collision(
                 last.begin_ns,
                 c.stamp_ns,
                 last.robot_geom,
@@ -46,4 +63,4 @@ def find_collisions(
                 max(last.speed, c.speed),
                 max(last.force, c.force),
             )
-    return tuple(collisions)
+    return tuple(found)

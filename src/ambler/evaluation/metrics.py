@@ -50,8 +50,10 @@ METRICS = {
     "collisions": Metric(
         "Collisions",
         _O,
-        "Contacts with anything but a dock's contacts while it moved faster than 0.05 m/s; judged from the simulator's truth.",
+        "Contacts with anything but a dock's contacts while it moved faster than 0.05 m/s, with people only if it moved towards them within the "
+        "half second before; judged from the simulator's truth.",
     ),
+    "contacts": Metric("Contacts", _O, "All contacts with anything but a dock's contacts, whoever caused them."),
     "goals_reached": Metric("Goals reached", _O, "Goals at which the robot said that it had arrived."),
     "goals": Metric("Goals given", _O, "Goals that it was sent to."),
     "is_home": Metric("Came home", _O, "Whether it drove back to its start when nothing was left to explore."),

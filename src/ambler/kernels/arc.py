@@ -6,7 +6,7 @@ import numpy as np
 
 from ambler.kernels.footprint import lethal_cells_inside, lethal_distance, lethal_row_sums
 from ambler.kernels.jit import jit
-from ambler.kernels.rollout import clearance_at
+from ambler.kernels.rollout import covered_cells
 
 
 @jit
@@ -28,13 +28,9 @@ def free_arc(start, twist, seconds, step, row_sums, distance, resolution, normal
         c0, s0 = math.cos(start[2]), math.sin(start[2])
         x, y = start[0] + c0 * dx - s0 * dy, start[1] + s0 * dx + c0 * dy
         c, s = math.cos(start[2] + a), math.sin(start[2] + a)
-        if clearance_at(x, y, c, s, circles, distance, resolution) > 0.0:
-            inside = 0
-            continue
-        now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
-        if now > inside:
+        inside = covered_cells(x, y, c, s, inside, row_sums, distance, resolution, normals, offsets, circles)
+        if inside < 0:
             return seconds * (k - 1) / count
-        inside = now
     return seconds
 
 

@@ -118,19 +118,23 @@ def lethal_cells_inside(row_sums, resolution, gx, gy, cos, sin, normals, offsets
     count as free.
     """
     height, width = row_sums.shape[0], row_sums.shape[1] - 1
-    y_low, y_high = 1e30, -1e30
+    x_low, x_high, y_low, y_high = 1e30, -1e30, 1e30, -1e30
     edges = normals.shape[0]
     for e in range(edges):
         f = (e + 1) % edges
         det = normals[e, 0] * normals[f, 1] - normals[e, 1] * normals[f, 0]
         vx = (offsets[e] * normals[f, 1] - offsets[f] * normals[e, 1]) / det
         vy = (normals[e, 0] * offsets[f] - normals[f, 0] * offsets[e]) / det
-        y = gy + sin * vx + cos * vy
-        y_low, y_high = min(y_low, y), max(y_high, y)
+        x, y = gx + cos * vx - sin * vy, gy + sin * vx + cos * vy
+        x_low, x_high, y_low, y_high = min(x_low, x), max(x_high, x), min(y_low, y), max(y_high, y)
     first = max(0, int(math.ceil(y_low / resolution - 0.5)))
     last = min(height - 1, int(math.floor(y_high / resolution - 0.5)))
+    left = min(max(0, int(x_low / resolution - 1.0)), width)
+    right = max(min(width, int(x_high / resolution + 2.0)), left)
     total = 0
     for iy in range(first, last + 1):
+        if row_sums[iy, right] == row_sums[iy, left]:
+            continue  # nothing lethal between the outermost corners
         dy = (iy + 0.5) * resolution - gy
         low, high = -1e30, 1e30
         for e in range(edges):

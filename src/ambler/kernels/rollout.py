@@ -8,6 +8,10 @@ from ambler.kernels.footprint import lethal_cells_inside, lethal_distance, letha
 from ambler.kernels.jit import jit
 
 FAR = 0.25  # metres of clearance beyond which nobody asks how much it is exactly
+MARKS_MAX = 8  # places of a trajectory that are looked up on the path: four, and what is left of its steps
+MOVERS_FAR = 2.0  # metres of gap to movers beyond which nobody asks
+FREE, END_X, END_Y, END_YAW, OFF_PATH, ALONG, CLEARANCE, OFF_HEADING, MOVER_GAP = range(9)
+COLUMNS = 9  # of a result of `roll_out`, named in the line above
 
 
 @jit
@@ -107,15 +111,40 @@ def clearance_at(gx, gy, cos, sin, circles, distance, resolution):
     for c in range(circles.shape[0]):
         x = gx + cos * circles[c, 0] - sin * circles[c, 1]
         y = gy + sin * circles[c, 0] + cos * circles[c, 1]
-        iy, ix = int(math.floor(y * per_metre)), int(math.floor(x * per_metre))
+        iy, ix = int(y * per_metre), int(x * per_metre)
         gap = -circles[c, 2]
-        if 0 <= iy < height and 0 <= ix < width:
+        if x >= 0.0 and y >= 0.0 and iy < height and ix < width:
             gap += distance[iy, ix]
         else:
-            iy, ix = min(max(iy, 0), height - 1), min(max(ix, 0), width - 1)
+            iy = min(max(int(math.floor(y * per_metre)), 0), height - 1)
+            ix = min(max(int(math.floor(x * per_metre)), 0), width - 1)
             gap += distance[iy, ix] - max(0.0, -x, x - width * resolution) - max(0.0, -y, y - height * resolution)
         best = min(best, gap)
     return best - 0.7072 * resolution
+
+
+@jit
+def covered_cells(gx, gy, cos, sin, inside, row_sums, distance, resolution, normals, offsets, circles):
+    """Return how many lethal cells the footprint covers at a pose; -1 if they are more than the `inside` ones of the pose before, for a
+    robot that already touches something may only leave it. This is the one collision check of everything that moves a footprint."""
+    if clearance_at(gx, gy, cos, sin, circles, distance, resolution) > 0.0:
+        return 0
+    now = lethal_cells_inside(row_sums, resolution, gx, gy, cos, sin, normals, offsets)
+    return -1 if now > inside else now
+
+
+@jit
+def mover_gap(gx, gy, cos, sin, circles, movers, seconds):
+    """Return the least gap between the circles (M, 3) of a footprint and movers (K, 6) of (x, y, vx, vy, radius, growth) after so many seconds."""
+    best = 1e30
+    for m in range(movers.shape[0]):
+        px, py = movers[m, 0] + movers[m, 2] * seconds - gx, movers[m, 1] + movers[m, 3] * seconds - gy
+        bx, by = cos * px + sin * py, cos * py - sin * px
+        wide = movers[m, 4] + movers[m, 5] * seconds
+        for c in range(circles.shape[0]):
+            dx, dy = bx - circles[c, 0], by - circles[c, 1]
+            best = min(best, math.sqrt(dx * dx + dy * dy) - circles[c, 2] - wide)
+    return best
 
 
 @jit
@@ -134,78 +163,128 @@ def roll_out(
     path,
     steps,
     label,
+    movers,
     out,
 ):
     """Simulate every wanted velocity of `samples` (N, 3) from `start` (x, y, yaw), measured from the grid's origin.
 
     Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
-    step_length, radius): a trajectory ends after the horizon or when it has covered the stop distance. A footprint pose may
-    never cover more lethal cells than the one before, so a robot that already touches something may only leave it.
-    `out` (N, 8): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance (at most 0.25), mean heading
-    error.
+    step_length, radius, near_speed, speed_per_clearance, slowest): a trajectory ends after the horizon or when it has covered the stop
+    distance. A footprint pose may never cover more lethal cells than the one before (`covered_cells`), and a sample faster than `slowest`
+    may not be faster than near_speed + speed_per_clearance * clearance; either ends it at once, not free. `movers` as in `mover_gap`, from the start on.
+    `out` (N, COLUMNS): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance (at most FAR), mean heading
+    error, least gap to movers (at most MOVERS_FAR).
     """
     horizon, stop_distance, step_length, radius = plan[0], plan[1], plan[2], plan[3]
-    place = np.empty(3)
+    near_speed, speed_per_clearance, slowest = plan[4], plan[5], plan[6]
+    place, marked = np.empty(3), np.empty((MARKS_MAX, 3))
+    has_movers = movers.shape[0] > 0
     inside_at_start = lethal_cells_inside(
         row_sums, resolution, start[0], start[1], math.cos(start[2]), math.sin(start[2]), normals, offsets
     )
+    start_c, start_s = math.cos(start[2]), math.sin(start[2])
+    moving = math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
     for i in range(samples.shape[0]):
         x, y, yaw = start[0], start[1], start[2]
         vx, vy, wz = velocity[0], velocity[1], velocity[2]
-        fast = max(math.hypot(samples[i, 0], samples[i, 1]), math.hypot(vx, vy))
-        fast += max(abs(samples[i, 2]), abs(wz)) * radius
+        tx, ty, tw = samples[i, 0], samples[i, 1], samples[i, 2]
+        speed = math.hypot(tx, ty)
+        is_slow = speed <= slowest
+        fast = max(speed, moving)
+        fast += max(abs(tw), abs(wz)) * radius
         count = min(80, max(8, int(math.ceil(fast * horizon / step_length))))
         dt = horizon / count
-        inside, travelled, least, room = inside_at_start, 0.0, FAR, 0.0
-        path_sum, heading_sum, marks = 0.0, 0.0, 0
+        inside, travelled, least, room, gap = inside_at_start, 0.0, FAR, 0.0, MOVERS_FAR
+        marks = 0
         stride = max(1, count // 4)
+        next_mark = stride - 1
         is_free = 1.0
-        c, s = math.cos(yaw), math.sin(yaw)
+        c, s = start_c, start_s
         half_c, half_s, last_turn = 1.0, 0.0, 0.0
+        is_settled = False
+        mx, my, turn, way, bend = 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(count):
-            nx = approach_speed(vx, samples[i, 0], rates[0], rates[3], dt)
-            ny = approach_speed(vy, samples[i, 1], rates[1], rates[4], dt)
-            nw = approach_speed(wz, samples[i, 2], rates[2], rates[5], dt)
-            mx, my, mw = 0.5 * (vx + nx), 0.5 * (vy + ny), 0.5 * (wz + nw)
-            vx, vy, wz = nx, ny, nw
-            part = 1.0
-            way = math.hypot(mx, my) * dt
+            if not is_settled:
+                is_settled = vx == tx and vy == ty and wz == tw
+                nx = approach_speed(vx, tx, rates[0], rates[3], dt)
+                ny = approach_speed(vy, ty, rates[1], rates[4], dt)
+                nw = approach_speed(wz, tw, rates[2], rates[5], dt)
+                mx, my = 0.5 * (vx + nx) * dt, 0.5 * (vy + ny) * dt
+                turn = 0.5 * (wz + nw) * dt
+                vx, vy, wz = nx, ny, nw
+                way = math.sqrt(mx * mx + my * my)
+                bend = abs(turn) * radius
             is_last = k == count - 1
             if travelled + way >= stop_distance:
                 part = (stop_distance - travelled) / way if way > 0.0 else 1.0
+                mx, my, turn, way, bend = mx * part, my * part, turn * part, way * part, bend * part
                 is_last = True
-            turn = mw * dt * part
             if turn != last_turn:
                 half_c, half_s, last_turn = math.cos(0.5 * turn), math.sin(0.5 * turn), turn
             c, s = c * half_c - s * half_s, s * half_c + c * half_s
-            x += (c * mx - s * my) * dt * part
-            y += (s * mx + c * my) * dt * part
+            x += c * mx - s * my
+            y += s * mx + c * my
             c, s = c * half_c - s * half_s, s * half_c + c * half_s
             yaw += turn
-            travelled += way * part
-            room -= way * part + abs(turn) * radius
+            travelled += way
+            room -= way + bend
             if room <= FAR:
                 room = clearance_at(x, y, c, s, circles, distance, resolution)
                 least = min(least, room)
+                if not is_slow and speed > near_speed + speed_per_clearance * max(0.0, least):
+                    is_free = 0.0
+                    break
                 if room <= 0.0:
-                    now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
-                    if now > inside:
+                    inside = covered_cells(
+                        x, y, c, s, inside, row_sums, distance, resolution, normals, offsets, circles
+                    )
+                    if inside < 0:
                         is_free = 0.0
                         break
-                    inside = now
                 else:
                     inside = 0
-            if is_last or k % stride == stride - 1:
-                locate_on_path(x, y, path, steps, label, resolution, place)
-                path_sum += place[0]
-                heading_sum += abs((yaw - place[2] + math.pi) % (2.0 * math.pi) - math.pi)
+            if has_movers:
+                gap = min(gap, mover_gap(x, y, c, s, circles, movers, (k + 1) * dt))
+            if is_last or k == next_mark:
+                next_mark += stride
+                marked[marks, 0], marked[marks, 1], marked[marks, 2] = x, y, yaw
                 marks += 1
             if is_last:
                 break
-        out[i, 0] = is_free
-        out[i, 1], out[i, 2], out[i, 3] = x, y, yaw
-        out[i, 4] = path_sum / max(marks, 1)
-        out[i, 5], out[i, 6], out[i, 7] = place[1], least, heading_sum / max(marks, 1)
+        path_sum, heading_sum = 0.0, 0.0
+        for k in range(marks if is_free > 0.0 else 0):  # nobody asks where a collision leads
+            locate_on_path(marked[k, 0], marked[k, 1], path, steps, label, resolution, place)
+            path_sum += place[0]
+            heading_sum += abs((marked[k, 2] - place[2] + math.pi) % (2.0 * math.pi) - math.pi)
+        out[i, FREE] = is_free
+        out[i, END_X], out[i, END_Y], out[i, END_YAW] = x, y, yaw
+        out[i, OFF_PATH] = path_sum / max(marks, 1)
+        out[i, ALONG], out[i, CLEARANCE], out[i, OFF_HEADING] = place[1], least, heading_sum / max(marks, 1)
+        out[i, MOVER_GAP] = gap
+
+
+@jit
+def best_sample(samples, results, weights, end_s, before, gain, last_turn):
+    """Return the index of the sample that costs least among those that are free and gain more than `gain` metres; -1 if there is none.
+
+    `results` are those of `roll_out`; `before` is the length of path that is left now, with the way back to the path. `weights` are (progress,
+    path, heading, clearance, turn change, sideways, near, movers, movers_near), as in `control.config.RolloutConfig`.
+    """
+    best, chosen = np.inf, -1
+    off = min(1.0, weights[1])
+    for i in range(samples.shape[0]):
+        left = end_s - results[i, ALONG]
+        if results[i, FREE] <= 0.0 or not left + off * results[i, OFF_PATH] < before - gain:
+            continue
+        cost = weights[0] * left + weights[1] * results[i, OFF_PATH] + weights[2] * results[i, OFF_HEADING]
+        cost += weights[3] * max(0.0, weights[6] - results[i, CLEARANCE])
+        cost += weights[4] * abs(samples[i, 2] - last_turn)
+        cost += weights[5] * abs(samples[i, 1])
+        cost -= 0.05 * samples[i, 0]
+        cost += weights[7] * max(0.0, weights[8] - results[i, MOVER_GAP])
+        if cost < best:
+            best, chosen = cost, i
+    return chosen
 
 
 @jit
@@ -218,13 +297,11 @@ def free_turn(start, angle, row_sums, distance, resolution, normals, offsets, ci
     for k in range(1, count + 1):
         yaw = start[2] + angle * k / count
         c, s = math.cos(yaw), math.sin(yaw)
-        if clearance_at(start[0], start[1], c, s, circles, distance, resolution) > 0.0:
-            inside = 0
-            continue
-        now = lethal_cells_inside(row_sums, resolution, start[0], start[1], c, s, normals, offsets)
-        if now > inside:
+        inside = covered_cells(
+            start[0], start[1], c, s, inside, row_sums, distance, resolution, normals, offsets, circles
+        )
+        if inside < 0:
             return angle * (k - 1) / count
-        inside = now
     return angle
 
 
@@ -237,13 +314,9 @@ def free_slide(start, heading, length, row_sums, distance, resolution, normals, 
     for k in range(1, count + 1):
         x = start[0] + math.cos(heading) * length * k / count
         y = start[1] + math.sin(heading) * length * k / count
-        if clearance_at(x, y, c, s, circles, distance, resolution) > 0.0:
-            inside = 0
-            continue
-        now = lethal_cells_inside(row_sums, resolution, x, y, c, s, normals, offsets)
-        if now > inside:
+        inside = covered_cells(x, y, c, s, inside, row_sums, distance, resolution, normals, offsets, circles)
+        if inside < 0:
             return length * (k - 1) / count
-        inside = now
     return length
 
 
@@ -261,10 +334,14 @@ def warm_up() -> None:
     offsets, circles, start = np.full(4, 0.1), np.array([[0.0, 0.0, 0.15]]), np.array([0.2, 0.2, 0.0])
     clearance_at(0.2, 0.2, 1.0, 0.0, circles, distance, 0.05)
     approach_speed(0.0, 1.0, 1.0, 1.0, 0.1)
-    plan = np.array([1.0, 1.0, 0.05, 0.3])
+    plan = np.array([1.0, 1.0, 0.05, 0.3, 0.3, 3.5, 0.1])
+    samples, results = np.array([[0.1, 0.0, 0.1]]), np.empty((1, COLUMNS))
     roll_out(
-        np.array([[0.1, 0.0, 0.1]]), start, np.zeros(3), np.ones(6), plan, sums, distance, 0.05, normals, offsets, circles,
-        path, steps, label, np.empty((1, 8)),
+        samples, start, np.zeros(3), np.ones(6), plan, sums, distance, 0.05, normals, offsets, circles,
+        path, steps, label, np.zeros((0, 6)), results,
     )  # fmt: skip
+    best_sample(samples, results, np.ones(9), 1.0, 1.0, 0.02, 0.0)
+    covered_cells(0.2, 0.2, 1.0, 0.0, 0, sums, distance, 0.05, normals, offsets, circles)
+    mover_gap(0.2, 0.2, 1.0, 0.0, circles, np.array([[1.0, 0.0, 0.5, 0.0, 0.3, 0.1]]), 1.0)
     free_turn(start, 0.5, sums, distance, 0.05, normals, offsets, circles)
     free_slide(start, 0.0, 0.1, sums, distance, 0.05, normals, offsets, circles)

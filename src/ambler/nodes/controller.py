@@ -5,6 +5,7 @@ One motion at a time: a path or a recovery. Every end of a motion, whatever its 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -13,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from ambler.control.checkers import GoalChecker, ProgressChecker
+from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
+from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
 from ambler.core.messages import (
     CostGrid,
@@ -28,12 +31,13 @@ from ambler.core.messages import (
     Transforms,
     VelocityCommand,
 )
-from ambler.core.protocols import BodyVelocity, LocalPlanner
+from ambler.core.protocols import BodyVelocity, LocalPlanner, MoverAware
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.local_view import LocalView
+from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import (
@@ -93,10 +97,16 @@ class ControllerNode(Node):
         costmap: LocalCostmap,
         planar: PlanarConfig | None = None,
         layer_inputs: Sequence[LayerInput[Any]] = (),
+        movers: MoverConfig | None = None,
+        yielding: YieldConfig | None = None,
     ) -> None:
         self._robot = robot
         self._planner = planner
-        self._view = LocalView(robot, costmap, planar)
+        self._view = LocalView(robot, costmap, planar, movers)
+        self._yield_config = yielding if yielding is not None else YieldConfig()
+        self._yielding = Yielding(self._yield_config, robot)
+        self._yields_since_ns: int | None = None
+        self._window = LocalWindow(robot, RECOVERY_PADDING)
         self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)
         needed = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
         self._fresh: Topics = (*self._view.topics, *needed)
@@ -231,6 +241,10 @@ class ControllerNode(Node):
             self.ctx.newest(ODOMETRY)
             self._check_sight()
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
+            movers = self._view.movers(self.ctx.now_ns)
+            self._yielding.set_movers(movers, odom_from_base, velocity)
+            if isinstance(self._planner, MoverAware):
+                self._planner.set_movers(movers)
             if self._recover is not None:
                 self._recover_step(odom_from_base)
             else:
@@ -256,7 +270,7 @@ class ControllerNode(Node):
         if self._goal_checker.may_stop:
             self._send(BodyVelocity())
             return
-        if self._is_held:
+        if self._is_held or self._is_yielding():
             self._progress = ProgressChecker()
         elif not self._progress.update(self.ctx.now_ns, odom_from_base):
             self._end_follow("FAILED_TO_MAKE_PROGRESS", "the robot hardly moved for 10 s")
@@ -266,7 +280,7 @@ class ControllerNode(Node):
             self._end_follow("NO_VALID_CONTROL", "the gate has held the robot before an obstacle for 3 s")
             return
         costmap = self._view.costmap
-        self._send(self._planner.compute_command(costmap.costs, costmap.spec, odom_from_base, velocity))
+        self._drive(self._planner.compute_command(costmap.costs, costmap.spec, odom_from_base, velocity))
 
     def _recover_step(self, odom_from_base: SE2) -> None:
         assert self._motion is not None
@@ -285,7 +299,35 @@ class ControllerNode(Node):
         if command is None:
             self._end_recover("SUCCEEDED", "done")
         else:
-            self._send(command)
+            self._drive(command)
+
+    def _drive(self, wanted: BodyVelocity) -> None:
+        """Send as much of a velocity as starts no contact with anybody who moves; a robot that has to stand gets out of his way if it can."""
+        passed = self._yielding.limited(wanted)
+        is_standing = passed == BodyVelocity() and not self._yielding.is_alone
+        if not is_standing:
+            self._yields_since_ns = None
+        elif self._yields_since_ns is None:
+            self._yields_since_ns = self.ctx.now_ns
+        self._send(self._yielding.evasion(self._seen_slide) if is_standing else passed)
+
+    def _seen_slide(self, heading: float, length: float) -> float:
+        """Return how far the robot may slide along a heading of the odom frame through what it has seen to be free, at most `length` m."""
+        odom_from_base, _ = self._view.now(self.ctx.now_ns)
+        end = SE2(
+            odom_from_base.x + length * math.cos(heading),
+            odom_from_base.y + length * math.sin(heading),
+            odom_from_base.yaw,
+        )
+        if not self._view.has_seen(end.transform(self._robot.footprint)):
+            return 0.0
+        self._window.update(self._view.costmap.costs, self._view.costmap.spec)
+        return self._window.free_slide(odom_from_base, heading, length)
+
+    def _is_yielding(self) -> bool:
+        """Whether the robot waits for people, and has not done so for too long."""
+        since_ns = self._yields_since_ns
+        return since_ns is not None and self.ctx.now_ns - since_ns < self._yield_config.patience * 1e9
 
     def _wait_in_trouble(self, error: AmblerError) -> None:
         """Stand still; end the motion when the trouble lasts, or at once when waiting cannot help. While the gate holds the

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import StaleInputError, TransformError
+from ambler.core.grid import COST_UNKNOWN
 from ambler.core.messages import LaserScan, Odometry, Path, PointCloud, Transforms
+from ambler.core.movers import Movers
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
@@ -18,6 +20,7 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
+from ambler.perception.mover_tracker import MoverConfig, MoverTracker
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration, scan_to_points
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.topics import CLOUD, MERGED_CLOUD, MERGED_FREE, SCAN, Topic
@@ -28,15 +31,23 @@ LEAD_MAX = 0.3  # seconds by which an odometry pose is carried forward at most
 
 
 class LocalView:
-    """Joins scans, odometry and transforms; keeps the local costmap up to date. It is the `Frames` of whoever feeds its layers."""
+    """Joins scans, odometry and transforms; keeps the local costmap up to date and tracks what moves. It is the `Frames` of whoever feeds its
+    layers."""
 
-    def __init__(self, robot: RobotModel, costmap: LocalCostmap, planar: PlanarConfig | None = None) -> None:
+    def __init__(
+        self,
+        robot: RobotModel,
+        costmap: LocalCostmap,
+        planar: PlanarConfig | None = None,
+        movers: MoverConfig | None = None,
+    ) -> None:
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self.uses_cloud = any(m.kind is SensorKind.CLOUD for m in robot.sensors)
         self.costmap = costmap
         self.stamp_ns: int | None = None
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
+        self._tracker = MoverTracker(movers)
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
         self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
         self._odometry: Odometry | None = None
@@ -52,6 +63,20 @@ class LocalView:
         for edge in transforms.transforms:
             if (edge.parent, edge.child) == ("map", "odom"):
                 self._odom_from_map = edge.parent_from_child.to_se2().inverse()
+
+    def movers(self, now_ns: int) -> Movers:
+        """Return what moves, as the newest scan and its going on as before tell it for now."""
+        return self._tracker.movers.at(now_ns)
+
+    def has_seen(self, points_odom: F64) -> bool:
+        """Whether a sensor has told of all the cells under points (N, 2) of the odom frame."""
+        cells = None if self._obstacles is None else self._obstacles.cells
+        if cells is None:
+            return False
+        spec = self.costmap.spec
+        places = spec.cells_of(points_odom)
+        is_inside = (places >= 0).all(axis=1) & (places < np.array(spec.shape)).all(axis=1)
+        return bool(is_inside.all() and (cells[places[:, 0], places[:, 1]] != COST_UNKNOWN).all())
 
     @property
     def uses_merged(self) -> bool:
@@ -136,6 +161,7 @@ class LocalView:
         starts, free_starts = (odom_from_base.transform(s) for s in scan.ray_starts())
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
+        self._tracker.update(scan, hits, free_ends, starts, free_starts)
         if self._obstacles is not None:
             origin = odom_from_base.transform(np.array([scan.origin]))[0]
             place = (float(origin[0]), float(origin[1]))

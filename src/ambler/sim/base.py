@@ -11,7 +11,6 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.sim.sim_robot import SimRobot
-from ambler.sim.solids import Solid
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,13 @@ class Physics(Protocol):
         """What the base's own encoders (or legs) have counted, in the order of the robot's `sim.drive`."""
         ...
 
-    def move(self, movers: Sequence[Solid]) -> None:
-        """Put everything that moves by itself (people, doors) to where it is now, always in the same order."""
+    def move(self, places: Sequence[tuple[float, float]]) -> None:
+        """Put doors to where they are now, and let people head for where they want to be: everything that moves by itself, always in the
+        same order, people first."""
+        ...
+
+    def people(self) -> Sequence[tuple[float, float]]:
+        """Where people are: robots are in their way, too."""
         ...
 
     def touches(self, robot: int) -> tuple[Touch, ...]:

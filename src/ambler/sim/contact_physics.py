@@ -19,6 +19,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3
 from ambler.sim.base import Carriage, PlacedRobot, Touch
 from ambler.sim.drive import after_strafe_loss, drive_of
+from ambler.sim.pushing import PushingPeople, person_xml
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.surface_contact import STEEP, ground_names, rest_pose, surfaces_xml
@@ -88,9 +89,15 @@ class ContactPhysics:
     """Robots in one world that push what they touch, each other too. See `sim.base.Physics`."""
 
     def __init__(
-        self, world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()
+        self,
+        world: WorldSpec,
+        robots: Sequence[PlacedRobot],
+        dt: float,
+        movers: Sequence[Solid] = (),
+        masses: Sequence[float] = (),
     ) -> None:
-        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robots, dt, movers))
+        """The first of the `movers` are people of so many kg."""
+        self._model: Any = mujoco.MjModel.from_xml_string(build_mjcf(world, robots, dt, movers, masses))
         self._data: Any = mujoco.MjData(self._model)
         self._step: Any = mujoco.mj_step
         self._dt = dt
@@ -99,6 +106,7 @@ class ContactPhysics:
         self._floor = self._model.geom("floor").id
         self._hull_force = self._data.sensordata
         self._bodies: list[_Body] = []
+        self._people = PushingPeople(self._model, self._data, [m.name for m in movers[: len(masses)]], masses, dt)
         for k, placed in enumerate(robots):
             motor = 2 * sum(body.has_wheels for body in self._bodies)
             self._bodies.append(_Body(self._model, self._data, placed, k, motor))
@@ -117,6 +125,8 @@ class ContactPhysics:
                 self._set_surface(body, target)
             v, first = self._qvel, body.qvel
             body.speed_before = (float(v[first]), float(v[first + 1]), float(v[first + 5]))
+        if self._people.count:
+            self._people.walk(is_met=any(self._hull_force[body.sensor] != 0.0 for body in self._bodies))
         self._step(self._model, self._data)
         for body in self._bodies:
             body.read(self._qpos)
@@ -132,11 +142,17 @@ class ContactPhysics:
             return (float(self._qpos[body.qpos + 7]), float(self._qpos[body.qpos + 8]))
         return tuple(body.turned)
 
-    def move(self, movers: Sequence[Solid]) -> None:
-        """Put everything that moves by itself to where it is now."""
-        for k, solid in enumerate(movers):
-            self._data.mocap_pos[k, 0] = solid.world_from_solid.x
-            self._data.mocap_pos[k, 1] = solid.world_from_solid.y
+    def move(self, places: Sequence[tuple[float, float]]) -> None:
+        """Put doors to where they are now, and let people head for where they want to be."""
+        people = self._people.count
+        self._people.head_for(places[:people])
+        for k, (x, y) in enumerate(places[people:]):
+            self._data.mocap_pos[k, 0] = x
+            self._data.mocap_pos[k, 1] = y
+
+    def people(self) -> Sequence[tuple[float, float]]:
+        """Where people are."""
+        return self._people.places()
 
     def touches(self, robot: int) -> tuple[Touch, ...]:
         """Contacts of the robot's own parts with solids and other robots, at the end of the last step."""
@@ -221,14 +237,21 @@ def _find_feet(model: Any, name: str) -> list[tuple[int, float, float]]:
     return [(i, float(model.geom_pos[i, 0]), float(model.geom_pos[i, 1])) for i in ids]
 
 
-def build_mjcf(world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()) -> str:
-    """Return the MuJoCo model of a world with robots at their starts; `movers` are bodies that are put where they are. The parts of
-    robot A are called `A/body`, `A/wheel_left` and so on."""
+def build_mjcf(
+    world: WorldSpec,
+    robots: Sequence[PlacedRobot],
+    dt: float,
+    movers: Sequence[Solid] = (),
+    masses: Sequence[float] = (),
+) -> str:
+    """Return the MuJoCo model of a world with robots at their starts; `movers` are bodies that are put where they are, but the first of
+    them, which have `masses` and are pushed: people. The parts of robot A are called `A/body`, `A/wheel_left` and so on."""
+    people, doors = movers[: len(masses)], movers[len(masses) :]
     solids = "\n".join(_solid_xml(k, s, _place(s)) for k, s in enumerate(world.solids))
     solids += "\n".join(
-        f'<body mocap="true" {_place(s)}>{_solid_xml(len(world.solids) + k, s, "")}</body>'
-        for k, s in enumerate(movers)
+        f'<body mocap="true" {_place(s)}>{_solid_xml(len(world.solids) + k, s, "")}</body>' for k, s in enumerate(doors)
     )
+    solids += "\n".join(person_xml(s, _place(s), mass) for s, mass in zip(people, masses, strict=True))
     hulls = "".join(_hull_xml(placed) for placed in robots)
     bodies = "\n".join(_robot_xml(placed) for placed in robots)
     motors = "".join(_motors_xml(placed) for placed in robots if placed.robot.has_two_wheels)
@@ -266,7 +289,7 @@ def _robot_xml(placed: PlacedRobot) -> str:
     drive = _wheels_xml(placed) if robot.has_two_wheels else _feet_xml(placed)
     return f"""<body name="{name}/base" pos="{start.x!r} {start.y!r} 0" quat="{turn}"><freejoint/>
 <inertial pos="{center_x!r} 0 {0.4 * sum(levels)!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
-<geom name="{name}/body" type="mesh" mesh="{name}/hull"/>
+<geom name="{name}/body" type="mesh" mesh="{name}/hull" conaffinity="3"/>
 <site name="{name}/hull" type="box" pos="0 0 {0.5 * sum(levels)!r}" size="{_hull_size(robot)}"/>
 {drive}
 </body>"""

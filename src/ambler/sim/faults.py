@@ -4,7 +4,8 @@ wheel_slip       wheels (legs) turn as told, but the base moves only 70 % of tha
 scanner_dropout  a scanner (or transducer) sends nothing; the target is its frame, `all`, or the first one
 scanner_stuck    a scanner sends its last measurement again and again, with new stamps
 delayed_stamps   a scanner's messages come 0.2 s late and are stamped as if they had been measured then
-people           three people more, who walk straight ways chosen by the seed, far from the start; they stand outside of the time
+people           three people more, who walk straight ways chosen by the seed, far from the start; they stand outside of the time. The target
+                 says how many, and how many of them do not yield to robots: `people@10`, `people@10/5` (otherwise half, or one more)
 door             a sliding door closes (the target's name, or the one nearest to the start) and opens again at the end
 light            the light before the camera swells and fades between full and a quarter of it
 shadow           a shadow's edge wanders over the picture
@@ -64,7 +65,8 @@ class FaultKind(enum.Enum):
     NO_POWER = "no_power"
 
 
-TARGETED = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS, FaultKind.DOOR)
+OF_SCANNERS = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS)
+TARGETED = (*OF_SCANNERS, FaultKind.DOOR, FaultKind.PEOPLE)
 LASTING = (FaultKind.GLASS, FaultKind.UNMARKED)
 OF_WORLD = (FaultKind.PEOPLE, FaultKind.DOOR, FaultKind.GLASS, FaultKind.UNMARKED, FaultKind.NO_POWER)
 Measurement = LaserScan | PointCloud | Range
@@ -101,6 +103,8 @@ class Fault:
             raise BadInputError(f"fault {text!r}: {name} has no target")
         if kind in LASTING and times:
             raise BadInputError(f"fault {text!r}: {name} lasts from the start to the end, without times")
+        if kind is FaultKind.PEOPLE:
+            numbers_of_people(target)
         return cls(kind, begin, end, target)
 
     def is_on(self, seconds: float) -> bool:
@@ -117,7 +121,7 @@ class FaultInjector:
         self._frames = tuple(frames)
         self._doors = {f: find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
         self._last: dict[str, Measurement] = {}
-        self._targets = {f: self._frames_of(f) for f in faults if f.kind in TARGETED and f.kind is not FaultKind.DOOR}
+        self._targets = {f: self._frames_of(f) for f in faults if f.kind in OF_SCANNERS}
 
     @property
     def has_slip(self) -> bool:
@@ -163,6 +167,20 @@ class FaultInjector:
         return (target,)
 
 
+def numbers_of_people(target: str) -> tuple[int, int]:
+    """Return how many people the target `N` or `N/M` of the fault `people` means, and how many of them do not yield; raises BadInputError."""
+    if not target:
+        return PEOPLE, (PEOPLE + 1) // 2
+    count, _, stubborn = target.partition("/")
+    if not count.isdecimal() or not (stubborn or count).isdecimal() or int(count) < 1 or target.endswith("/"):
+        raise BadInputError(f"fault people@{target}: people@N or people@N/M, M of N people do not yield")
+    people = int(count)
+    unyielding = int(stubborn) if stubborn else (people + 1) // 2
+    if unyielding > people:
+        raise BadInputError(f"fault people@{target}: only {people} people can be told not to yield")
+    return people, unyielding
+
+
 def find_door(world: WorldSpec, name: str) -> Door:
     """Return the door of that name, or without a name the one nearest to the world's start; raises BadInputError."""
     if not world.doors:
@@ -188,8 +206,9 @@ def world_with_faults(
     if FaultKind.UNMARKED in kinds:
         docks = tuple(replace(dock, markers=(), v_shape=None, reflectors=()) for dock in world.docks)
         world = replace(world, solids=without_marks(world.solids, world.docks), docks=docks)
-    if FaultKind.PEOPLE in kinds:
-        world = replace(world, people=world.people + _people(world, seed, starts))
+    crowds = [f.target for f in faults if f.kind is FaultKind.PEOPLE]
+    if crowds:
+        world = replace(world, people=world.people + _people(world, seed, starts, crowds[0]))
     closing = {find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
     return replace(world, doors=tuple(d for d in world.doors if d.name in closing))
 
@@ -223,16 +242,18 @@ def _cut_panel(wall: Solid) -> list[Solid]:
     return out if top >= wall.z_max else [*out, piece(0.0, PANEL[0], top, wall.z_max)]
 
 
-def _people(world: WorldSpec, seed: int, starts: Sequence[SE2]) -> tuple[Person, ...]:
-    """Choose straight ways through free space that can be reached from the world's start, far from where robots start."""
+def _people(world: WorldSpec, seed: int, starts: Sequence[SE2], target: str) -> tuple[Person, ...]:
+    """Choose straight ways through free space that can be reached from the world's start, far from where robots start, and who yields."""
     rng = named_generator(seed, "people")
+    wanted, stubborn = numbers_of_people(target)
+    unyielding = {int(k) for k in named_generator(seed, "yields").permutation(wanted)[:stubborn]}
     home = world.from_start()
     keep_clear = np.array([[p.x, p.y] for p in (world.start.inverse() @ start for start in starts)])
     spec, clear = reachable_cells(home, WAY_ROOM, 0.1, 0.5)
     cells = np.argwhere(clear)
     people: list[Person] = []
-    for _ in range(4000):
-        if len(people) == PEOPLE or len(cells) == 0:
+    for _ in range(4000 * max(1, wanted // PEOPLE)):
+        if len(people) == wanted or len(cells) == 0:
             break
         (ay, ax), (by, bx) = cells[rng.integers(len(cells), size=2)]
         a, b = spec.center_of(int(ay), int(ax)), spec.center_of(int(by), int(bx))
@@ -243,7 +264,10 @@ def _people(world: WorldSpec, seed: int, starts: Sequence[SE2]) -> tuple[Person,
         if is_free and WAY_LENGTH[0] <= math.dist(a, b) <= WAY_LENGTH[1]:
             ends = world.start.transform(np.array([a, b])).tolist()
             way = ((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]))
-            people.append(Person(f"{FAULT_PERSON}{len(people)}", way, speed=float(rng.uniform(0.8, 1.3))))
-    if not people:
-        raise BadInputError(f"fault people: world {world.name} has no room for people to walk")
+            k = len(people)
+            speed = float(rng.uniform(0.8, 1.3))
+            people.append(Person(f"{FAULT_PERSON}{k}", way, speed=speed, yields=k not in unyielding))
+    if len(people) < (wanted if target else 1):
+        room = f"room for {len(people)} people only" if people else "no room for people to walk"
+        raise BadInputError(f"fault people: world {world.name} has {room}")
     return tuple(people)

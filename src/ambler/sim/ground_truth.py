@@ -44,7 +44,9 @@ class GroundTruth(SimulatedDevice[m.Odometry | m.Contact]):
             key = (touch.part, touch.solid)
             if elapsed_ns - self._reported.get(key, -CONTACT_PERIOD_NS) >= CONTACT_PERIOD_NS:
                 self._reported[key] = elapsed_ns
-                self._send(m.Contact(now_ns, touch.part, touch.solid, touch.position, touch.speed, touch.force))
+                approach = self._world.approach_of(self._body, touch)
+                told = (touch.part, touch.solid, touch.position, touch.speed, touch.force, approach)
+                self._send(m.Contact(now_ns, *told))
         if elapsed_ns % TRUTH_PERIOD_NS == 0:
             self._send(self._pose(now_ns))
 

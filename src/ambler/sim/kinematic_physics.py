@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,8 +102,14 @@ class KinematicPhysics:
     """Robots in one world; each stands in the others' way. See `sim.base.Physics`."""
 
     def __init__(
-        self, world: WorldSpec, robots: Sequence[PlacedRobot], dt: float, movers: Sequence[Solid] = ()
+        self,
+        world: WorldSpec,
+        robots: Sequence[PlacedRobot],
+        dt: float,
+        movers: Sequence[Solid] = (),
+        masses: Sequence[float] = (),
     ) -> None:
+        """The first of the `movers` are people of so many kg; nobody pushes anybody here, so only their number matters."""
         if not world.is_flat:
             raise BadInputError(
                 f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors"
@@ -113,13 +119,17 @@ class KinematicPhysics:
             drive = drive_of(placed.robot)
             collider = FootprintCollider(world, placed.robot)
             self._bodies.append(_Body(placed, collider, drive, placed.start, [0.0] * drive.parts))
-        self._movers = tuple(movers)
+        self._movers = list(movers)
+        self._people = len(masses)
+        self._walked_into: list[tuple[_Body, Solid]] = []
         self._dt = dt
 
     def step(self, targets: Sequence[BodyVelocity]) -> None:
         """Move every robot by one step, unless something is in its way."""
         for body in self._bodies:
             body.touches.clear()
+        for body, person in self._walked_into:
+            body.touches.append(_touch_of(body, body.pose, person, 0.0))
         for body, target in zip(self._bodies, targets, strict=True):
             self._step(body, target)
 
@@ -137,15 +147,39 @@ class KinematicPhysics:
             body.pose = new
             return
         speed = math.hypot(target.vx, target.vy) + abs(target.wz) * body.model.circumscribed_radius
-        names = (*(s.name for s in solids), *(other.placed.name for other in others))
-        body.touches += [Touch("body", name, (new.x, new.y, 0.0), speed, 0.0) for name in names]
+        body.touches += [_touch_of(body, new, solid, speed) for solid in solids]
+        body.touches += [Touch("body", other.placed.name, (new.x, new.y, 0.0), speed, 0.0) for other in others]
         for other in others:
             if not any(touch.solid == body.placed.name for touch in other.touches):
                 other.touches.append(Touch("body", body.placed.name, (new.x, new.y, 0.0), 0.0, 0.0))
 
-    def move(self, movers: Sequence[Solid]) -> None:
-        """Put everything that moves by itself to where it is now; somebody who walks into the robot touches it."""
-        self._movers = tuple(movers)
+    def move(self, places: Sequence[tuple[float, float]]) -> None:
+        """Put everything that moves by itself to where it wants to be; a person whom a robot is in the way of stays, and touches it."""
+        self._walked_into = []
+        for k, ((x, y), solid) in enumerate(zip(places, self._movers, strict=True)):
+            moved = replace(solid, world_from_solid=SE2(x, y, solid.world_from_solid.yaw))
+            met = self._met_by(solid, moved) if k < self._people else []
+            self._walked_into += [(body, solid) for body in met]
+            if not met:
+                self._movers[k] = moved
+
+    def people(self) -> Sequence[tuple[float, float]]:
+        """Where people are."""
+        return [(s.world_from_solid.x, s.world_from_solid.y) for s in self._movers[: self._people]]
+
+    def _met_by(self, person: Solid, moved: Solid) -> list[_Body]:
+        """Return the robots into which a person would walk, or walk deeper."""
+        radius = 0.5 * person.size_x
+        here, there = (np.array([s.world_from_solid.x, s.world_from_solid.y]) for s in (person, moved))
+        met = []
+        for body in self._bodies:
+            if math.dist(there, (body.pose.x, body.pose.y)) > body.model.circumscribed_radius + radius:
+                continue
+            polygon = body.pose.transform(body.model.footprint)
+            is_nearer = math.dist(there, (body.pose.x, body.pose.y)) < math.dist(here, (body.pose.x, body.pose.y))
+            if is_nearer and circle_overlaps(there, radius, polygon):
+                met.append(body)
+        return met
 
     def _overlapping_robots(self, body: _Body, pose: SE2) -> tuple[_Body, ...]:
         return tuple(
@@ -186,3 +220,22 @@ class KinematicPhysics:
     def touches(self, robot: int) -> tuple[Touch, ...]:
         """What it touched during the last step."""
         return tuple(self._bodies[robot].touches)
+
+
+def _touch_of(body: _Body, pose: SE2, solid: Solid, speed: float) -> Touch:
+    """A touch with the point of the footprint at `pose` that is nearest to the middle of a cylinder; with the base's own for a box."""
+    x, y = pose.x, pose.y
+    if solid.shape is Shape.CYLINDER:
+        polygon = pose.transform(body.model.footprint)
+        center = np.array([solid.world_from_solid.x, solid.world_from_solid.y])
+        x, y = nearest_on_outline(center, polygon)
+    return Touch("body", solid.name, (x, y, 0.0), speed, 0.0)
+
+
+def nearest_on_outline(point: F64, polygon: F64) -> tuple[float, float]:
+    """Return the point of a polygon's outline (N, 2) that is nearest to a point."""
+    edge, to = np.roll(polygon, -1, axis=0) - polygon, point - polygon
+    along = np.clip(np.sum(edge * to, axis=1) / np.sum(edge * edge, axis=1), 0.0, 1.0)
+    places = polygon + along[:, None] * edge
+    x, y = places[int(np.argmin(np.hypot(*(point - places).T)))].tolist()
+    return x, y

@@ -1,8 +1,9 @@
 """What moves by itself: people on their ways and sliding doors.
 
-People are no targets: they halt half a metre before a robot, wait, and after some seconds turn round and walk back; they halt
-for each other, too. They never step aside, and somebody who stands in the way is the robot's problem. A door stops while
-anybody is in the way of its leaf.
+Half of all people yield: they halt half a metre before a robot, wait, and after some seconds turn round and walk back. The others
+walk on as if there were no robot, and into it; the physics says how far they get (`Crowd.take`). Who does not get on for some
+seconds turns round. All halt for each other. Nobody steps aside, and somebody who stands in the way is the robot's problem. A door
+stops while anybody is in the way of its leaf.
 """
 
 from __future__ import annotations
@@ -28,15 +29,20 @@ PERSON_GAP = 0.5  # metres that a walking person keeps from the robot; DOOR_GAP 
 DOOR_GAP = 0.2
 FAR_OFF = 5.0  # metres from a corner of the robot at which nobody need look more closely
 PATIENCE = 4.0  # seconds of waiting before a person turns round
+HELD = 0.15  # metres that a person may be behind where he wants to be; farther, something holds him
 DOOR_SPEED = 0.6
 
 
 class Walker:
-    """One person on a closed way. Where on it, and how much faster or slower than told, is the seed's choice."""
+    """One person on a closed way. Where on it, and how much faster or slower than told, is the seed's choice; whether he yields to robots
+    is said by the person, or else by `yields`.
 
-    def __init__(self, person: Person, seed: int) -> None:
+    `place(at)` is where he wants to be; `position` and `velocity` are where he is, which the physics decides."""
+
+    def __init__(self, person: Person, seed: int, *, yields: bool = True) -> None:
         rng = named_generator(seed, person.name)
         self.person = person
+        self.yields = yields if person.yields is None else person.yields
         self._corners = [*person.way, person.way[0]]
         pairs = zip(self._corners[:-1], self._corners[1:], strict=True)
         self._lengths = [math.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairs]
@@ -46,10 +52,9 @@ class Walker:
         self._direction = 1.0
         self._waited = 0.0
         self.velocity = (0.0, 0.0)
-
-    @property
-    def position(self) -> tuple[float, float]:
-        return self.place(self.at)
+        self.position = self.place(self.at)
+        self.wish = self.position
+        """Where he wants to be."""
 
     def place(self, at: float) -> tuple[float, float]:
         """Return the point `at` metres along the way."""
@@ -63,9 +68,10 @@ class Walker:
 
     def update(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> None:
         """Walk for one period, or wait if the next step leads too near to a robot or to somebody else."""
-        here, there = self.position, self.place(self.at + self._direction * self._speed * DT)
-        gap, radius, is_blocked = PERSON_GAP, self.person.radius, False
-        for footprint in footprints_world:
+        here, there = self.wish, self.place(self.at + self._direction * self._speed * DT)
+        gap, radius = PERSON_GAP, self.person.radius
+        is_blocked = math.dist(self.position, here) > HELD
+        for footprint in footprints_world if self.yields else ():
             if math.hypot(here[0] - footprint[0, 0], here[1] - footprint[0, 1]) < FAR_OFF:
                 now, then = (distance_to_polygon(p, footprint) - radius for p in (here, there))
                 is_blocked |= then < gap and then < now
@@ -73,18 +79,26 @@ class Walker:
             before, after = math.dist(here, other), math.dist(there, other)
             is_blocked |= after < 2 * radius + 0.1 and after < before
         if is_blocked:
-            self.velocity = (0.0, 0.0)
             self._waited += DT
             if self._waited >= PATIENCE:
                 self._waited, self._direction = 0.0, -self._direction
+                self._turn_back()
             return
-        self._waited = 0.0
+        self._waited = max(0.0, self._waited - DT)  # who gets on by inches is held all the same
         self.at = (self.at + self._direction * self._speed * DT) % self.length
-        self.velocity = ((there[0] - here[0]) / DT, (there[1] - here[1]) / DT)
+        self.wish = self.place(self.at)
 
-    def stand(self) -> None:
-        """Stand where one is."""
-        self.velocity = (0.0, 0.0)
+    def take(self, position: tuple[float, float]) -> None:
+        """Be where the physics has let one get to within a period."""
+        (x0, y0), (x1, y1) = self.position, position
+        self.position, self.velocity = position, ((x1 - x0) / DT, (y1 - y0) / DT)
+
+    def _turn_back(self) -> None:
+        """Want no more what was out of reach: the place of the way nearest to where one is, as far as one may lag behind."""
+        reach = np.arange(-2.0 * HELD, 2.0 * HELD + 1e-9, 0.02)
+        away = [math.dist(self.position, self.place(self.at + float(step))) for step in reach]
+        self.at = (self.at + float(reach[int(np.argmin(away))])) % self.length
+        self.wish = self.place(self.at)
 
 
 class SlidingDoor:
@@ -126,7 +140,8 @@ class Crowd:
     """Everybody and everything that moves by itself, in one fixed order: first people, then doors."""
 
     def __init__(self, world: WorldSpec, seed: int) -> None:
-        self.walkers = [Walker(p, seed) for p in world.people]
+        stubborn = _who_do_not_yield(world.people, seed)
+        self.walkers = [Walker(p, seed, yields=p.name not in stubborn) for p in world.people]
         self.doors = [SlidingDoor(d) for d in world.doors]
         self._movers: list[Walker | SlidingDoor] = [*self.walkers, *self.doors]
         self._shapes = [_person_solid(w.person) for w in self.walkers] + [d.door.leaf for d in self.doors]
@@ -147,17 +162,25 @@ class Crowd:
     def update(self, footprints_world: Sequence[F64], faults: FaultInjector, seconds: float) -> None:
         """Let one period pass beside robots with these footprints (N, 2); the faults tell which doors close and whether their people
         walk."""
-        people = [w.position for w in self.walkers]
+        people = [w.wish for w in self.walkers]
         is_time = faults.are_people_walking(seconds)
         for k, walker in enumerate(self.walkers):
             if is_time or not walker.person.name.startswith(FAULT_PERSON):
                 walker.update(footprints_world, people[:k] + people[k + 1 :])
-                people[k] = walker.position
-            else:
-                walker.stand()
+                people[k] = walker.wish
         for door in self.doors:
             door.is_closing = faults.is_closing(door.door.name, seconds)
-            door.update(footprints_world, people)
+            door.update(footprints_world, [w.position for w in self.walkers])
+
+    @property
+    def wishes(self) -> list[tuple[float, float]]:
+        """Where everybody wants to be, people first, then doors, which are where they want to be."""
+        return [*(w.wish for w in self.walkers), *(d.position for d in self.doors)]
+
+    def take(self, places: Sequence[tuple[float, float]]) -> None:
+        """Let people be where the physics has let them get to, in their order."""
+        for walker, place in zip(self.walkers, places, strict=True):
+            walker.take(place)
 
     def as_rays_see_it(self, ago: float) -> Movers:
         """Return the kernels' arrays, `ago` seconds before now: shifted back by the present velocities."""
@@ -165,6 +188,13 @@ class Crowd:
         rates = np.array([m.velocity for m in self._movers]).reshape(-1, 2)
         rows[:, :2] = np.array([m.position for m in self._movers]).reshape(-1, 2) - ago * rates
         return rows, self._kinds, rates
+
+
+def _who_do_not_yield(people: Sequence[Person], seed: int) -> frozenset[str]:
+    """Choose half (or one more) of those of whom nothing is said."""
+    open_names = [p.name for p in people if p.yields is None]
+    chosen = named_generator(seed, "yields").permutation(len(open_names))[: (len(open_names) + 1) // 2]
+    return frozenset(open_names[int(k)] for k in chosen)
 
 
 def _person_solid(person: Person) -> Solid:

@@ -55,13 +55,16 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Somebody who walks a closed way of straight legs, float points (x, y), at `speed` m/s."""
+    """Somebody who walks a closed way of straight legs, float points (x, y), at `speed` m/s. Who `yields` halts before robots, who does not
+    walks on and into them; None: the seed decides, for half of all such people. `mass` in kg."""
 
     name: str
     way: tuple[tuple[float, float], ...]
     speed: float = 1.1
     radius: float = 0.25
     height: float = 1.75
+    yields: bool | None = None
+    mass: float = 75.0
 
 
 @dataclass(frozen=True, slots=True)

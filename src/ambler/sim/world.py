@@ -17,6 +17,7 @@ import numpy as np
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.sim.approach import ApproachMemory
 from ambler.sim.base import Physics, PlacedRobot, Touch
 from ambler.sim.body import TICK, TICK_NS, Body
 from ambler.sim.faults import OF_WORLD, Fault, FaultInjector, FaultKind, world_with_faults
@@ -91,6 +92,8 @@ class World:
         hulls = [body.hull(0, 0)[0] for body in self.bodies]
         self.scene = build_scene(spec, [*self._crowd.solids, *(hulls if len(hulls) > 1 else ())])
         self.lock = threading.RLock()
+        self._approaches = ApproachMemory(TICK)
+        self._people = {walker.person.name: k for k, walker in enumerate(self._crowd.walkers)}
         self._start_ns: int | None = None
         self.elapsed_ns = 0
         self._has_sensed = False
@@ -168,12 +171,28 @@ class World:
         """Return the contacts of a robot in the last tick."""
         return self._physics.touches(self.bodies.index(body))
 
+    def approach_of(self, body: Body, touch: Touch) -> float | None:
+        """Return how fast the touched point of a robot moved towards a person within the last half second at most (m/s), and of a robot that
+        a person has just touched how fast it drove towards anything itself; None for every other touch."""
+        robot, point = self.bodies.index(body), touch.position[:2]
+        person = self._people.get(touch.solid)
+        if person is not None:
+            return self._approaches.approach(robot, person, point)
+        return self._approaches.driven_speed(robot, point) if self._approaches.is_pushed(robot) else None
+
     def _tick(self) -> None:
         elapsed = self.elapsed_ns
         if len(self._crowd) and elapsed % UPDATE_NS == 0:
+            self._crowd.take(self._physics.people())
             self._crowd.update([b.footprint_world for b in self.bodies], self._faults, elapsed * 1e-9)
-            self._physics.move(self._crowd.solids)
-        self._physics.step([body.target(elapsed) for body in self.bodies])
+            self._physics.move(self._crowd.wishes)
+        targets = [body.target(elapsed) for body in self.bodies]
+        self._physics.step(targets)
+        if self._people:
+            robots = range(len(self.bodies))
+            bases = [self._physics.carriage(k).to_se2() for k in robots]
+            touched = [k for k in robots if any(t.solid in self._people for t in self._physics.touches(k))]
+            self._approaches.note(bases, self._physics.people(), targets, touched)
         self.elapsed_ns = elapsed = elapsed + TICK_NS
         has_power = not self._faults.is_on(FaultKind.NO_POWER, elapsed * 1e-9)
         for k, body in enumerate(self.bodies):
@@ -200,10 +219,11 @@ def _check_names(bodies: Sequence[BodySpec]) -> None:
 
 
 def _make_physics(spec: WorldSpec, robots: Sequence[PlacedRobot], physics: str, crowd: Crowd) -> Physics:
+    masses = [walker.person.mass for walker in crowd.walkers]
     if physics == "kinematic":
-        return KinematicPhysics(spec, robots, TICK, crowd.solids)
+        return KinematicPhysics(spec, robots, TICK, crowd.solids, masses)
     try:
         from ambler.sim.contact_physics import ContactPhysics
     except ModuleNotFoundError as error:
         raise BadInputError("contact physics needs MuJoCo (the extra `sim`); or choose kinematic physics") from error
-    return ContactPhysics(spec, robots, TICK, crowd.solids)
+    return ContactPhysics(spec, robots, TICK, crowd.solids, masses)

@@ -75,6 +75,8 @@ class _Person(Entry):
     speed: float = Field(default=1.1, gt=0, le=3)
     radius: float = Field(default=0.25, gt=0)
     height: float = Field(default=1.75, gt=0)
+    yields: bool | None = None
+    mass: float = Field(default=75.0, gt=0)
     name: str | None = None
 
 
@@ -143,6 +145,8 @@ def world_from_content(path: Path, content: dict[str, Any], start: SE2 | None = 
             p.speed,
             p.radius,
             p.height,
+            p.yields,
+            p.mass,
         )
         for k, p in enumerate(entry.people)
     )

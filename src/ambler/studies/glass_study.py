@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.collisions import find_contacts
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
 from ambler.sim.world_file import load_world
@@ -90,8 +90,8 @@ def _judge_run(world: str, recording: Path) -> dict[str, Any]:
     panes = {s.name for s in solids if s.is_glass}
     contacts = read_exploration(recording).contacts
     fields: dict[str, Any] = {
-        "contacts": len(find_collisions(contacts, min_speed=0.0)),
-        "glass_contacts": len(find_collisions([c for c in contacts if c.other_geom in panes], min_speed=0.0)),
+        "contacts": len(find_contacts(contacts)),
+        "glass_contacts": len(find_contacts([c for c in contacts if c.other_geom in panes])),
     }
     path = recording.with_name(f"map{SUFFIX}")
     if path.exists():

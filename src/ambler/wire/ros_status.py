@@ -55,6 +55,7 @@ def contact_to_ros(message: m.Contact) -> Any:
         point_to_ros(message.position),
         message.speed,
         message.force,
+        math.nan if message.approach is None else message.approach,
     )
 
 
@@ -66,6 +67,7 @@ def contact_from_ros(record: Any) -> m.Contact:
         vector_from_ros(record.position),
         record.speed,
         record.force,
+        None if math.isnan(record.approach) else record.approach,
     )
 
 

@@ -1,0 +1,162 @@
+"""Yielding: no motion passes from which the robot could not stand still for half a second before anybody who moves reaches it.
+
+Each mover may go on, go on as he last walked, or turn round; at every moment of the motion, and of the braking after it, the filled
+footprint keeps clear of all three (passive safety, Bouraine, Fraichard and Salhi 2012, with the half second by which a contact is
+judged). Whoever reaches a robot that stands, or that only moves away from him, is let come.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.movers import NOBODY, Movers
+from ambler.core.protocols import BodyVelocity
+from ambler.core.robot import DriveKind, RobotModel
+from ambler.core.se2 import SE2
+from ambler.kernels.footprint import footprint_edges
+from ambler.kernels.movers import outline_distance, starts_contact
+
+F64 = NDArray[np.float64]
+MOMENTS = 80  # of a motion that are looked at, at most
+
+
+@dataclass(frozen=True, slots=True)
+class YieldConfig:
+    """Numbers of the yielding, SI.
+
+    reach          metres within which movers matter
+    radius         of a mover, with what his position is uncertain by
+    growth         m/s by which that grows
+    reaction       from the scan that shows a mover to the base obeying what follows from it
+    hold           for which a command holds until the next one can replace it
+    calm           seconds of standing before a contact that make it none of the robot's
+    slow           m/s that do not count as moving towards somebody
+    step           seconds between the moments that are looked at
+    scales         shares of a wanted velocity that are tried, the greatest first
+    speed_min      below this a mover stands; he may walk again as he last did, or turn round
+    brake_share    share of the deceleration limits that is counted on
+    speed_max, turn_max   m/s and rad/s in company: a robot that may have to stand half a second from now must not be fast
+    patience       seconds of yielding that do not count as lack of progress
+    evade_speed, evade_length, evade_seconds   m/s with which the robot gets out of somebody's way, by how many metres at most, and how long
+                   ahead it sees him come
+    evade_gain     metres that it must gain by that
+    """
+
+    reach: float = 4.5
+    radius: float = 0.33
+    growth: float = 0.1
+    reaction: float = 0.25
+    hold: float = 0.1
+    calm: float = 0.65
+    slow: float = 0.03
+    step: float = 0.05
+    scales: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
+    speed_min: float = 0.3
+    brake_share: float = 0.8
+    speed_max: float = 0.5
+    turn_max: float = 0.7
+    patience: float = 30.0
+    evade_speed: float = 0.4
+    evade_length: float = 0.8
+    evade_seconds: float = 2.0
+    evade_gain: float = 0.15
+
+
+class Yielding:
+    """Judges motions of one robot among movers. `set_movers` comes first, with the movers of now and where the robot is."""
+
+    def __init__(self, config: YieldConfig, robot: RobotModel) -> None:
+        self._config = config
+        self._normals, self._offsets = footprint_edges(robot.footprint, 0.0)
+        self._corners = np.ascontiguousarray(robot.footprint, np.float64)
+        self._reach = config.reach + robot.circumscribed_radius
+        lim, share = robot.limits, config.brake_share
+        brakes = [share * lim.ax_brake, share * lim.ay_brake, share * lim.az_max]
+        self._plan = np.array([config.reaction, config.hold, *brakes, config.calm, config.slow, config.step])
+        self.hypotheses = np.zeros((0, 6))
+        """Where movers may go, float64 (H, 6) of (x, y, vx, vy, radius, growth) from now on, in the odom frame."""
+        self._going_on = np.zeros((0, 4))
+        sideways = ((0.0, -1.0), (0.0, 1.0)) if robot.drive is DriveKind.OMNI and lim.vy_max > 0.0 else ()
+        self._ways_out = (*sideways, *(((-1.0, 0.0),) if lim.vx_min < 0.0 else ()), (1.0, 0.0))
+        self._past = np.zeros((MOMENTS, 6))
+        self._pose = np.zeros(3)
+        self._now = np.zeros(3)
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether nobody who moves is near."""
+        return len(self.hypotheses) == 0
+
+    def set_movers(self, movers: Movers, odom_from_base: SE2, velocity: BodyVelocity) -> None:
+        """Take the movers of now, and how the robot moves."""
+        near = movers.near(odom_from_base, self._reach) if len(movers) else NOBODY
+        self._pose = odom_from_base.as_array()
+        self._now = np.array([velocity.vx, velocity.vy, velocity.wz])
+        self._going_on = near.states[:, :4]
+        self.hypotheses = self._hypotheses(near.states)
+
+    def contact_in(self, wanted: BodyVelocity) -> float:
+        """Return in how many seconds a velocity would start a contact, inf if in none."""
+        if self.is_alone:
+            return math.inf
+        twist = np.array([wanted.vx, wanted.vy, wanted.wz])
+        shape = (self._normals, self._offsets, self._corners, self._past)
+        return float(starts_contact(self._pose, self._now, twist, self._plan, self.hypotheses, *shape))
+
+    def limited(self, wanted: BodyVelocity) -> BodyVelocity:
+        """Return as much of a velocity, along the same arc, as starts no contact; nothing if even the least does."""
+        if self.is_alone or wanted == BodyVelocity():
+            return wanted
+        c = self._config
+        fastest = max(math.hypot(wanted.vx, wanted.vy) / c.speed_max, abs(wanted.wz) / c.turn_max, 1.0)
+        wanted = BodyVelocity(wanted.vx / fastest, wanted.vy / fastest, wanted.wz / fastest)
+        for scale in c.scales:
+            slower = BodyVelocity(wanted.vx * scale, wanted.vy * scale, wanted.wz * scale)
+            if self.contact_in(slower) == math.inf:
+                return slower
+        return BodyVelocity()
+
+    def evasion(self, free_slide: Callable[[float, float], float]) -> BodyVelocity:
+        """Return a velocity straight out of the way of who is about to walk into a robot that stands; nothing if nobody is, or if there is
+        nowhere to go. `free_slide(heading, length)` says how far the robot may slide along a heading of the odom frame, at most
+        `length` metres, through what it has seen to be free."""
+        c, stay = self._config, self._gap_after(BodyVelocity())
+        best, chosen = stay + c.evade_gain, BodyVelocity()
+        if stay > 0.0:
+            return chosen
+        for vx, vy in self._ways_out:
+            wanted = BodyVelocity(vx * c.evade_speed, vy * c.evade_speed)
+            gap = self._gap_after(wanted)
+            if gap <= best or self.contact_in(wanted) < math.inf:
+                continue
+            if free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length) >= c.evade_length - 1e-6:
+                best, chosen = gap, wanted
+        return chosen
+
+    def _gap_after(self, wanted: BodyVelocity) -> float:
+        """Return the least gap (m) to those who go on as they do while the robot moves on straight, over the time that is looked ahead."""
+        c, rows = self._config, self._going_on
+        cos, sin = math.cos(self._pose[2]), math.sin(self._pose[2])
+        vx, vy = cos * wanted.vx - sin * wanted.vy, sin * wanted.vx + cos * wanted.vy
+        least, nearest = math.inf, np.empty(2)
+        for t in np.arange(0.0, c.evade_seconds + 1e-9, 0.2):
+            moved = min(float(t), c.evade_length / c.evade_speed)
+            place = SE2(self._pose[0] + vx * moved, self._pose[1] + vy * moved, self._pose[2]).inverse()
+            for x, y in place.transform(rows[:, :2] + t * rows[:, 2:4]):
+                gap = outline_distance(x, y, self._normals, self._offsets, self._corners, nearest)
+                least = min(least, float(gap) - c.radius)
+        return least
+
+    def _hypotheses(self, states: F64) -> F64:
+        c = self._config
+        rows = []
+        for x, y, vx, vy, wx, wy in states:
+            is_walking = math.hypot(vx, vy) >= c.speed_min
+            ways = [(vx, vy), (-vx, -vy)] if is_walking else [(vx, vy), (wx, wy), (-wx, -wy)]
+            rows += [(x, y, *way, c.radius, c.growth) for way in ways]
+        return np.array(rows).reshape(-1, 6)

@@ -1,0 +1,166 @@
+"""Yielding: no motion passes that the robot could not end half a second before somebody reaches it; tried against a slow simulation."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ambler.control.config import RolloutConfig
+from ambler.control.omni_pursuit import OmniPursuit
+from ambler.control.passing import passing_discs
+from ambler.control.pursuit_config import PursuitConfig
+from ambler.control.trajectory_rollout import TrajectoryRollout
+from ambler.control.yielding import YieldConfig, Yielding
+from ambler.core.grid import GridSpec
+from ambler.core.movers import Movers
+from ambler.core.protocols import BodyVelocity, MoverAware
+from ambler.core.se2 import SE2
+from ambler.sim.movers import distance_to_polygon
+from tests.control.closed_loop import DIFF, ROBOTS, SPOT, World, drive, line, step_velocity
+
+PERSON = 0.25
+
+
+def walker(x: float, y: float, vx: float, vy: float) -> Movers:
+    return Movers(0, np.array([[x, y, vx, vy, vx, vy]]))
+
+
+def meet(robot, start: SE2, wanted: BodyVelocity, person, velocity, turns_at: float = math.inf):
+    """Drive towards `wanted` through the yielding while somebody walks; return (time of contact or inf, worst approach of the touched point
+    in the half second before, metres driven)."""
+    yielding, pose, v = Yielding(YieldConfig(), robot), start, BodyVelocity()
+    waiting, log, dt, driven = [BodyVelocity()] * 2, [], 0.05, 0.0
+    place, walk = np.array(person, float), np.array(velocity, float)
+    for k in range(120):
+        if k * dt >= turns_at:
+            walk, turns_at = -walk, math.inf
+        yielding.set_movers(walker(*place, *walk), pose, v)
+        waiting.append(yielding.limited(wanted))
+        v = step_velocity(v, waiting.pop(0), robot.limits, dt)
+        log.append((pose, v, place.copy()))
+        pose = pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * dt)
+        driven += math.hypot(v.vx, v.vy) * dt
+        place = place + walk * dt
+        outline = pose.transform(robot.footprint)
+        if distance_to_polygon((place[0], place[1]), outline) <= PERSON:
+            point = pose.inverse().transform(_nearest(place, outline)[None])[0]
+            return k * dt, max(_approach(p, u, q, point) for p, u, q in log[-10:]), driven
+    return math.inf, -math.inf, driven
+
+
+def _nearest(point, outline):
+    ends = np.roll(outline, -1, axis=0)
+    share = np.clip(
+        np.sum((point - outline) * (ends - outline), axis=1) / np.sum((ends - outline) ** 2, axis=1), 0.0, 1.0
+    )
+    places = outline + share[:, None] * (ends - outline)
+    return places[np.argmin(np.hypot(*(places - point).T))]
+
+
+def _approach(pose, v, person, point_base):
+    place = pose.transform(point_base[None])[0]
+    moved = SE2(0.0, 0.0, pose.yaw).transform(np.array([[v.vx - v.wz * point_base[1], v.vy + v.wz * point_base[0]]]))[0]
+    away = person - place
+    return float(moved @ away) / max(1e-9, math.hypot(*away))
+
+
+@given(
+    st.sampled_from(["diff", "spot"]),
+    st.floats(-math.pi, math.pi),
+    st.floats(2.5, 4.0),
+    st.floats(0.6, 1.3),
+    st.floats(-0.4, 0.4),
+    st.sampled_from([BodyVelocity(0.8), BodyVelocity(0.4, 0.0, 0.8), BodyVelocity(0.0, 0.0, -1.2), BodyVelocity(-0.3)]),
+)
+@settings(max_examples=60, deadline=None)
+def test_who_walks_straight_into_the_robot_finds_it_standing(name, bearing, away, pace, aside, wanted) -> None:
+    robot = ROBOTS[name]
+    heading = bearing + math.pi + aside
+    person = (away * math.cos(bearing), away * math.sin(bearing))
+    seconds, approach, _ = meet(robot, SE2(), wanted, person, (pace * math.cos(heading), pace * math.sin(heading)))
+    assert math.isinf(seconds) or approach <= 0.05
+
+
+def test_without_yielding_the_same_robot_would_be_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Yielding, "limited", lambda self, wanted: wanted)
+    seconds, approach, _ = meet(DIFF, SE2(), BodyVelocity(0.8), (3.0, 0.0), (-1.2, 0.0))
+    assert seconds < 2.0
+    assert approach > 0.5
+
+
+def test_who_turns_round_before_the_robot_is_not_run_into() -> None:
+    for turns_at in np.arange(0.0, 3.0, 0.25):
+        seconds, approach, _ = meet(DIFF, SE2(), BodyVelocity(0.8), (1.1, 0.0), (0.4, 0.0), float(turns_at))
+        assert math.isinf(seconds) or approach <= 0.05
+
+
+def test_who_walks_ahead_may_turn_round() -> None:
+    yielding = Yielding(YieldConfig(), DIFF)
+    yielding.set_movers(walker(0.9, 0.0, 1.1, 0.0), SE2(), BodyVelocity(0.4))
+    assert yielding.limited(BodyVelocity(0.4)).vx < 0.2
+
+
+def test_who_walks_past_with_room_does_not_stop_it() -> None:
+    _, _, driven = meet(DIFF, SE2(), BodyVelocity(0.5), (4.0, 1.3), (-1.2, 0.0))
+    assert driven > 2.0
+
+
+def test_a_touched_robot_may_leave_and_not_press_on() -> None:
+    yielding = Yielding(YieldConfig(), DIFF)
+    yielding.set_movers(walker(0.52, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
+    assert yielding.limited(BodyVelocity(0.3)) == BodyVelocity()
+    assert yielding.limited(BodyVelocity(-0.3)).vx < -0.05
+    assert yielding.limited(BodyVelocity(0.0, 0.0, 1.0)) == BodyVelocity(), "turning brings its corner nearer"
+
+
+def test_nobody_near_changes_nothing() -> None:
+    yielding = Yielding(YieldConfig(), SPOT)
+    yielding.set_movers(walker(9.0, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
+    assert yielding.is_alone
+    wanted = BodyVelocity(0.8, 0.1, 1.2)
+    assert yielding.limited(wanted) is wanted
+
+
+def test_a_standing_robot_gets_out_of_the_way_only_where_it_may() -> None:
+    yielding = Yielding(YieldConfig(), SPOT)
+    yielding.set_movers(walker(2.0, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
+    assert abs(yielding.evasion(lambda heading, length: length).vy) > 0.1, "sideways"
+    assert yielding.evasion(lambda heading, length: 0.3) == BodyVelocity(), "not far enough"
+    only_left = yielding.evasion(lambda heading, length: length if abs(heading - math.pi / 2) < 0.1 else 0.0)
+    assert only_left.vy > 0.1
+    yielding.set_movers(walker(2.0, 2.0, -1.0, 0.0), SE2(), BodyVelocity())
+    assert yielding.evasion(lambda heading, length: length) == BodyVelocity(), "nobody comes"
+
+
+def test_discs_stand_to_the_right_of_who_walks() -> None:
+    (row,) = passing_discs(walker(3.0, 0.0, -1.0, 0.0), 0.5)
+    assert row[0] == pytest.approx(2.5)
+    assert row[1] > 0.1, "his right is the left of who meets him"
+    (row,) = passing_discs(walker(3.0, 0.0, 0.0, 0.0), 0.5)
+    assert row[:2].tolist() == [3.0, 0.0]
+
+
+@pytest.mark.parametrize("kind", [TrajectoryRollout, OmniPursuit])
+def test_planners_pass_on_the_right(kind) -> None:
+    robot = SPOT
+    planner = OmniPursuit(PursuitConfig(), robot) if kind is OmniPursuit else TrajectoryRollout(RolloutConfig(), robot)
+    assert isinstance(planner, MoverAware)
+    costs, spec = np.zeros((120, 120), np.uint8), GridSpec(0.05, 120, 120, -3.0, -3.0)
+    planner.set_path(line((0.0, 0.0), (2.8, 0.0)))
+    planner.set_movers(walker(2.6, 0.0, -1.0, 0.0))
+    command = planner.compute_command(costs, spec, SE2(), BodyVelocity(0.4))
+    assert command.vy + command.wz < -0.02, "to the right"
+    planner.set_movers(Movers())
+    alone = planner.compute_command(costs, spec, SE2(), BodyVelocity(0.4))
+    assert abs(alone.vy) + abs(alone.wz) < 0.02
+
+
+def test_without_movers_planners_drive_as_before() -> None:
+    world = World().block(1.0, 0.2, 1.4, 1.0)
+    path = line((0.0, 0.0), (3.0, 0.0))
+    plain = drive(TrajectoryRollout(RolloutConfig(), DIFF), DIFF, world, path, SE2())
+    planner = TrajectoryRollout(RolloutConfig(), DIFF)
+    planner.set_movers(Movers())
+    assert drive(planner, DIFF, world, path, SE2()).commands == plain.commands

@@ -1,0 +1,35 @@
+"""The study of crowds: cases, summary and bar."""
+
+from ambler.studies.crowd_study import crowd_cases, line, meets_bar, summarize
+
+
+def result(world: str, robot: str, ended: str = "finished", collisions: int = 0, contacts: int = 0) -> dict:
+    return {
+        "world": world,
+        "robot": robot,
+        "ended": ended,
+        "collisions": collisions,
+        "contacts": contacts,
+        "sim_seconds": 100.0,
+    }
+
+
+def test_worlds_and_robots_take_turns() -> None:
+    cases = crowd_cases(["a", "b"], ["diff", "spot"], 10, 5, range(6))
+    assert [(c.world, c.robot, c.seed) for c in cases] == [
+        *(("a", "diff", 0), ("a", "spot", 1), ("b", "diff", 2), ("b", "spot", 3), ("a", "diff", 4), ("a", "spot", 5))
+    ]
+    assert len({c.label for c in cases}) == 6
+
+
+def test_the_bar_counts_caused_contacts_and_ends() -> None:
+    good = [result("a", "diff", contacts=3) for _ in range(28)]
+    assert meets_bar(summarize([*good, *(result("a", "spot", "stuck") for _ in range(2))]))
+    assert not meets_bar(summarize([*good[:27], *(result("a", "spot", "stuck") for _ in range(3))]))
+    assert not meets_bar(summarize([*good, result("a", "diff", collisions=1, contacts=1)]))
+    crashed = {"world": "a", "robot": "diff", "ended": "crashed", "why": "died"}
+    assert not meets_bar(summarize([result("a", "diff"), crashed]))
+    fields = summarize([*good, crashed])
+    assert (fields["runs"], fields["finished"], fields["contacts"], fields["a.diff.runs"]) == (29, 28, 84, 29)
+    assert 0.0 < fields["runs_with_collision_ratio_max"] < 0.15
+    assert "3 contacts" in line(good[0])
