@@ -19,13 +19,15 @@ from ambler.slam2d.offline import run_offline
 
 EXCERPT = 150
 TURNING_MIN = 0.5
-MARGIN = 0.01
+MARGIN = 0.004
+MISSES_LEFT = 0.7
 
 
 def find_sweep(scans: Sequence[LogScan]) -> tuple[Sweep, dict[Sweep, float]]:
     """Return the sweep and the share of returns on walls under each hypothesis (empty when there is nothing to decide by).
 
-    Forward is believed unless another hypothesis is better by more than `MARGIN`.
+    Forward is believed unless another hypothesis is better by more than `MARGIN` and leaves at most `MISSES_LEFT` of the returns beside the
+    walls that forward leaves there.
     """
     if not scans or scans[0].duration <= 0.0:
         return Sweep.FORWARD, {}
@@ -38,7 +40,8 @@ def find_sweep(scans: Sequence[LogScan]) -> tuple[Sweep, dict[Sweep, float]]:
         for sweep in (Sweep.FORWARD, Sweep.BACKWARD, Sweep.NONE)
     }
     best = max(on_walls, key=lambda sweep: on_walls[sweep])
-    is_clear = on_walls[best] > on_walls[Sweep.FORWARD] + MARGIN
+    gain, misses = on_walls[best] - on_walls[Sweep.FORWARD], 1.0 - on_walls[Sweep.FORWARD]
+    is_clear = gain > MARGIN and misses - gain <= MISSES_LEFT * misses
     return (best if is_clear else Sweep.FORWARD), on_walls
 
 
