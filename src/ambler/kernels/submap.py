@@ -68,7 +68,7 @@ def insert_scan(cells, starts, free_starts, points, free_points, surfaces, frame
     for i in range(surfaces.shape[0]):
         ix = int(math.floor((surfaces[i, 0] - frame[1]) * inverse))
         iy = int(math.floor((surfaces[i, 1] - frame[2]) * inverse))
-        if 0 <= ix < width and 0 <= iy < height:
+        if 0 <= ix < width and 0 <= iy < height and cells[iy, ix] == 0:
             n = _update(cells, iy, ix, hit_table, touched, n)
     for i in range(points.shape[0]):
         k = i if starts.shape[0] > 1 else 0
