@@ -38,6 +38,7 @@ def add_parser(subparsers: Any) -> None:
     add_settings(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for " + ", ".join(FILES))
     parser.add_argument("--relations", type=Path, metavar="FILE", help="SLAM-benchmark relations to compare with")
+    parser.add_argument("--truth", type=Path, metavar="FILE", help="TUM file of reference poses to compare with")
     parser.add_argument(
         "--seed", type=int, default=0, help="recorded in the result; the method draws no random numbers"
     )
@@ -86,11 +87,35 @@ def run(args: argparse.Namespace) -> int:
     }
     if errors is not None:
         fields |= errors.fields()
+    if args.truth:
+        fields |= _against_truth(args.truth, stamps, result)
     _write(args, stamps, result, fields, recording.notes, errors)
     _report(args.out, fields)
+    for warning in result.warnings():
+        print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
     return 0
+
+
+def _against_truth(path: Path, stamps: list[float], result: OfflineResult) -> dict[str, Any]:
+    """Compare with reference poses: those of the scans, by their stamps."""
+    import numpy as np
+
+    from ambler.core.errors import BadInputError
+    from ambler.evaluation.revisits import revisit_errors
+    from ambler.evaluation.trajectory import trajectory_error, truth_at
+    from ambler.wire.tum import read_tum
+
+    truth_stamps, truth = read_tum(path)
+    ns, truth_ns = (np.rint(np.asarray(s) * 1e9).astype(np.int64) for s in (stamps, truth_stamps))
+    gap = 2.0 * float(np.median(np.diff(truth_stamps))) if len(truth_stamps) > 1 else 0.0
+    errors = trajectory_error(ns, result.poses, truth_ns, truth, max_gap=gap)
+    is_known, there = truth_at(ns, truth_ns, truth, gap)
+    if not is_known.any():
+        raise BadInputError(f"{path}: no reference pose at the time of a scan")
+    fields = {"ate_rms_m": errors.ate_rms_m, "ate_max_m": errors.ate_max_m}
+    return fields | revisit_errors(result.poses[is_known], there[is_known]).fields()
 
 
 def _map(recording: ScanRecording, config: Slam2dConfig) -> OfflineResult:
@@ -174,4 +199,8 @@ def _report(out: Path, fields: dict[str, Any]) -> None:
             f" {fields['translation_std_m']:.4f} m, rotation {fields['rotation_mean_deg']:.3f} ±"
             f" {fields['rotation_std_deg']:.3f} deg"
         )
+    if "ate_rms_m" in fields:
+        print(f"against the reference: {fields['ate_rms_m']:.3f} m RMS, {fields['ate_max_m']:.3f} m at worst", end="")
+        median, worst = fields["revisit_error_median_m"], fields["revisit_error_worst_m"]
+        print(f"; {fields['revisits']} revisits" + ("" if median is None else f": {median:.3f} m, worst {worst:.3f} m"))
     print(f"written: {', '.join(str(out / name) for name in FILES)}")

@@ -112,6 +112,9 @@ def _explored_briefly(world: str, robots: Sequence[str] = ("amr_omni", "diff")) 
 _WIDE_BAR = "≥ 98 % of the reachable floor, 0 collisions, proof, ≤ 0.05 m"
 _LAB_BAR = "coverage ≥ 99 %, NNE ≤ 0.8, SSIM ≥ 0.9"
 _OFFICE_BAR = "≥ 98 %, 0 collisions, proof, ≤ 0.05 m"
+_KEYFRAMES = (
+    "{ate_rms_m:.2f} m; {revisits} revisits: {revisit_error_median_m:.3f} m, worst {revisit_error_worst_m:.2f} m"
+)
 _LOG = (
     "{translation_mean_m:.4f} ± {translation_std_m:.4f} m, {rotation_mean_deg:.3f} ± {rotation_std_deg:.3f}°, "
     "{real_time_factor:.0f} × real time, {loop_closures} loop closures"
@@ -197,6 +200,41 @@ ROWS: Sequence[Row] = (
         "slam2d_fr079.json",
         _LOG,
         _all(_at_most(translation_mean_m=0.056), _at_least(real_time_factor=40.0)),
+    ),
+    Row(
+        "MIT Killian log (one scan in 0.44 s, 1.9 km), relations",
+        "≤ 0.060 m / 0.5°, aim 0.0395 m / 0.352°, ≥ 250 scans/s",
+        "slam2d_killian.json",
+        _LOG,
+        _at_most(translation_mean_m=0.060, rotation_mean_deg=0.5),
+    ),
+    Row(
+        "Freiburg campus, 1754 m outdoors: one scan per 0.5–1 m, against GMapping's poses",
+        "ATE ≤ 0.5 m; revisits: median ≤ 0.15 m, worst ≤ 1 m",
+        "slam2d_freiburg_campus.json",
+        _KEYFRAMES,
+        _at_most(ate_rms_m=0.5, revisit_error_median_m=0.15, revisit_error_worst_m=1.0),
+    ),
+    Row(
+        "fhw: one scan per 0.5–1 m, against GMapping's poses",
+        "ATE ≤ 0.5 m; revisits: median ≤ 0.15 m, worst ≤ 1 m",
+        "slam2d_fhw.json",
+        _KEYFRAMES,
+        _at_most(ate_rms_m=0.5, revisit_error_median_m=0.15, revisit_error_worst_m=1.0),
+    ),
+    Row(
+        "Belgioioso: one scan per 0.5–1 m, against GMapping's poses",
+        "ATE ≤ 0.5 m; revisits: median ≤ 0.15 m, worst ≤ 1 m",
+        "slam2d_belgioioso.json",
+        _KEYFRAMES,
+        _at_most(ate_rms_m=0.5, revisit_error_median_m=0.15, revisit_error_worst_m=1.0),
+    ),
+    Row(
+        "Edmonton: one scan per 0.5–1 m, against GMapping's poses",
+        "ATE ≤ 0.5 m; revisits: median ≤ 0.15 m, worst ≤ 1 m",
+        "slam2d_edmonton.json",
+        _KEYFRAMES,
+        _at_most(ate_rms_m=0.5, revisit_error_median_m=0.15, revisit_error_worst_m=1.0),
     ),
     Row(
         "pose graphs `intel`, `manhattan3500`",

@@ -19,12 +19,14 @@ from ambler.slam2d.slam import Slam2d
 
 _METRES_PER_RADIAN = 1.0
 _SAMPLE_STEP = 8
+LONG_WAY = 100.0  # m without a loop closure that are worth a warning
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfflineResult:
     """`poses` float64 (N, 3): map_from_base of every scan; `occupancy` int8 [iy, ix] on `spec`; `points_on_walls_ratio` is the share of
-    returns within one cell of an occupied cell; `loops` are the closures in the final graph."""
+    returns within one cell of an occupied cell; `loops` are the closures in the final graph, `way` the
+    metres driven, and `is_converged` says whether the last solution of the graph came to an end."""
 
     poses: NDArray[np.float64]
     spec: GridSpec
@@ -34,6 +36,17 @@ class OfflineResult:
     submaps: int
     points_on_walls_ratio: float
     loops: tuple[LoopConstraint, ...]
+    way: float = 0.0
+    is_converged: bool = True
+
+    def warnings(self) -> list[str]:
+        """Return what whoever uses the map should know, in words."""
+        out = []
+        if not self.loop_closures and self.way > LONG_WAY:
+            out.append(f"no loop closure in {self.way:.0f} m: the map may be bent")
+        if not self.is_converged:
+            out.append("the graph of poses did not converge: the map is not the best that the scans give")
+        return out
 
 
 def run_offline(
@@ -61,8 +74,10 @@ def run_offline(
     spec, occupancy = slam.render_map()
     poses = poses.reshape(-1, 3)
     agreement = points_on_walls(samples, poses, spec, occupancy)
+    way = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
     return OfflineResult(
-        poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement, slam.loop_constraints()
+        *(poses, spec, occupancy, slam.loop_closures, slam.nodes, slam.submaps, agreement, slam.loop_constraints()),
+        *(way, slam.is_converged),
     )
 
 

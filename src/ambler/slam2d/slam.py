@@ -69,6 +69,11 @@ class Slam2d:
         """How many loop closures hold."""
         return self._back_end.loop_closures
 
+    @property
+    def is_converged(self) -> bool:
+        """Whether the last solution of the graph came to an end."""
+        return self._back_end.is_converged
+
     def add_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
         """Take one odometry pose."""
         self._extrapolator.add_odometry(stamp_ns, odom_from_base)
