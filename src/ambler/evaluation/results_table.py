@@ -570,8 +570,8 @@ PAGE = """# Results
 Made by `ambler eval results` from the files in [results](results); each tells the command that made it, the commit, the day, the machine, the seed
 and the seconds. A row measured on an earlier day was measured on an earlier state of the code. A row that misses its bar says so.
 
-Worlds, logs and seeds are those on which Ambler was developed, with people who yield and cameras that sit where they are said to sit. On places that
-nobody had tried it has done worse; fresh ones are not measured here yet.
+Unless a row says drawn, worlds, logs and seeds are those on which Ambler was developed. On places that nobody had tried it has done worse: of drawn
+ones only a few runs were made so far (campuses, docking with imperfections).
 
 """
 
