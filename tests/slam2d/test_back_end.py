@@ -11,7 +11,7 @@ from ambler.slam2d.agreement import sort_closures
 from ambler.slam2d.back_end import JobResult
 from ambler.slam2d.config import DriftConfig, LoopConfig
 from ambler.slam2d.drift import DriftGraph
-from ambler.slam2d.graph import Edge, EdgeKind
+from ambler.slam2d.graph import Edge, EdgeKind, OptimizedGraph
 from ambler.slam2d.loop_candidates import PairCounts
 from ambler.slam2d.loop_closure import Closure
 from ambler.slam2d.slam import Slam2d
@@ -124,7 +124,7 @@ def sort(found: list[Closure], pending: list[Closure] | None = None) -> tuple[se
     """Return the nodes of the closures that are believed and of those that wait, one metre of way from node to node."""
     ways = np.arange(30.0)
     poses = np.column_stack((np.concatenate(([0.0], ways)), np.zeros(31), np.zeros(31)))
-    believed, waiting = sort_closures(found, pending or [], poses, ways, LoopConfig())
+    believed, waiting = sort_closures([*(pending or []), *found], poses, ways, LoopConfig())
     assert len(believed) + len(waiting) == len(found) + len(pending or [])
     return {c.node for c in believed}, {c.node for c in waiting}
 
@@ -156,6 +156,23 @@ def test_what_half_of_the_closures_on_a_way_contradict_waits() -> None:
     one, other = [closure(k) for k in (1, 3, 5)], [closure(k, (0.0, FAR, 0.0)) for k in (2, 4)]
     assert sort(one + other) == (set(), {1, 2, 3, 4, 5})
     assert sort([*one, other[0]]) == ({1, 3, 5}, {2})
+
+
+def test_a_closure_that_the_graph_rejects_is_kept_aside_once_and_teaches_no_drift() -> None:
+    course, slam = ring(), Slam2d(short_submaps())
+    run(slam, course, with_odometry=True, last=60, with_background=False)
+    back_end = slam._back_end
+    vertex, pose = back_end.nodes[-1].vertex, back_end.graph.pose(back_end.nodes[-1].vertex)
+    wrong = Closure(
+        Edge(back_end.submap_vertices[0], vertex, SE2(pose.x + 0.5, pose.y, 0.9), 1e8 * np.eye(3), EdgeKind.INTER),
+        *(len(back_end.nodes) - 1, 0, 50.0, 2.0),
+    )
+    poses = OptimizedGraph(back_end.graph.poses.copy(), ((wrong.edge.edge_from, vertex),), is_converged=True)
+    slam.commit(JobResult((wrong,), (), (wrong,), {}, poses, slam.nodes - 1))
+    assert slam.loop_closures == 0
+    assert not list(back_end.graph.loops())
+    assert back_end.drift_scale == 1.0
+    assert back_end._counts.linked == ()
 
 
 def drifts(graph: DriftGraph) -> tuple[float, float]:

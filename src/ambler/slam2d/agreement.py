@@ -21,17 +21,16 @@ B = NDArray[np.bool_]
 
 
 def sort_closures(
-    found: Sequence[Closure], pending: Sequence[Closure], poses: F64, ways: F64, config: LoopConfig
+    closures: Sequence[Closure], poses: F64, ways: F64, config: LoopConfig
 ) -> tuple[list[Closure], list[Closure]]:
     """Split closures into those to believe and those that wait.
 
     `poses` float64 (V, 3) are those of all vertices now, `ways` float64 (N,) the way driven until each node, metres.
     """
-    everyone = [*pending, *found]
-    moved = [moves_map_by(closure, poses) for closure in everyone]
+    moved = [moves_map_by(closure, poses) for closure in closures]
     is_far = np.array([m > config.surprise for m in moved], np.bool_)
-    believed = [c for c, far in zip(everyone, is_far, strict=True) if not far]
-    far = [c for c, is_it in zip(everyone, is_far, strict=True) if is_it]
+    believed = [c for c, far in zip(closures, is_far, strict=True) if not far]
+    far = [c for c, is_it in zip(closures, is_far, strict=True) if is_it]
     confirmed = _confirmed(far, np.array(moved)[is_far], poses, ways, config)
     believed += [c for c, is_it in zip(far, confirmed, strict=True) if is_it]
     waiting = [c for c, is_it in zip(far, confirmed, strict=True) if not is_it]

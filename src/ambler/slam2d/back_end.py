@@ -21,7 +21,7 @@ from ambler.slam2d.drift import DriftGraph
 from ambler.slam2d.front_end import LocalResult
 from ambler.slam2d.graph import Edge, EdgeKind, Graph, OptimizedGraph, diagonal_information, information_of, optimize
 from ambler.slam2d.loop_candidates import CandidateChooser, Node, PairCounts
-from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual
+from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual, key_of
 from ambler.slam2d.submaps import Submap
 
 _FINAL_BATCH = 20
@@ -198,11 +198,13 @@ class BackEnd:
         self._is_busy = False
         self._pending, self._aside = result.pending, result.aside
         self._counts.tries = result.tries
+        rejected = set(result.optimized.rejected) if result.optimized else set()
+        self._reject([key for key in rejected if key in self.closures])
         for closure in result.believed:
-            self._believe(closure)
+            if key_of(closure) not in rejected:
+                self._believe(closure)
         if result.optimized is None:
             return
-        self._reject(result.optimized.rejected)
         self.is_converged = result.optimized.is_converged
         n = len(result.optimized.poses)
         anchor = self.nodes[result.newest_node].vertex
@@ -215,14 +217,14 @@ class BackEnd:
 
     def _believe(self, closure: Closure) -> None:
         self.graph.add_edge(closure.edge)
-        self.closures[closure.edge.edge_from, closure.edge.edge_to] = closure
+        self.closures[key_of(closure)] = closure
         pair = self.nodes[closure.node].submap, closure.submap
         if not self._counts.edges_of(pair) and closure.prior_sigma > self._loop.drift.informative:
             self._surprises.append(closure.surprise)
             self.moves += 1
         self._counts.count_edge(pair, 1)
 
-    def _reject(self, rejected: tuple[tuple[int, int], ...]) -> None:
+    def _reject(self, rejected: list[tuple[int, int]]) -> None:
         if not rejected:
             return
         self.graph.remove_loops(rejected)
@@ -244,7 +246,7 @@ class _Job:
         self._ways = [s.way for s in b.submaps]
         self._counts = b._counts.copy()
         self._pending, self._aside = b._pending, b._aside
-        self._held = set(b.closures)
+        self._closures = dict(b.closures)
         self._scale = b.drift_scale
         self._graph = b.graph.snapshot()
 
@@ -254,10 +256,12 @@ class _Job:
         edges = [c.edge for c in believed]
         optimized = optimize(self._graph, edges, self._config) if edges or self._must_solve else None
         rejected = set(optimized.rejected) if optimized else set()
-        aside = [c for c in self._aside if c not in believed]
-        aside += [c for c in believed if _key(c) in rejected]
+        keys = {key_of(c) for c in believed} - rejected
+        aside = {key_of(c): c for c in (*self._aside, *believed) if key_of(c) not in keys}
+        aside |= {key: c for key, c in self._closures.items() if key in rejected}
         return JobResult(
-            tuple(believed), tuple(waiting), tuple(aside), self._counts.tries, optimized, len(self._nodes) - 1
+            *(tuple(believed), tuple(waiting), tuple(aside.values())),
+            *(self._counts.tries, optimized, len(self._nodes) - 1),
         )
 
     def _search(self) -> list[Closure]:
@@ -277,7 +281,7 @@ class _Job:
             closure = self._searcher.search(
                 c, self._nodes[c.node], submap, self._submap_vertices[c.submap], self._usual
             )
-            if closure is not None and _key(closure) not in self._held:
+            if closure is not None and key_of(closure) not in self._closures:
                 found.append(closure)
         return found
 
@@ -285,10 +289,6 @@ class _Job:
         """Split into closures to believe, among them such as were set aside and fit by now, and those that wait."""
         poses = self._graph.poses
         again = [c for c in self._aside if moves_map_by(c, poses) < self._loop.surprise]
-        new = {_key(c): c for c in (*again, *self._pending, *found) if _key(c) not in self._held}
+        new = {key_of(c): c for c in (*again, *self._pending, *found) if key_of(c) not in self._closures}
         ways = np.array([n.way for n in self._nodes])
-        return sort_closures(list(new.values()), [], poses, ways, self._loop)
-
-
-def _key(closure: Closure) -> tuple[int, int]:
-    return closure.edge.edge_from, closure.edge.edge_to
+        return sort_closures(list(new.values()), poses, ways, self._loop)

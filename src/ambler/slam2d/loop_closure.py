@@ -32,6 +32,11 @@ class Closure:
     prior_sigma: float = 0.0
 
 
+def key_of(closure: Closure) -> tuple[int, int]:
+    """Return the vertices that a closure joins: of the submap and of the node."""
+    return closure.edge.edge_from, closure.edge.edge_to
+
+
 @dataclass(frozen=True, slots=True)
 class Usual:
     """What local matches usually reach: mean score and share of inliers."""
