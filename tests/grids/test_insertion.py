@@ -197,3 +197,28 @@ def test_repetition_makes_cells_surer_up_to_the_clamps() -> None:
         before = now
     assert (before[is_hit] == 32767).all()
     assert (before[is_miss] == 1).all()
+
+
+def test_a_scan_that_counts_three_times_is_that_scan_inserted_three_times() -> None:
+    inserter = Inserter(CONFIG)
+    once, thrice = ProbabilityGrid(0.05, (0.0, 0.0), 5.0), ProbabilityGrid(0.05, (0.0, 0.0), 5.0)
+    points = np.array([[1.02, 0.33], [0.72, -0.91]], np.float32)
+    inserter.insert(once, np.array([0.02, 0.02]), points, NONE, times=3)
+    for _ in range(3):
+        inserter.insert(thrice, np.array([0.02, 0.02]), points, NONE)
+    assert np.array_equal(once.cells == 0, thrice.cells == 0)
+    assert np.abs(once.cells.astype(int) - thrice.cells.astype(int)).max() <= 3  # the table rounds
+    assert once.cells.max() > 22000
+
+
+def test_surfaces_fill_only_cells_that_nothing_was_measured_of() -> None:
+    inserter, grid = Inserter(CONFIG), ProbabilityGrid(0.05, (0.0, 0.0), 5.0)
+    origin, point = np.array([0.02, 0.02]), np.array([[1.02, 0.02]], np.float32)
+    inserter.insert(grid, origin, point, NONE)
+    before = grid.cells.copy()
+    free, unknown = np.array([0.52, 0.02]), np.array([0.52, 0.52])
+    inserter.insert(grid, origin, NONE, NONE, surfaces=np.array([free, unknown], np.float32))
+    (iy, ix), (jy, jx) = (((p - grid.frame[1:]) / 0.05).astype(int)[::-1] for p in (free, unknown))
+    assert grid.cells[iy, ix] == before[iy, ix] != 0
+    assert grid.cells[jy, jx] > 16384
+    assert (grid.cells != before).sum() == 1

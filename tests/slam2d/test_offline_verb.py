@@ -1,18 +1,21 @@
 """`ambler slam2d` on a small synthetic CARMEN log: map, trajectory and picture, or one line and nothing on disk."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ambler.cli.main import main
+from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.evaluation.metrics import METRICS
 from ambler.evaluation.relations import load_relations, relation_errors
 from ambler.recordings.scan_recording import open_recording
-from ambler.slam2d.offline import run_offline
+from ambler.slam2d.offline import OfflineResult, run_offline
 from ambler.wire.map_files import load_map
+from ambler.wire.tum import write_tum
 from tests.registration.room import distance_to_walls, ranges_at
 from tests.slam2d.drives import drive, errors, oval
 
@@ -102,3 +105,38 @@ def test_damaged_logs_leave_nothing_behind(damage: str, tmp_path: Path, capsys: 
     error = capsys.readouterr().err.strip()
     assert "broken.clf" in error
     assert "Traceback" not in error
+
+
+def _some_result() -> OfflineResult:
+    grid = GridSpec(0.05, 1, 1, 0.0, 0.0)
+    return OfflineResult(np.zeros((2, 3)), grid, np.zeros((1, 1), np.int8), 0, 2, 1, 1.0, ())
+
+
+def test_a_map_that_may_be_bent_or_unsolved_says_so_in_words() -> None:
+    result = replace(_some_result(), loop_closures=0, way=20.0)
+    assert result.warnings() == []
+    bent = replace(result, way=250.0)
+    assert bent.warnings() == ["no loop closure in 250 m: the map may be bent"]
+    assert replace(bent, loop_closures=3).warnings() == []
+    (unsolved,) = replace(result, is_converged=False).warnings()
+    assert "did not converge" in unsolved
+
+
+def test_reference_poses_are_compared_with(tmp_path: Path) -> None:
+    """A reference that is right gives centimetres, one whose second half lies beside the first gives what it lies beside."""
+    course = drive(oval(1.1))
+    log = tmp_path / "room.clf"
+    log.write_text("\n".join(log_lines(course.truth, course.odometry)) + "\n")
+    poses = np.array([p.as_array() for p in course.truth])
+    stamps = 1000.0 + 0.1 * np.arange(len(poses))
+    errors = {}
+    for name, off in (("right", 0.0), ("wrong", 0.8)):
+        moved = poses.copy()
+        moved[len(poses) // 2 :, 0] += off
+        write_tum(tmp_path / f"{name}.tum", stamps, moved)
+        result = tmp_path / f"{name}.json"
+        words = ["slam2d", str(log), "--truth", str(tmp_path / f"{name}.tum"), "--out", str(tmp_path / name)]
+        assert main([*words, "--json", str(result)]) == 0
+        errors[name] = json.loads(result.read_text())["ate_rms_m"]
+    assert errors["right"] < 0.04
+    assert 0.2 < errors["wrong"] < 0.8

@@ -50,3 +50,26 @@ def test_a_submap_lies_on_the_lattice_near_its_first_scan_and_shows_the_walls() 
     occupied = submap.local_from_submap.transform(submap.grid.spec.centers_of(cells))
     assert len(occupied) > 150
     assert distance_to_walls(occupied).max() < 0.036  # the wall crosses the cell
+
+
+def test_submaps_end_by_way_where_scans_are_few() -> None:
+    active = ActiveSubmaps(InsertionConfig(), 100, distance_per_submap=3.0)
+    spans: dict[int, list[float]] = {}
+    for k in range(30):
+        pose = SE2(0.8 * k, 0.0, 0.0)
+        for submap in active.insert(scan_at(SE2()), pose)[0]:
+            spans.setdefault(submap.index, []).append(pose.x)
+    complete = [xs for xs in spans.values() if xs[-1] < 23.0]
+    assert len(complete) >= 3
+    assert all(5.5 < xs[-1] - xs[0] < 8.0 for xs in complete)  # two halves of four steps
+
+
+def test_a_scan_after_a_long_way_counts_more_often() -> None:
+    grids = []
+    for step in (0.1, 1.0):
+        active = ActiveSubmaps(InsertionConfig(), 100, step=step)
+        for _ in range(2):
+            active.insert(scan_at(SE2()), SE2())
+        (submap,), _ = active.insert(scan_at(SE2()), SE2(0.0, 0.0, 0.5))
+        grids.append(int(submap.grid.cells.max()))
+    assert grids[0] > grids[1] + 1000
