@@ -17,8 +17,30 @@ SOLVER = ("tests/posegraph/test_solver.py",)
 MERGER = ("tests/perception/test_merger.py",)
 PLANAR = ("tests/perception/test_planar.py",)
 GLASS = ("tests/perception/test_glass.py",)
+LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
+    PlantedFault(
+        "the two sides of a wall are one line",
+        "kernels/line_field.py",
+        "return 2 if dy > 0.0 else 3",
+        "return 2",
+        LINES,
+    ),
+    PlantedFault(
+        "a fit to lines slides along them",
+        "kernels/line_field.py",
+        "a[k, k] += prior[k]",
+        "a[k, k] += 1e-9 * prior[k]",
+        LINES,
+    ),
+    PlantedFault(
+        "a table that grows forgets its lines",
+        "kernels/line_field.py",
+        "new_moments[row] = moments[i]",
+        "new_moments[row] = 0.0",
+        LINES,
+    ),
     PlantedFault(
         "a loop closure may fit ten times worse than a place does",
         "slam2d/config.py",

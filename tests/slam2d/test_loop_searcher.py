@@ -54,7 +54,7 @@ class Search:
     def of(self, scan: PlanarScan, believed: SE2) -> Closure | None:
         """Search a scan that is believed at a pose of the submap."""
         points = filter_voxels_adaptively(scan.points, self.loop.max_voxel, self.loop.min_points)
-        node = Node(7, 0, SE2(), points, filter_voxels_adaptively(scan.points, 0.3, 200), 9, 0.0)
+        node = Node(7, 0, SE2(), points, filter_voxels_adaptively(scan.points, 0.3, 200), (0.0, 0.0), 9, 0.0)
         window = Window(self.reach, math.radians(20.0))
         candidate = Candidate(3, 0, believed, window, np.diag([0.04, 0.04, 0.01]))
         return self.searcher.search(candidate, node, submap(), 1, Usual(self.usual, 0.9))

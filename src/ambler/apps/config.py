@@ -44,7 +44,7 @@ from ambler.perception.scanner_profile import ScannerCalibration, calibrated_rob
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
 from ambler.settings.profiles import as_values, build, merge
-from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
+from ambler.slam2d.config import FrontEndConfig, GraphConfig, LoopConfig, Slam2dConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +106,18 @@ class RobotConfig:
             )
 
 
-# A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood; passing rays count for more than Cartographer's
-# 0.49, so that walls stay one cell thick (docs/slam2d.md). The points of a cloud are means of several returns and need no such help.
+# A scanner at 10 Hz fills 150 scans before the robot has left its neighbourhood. A return counts for more than a passing ray by far: rays
+# along a wall gnaw at it, and matching against what is left drifts three times as much (docs/slam2d.md). The points of a cloud are means of
+# several returns and lie where they lie.
 SHARP = FrontEndConfig(
-    match_max_voxel=0.3, match_min_points=350, scans_per_submap=150, insertion=InsertionConfig(p_miss=0.46)
+    match_max_voxel=0.3, match_min_points=350, scans_per_submap=150, insertion=InsertionConfig(p_hit=0.6)
 )
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
+
+# Where stamps are right, loops can be searched more densely than in a log, and a fit to lines counts for more.
+CLOSE_LOOPS = LoopConfig(query_distance=0.5, candidates_per_node=4, searches_per_job=12, tries_per_pair=24)
+GOOD_STAMPS = GraphConfig(inter_sigma=(0.02, math.radians(0.2)))
 
 SEEN_WELL = (
     0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
@@ -141,7 +146,9 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     return RobotConfig(
         controller="pursuit" if pursues else "rollout",
         slam2d=Slam2dNodeConfig(
-            uses_cloud=uses_cloud, planar=planar, slam=Slam2dConfig(front_end=SHARP_CLOUD if uses_cloud else SHARP)
+            uses_cloud=uses_cloud,
+            planar=planar,
+            slam=Slam2dConfig(SHARP_CLOUD if uses_cloud else SHARP, CLOSE_LOOPS, GOOD_STAMPS),
         ),
         localization=LocalizationNodeConfig(source="points", planar=planar) if uses_cloud else LocalizationNodeConfig(),
         particles=ParticleFilterConfig(drive=robot.drive),

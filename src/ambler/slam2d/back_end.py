@@ -115,7 +115,7 @@ class BackEnd:
             motion = previous.local_from_base.inverse() @ pose
             self._way += math.hypot(motion.x, motion.y) + _RADIANS_WAY * abs(motion.yaw)
         node = Node(
-            *(vertex, result.scan.stamp_ns, pose, loop_points, result.match_points),
+            *(vertex, result.scan.stamp_ns, pose, loop_points, result.match_points, result.scan.origin),
             *(result.submaps[0].index, self._way),
         )
         if result.match is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.registration.gauss_newton import RefineConfig
+from ambler.registration.line_field import LineConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class FrontEndConfig:
     rescue_margin: float = 0.05
     refine: RefineConfig = field(default_factory=RefineConfig)
     blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
+    lines: LineConfig = field(default_factory=LineConfig)
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2

@@ -36,14 +36,15 @@ class LocalResult:
 class FrontEnd:
     """Local SLAM of Cartographer (Hess, Kohler, Rapp and Andor, ICRA 2016, section IV): `update` is its one step per scan.
 
-    What the paper does not have stands in steps of its own: odometry that is doubted (`_judge_odometry`, `_steady_match`), and a match
+    What the paper does not have stands in steps of its own: the last step of a match, onto the lines of the submap (`LineField`); odometry that is doubted (`_judge_odometry`, `_steady_match`), and a match
     that is unusually bad (`_rescued_match`). Knows nothing of the global frame.
     """
 
     def __init__(self, config: FrontEndConfig) -> None:
         self._config = config
         self.active = ActiveSubmaps(
-            config.insertion, config.scans_per_submap, config.distance_per_submap, config.motion_distance
+            *(config.insertion, config.scans_per_submap, config.distance_per_submap, config.motion_distance),
+            lines=config.lines,
         )
         self._inserted: tuple[int, SE2] | None = None
         self._usual_score = 0.0
@@ -57,7 +58,7 @@ class FrontEnd:
         pose, match = prediction.local_from_base, None
         if target is not None and len(points) >= POINTS_LEAST:
             match = self._match(target, points, prediction)
-            pose = target.local_from_submap @ match.grid_from_base
+            pose = target.local_from_submap @ target.lines.fit(points, scan.origin, match.grid_from_base)
             self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None

@@ -26,13 +26,14 @@ _VIEW_STRIDE = 4  # every how many nodes of a submap its views are judged
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """An inserted scan: its vertex, local pose, thinned points, the older of the submaps that took it, and the way driven until it."""
+    """An inserted scan: its vertex, local pose, thinned points and where the sensor was, the older of the submaps that took it, and the way driven until it."""
 
     vertex: int
     stamp_ns: int
     local_from_base: SE2
     loop_points: F32
     match_points: F32
+    origin: tuple[float, float]
     submap: int
     way: float
 

@@ -67,7 +67,7 @@ class LoopSearcher:
         if match.score < min_score or match.inlier_ratio < config.min_inlier_ratio_of_usual * usual.inlier_ratio:
             return None
         covariance = match.covariance(self._point_sigma, (0.0, 0.0))
-        pose = match.grid_from_base
+        pose = submap.lines.fit(node.match_points, node.origin, match.grid_from_base)
         information = information_of(covariance, pose.yaw, self._graph.inter_sigma)
         edge = Edge(submap_vertex, node.vertex, pose, information, EdgeKind.INTER)
         return Closure(edge, candidate.node, candidate.submap, _surprise(candidate, pose), _sigma(candidate))

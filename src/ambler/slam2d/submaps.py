@@ -1,4 +1,4 @@
-"""Submaps: each is a probability grid filled by consecutive scans; two are active, the older one is matched against."""
+"""Submaps: each is a probability grid, and a field of lines, filled by consecutive scans; two are active, the older one is matched against."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
+from ambler.registration.line_field import LineConfig, LineField
 from ambler.registration.planar_scan import PlanarScan
 
 F32 = NDArray[np.float32]
@@ -22,11 +23,12 @@ MOST_TIMES = 8
 
 @dataclass(slots=True, eq=False)
 class Submap:
-    """A grid in its own frame; `local_from_submap` never changes and has yaw 0, so that its cells lie on the local frame's lattice."""
+    """A grid and the lines of its returns in its own frame; `local_from_submap` never changes and has yaw 0, so that its cells lie on the local frame's lattice."""
 
     index: int
     local_from_submap: SE2
     grid: ProbabilityGrid
+    lines: LineField
     scans: int = 0
     is_finished: bool = False
     nodes: list[int] = field(default_factory=list)
@@ -47,8 +49,10 @@ class ActiveSubmaps:
         scans_per_submap: int,
         distance_per_submap: float = math.inf,
         step: float = math.inf,
+        lines: LineConfig | None = None,
     ) -> None:
         self._inserter = Inserter(config)
+        self._lines = lines or LineConfig()
         self._half = scans_per_submap
         self._half_distance = distance_per_submap
         self._step = step
@@ -80,12 +84,14 @@ class ActiveSubmaps:
             free = pose.transform(scan.free_points).astype(np.float32)
             between = pose.transform(surfaces).astype(np.float32)
             self._inserter.insert(submap.grid, starts, points, free, free_starts, between, times)
+            submap.lines.add(points, starts)
             submap.scans += 1
         used = list(self.submaps)
         finished = None
         if len(self.submaps) > 1 and self._is_full(self.submaps[-1], 1.0):
             finished = self.submaps.pop(0)
             finished.grid.crop()
+            finished.lines.trim()
             finished.is_finished = True
         return used, finished
 
@@ -97,5 +103,5 @@ class ActiveSubmaps:
         r = config.resolution
         snapped = SE2(round(local_from_base.x / r) * r, round(local_from_base.y / r) * r, 0.0)
         grid = ProbabilityGrid(r, (0.0, 0.0), config.initial_size)
-        self.submaps.append(Submap(self._count, snapped, grid))
+        self.submaps.append(Submap(self._count, snapped, grid, LineField(self._lines)))
         self._count += 1
