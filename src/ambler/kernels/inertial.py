@@ -85,7 +85,12 @@ def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, grav
             e[j] = step[j, 0] * a[0] + step[j, 1] * a[1] + step[j, 2] * a[2]
             world[j] = half[j, 0] * a[0] + half[j, 1] * a[1] + half[j, 2] * a[2] + gravity[j]
         knots[k, T] = samples[k, 0]
-        knots[k, P : P + 3], knots[k, V : V + 3], knots[k, A : A + 3], knots[k, W : W + 3] = position, velocity, world, w
+        knots[k, P : P + 3], knots[k, V : V + 3], knots[k, A : A + 3], knots[k, W : W + 3] = (
+            position,
+            velocity,
+            world,
+            w,
+        )
         knots[k, R : R + 9] = rotation.ravel()
         if last:
             break

@@ -16,8 +16,12 @@ class VoxelMapConfig:
     voxel: float = 1.0
     points_per_voxel: int = 8
     spacing: float = 0.45
-    merge: float = 0.15  # nearer returns refine a point instead of adding one: the map gets sharper than a single return
-    merge_most: float = 10.0  # later returns leave it alone, so that the map does not follow the drift of what is matched to it
+    merge: float = (
+        0.15  # nearer returns refine a point instead of adding one: the map gets sharper than a single return
+    )
+    merge_most: float = (
+        10.0  # later returns leave it alone, so that the map does not follow the drift of what is matched to it
+    )
     voxels_most: int = 1 << 17  # 12 MB of points; more than a radius of 100 m fills in a town
     radius: float = 100.0
     evict_step: float = 10.0  # metres between two evictions
@@ -109,6 +113,16 @@ class PlanarConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class AloneConfig:
+    """A LiDAR without IMU: how much its motion may change, as densities of rate (rad/s/√Hz) and acceleration (m/s²/√Hz)."""
+
+    iterations_most: int = 30  # the prediction may be far off
+    rate_density: float = 1.0
+    acceleration_density: float = 8.0
+    speed_sigma: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
 class LioConfig:
     """The whole filter. `imu_from_lidar` is (x, y, z, roll, pitch, yaw) in metres and radians, None: from the recording, else the identity.
 
@@ -123,10 +137,12 @@ class LioConfig:
     degeneracy: DegeneracyConfig = field(default_factory=DegeneracyConfig)
     wheels: WheelConfig = field(default_factory=WheelConfig)
     planar: PlanarConfig = field(default_factory=PlanarConfig)
+    alone: AloneConfig = field(default_factory=AloneConfig)
     imu_from_lidar: tuple[float, float, float, float, float, float] | None = None
     lidar_clock: float = 0.0
     estimates_mount: bool = False
     estimates_clock: bool = False
+    has_imu: bool = True  # False: a LiDAR alone, with motion between scans that goes on as it was
     noise: float = 0.1  # of single returns 1-2 cm; the rest is what five noisy neighbours make of a plane, and that errors of one plane are shared
     outlier_scale: float = 0.15
     iterations_most: int = 3

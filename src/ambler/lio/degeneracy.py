@@ -25,6 +25,11 @@ class Degeneracy:
     rotation: F64
     weakest: float
 
+    @classmethod
+    def none(cls) -> Degeneracy:
+        """Of a scan that had no plane at all."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), 0.0)
+
     @property
     def is_degenerate(self) -> bool:
         return len(self.translation) + len(self.rotation) > 0

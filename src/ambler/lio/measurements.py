@@ -59,7 +59,9 @@ def wheel_velocity(
     jacobian[:, k.ROTATION : k.VELOCITY] = base_from_imu @ skew(body_velocity)
     jacobian[:, k.GYRO_BIAS : k.ACCEL_BIAS] = base_from_imu @ skew(mount[:3, 3])
     along = config.sigma**2 + (config.share * float(np.linalg.norm(measured))) ** 2
-    return Measurement(measured - predicted, jacobian, np.array([along, config.sideways_sigma**2, config.sideways_sigma**2]))
+    return Measurement(
+        measured - predicted, jacobian, np.array([along, config.sideways_sigma**2, config.sideways_sigma**2])
+    )
 
 
 def height_and_tilt(state: FilterState, origin: FilterState, config: PlanarConfig) -> Measurement:

@@ -6,7 +6,7 @@ is levelled, the error state's position comes first, weak directions are left al
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,25 +57,32 @@ class LidarInertialOdometry:
         self._inserts = 0
         self._origin = FilterState()
         imu = self.config.imu
-        self._densities = np.array([imu.gyro_density, imu.accel_density, imu.gyro_walk, imu.accel_walk]) ** 2
+        alone = self.config.alone
+        self._rate = np.zeros(3)
+        self._densities = np.square(
+            [imu.gyro_density, imu.accel_density, imu.gyro_walk, imu.accel_walk]
+            if self.config.has_imu
+            else [alone.rate_density, alone.acceleration_density, 0.0, 0.0]
+        )
 
     def update(self, scan: CloudScan) -> LioResult | None:
         """Take a scan; returns the pose at its last point, or None while the filter waits for its start or the scan says nothing.
 
         Raises LioInputError when the measurements cannot be what they are said to be.
         """
-        self._imu.add(scan.imu)
+        self._take(scan)
         end = self._imu.seconds(scan.end_ns) + self.state.clock
         if self.start is None and not self._begin(scan):
             return None
-        if end <= self._time or len(self._imu) == 0:
+        if end <= self._time or len(scan.cloud.points) == 0:
             return None
-        samples = self._imu.between(self._time, end)
+        samples = self._samples(end)
         prior = self._propagate(samples)  # eqs. (5)-(8)
         points, ranges, times = self._thin_out(scan.cloud)
         points_imu = self._compensate(points, times)  # eq. (9)
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
         health = self._health(prior, state, weak, sums, len(points), iterations, samples)
+        self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
@@ -95,8 +102,25 @@ class LidarInertialOdometry:
         points_imu = self._compensate(cloud.points, times)
         return np.asarray(self._place(points_imu), np.float32)
 
+    def _take(self, scan: CloudScan) -> None:
+        if self.config.has_imu:
+            self._imu.add(scan.imu)
+        elif self._imu.origin_ns is None:
+            self._imu.origin_ns = scan.cloud.stamp_ns
+
+    def _samples(self, end: float) -> F64:
+        """Return the inertial samples of the scan; without an IMU those of a motion that goes on as it was."""
+        if self.config.has_imu:
+            return self._imu.between(self._time, end)
+        force = -self.state.rotation.T @ self.state.gravity
+        rows = np.tile(np.concatenate([[0.0], self._rate, force]), (2, 1))
+        rows[:, 0] = self._time, end
+        return rows
+
     def _begin(self, scan: CloudScan) -> bool:
         """Look for the start; at rest it makes the first map of the scan in which it was found."""
+        if not self.config.has_imu:
+            return self._begin_alone(scan)
         if len(scan.imu) == 0 and len(self._imu) == 0:
             raise LioInputError(
                 "no inertial measurements came with the first scan; LiDAR-inertial odometry needs an IMU"
@@ -118,13 +142,21 @@ class LidarInertialOdometry:
         sigmas[k.ACCEL_BIAS : k.GRAVITY] = c.imu.accel_bias_sigma
         sigmas[k.GRAVITY : k.EXTRA] = c.imu.accel_bias_sigma / 9.8 if at_rest else 0.05
         if c.extras:
-            sigmas[k.EXTRA : k.EXTRA + 6] = (
-                (0.05, 0.05, 0.05, 0.03, 0.03, 0.03) if c.estimates_mount else (1e-6,) * 6
-            )
+            sigmas[k.EXTRA : k.EXTRA + 6] = (0.05, 0.05, 0.05, 0.03, 0.03, 0.03) if c.estimates_mount else (1e-6,) * 6
         if c.estimates_clock:
             sigmas[k.EXTRA + 6] = 0.02
         self.covariance = np.diag(sigmas**2)
         self._time = self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock
+        self._origin = self.state.copy()
+        return True
+
+    def _begin_alone(self, scan: CloudScan) -> bool:
+        """Without an IMU the map begins as the LiDAR stands."""
+        self.start = Start(self.state, 1.0, np.zeros(3), np.zeros(3), False, "began without inertial measurements")
+        sigmas = np.full(k.EXTRA + self.config.extras, 1e-6)
+        sigmas[k.VELOCITY : k.GYRO_BIAS] = self.config.alone.speed_sigma
+        self.covariance = np.diag(sigmas**2)
+        self._time = self._imu.seconds(scan.cloud.stamp_ns) - 1e-3
         self._origin = self.state.copy()
         return True
 
@@ -135,7 +167,7 @@ class LidarInertialOdometry:
             self._knots = np.zeros((len(samples), k.KNOT))
         gaps = np.diff(samples[:, 0])
         # Between samples far apart the motion is unknown: the noise grows with the square of the gap.
-        factor = max(1.0, float(gaps.max()) / self.config.imu.gap_most) ** 2
+        factor = max(1.0, float(gaps.max()) / self.config.imu.gap_most) ** 2 if self.config.has_imu else 1.0
         k.propagate(
             *(samples, prior.position, prior.rotation, prior.velocity, prior.gyro_bias, prior.accel_bias),
             *(prior.gravity, self.covariance, self._densities * factor, self._knots),
@@ -156,14 +188,10 @@ class LidarInertialOdometry:
         if len(self._scratch) < size:
             self._scratch = np.empty(size, np.int64)
         chosen = np.empty(len(points), np.int64)
-        count = voxel_kernels.thin_out(
-            np.ascontiguousarray(points), self._voxel, self._scratch[:size], chosen
-        )
+        count = voxel_kernels.thin_out(np.ascontiguousarray(points), self._voxel, self._scratch[:size], chosen)
         chosen = chosen[:count]
         if count:
-            self._voxel = float(
-                np.clip(self._voxel * np.sqrt(count / c.points_wanted), c.voxel_min, c.voxel_max)
-            )
+            self._voxel = float(np.clip(self._voxel * np.sqrt(count / c.points_wanted), c.voxel_min, c.voxel_max))
         times = self._imu.seconds(cloud.stamp_ns) + late[chosen].astype(np.float64) + self.state.clock
         return points[chosen], np.sqrt(squares[chosen].astype(np.float64)), times
 
@@ -186,7 +214,8 @@ class LidarInertialOdometry:
         information, gradient, moments = np.empty((width, width)), np.empty(width), np.empty(4)
         queries = np.empty_like(points_imu)
         weak, searches, iteration, covariance = None, True, 0, self.covariance
-        for iteration in range(1, c.iterations_most + 1):
+        most = c.iterations_most if c.has_imu else c.alone.iterations_most
+        for iteration in range(1, most + 1):
             if searches:
                 k.place_points(points_imu, state.rotation, state.position, queries)
                 planes, is_plane = self.map.fit_planes(queries)
@@ -208,15 +237,13 @@ class LidarInertialOdometry:
             delta = cross @ (gain @ (inner @ g + moved[part]) - g) - moved
             state = state.plus(delta)
             covariance = covariance - cross @ gain @ cross.T
-            is_converged = bool(
-                np.abs(delta[:3]).max() < c.converged_m and np.abs(delta[3:6]).max() < c.converged_rad
-            )
+            is_converged = bool(np.abs(delta[:3]).max() < c.converged_m and np.abs(delta[3:6]).max() < c.converged_rad)
             if is_converged:
                 break
             # Planes are looked for again where the first step was large, and once more at the end of a long way.
-            searches = float(np.abs(delta[:3]).max()) > 0.02 or iteration == c.iterations_most - 2
+            searches = not c.has_imu or float(np.abs(delta[:3]).max()) > 0.02 or iteration == most - 2
         if weak is None:
-            return prior, find_degeneracy(np.zeros((6, 6)), 0.0, c.degeneracy), moments, iteration
+            return prior, Degeneracy.none(), moments, iteration
         self.covariance = 0.5 * (covariance + covariance.T)
         state.rotation = _orthonormal(state.rotation)
         return state, weak, moments, iteration
@@ -225,12 +252,13 @@ class LidarInertialOdometry:
         """Use what else is known: stillness, the wheels, the level ground."""
         c = self.config
         assert self.start is not None
-        rest = standstill(self.state, samples, self.start, c.rest) if c.rest.is_used else None
+        is_tried = c.rest.is_used and c.has_imu
+        rest = standstill(self.state, samples, self.start, c.rest) if is_tried else None
         if rest is not None:
             self._measure(rest)
         if self._imu_from_base is not None:
             for message in scan.odometry[-1:]:
-                rate = samples[-1, 1:4] - self.state.gyro_bias
+                rate = self._knots[-1, k.W : k.W + 3]
                 self._measure(wheel_velocity(self.state, rate, message, self._imu_from_base, c.wheels))
         if c.planar.is_used:
             self._measure(height_and_tilt(self.state, self._origin, c.planar))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,14 +72,14 @@ class HandPath:
 
     def __post_init__(self) -> None:
         points = np.vstack([self.way, self.way[:1]]) if self.is_closed else np.asarray(self.way)
-        kind = "periodic" if self.is_closed else "natural"
+        kind: Literal["periodic", "natural"] = "periodic" if self.is_closed else "natural"
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         rough = CubicSpline(along, points, bc_type=kind)
         # Once more over its own arc length, so that the speed is what it is said to be.
         fine = np.linspace(0.0, along[-1], max(200, 20 * len(points)))
         places = rough(fine)
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-        object.__setattr__(self, "_spline", CubicSpline(arc, places, bc_type=kind if not self.is_closed else "periodic"))
+        object.__setattr__(self, "_spline", CubicSpline(arc, places, bc_type=kind))
         object.__setattr__(self, "_length", float(arc[-1]))
 
     @property

@@ -88,7 +88,7 @@ class HandRig:
         """Yield all scans of the path in the order of time."""
         period = self.lidar.period
         measured = self._inertial()
-        ahead = next(measured)
+        ahead: Imu | None = next(measured)
         for number in range(int(self.path.seconds / period) - 1):
             first = number * period
             cloud = self._cloud(first)
@@ -97,7 +97,7 @@ class HandRig:
             while ahead is not None:
                 imu.append(ahead)
                 taken = ahead.stamp_ns
-                ahead = next(measured, None)  # type: ignore[arg-type]
+                ahead = next(measured, None)
                 if taken >= end_ns:
                     break
             yield RigScan(cloud, tuple(imu), self._odometry(end_ns), end_ns, self.pose_at(end_ns))
@@ -118,7 +118,7 @@ class HandRig:
         sensor = ImuSensor(self._imu_spec, IMU_FRAME, self._seed)
         count = int((self.path.seconds + 0.2) / period)
         for begin in range(0, count, 4096):
-            times = np.arange(begin, min(begin + 4096, count)) * period
+            times = np.arange(begin, min(begin + 4096, count), dtype=np.float64) * period
             positions, quaternions = self.path.poses(times)
             velocities = self.path.velocities(times)
             rows = zip(times.tolist(), positions.tolist(), quaternions.tolist(), velocities.tolist(), strict=True)
@@ -138,9 +138,7 @@ class HandRig:
         ahead, _, _ = replace(pose.inverse(), translation=(0.0, 0.0, 0.0)).rotate((x, y, z))
         speed = ahead * self._wheel_scale + 0.005 * float(self._wheels.standard_normal())
         zero = np.zeros((6, 6))
-        return (
-            Odometry(stamp_ns, "odom", "base", SE3(), (speed, 0.0, 0.0), (0.0, 0.0, 0.0), zero, zero),
-        )
+        return (Odometry(stamp_ns, "odom", "base", SE3(), (speed, 0.0, 0.0), (0.0, 0.0, 0.0), zero, zero),)
 
 
 def _mounted(positions: F64, quaternions: F64, mount: SE3) -> tuple[F64, F64]:

@@ -51,4 +51,3 @@ def rosette(first: float, spec: LidarSpec = MID_360) -> NDArray[np.float64]:
     return np.stack(
         [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], axis=2
     )
-

@@ -85,9 +85,7 @@ def draw_tunnel(seed: int, length: float) -> Site:
     width, height = float(rng.uniform(4.0, 6.0)), float(rng.uniform(3.5, 5.0))
     yard = 25.0
     half = 0.5 * width
-    solids = [
-        _box("side", 0.5 * length, s * (half + 0.2), 0.0, length, 0.4, 0.0, height) for s in (-1.0, 1.0)
-    ]
+    solids = [_box("side", 0.5 * length, s * (half + 0.2), 0.0, length, 0.4, 0.0, height) for s in (-1.0, 1.0)]
     solids.append(_box("roof", 0.5 * length, 0.0, 0.0, length, width + 0.8, height, height + 0.4))
     way = np.array([[x, 0.0, HAND] for x in np.linspace(-yard + 8.0, length + yard - 8.0, 60)])
     taken: list[tuple[float, float, float]] = []
@@ -99,7 +97,9 @@ def draw_tunnel(seed: int, length: float) -> Site:
             sx, sy = rng.uniform(0.4, 4.0, 2)
             radius = 0.5 * math.hypot(sx, sy)
             if _is_free(x, y, radius, way[:, :2], taken, CLEAR) and (x + radius < -0.5 or x - radius > length + 0.5):
-                solids.append(_box("thing", x, y, float(rng.uniform(0.0, 3.1)), sx, sy, 0.0, float(rng.uniform(1.0, 5.0))))
+                solids.append(
+                    _box("thing", x, y, float(rng.uniform(0.0, 3.1)), sx, sy, 0.0, float(rng.uniform(1.0, 5.0)))
+                )
                 taken.append((x, y, radius))
     world = WorldSpec(f"tunnel-{seed}", tuple(solids), SE2(float(way[0, 0]), 0.0, 0.0))
     return Site(world, way, is_closed=False)
@@ -156,13 +156,26 @@ def _houses(
             side = float(rng.choice([-1.0, 1.0]))
             bx, by = SE2(x, y, yaw).transform(np.array([[along, side * (0.5 * sy + 0.4)]]))[0]
             solids.append(
-                _box("porch", bx, by, yaw, float(rng.uniform(0.8, 3.0)), 0.9, ground - 1.0, ground + float(rng.uniform(0.3, 3.0)))
+                _box(
+                    "porch",
+                    bx,
+                    by,
+                    yaw,
+                    float(rng.uniform(0.8, 3.0)),
+                    0.9,
+                    ground - 1.0,
+                    ground + float(rng.uniform(0.3, 3.0)),
+                )
             )
         taken.append((x, y, radius))
 
 
 def _things(
-    rng: np.random.Generator, way: F64, terrain: HeightField, solids: list[Solid], taken: list[tuple[float, float, float]]
+    rng: np.random.Generator,
+    way: F64,
+    terrain: HeightField,
+    solids: list[Solid],
+    taken: list[tuple[float, float, float]],
 ) -> None:
     perimeter = 6.0 * len(way)
     for k in range(int(perimeter / 2.2)):
@@ -179,7 +192,16 @@ def _things(
             solids.append(_round(f"trunk-{k}", x, y, trunk, ground - 1.0, foot))
             solids.append(_round(f"crown-{k}", x, y, crown, foot, foot + float(rng.uniform(2.0, 5.0))))
         elif kind == "pole":
-            solids.append(_round(f"pole-{k}", x, y, float(rng.uniform(0.08, 0.3)), ground - 1.0, ground + float(rng.uniform(3.0, 8.0))))
+            solids.append(
+                _round(
+                    f"pole-{k}",
+                    x,
+                    y,
+                    float(rng.uniform(0.08, 0.3)),
+                    ground - 1.0,
+                    ground + float(rng.uniform(3.0, 8.0)),
+                )
+            )
         elif kind == "car":
             solids.append(_box(f"car-{k}", x, y, yaw, 4.4, 1.8, ground - 0.5, ground + 0.9))
             solids.append(_box(f"cabin-{k}", x, y, yaw, 2.2, 1.6, ground + 0.9, ground + 1.5))
@@ -187,7 +209,9 @@ def _things(
             solids.append(_box(f"fence-{k}", x, y, yaw, 7.5, 0.25, ground - 2.0, ground + float(rng.uniform(1.0, 2.2))))
         else:
             size = rng.uniform(0.4, 1.3, 3)
-            solids.append(_box(f"box-{k}", x, y, yaw, float(size[0]), float(size[1]), ground - 0.5, ground + float(size[2])))
+            solids.append(
+                _box(f"box-{k}", x, y, yaw, float(size[0]), float(size[1]), ground - 0.5, ground + float(size[2]))
+            )
 
 
 def _beside(rng: np.random.Generator, way: F64, near: float, far: float) -> tuple[float, float]:
@@ -214,9 +238,7 @@ def _ground_of(terrain: HeightField, x: float, y: float) -> float:
     return height if math.isfinite(height) else terrain.lowest
 
 
-def _box(
-    name: str, x: float, y: float, yaw: float, size_x: float, size_y: float, low: float, high: float
-) -> Solid:
+def _box(name: str, x: float, y: float, yaw: float, size_x: float, size_y: float, low: float, high: float) -> Solid:
     return Solid(name, Shape.BOX, SE2(float(x), float(y), yaw), float(size_x), float(size_y), low, high)
 
 
