@@ -113,6 +113,15 @@ class PlanarConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class DriftConfig:
+    """How far the map itself drifts, which the filter takes for exact: random walks per metre of way, added to the covariance that is told. From walks through
+    development sites (docs/lio.md)."""
+
+    position: float = 1.2e-3  # m/√m in each direction
+    rotation: float = 1e-4  # rad/√m
+
+
+@dataclass(frozen=True, slots=True)
 class AloneConfig:
     """A LiDAR without IMU: how much its motion may change, as densities of rate (rad/s/√Hz) and acceleration (m/s²/√Hz)."""
 
@@ -137,6 +146,7 @@ class LioConfig:
     degeneracy: DegeneracyConfig = field(default_factory=DegeneracyConfig)
     wheels: WheelConfig = field(default_factory=WheelConfig)
     planar: PlanarConfig = field(default_factory=PlanarConfig)
+    drift: DriftConfig = field(default_factory=DriftConfig)
     alone: AloneConfig = field(default_factory=AloneConfig)
     imu_from_lidar: tuple[float, float, float, float, float, float] | None = None
     lidar_clock: float = 0.0

@@ -59,6 +59,7 @@ class LidarInertialOdometry:
         imu = self.config.imu
         alone = self.config.alone
         self._rate = np.zeros(3)
+        self._way = 0.0
         self._densities = np.square(
             [imu.gyro_density, imu.accel_density, imu.gyro_walk, imu.accel_walk]
             if self.config.has_imu
@@ -83,6 +84,7 @@ class LidarInertialOdometry:
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
         health = self._health(prior, state, weak, sums, len(points), iterations, samples)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
+        self._way += float(np.linalg.norm(state.position - self.state.position))
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
@@ -91,7 +93,7 @@ class LidarInertialOdometry:
             scan.end_ns,
             self.state.map_from_imu,
             self.state.velocity.copy(),
-            self.covariance[:6, :6].copy(),
+            self._told_covariance(),
             points_imu,
             health,
         )
@@ -149,6 +151,12 @@ class LidarInertialOdometry:
         self._time = self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock
         self._origin = self.state.copy()
         return True
+
+    def _told_covariance(self) -> F64:
+        """Return the covariance (6, 6) of the pose with what the map has drifted since the start."""
+        drift = self.config.drift
+        walks = np.repeat([drift.position**2, drift.rotation**2], 3)
+        return np.asarray(self.covariance[:6, :6] + self._way * np.diag(walks))
 
     def _begin_alone(self, scan: CloudScan) -> bool:
         """Without an IMU the map begins as the LiDAR stands."""

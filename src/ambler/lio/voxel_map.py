@@ -12,8 +12,8 @@ F64 = NDArray[np.float64]
 
 
 class VoxelMap:
-    """All arrays are allocated once. What lies farther than the radius from the sensor is forgotten when it has moved on; when there is
-    no room the radius shrinks for good measure."""
+    """All arrays are allocated once. What lies farther than the radius from the sensor is forgotten when it has moved on; where there is
+    no room for that the radius shrinks, for good."""
 
     def __init__(self, config: VoxelMapConfig | None = None) -> None:
         self.config = config or VoxelMapConfig()
@@ -25,6 +25,7 @@ class VoxelMap:
         self._weights = np.zeros((most, each), np.float32)
         self._used = np.zeros(1, np.int64)
         self._evicted_at: F64 | None = None
+        self._radius = self.config.radius
         self.lost = 0
         """Points that found no room."""
 
@@ -53,12 +54,11 @@ class VoxelMap:
         c = self.config
         if self._evicted_at is None:
             self._evicted_at = center.copy()
-        radius = c.radius
-        while len(self) > 0.9 * c.voxels_most and radius > 0.1 * c.radius:
-            self._evict(center, radius)
-            radius *= 0.9
+        while len(self) > 0.9 * c.voxels_most and self._radius > 2.0 * c.voxel:
+            self._radius *= 0.9
+            self._evict(center)
         if float(np.linalg.norm(center - self._evicted_at)) >= c.evict_step:
-            self._evict(center, radius)
+            self._evict(center)
 
     def fit_planes(self, queries: F64) -> tuple[F64, NDArray[np.bool_]]:
         """Return planes (n, d) float64 (M, 4) with n.x + d = 0 through the five points nearest to each query (M, 3), and where there is one."""
@@ -75,9 +75,9 @@ class VoxelMap:
         filled = np.arange(self.config.points_per_voxel) < self._counts[: len(self), None]
         return self._points[: len(self)][filled]
 
-    def _evict(self, center: F64, radius: float) -> None:
+    def _evict(self, center: F64) -> None:
         kernels.evict(
             *(*self._table, self._slot_keys, self._counts, self._points, self._weights, self._used),
-            *(center, radius, self.config.voxel),
+            *(center, self._radius, self.config.voxel),
         )
         self._evicted_at = center.copy()

@@ -75,7 +75,8 @@ class HandRig:
         self.clock = float(errors.clock * off[6])
         """Seconds that the LiDAR's stamps lie behind the true times of its points."""
         self.path, self.lidar = path, lidar
-        self._sensor = LidarSensor(lidar, LIDAR_FRAME, build_scene(world), seed)
+        self.scene = build_scene(world)
+        self._sensor = LidarSensor(lidar, LIDAR_FRAME, self.scene, seed)
         self._imu_spec, self._seed = imu, seed
         self._wheels = named_generator(seed, "wheels") if wheels else None
         self._wheel_scale = 1.0 + 0.005 * float(rng.standard_normal())

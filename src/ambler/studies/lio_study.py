@@ -21,7 +21,7 @@ from ambler.bridges.recorder import Recorder
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Transforms, TransformStamped
 from ambler.core.se3 import SE3
-from ambler.evaluation.spatial_error import SpatialError, spatial_error
+from ambler.evaluation.spatial_error import SpatialError, best_motion, spatial_error
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
@@ -43,7 +43,7 @@ REST_SECONDS = 600.0
 RATE = math.radians(1000.0)  # rad/s of the bursts
 SHARE_MOST = {"vlp_16": 0.1, "mid_360": 0.1, "os_64": 0.05}  # per cent of the way
 SHAKEN_MOST, REST_MOST, TUNNEL_MOST, PEER_MOST = 0.1, 0.01, 1.0, 0.5
-NEES = (0.5, 2.0)
+SURFACE_POINTS, STRAY = 5000, 0.15  # points of a map that are judged; metres
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +129,7 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     truth_poses = [pose for _, pose in truth]
     error = spatial_error(stamps, [r.map_from_imu for r in results], stamps, truth_poses)
     fields = _judged(case, config, results, error, truth_poses)
+    fields |= _surfaces(rig, odometry, results, truth_poses)
     if peer is not None:
         theirs = spatial_error(stamps, peers[-len(stamps) :], stamps, truth_poses)
         fields |= {
@@ -196,6 +197,31 @@ def _judged(
     return fields
 
 
+def _surfaces(
+    rig: HandRig, odometry: LidarInertialOdometry, results: Sequence[LioResult], truth: Sequence[SE3]
+) -> dict[str, float]:
+    """Return how far the points of the map at the end lie from true surfaces, the best rigid motion of the way taken out.
+
+    The distance is measured along the six axes, each times the cosine at which its ray meets a surface; points farther than `STRAY` from all
+    are counted apart (between two surfaces, at edges).
+    """
+    places, known = (np.array([p.translation for p in poses]) for poses in ([r.map_from_imu for r in results], truth))
+    rotation, shift = best_motion(places, known)
+    points = odometry.map.points()[:: max(1, len(odometry.map.points()) // SURFACE_POINTS)]
+    world = points.astype(np.float64) @ rotation.T + shift
+    # Rays meet the floor from above and the ceiling from below only.
+    distances = np.fmin(np.abs(world[:, 2] - rig.scene.floor), np.abs(world[:, 2] - rig.scene.ceiling))
+    for axis in (*np.eye(3), *-np.eye(3)):
+        found, _, cosine = rig.scene.cast(world, np.tile(axis, (len(world), 1)), 2.0)
+        distances = np.fmin(distances, np.where(np.isfinite(found), found, np.inf) * np.maximum(cosine, 0.05))
+    near = distances[distances < STRAY]
+    return {
+        "surface_rms_m": float(np.sqrt(np.mean(near**2))),
+        "surface_median_m": float(np.median(distances)),
+        "stray_ratio": 1.0 - len(near) / len(distances),
+    }
+
+
 def nees(results: Sequence[LioResult], truth: Sequence[SE3]) -> float:
     """Return the mean normalized squared error of position and rotation over its six degrees of freedom: 1 if the covariance says what errors are."""
     world_from_map = truth[0] @ results[0].map_from_imu.inverse()
@@ -218,7 +244,17 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for kind, lidar in groups:
         own = [r for r in results if (r["kind"], r["lidar"]) == (kind, lidar)]
         for what in (
-            *("start_rms_m", "start_rms_pct", "start_max_m", "end_pct", "height_rms_pct", "nees", "update_median_ms"),
+            *(
+                "start_rms_m",
+                "start_rms_pct",
+                "start_max_m",
+                "end_pct",
+                "height_rms_pct",
+                "nees",
+                "surface_rms_m",
+                "stray_ratio",
+                "update_median_ms",
+            ),
             *(
                 "points_mean",
                 "peer_kiss_start_rms_m",
