@@ -25,7 +25,9 @@ def drawn_samples(seed: int, count: int = 21, dt: float = 0.005) -> np.ndarray:
     rng = np.random.default_rng(seed)
     times = np.arange(count) * dt
     return np.ascontiguousarray(
-        np.column_stack([times, rng.normal(0.0, 1.0, (count, 3)), rng.normal(0.0, 3.0, (count, 3)) + [0, 0, 9.8]])
+        np.column_stack(
+            [times, rng.normal(0.0, 1.0, (count, 3)), rng.normal(0.0, 3.0, (count, 3)) + np.array([0, 0, 9.8])]
+        )
     )
 
 

@@ -118,7 +118,8 @@ class DriftConfig:
     development sites (docs/lio.md)."""
 
     position: float = 1.2e-3  # m/√m in each direction
-    rotation: float = 1e-4  # rad/√m
+    rotation: float = 8e-5  # rad/√m
+    coasting: float = 0.01  # share of a way along which no plane faced: the scale of wheels
 
 
 @dataclass(frozen=True, slots=True)

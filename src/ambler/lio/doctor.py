@@ -23,7 +23,7 @@ F64 = NDArray[np.float64]
 TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can be said
 PAIRS_LEAST = 15
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
-SHIFT_MOST = 0.03
+SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     ends, rotations, rows = [], [], []
     for scan in scans:
         rows += [(1e-9 * s.stamp_ns, *s.angular_velocity) for s in scan.imu]
-        result = alone.update(scan)
+        result = alone.update(_frozen(scan))
         if result is not None and not result.health.is_lost:
             ends.append(1e-9 * result.stamp_ns)
             rotations.append(alone.state.rotation)
@@ -54,6 +54,13 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
     return _compared(turns, times, np.array(rows), imu_from_lidar)
+
+
+def _frozen(scan: CloudScan) -> CloudScan:
+    """Return the scan as if taken at once in its middle: what is registered so tells where it was there, whatever its rate."""
+    cloud = scan.cloud
+    middle_ns = cloud.stamp_ns + round(float(np.median(cloud.time)) * 1e9) if len(cloud.time) else cloud.stamp_ns
+    return CloudScan(replace(cloud, stamp_ns=middle_ns, time=np.zeros_like(cloud.time)), (), ())
 
 
 def _compared(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:

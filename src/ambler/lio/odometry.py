@@ -17,6 +17,7 @@ from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
 from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
+from ambler.lio.drift import Drift
 from ambler.lio.health import Health, LioResult
 from ambler.lio.inertial_buffer import InertialBuffer
 from ambler.lio.measurements import Measurement, height_and_tilt, standstill, wheel_velocity
@@ -59,7 +60,7 @@ class LidarInertialOdometry:
         imu = self.config.imu
         alone = self.config.alone
         self._rate = np.zeros(3)
-        self._way = 0.0
+        self._drift = Drift(self.config.drift)
         self._densities = np.square(
             [imu.gyro_density, imu.accel_density, imu.gyro_walk, imu.accel_walk]
             if self.config.has_imu
@@ -84,7 +85,7 @@ class LidarInertialOdometry:
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
         health = self._health(prior, state, weak, sums, len(points), iterations, samples)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
-        self._way += float(np.linalg.norm(state.position - self.state.position))
+        self._drift.move(state.position - self.state.position, weak.translation)
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
@@ -93,7 +94,7 @@ class LidarInertialOdometry:
             scan.end_ns,
             self.state.map_from_imu,
             self.state.velocity.copy(),
-            self._told_covariance(),
+            self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
             points_imu,
             health,
         )
@@ -151,12 +152,6 @@ class LidarInertialOdometry:
         self._time = self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock
         self._origin = self.state.copy()
         return True
-
-    def _told_covariance(self) -> F64:
-        """Return the covariance (6, 6) of the pose with what the map has drifted since the start."""
-        drift = self.config.drift
-        walks = np.repeat([drift.position**2, drift.rotation**2], 3)
-        return np.asarray(self.covariance[:6, :6] + self._way * np.diag(walks))
 
     def _begin_alone(self, scan: CloudScan) -> bool:
         """Without an IMU the map begins as the LiDAR stands."""

@@ -119,9 +119,16 @@ def _stamps(path: Path, folder: Path, files: list[Path]) -> tuple[NDArray[np.int
     names = [re.fullmatch(r"\D*(\d+\.\d+|\d{10,19})\D*", f.name.removesuffix(".gz").rsplit(".", 1)[0]) for f in files]
     if all(names):
         words = [match[1] for match in names if match is not None]
-        scale = 1e9 if "." in words[0] or len(words[0]) <= 10 else 10.0 ** (19 - len(words[0]))
-        return np.array([round(float(w) * 1e9) if scale == 1e9 else int(w) * int(scale) for w in words]), "the names"
+        return np.array([_ns_of(word) for word in words], np.int64), "the names"
     raise BadInputError(f"{path}: no times for the clouds ({', '.join(TIMES)}, one number of seconds a line)")
+
+
+def _ns_of(word: str) -> int:
+    """Return a time since the epoch in a file's name: seconds with decimals, or whole s, ms, µs or ns by the number of digits."""
+    seconds, point, decimals = word.partition(".")
+    if point or len(seconds) == 10:
+        return int(seconds) * 10**9 + int(decimals[:9].ljust(9, "0"))
+    return int(seconds) * int(10.0 ** (19 - len(seconds)))
 
 
 def _read_imu(path: Path) -> tuple[Imu, ...]:
