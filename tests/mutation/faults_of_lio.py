@@ -53,7 +53,7 @@ LIO = (
         "lio/degeneracy.py",
         "return keep @ information @ keep, keep @ gradient",
         "return information, gradient",
-        ODOMETRY,
+        ("tests/lio/test_degeneracy.py",),
     ),
     PlantedFault(
         "the update forgets where the prediction was",
