@@ -57,6 +57,9 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--truth", type=Path, metavar="FILE", help="TUM file of the IMU's true poses to compare with")
     parser.add_argument(
+        "--peer", action="store_true", help="run kiss-icp on the same clouds and compare it, too (needs --truth)"
+    )
+    parser.add_argument(
         "--cell", type=float, default=0.1, help="one point of the cloud per this many metres (default: 0.1)"
     )
     parser.add_argument(
@@ -73,10 +76,13 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.config import recorded_config
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
+    from ambler.studies.lio_peer import INSTALL, is_installed
 
     config = _config(args, recorded_config(profile_of(args)[0]).lio)
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
+    if args.peer and (args.truth is None or not is_installed()):
+        raise BadInputError("--peer needs --truth" if args.truth is None else INSTALL)
     if not 0.01 <= args.cell <= 10.0:
         raise BadInputError(f"--cell {args.cell}: between 0.01 and 10 metres")
     begin = time.perf_counter()
@@ -87,6 +93,8 @@ def run(args: argparse.Namespace) -> int:
     notes = (*notes, result.note)
     error = _against_truth(args.truth, result) if args.truth else None
     fields = _fields(result, cpu_seconds) | (error.fields() if error is not None else {})
+    if args.peer:
+        fields |= _peer(args.truth, recording, config, mount)
     _write(args, result, fields, notes, error)
     _report(args.out, fields)
     for warning in result.warnings():
@@ -198,6 +206,27 @@ def _map(recording: Recording, config: LioConfig, mount: SE3, cell: float) -> Of
             progress.advance(task)
 
         return run_offline(recording.scans(), config, mount, imu_from_base, cell=cell, on_scan=on_scan)
+
+
+def _peer(truth_file: Path, recording: Recording, config: LioConfig, mount: SE3) -> dict[str, Any]:
+    """Run kiss-icp on all clouds; its errors, and milliseconds of processor time."""
+    import numpy as np
+
+    from ambler.evaluation.spatial_error import spatial_error
+    from ambler.studies.lio_peer import KissIcp
+    from ambler.wire.trajectory_files import read_tum_3d
+
+    peer = KissIcp(config.scan.range_min, config.scan.range_max)
+    imu_from_lidar = mount.inverse()
+    poses = [(scan.end_ns, peer.update(scan.cloud) @ imu_from_lidar) for scan in recording.scans()]
+    stamps_ns, truth = read_tum_3d(truth_file)
+    gap = 2.5e-9 * float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
+    error = spatial_error(np.array([s for s, _ in poses]), [p for _, p in poses], stamps_ns, truth, max_gap=gap)
+    return {
+        "peer_kiss_ate_rms_m": error.ate_rms_m,
+        "peer_kiss_start_rms_m": error.start_rms_m,
+        "peer_kiss_update_median_ms": float(np.median(peer.ms)),
+    }
 
 
 def _against_truth(path: Path, result: OfflineLio) -> SpatialError:

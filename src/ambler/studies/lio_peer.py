@@ -42,7 +42,7 @@ class KissIcp:
         points = cloud.points.astype(np.float64)
         late = cloud.time.astype(np.float64)
         span = float(late.max() - late.min()) if len(late) else 0.0
-        shares: NDArray[np.float64] = (late - late.min()) / span if span > 0.0 else np.zeros(len(late))
+        shares: NDArray[np.float64] = (late - late.min()) / span if span > 0.0 else np.zeros(0)  # none: no deskewing
         begin = time.process_time()
         self._odometry.register_frame(points, shares)
         self.ms.append(1e3 * (time.process_time() - begin))
