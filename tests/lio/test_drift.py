@@ -11,7 +11,7 @@ from ambler.lio.state import exp, log
 
 def test_the_covariance_is_that_of_drawn_walks() -> None:
     config = DriftConfig(position=2e-3, rotation=1e-3)
-    angle = np.linspace(0.0, 4.0, 60)
+    angle = np.linspace(0.0, 4.0, 30)
     way = 10.0 * np.stack([np.cos(angle), np.sin(angle), 0.2 * angle], axis=1)
     steps = np.diff(way, axis=0)
     drift = Drift(config)
@@ -20,7 +20,7 @@ def test_the_covariance_is_that_of_drawn_walks() -> None:
     rng = np.random.default_rng(0)
     errors = []
     last = exp(np.array([0.2, -0.3, 1.0]))
-    for _ in range(3000):
+    for _ in range(1500):
         turn, place = np.zeros(3), np.zeros(3)
         for step in steps:
             root = np.sqrt(np.linalg.norm(step))
@@ -30,7 +30,7 @@ def test_the_covariance_is_that_of_drawn_walks() -> None:
     drawn = np.cov(np.array(errors).T)
     told = drift.covariance(last)
     scale = np.sqrt(np.outer(np.diag(told), np.diag(told)))
-    np.testing.assert_allclose(drawn / scale, told / scale, atol=0.09)
+    np.testing.assert_allclose(drawn / scale, told / scale, atol=0.12)
 
 
 def test_what_was_coasted_is_uncertain_by_its_share_along_the_way() -> None:

@@ -91,10 +91,10 @@ LIO = (
         ("tests/studies/test_lio_study.py",),
     ),
     PlantedFault(
-        "a cloud that is cut off is read",
-        "wire/cloud_files.py",
-        "if len(data) - start < number * layout.itemsize:",
+        "clouds may go backwards in time",
+        "recordings/cloud_folder.py",
+        "if (np.diff(stamps) <= 0).any():",
         "if False:",
-        ("tests/wire/test_cloud_files.py",),
+        ("tests/recordings/test_cloud_folder.py",),
     ),
 )
