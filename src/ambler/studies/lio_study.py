@@ -129,7 +129,8 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     truth_poses = [pose for _, pose in truth]
     error = spatial_error(stamps, [r.map_from_imu for r in results], stamps, truth_poses)
     fields = _judged(case, config, results, error, truth_poses)
-    fields |= _surfaces(rig, odometry, results, truth_poses)
+    if case.kind not in ("rest", "tunnel"):  # on a point or a line the best rigid motion is not determined
+        fields |= _surfaces(rig, odometry, results, truth_poses)
     if peer is not None:
         theirs = spatial_error(stamps, peers[-len(stamps) :], stamps, truth_poses)
         fields |= {
@@ -176,13 +177,14 @@ def _recorded(case: LioCase, rig: HandRig, folder: Path) -> Iterator[RigScan]:
 def _judged(
     case: LioCase, config: LioConfig, results: Sequence[LioResult], error: SpatialError, truth: Sequence[SE3]
 ) -> dict[str, Any]:
-    share = 100.0 * error.start_rms_m / max(error.path_length_m, 1e-9)
+    way = error.path_length_m if error.path_length_m > 1.0 else math.nan  # at rest shares of it mean nothing
+    share = 100.0 * error.start_rms_m / way
     health = [r.health for r in results]
     fields: dict[str, Any] = {
         **error.fields(),
         "start_rms_pct": share,
-        "height_rms_pct": 100.0 * error.height_rms_m / max(error.path_length_m, 1e-9),
-        "end_pct": 100.0 * error.end_m / max(error.path_length_m, 1e-9),
+        "height_rms_pct": 100.0 * error.height_rms_m / way,
+        "end_pct": 100.0 * error.end_m / way,
         "nees": nees(results, truth),
         "inlier_ratio": float(np.mean([h.inlier_ratio for h in health])),
         "degenerate": sum(h.is_degenerate for h in health),
@@ -263,7 +265,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 "ratio_vs_kiss_time",
             ),
         ):
-            values = [r[what] for r in own if r.get(what) is not None]
+            values = [r[what] for r in own if r.get(what) is not None and math.isfinite(r[what])]
             if values:
                 fields[f"{kind}.{lidar}.{what}_median"] = statistics.median(values)
                 fields[f"{kind}.{lidar}.{what}_worst"] = max(values)
