@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tests.mutation.faults_of_lio import LIO
 from tests.mutation.faults_of_localization import LOCALIZATION
 from tests.mutation.faults_of_mapping import MAPPING
 from tests.mutation.faults_of_metrics import METRICS
@@ -11,4 +12,4 @@ from tests.mutation.faults_of_safety import SAFETY
 from tests.mutation.faults_of_sensors import SENSORS
 from tests.mutation.planted import PlantedFault
 
-FAULTS: tuple[PlantedFault, ...] = METRICS + SENSORS + LOCALIZATION + MAPPING + SAFETY + MOTION + PLACES
+FAULTS: tuple[PlantedFault, ...] = METRICS + SENSORS + LOCALIZATION + MAPPING + LIO + SAFETY + MOTION + PLACES

@@ -24,6 +24,7 @@ from ambler.exploration.strategies import GreedyStrategy
 from ambler.exploration.survey import SurveyConfig
 from ambler.exploration.tour import TourConfig
 from ambler.grids.probability_grid import InsertionConfig
+from ambler.lio.config import LioConfig
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.localization.localizer import Localizer
 from ambler.localization.odometry import OdometryConfig
@@ -61,6 +62,7 @@ class RobotConfig:
     glass: Literal["auto", "on", "off"] = "auto"
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
+    lio: LioConfig = field(default_factory=LioConfig)
     localization: LocalizationNodeConfig = field(default_factory=LocalizationNodeConfig)
     tracker: GridTrackerConfig = field(default_factory=GridTrackerConfig)
     particles: ParticleFilterConfig = field(default_factory=ParticleFilterConfig)

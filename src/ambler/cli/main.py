@@ -17,6 +17,7 @@ VERBS = (
     "dock",
     "undock",
     "slam2d",
+    "lio",
     "localize",
     "replay",
     "animate",

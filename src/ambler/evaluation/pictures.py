@@ -90,7 +90,7 @@ def draw_map_with_trajectory(
     axes.set_ylim(y0, y1)
     _draw_marks(axes, marks)
     _dress_map(axes)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _draw_cells(axes: Axes, spec: GridSpec, occupancy: NDArray[np.int8]) -> None:
@@ -148,7 +148,7 @@ def draw_overlay(quality: MapQuality, path: Path) -> Path:
     axes.text(0.0, -0.02, numbers, transform=axes.transAxes, va="top", color=INK, fontsize=9)
     axes.set_axis_off()
     _legend(axes)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_tracks(path: Path, tracks: Mapping[str, F64]) -> Path:
@@ -165,7 +165,7 @@ def draw_tracks(path: Path, tracks: Mapping[str, F64]) -> Path:
     axes.grid(color=GRID, lw=0.8)
     axes.set_axisbelow(True)
     _legend(axes)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_series(
@@ -197,7 +197,7 @@ def draw_series(
     _dress(axes)
     if len(series) > 1:
         _legend(axes)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def block_side(picture: NDArray[np.uint8], most: int = MOST_PIXELS) -> int:
@@ -275,7 +275,7 @@ def _legend(axes: Axes) -> None:
     )
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, bbox_inches="tight", facecolor="white")
     return path

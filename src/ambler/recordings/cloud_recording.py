@@ -60,6 +60,7 @@ class CloudRecording:
     lidar_from_imu: SE3 | None
     base_from_lidar: SE3 | None
     notes: tuple[str, ...]
+    clouds: int = 0
 
     def scans(self) -> Iterator[CloudScan]:
         """Yield the clouds in the order of the recording; those whose stamp does not increase are left out, so are measurements.
@@ -157,6 +158,7 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
         for topic, message, _ in bag.messages(types={Transforms}):
             if isinstance(message, Transforms):
                 frames.add(message, is_static=topic.endswith("tf_static"))
+        clouds = sum(t.count for t in bag.topics() if t.name == cloud_topic)
         cloud, imu = _first(bag, cloud_topic), None if imu_topic is None else _first(bag, imu_topic)
     assert isinstance(cloud, PointCloud)
     lidar_from_imu = choices.lidar_from_imu
@@ -172,7 +174,7 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
         f"odometry: {odom_topic or 'none'}",
         f"mount of the LiDAR: {_known(base_from_lidar)}",
     )
-    return CloudRecording(path, cloud_topic, imu_topic, odom_topic, lidar_from_imu, base_from_lidar, notes)
+    return CloudRecording(path, cloud_topic, imu_topic, odom_topic, lidar_from_imu, base_from_lidar, notes, clouds)
 
 
 def _first(bag: BagReader, topic: str) -> object:

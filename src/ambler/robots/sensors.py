@@ -78,6 +78,8 @@ SCANNERS: dict[str, ScannerGeometry] = {
     "safety_270": ScannerGeometry(721, (0.0,), -0.75 * math.pi, 0.05, 40.0, span=1.5 * math.pi),
     # Velodyne VLP-16 at 10 Hz: 16 rings of 2°, 0.2° steps, 28 800 rays per turn, 100 m, blind below 0.4 m.
     "vlp_16": ScannerGeometry(1800, tuple(math.radians(e) for e in range(-15, 16, 2)), -math.pi, 0.4, 100.0),
+    # A scanner of 64 rings over 45°, 0.35° steps: 65 536 rays per turn, 120 m (Ouster OS1-64 in its mode of 1024 columns).
+    "os_64": ScannerGeometry(1024, tuple(math.radians(-22.5 + 45.0 * k / 63) for k in range(64)), -math.pi, 0.5, 120.0),
 }
 TRANSDUCERS: dict[str, TransducerGeometry] = {
     # A 40 kHz parking transducer: a cone of 30°, 3 m.

@@ -30,10 +30,19 @@ class LidarSensor:
             np.zeros(shape, np.float32) for _ in range(6)
         )
 
-    def sweep(self, times: F64, positions: F64, quaternions: F64, movers: Movers = NO_MOVERS) -> None:
+    def sweep(
+        self,
+        times: F64,
+        positions: F64,
+        quaternions: F64,
+        movers: Movers = NO_MOVERS,
+        directions: F64 | None = None,
+    ) -> None:
         """Cast one turn; the sensor's poses in the world at `times` (seconds after the first column) are its knots, `movers` are
-        where they are at the first column."""
+        where they are at the first column. `directions` (columns, rings, 3) are those of a pattern that does not repeat."""
         scene, spec = self._scene, self.spec
+        if directions is not None:
+            self._directions = directions
         reach = spec.range_max + 1.0
         raycast.sweep(
             *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling, *movers),

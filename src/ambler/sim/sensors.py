@@ -184,6 +184,21 @@ VLP_16 = LidarSpec(
     latency=0.01,
 )
 
+# A scanner of 64 rings at 10 Hz: 65 536 rays per turn; noise of Ouster's sheet (1 to 2 cm within 50 m), losses as the VLP-16.
+OS_64 = LidarSpec(
+    **asdict(SCANNERS["os_64"]),
+    period=0.1,
+    sigma_0=0.01,
+    sigma_1=0.0003,
+    dropout=0.01,
+    grazing_cosine=0.08,
+    grazing_dropout=0.7,
+    mixed=0.15,
+    mixed_min=0.25,
+    mixed_max=3.0,
+    latency=0.01,
+)
+
 # A 40 kHz parking transducer: a cone of 30°, 3 m, noise of 1 cm; four groups of a ring take turns, so each fires at 12.5 Hz.
 TRANSDUCER_30 = UltrasonicSpec(
     **asdict(TRANSDUCERS["transducer_30"]),

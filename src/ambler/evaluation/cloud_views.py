@@ -1,0 +1,53 @@
+"""Pictures of clouds: from above and from the side, coloured by height."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ambler.evaluation.pictures import save_figure
+
+F64 = NDArray[np.float64]
+PIXELS = 1400
+INK = "#1f2430"
+
+
+def draw_cloud(path: Path, points: NDArray[np.floating], way: F64, *, from_side: bool = False) -> Path:
+    """Draw points (N, 3) and the way (M, 3) in the map, from above or (x and z) from the side; colours run over heights, low to high."""
+    across, up = (0, 2) if from_side else (0, 1)
+    low, high = _box(points, way)
+    size = np.maximum(high - low, 1.0)
+    step = float(max(size[across], size[up]) / PIXELS)
+    nx, ny = (max(2, int(size[j] / step) + 1) for j in (across, up))
+    picture = np.full((ny, nx), np.nan, np.float32)
+    order = np.argsort(points[:, 1] if from_side else points[:, 2], kind="stable")[:: -1 if from_side else 1]
+    shown = points[order]
+    ix = ((shown[:, across] - low[across]) / step).astype(np.int64)
+    iy = ((shown[:, up] - low[up]) / step).astype(np.int64)
+    inside = (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
+    picture[iy[inside], ix[inside]] = shown[inside, 2]
+    figure = Figure(figsize=(11.0, float(np.clip(11.0 * ny / nx, 2.5, 14.0)) + 0.6), layout="constrained")
+    axes = figure.add_subplot()
+    box = (low[across], low[across] + nx * step, low[up], low[up] + ny * step)
+    heights = points[:, 2]
+    limits = np.percentile(heights, [1.0, 99.0]) if len(heights) else np.array([0.0, 1.0])
+    image = axes.imshow(
+        picture, origin="lower", extent=box, cmap="viridis", vmin=float(limits[0]), vmax=float(limits[1]),
+        interpolation="nearest",
+    )  # fmt: skip
+    axes.plot(way[:, across], way[:, up], color="#dc2626", linewidth=1.2)
+    axes.set_xlabel("x (m)", color=INK)
+    axes.set_ylabel("z (m)" if from_side else "y (m)", color=INK)
+    figure.colorbar(image, ax=axes, shrink=0.6, label="height (m)")
+    return save_figure(figure, path)
+
+
+def _box(points: NDArray[np.floating], way: F64) -> tuple[F64, F64]:
+    """What holds nearly all points and the whole way."""
+    if len(points) == 0:
+        return way.min(axis=0) - 1.0, way.max(axis=0) + 1.0
+    low, high = np.percentile(points, [0.2, 99.8], axis=0)
+    return np.minimum(low, way.min(axis=0)) - 0.5, np.maximum(high, way.max(axis=0)) + 0.5

@@ -1,0 +1,105 @@
+"""Looks at the first turns of a recording and names what is wrong with it, before a filter drifts through it.
+
+The LiDAR alone says how it turned from scan to scan; the gyroscope, rotated by the mount that is told, must say the same: the same size (else its unit
+is wrong), at the same time (else a clock is off) and about the same axes (else the mount is).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se3 import SE3
+from ambler.lio.config import LioConfig
+from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.state import log
+from ambler.recordings.cloud_recording import CloudScan
+
+F64 = NDArray[np.float64]
+TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can be said
+PAIRS_LEAST = 15
+SHIFTS = np.arange(-0.3, 0.301, 0.01)
+SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """`troubles` in words, none: nothing was found. `rate_ratio` is the LiDAR's turn rate over the gyroscope's, `shift` the seconds
+    that the LiDAR's stamps lag behind, `agreement` the correlation of the axes; None: it did not turn enough to say."""
+
+    troubles: tuple[str, ...]
+    rate_ratio: float | None = None
+    shift: float | None = None
+    agreement: float | None = None
+
+
+def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) -> Diagnosis:
+    """Examine the first scans of a recording (some tens are enough)."""
+    alone = LidarInertialOdometry(replace(config, has_imu=False, imu_from_lidar=None), SE3())
+    ends, rotations, rows = [], [], []
+    for scan in scans:
+        rows += [(1e-9 * s.stamp_ns, *s.angular_velocity) for s in scan.imu]
+        result = alone.update(_frozen(scan))
+        if result is not None and not result.health.is_lost:
+            ends.append(1e-9 * result.stamp_ns)
+            rotations.append(alone.state.rotation)
+    if len(ends) < PAIRS_LEAST or len(rows) < PAIRS_LEAST:
+        return Diagnosis(())
+    times = np.array(ends)
+    turns = np.array([log(a.T @ b) for a, b in pairwise(rotations)]) / np.diff(times)[:, None]
+    if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
+        return Diagnosis(())
+    return _compared(turns, times, np.array(rows), imu_from_lidar)
+
+
+def _frozen(scan: CloudScan) -> CloudScan:
+    """Return the scan as if taken at once in its middle: what is registered so tells where it was there, whatever its rate."""
+    cloud = scan.cloud
+    middle_ns = cloud.stamp_ns + round(float(np.median(cloud.time)) * 1e9) if len(cloud.time) else cloud.stamp_ns
+    return CloudScan(replace(cloud, stamp_ns=middle_ns, time=np.zeros_like(cloud.time)), (), ())
+
+
+def _compared(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:
+    rotation = imu_from_lidar.matrix()[:3, :3]
+    sums = np.concatenate(
+        [np.zeros((1, 3)), np.cumsum(0.5 * (rows[1:, 1:] + rows[:-1, 1:]) * np.diff(rows[:, :1], axis=0), axis=0)]
+    )
+
+    def gyro(shift: float) -> F64:
+        at = np.stack([np.interp(times + shift, rows[:, 0], sums[:, j]) for j in range(3)], axis=1)
+        return np.asarray((np.diff(at, axis=0) / np.diff(times)[:, None]) @ rotation)
+
+    lidar = np.linalg.norm(turns, axis=1)
+    fits = [_correlation(np.linalg.norm(gyro(shift), axis=1), lidar) for shift in SHIFTS]
+    shift = float(SHIFTS[int(np.argmax(fits))])
+    rates = gyro(shift)
+    measured = np.linalg.norm(rates, axis=1)
+    ratio = float((lidar * measured).sum() / max((measured**2).sum(), 1e-12))
+    agreement = float((turns * rates).sum() / np.sqrt((turns**2).sum() * max((rates**2).sum(), 1e-12)))
+    troubles = []
+    if max(fits) > 0.5 and 1.0 / 80.0 < ratio < 1.0 / 40.0:
+        troubles.append(
+            f"the gyroscope tells degrees per second, not rad/s (it turns {1.0 / ratio:.0f} times as fast as the LiDAR)"
+        )
+    elif max(fits) > 0.5 and 40.0 < ratio < 80.0:
+        troubles.append("the gyroscope's rates are too small by a factor of 57: degrees were turned into radians twice")
+    elif max(fits) > 0.6 and not 0.7 < ratio < 1.4:
+        troubles.append(
+            f"the LiDAR turns {ratio:.2f} times as fast as the gyroscope says: a wrong unit, or other sensors"
+        )
+    if max(fits) > 0.8 and abs(shift) > SHIFT_MOST:
+        troubles.append(f"the clocks differ by {shift:+.2f} s: set lidar_clock={shift:.2f}, or correct the stamps")
+    if max(fits) > 0.6 and agreement < 0.6:
+        troubles.append(
+            f"LiDAR and gyroscope turn about other axes (agreement {agreement:.2f}): the IMU's mount in the LiDAR's frame is wrong"
+        )
+    return Diagnosis(tuple(troubles), ratio, shift, agreement)
+
+
+def _correlation(a: F64, b: F64) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    return float((a * b).sum() / max(float(np.sqrt((a**2).sum() * (b**2).sum())), 1e-12))

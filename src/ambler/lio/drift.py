@@ -1,0 +1,40 @@
+"""How uncertain the map's own frame has become. The filter takes the map for exact; in truth each metre of new map hangs on the one before.
+
+A random walk in position and attitude per metre of way; an error of attitude moves all that comes after it. Error state: position and
+rotation, both in the map (perturbed on the left). What was coasted along a direction that no plane faced adds a share of that way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.lio.config import DriftConfig
+from ambler.lio.measurements import skew
+
+F64 = NDArray[np.float64]
+
+
+class Drift:
+    """Grows with every step of the way."""
+
+    def __init__(self, config: DriftConfig) -> None:
+        self._config = config
+        self._covariance = np.zeros((6, 6))
+        self._walks = np.diag(np.repeat([config.position**2, config.rotation**2], 3))
+        self._coasted = np.zeros(3)
+
+    def move(self, step: F64, frozen: F64) -> None:
+        """Take a step (3,) in the map; `frozen` float64 (K, 3) are unit vectors along which it was coasted."""
+        carried = np.eye(6)
+        carried[:3, 3:] = -skew(step)
+        self._covariance = carried @ self._covariance @ carried.T + float(np.linalg.norm(step)) * self._walks
+        self._coasted += frozen.T @ (frozen @ step)
+
+    def covariance(self, rotation: F64) -> F64:
+        """Return the covariance (6, 6) of position in the map and rotation perturbed on the right of `rotation` (3, 3)."""
+        turned = np.eye(6)
+        turned[3:, 3:] = rotation.T
+        out = turned @ self._covariance @ turned.T
+        out[:3, :3] += self._config.coasting**2 * np.outer(self._coasted, self._coasted)
+        return np.asarray(out)

@@ -1,0 +1,56 @@
+"""What the filter says of a scan: where it was, and how far it is to be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se3 import SE3
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Health:
+    """How well a scan fitted: `points` were tried, `inliers` lay on planes, `residual_m` from them (RMS; None: no plane), the update moved the
+    prediction by `innovation_*`. `weakest`: see `Degeneracy`; `frozen_*` float64 (K, 3) are directions that were left to the inertial measurements,
+    in the map and in the IMU. `imu_gap`: longest time between two samples, s."""
+
+    points: int
+    inliers: int
+    residual_m: float | None
+    innovation_m: float
+    innovation_rad: float
+    weakest: float
+    frozen_translation: F64
+    frozen_rotation: F64
+    iterations: int
+    imu_gap: float
+    is_lost: bool
+    is_at_rest: bool = False
+    is_biased: bool = False
+
+    @property
+    def inlier_ratio(self) -> float:
+        """The share of the points that lay on planes."""
+        return self.inliers / self.points if self.points else 0.0
+
+    @property
+    def is_degenerate(self) -> bool:
+        """Whether some direction was left alone."""
+        return len(self.frozen_translation) + len(self.frozen_rotation) > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LioResult:
+    """The pose of the IMU in the map at a scan's last point, its velocity (m/s, in the map) and `covariance` float64 (6, 6): position in the map, rotation perturbed
+    on the right. `points_imu` float64 (M, 3) are the points that were used, in the IMU's frame at that time."""
+
+    stamp_ns: int
+    map_from_imu: SE3
+    velocity: F64
+    covariance: F64
+    points_imu: F64
+    health: Health

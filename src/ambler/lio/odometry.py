@@ -1,0 +1,345 @@
+"""LiDAR-inertial odometry: per scan one propagation, one iterated Kalman update with point-to-plane residuals, and one insertion into the map.
+
+After FAST-LIO2 (Xu, Cai, He, Lin and Zhang 2022), sections IV and V, with a voxel hash in the place of its tree. Where this differs: the map
+is levelled, the error state's position comes first, weak directions are left alone, and the map does not grow at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.messages import PointCloud
+from ambler.core.se3 import SE3
+from ambler.kernels import inertial as k
+from ambler.kernels import voxel_map as voxel_kernels
+from ambler.lio.config import LioConfig
+from ambler.lio.degeneracy import Degeneracy, find_degeneracy
+from ambler.lio.drift import Drift
+from ambler.lio.health import Health, LioResult
+from ambler.lio.inertial_buffer import InertialBuffer
+from ambler.lio.measurements import Measurement, height_and_tilt, standstill, wheel_velocity
+from ambler.lio.start import LioInputError, Start, find_start
+from ambler.lio.state import FilterState, log, right_jacobian
+from ambler.lio.voxel_map import VoxelMap
+from ambler.recordings.cloud_recording import CloudScan
+
+F64 = NDArray[np.float64]
+START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
+
+
+class LidarInertialOdometry:
+    """Give it scans with the inertial measurements since the one before; it returns where the IMU is in a level map that begins there.
+
+    `imu_from_lidar` is the LiDAR's mount unless the configuration names one; `imu_from_base` is needed for wheel odometry only.
+    """
+
+    def __init__(
+        self, config: LioConfig | None = None, imu_from_lidar: SE3 | None = None, imu_from_base: SE3 | None = None
+    ) -> None:
+        self.config = config or LioConfig()
+        if self.config.imu_from_lidar is not None:
+            x, y, z, *angles = self.config.imu_from_lidar
+            imu_from_lidar = SE3.from_rpy((x, y, z), *angles)
+        self.state = FilterState(clock=self.config.lidar_clock)
+        self.state.imu_from_lidar = np.ascontiguousarray((imu_from_lidar or SE3()).matrix()[:3])
+        self.covariance = np.zeros((k.EXTRA + self.config.extras,) * 2)
+        self.map = VoxelMap(self.config.map)
+        self.start: Start | None = None
+        self._imu_from_base = imu_from_base
+        self._imu = InertialBuffer()
+        self._time = 0.0
+        self._voxel = self.config.scan.voxel
+        self._knots = np.zeros((2, k.KNOT))
+        self._scratch = np.empty(0, np.int64)
+        self._inserted_at: FilterState | None = None
+        self._inserts = 0
+        self._origin = FilterState()
+        imu = self.config.imu
+        alone = self.config.alone
+        self._rate = np.zeros(3)
+        self._drift = Drift(self.config.drift)
+        self._densities = np.square(
+            [imu.gyro_density, imu.accel_density, imu.gyro_walk, imu.accel_walk]
+            if self.config.has_imu
+            else [alone.rate_density, alone.acceleration_density, 0.0, 0.0]
+        )
+
+    def update(self, scan: CloudScan) -> LioResult | None:
+        """Take a scan; returns the pose at its last point, or None while the filter waits for its start or the scan says nothing.
+
+        Raises LioInputError when the measurements cannot be what they are said to be.
+        """
+        self._take(scan)
+        end = self._imu.seconds(scan.end_ns) + self.state.clock
+        if self.start is None and not self._begin(scan):
+            return None
+        if end <= self._time or len(scan.cloud.points) == 0:
+            return None
+        samples = self._samples(end)
+        prior = self._propagate(samples)  # eqs. (5)-(8)
+        points, ranges, times = self._thin_out(scan.cloud)
+        points_imu = self._compensate(points, times)  # eq. (9)
+        state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
+        health = self._health(prior, state, weak, sums, len(points), iterations, samples)
+        self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
+        self._drift.move(state.position - self.state.position, weak.translation)
+        self.state, self._time = state, end
+        health = self._update_other(health, samples, scan)
+        self._insert(points_imu)
+        self._imu.forget(self._time)
+        return LioResult(
+            scan.end_ns,
+            self.state.map_from_imu,
+            self.state.velocity.copy(),
+            self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
+            points_imu,
+            health,
+        )
+
+    def registered(self, cloud: PointCloud) -> NDArray[np.float32]:
+        """Return all points of the scan that was taken last in the map, each from where the LiDAR was at its time, float32 (N, 3)."""
+        times = self._imu.seconds(cloud.stamp_ns) + cloud.time.astype(np.float64) + self.state.clock
+        points_imu = self._compensate(cloud.points, times)
+        return np.asarray(self._place(points_imu), np.float32)
+
+    def _take(self, scan: CloudScan) -> None:
+        if self.config.has_imu:
+            self._imu.add(scan.imu)
+        elif self._imu.origin_ns is None:
+            self._imu.origin_ns = scan.cloud.stamp_ns
+
+    def _samples(self, end: float) -> F64:
+        """Return the inertial samples of the scan; without an IMU those of a motion that goes on as it was."""
+        if self.config.has_imu:
+            return self._imu.between(self._time, end)
+        force = -self.state.rotation.T @ self.state.gravity
+        rows = np.tile(np.concatenate([[0.0], self._rate, force]), (2, 1))
+        rows[:, 0] = self._time, end
+        return rows
+
+    def _begin(self, scan: CloudScan) -> bool:
+        """Look for the start; at rest it makes the first map of the scan in which it was found."""
+        if not self.config.has_imu:
+            return self._begin_alone(scan)
+        if len(scan.imu) == 0 and len(self._imu) == 0:
+            raise LioInputError(
+                "no inertial measurements came with the first scan; LiDAR-inertial odometry needs an IMU"
+            )
+        self.start = find_start(self._imu.rows(), self.config.start)
+        if self.start is None:
+            return False
+        self._imu.scale = self.start.scale
+        begun = replace(self.start.state, imu_from_lidar=self.state.imu_from_lidar, clock=self.state.clock)
+        self.state = begun
+        c, n = self.config, k.EXTRA + self.config.extras
+        sigmas = np.full(n, 1e-3)
+        at_rest = self.start.is_rest
+        sigmas[k.POSITION : k.ROTATION] = 1e-4
+        sigmas[k.ROTATION : k.VELOCITY] = 1e-3 if at_rest else 0.05
+        sigmas[k.ROTATION + 2] = 1e-4
+        sigmas[k.VELOCITY : k.GYRO_BIAS] = 1e-2 if at_rest else 3.0
+        sigmas[k.GYRO_BIAS : k.ACCEL_BIAS] = 1e-3 if at_rest else c.imu.gyro_bias_sigma
+        sigmas[k.ACCEL_BIAS : k.GRAVITY] = c.imu.accel_bias_sigma
+        sigmas[k.GRAVITY : k.EXTRA] = c.imu.accel_bias_sigma / 9.8 if at_rest else 0.05
+        if c.extras:
+            sigmas[k.EXTRA : k.EXTRA + 6] = (0.05, 0.05, 0.05, 0.03, 0.03, 0.03) if c.estimates_mount else (1e-6,) * 6
+        if c.estimates_clock:
+            sigmas[k.EXTRA + 6] = 0.02
+        self.covariance = np.diag(sigmas**2)
+        self._time = self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock
+        self._origin = self.state.copy()
+        return True
+
+    def _begin_alone(self, scan: CloudScan) -> bool:
+        """Without an IMU the map begins as the LiDAR stands."""
+        self.start = Start(self.state, 1.0, np.zeros(3), np.zeros(3), False, "began without inertial measurements")
+        sigmas = np.full(k.EXTRA + self.config.extras, 1e-6)
+        sigmas[k.VELOCITY : k.GYRO_BIAS] = self.config.alone.speed_sigma
+        self.covariance = np.diag(sigmas**2)
+        self._time = self._imu.seconds(scan.cloud.stamp_ns) - 1e-3
+        self._origin = self.state.copy()
+        return True
+
+    def _propagate(self, samples: F64) -> FilterState:
+        """Predict the state at the end of the scan; the way there is kept for motion compensation."""
+        prior = self.state.copy()
+        if len(self._knots) != len(samples):
+            self._knots = np.zeros((len(samples), k.KNOT))
+        gaps = np.diff(samples[:, 0])
+        # Between samples far apart the motion is unknown: the noise grows with the square of the gap.
+        factor = max(1.0, float(gaps.max()) / self.config.imu.gap_most) ** 2 if self.config.has_imu else 1.0
+        k.propagate(
+            *(samples, prior.position, prior.rotation, prior.velocity, prior.gyro_bias, prior.accel_bias),
+            *(prior.gravity, self.covariance, self._densities * factor, self._knots),
+        )
+        return prior
+
+    def _thin_out(self, cloud: PointCloud) -> tuple[NDArray[np.float32], F64, F64]:
+        """Return one point per cell (M, 3), their ranges and times; the cell adapts to the number that is wanted."""
+        c = self.config.scan
+        points, late = cloud.points, cloud.time
+        if c.decimation > 1:
+            points, late = points[:: c.decimation], late[:: c.decimation]
+        squares = np.einsum("ij,ij->i", points, points)
+        inside = (squares > c.range_min**2) & (squares < c.range_max**2) & np.isfinite(late)
+        if not inside.all():
+            points, late, squares = points[inside], late[inside], squares[inside]
+        size = 1 << max(4, (2 * len(points)).bit_length())
+        if len(self._scratch) < size:
+            self._scratch = np.empty(size, np.int64)
+        chosen = np.empty(len(points), np.int64)
+        count = voxel_kernels.thin_out(np.ascontiguousarray(points), self._voxel, self._scratch[:size], chosen)
+        chosen = chosen[:count]
+        if count:
+            self._voxel = float(np.clip(self._voxel * np.sqrt(count / c.points_wanted), c.voxel_min, c.voxel_max))
+        times = self._imu.seconds(cloud.stamp_ns) + late[chosen].astype(np.float64) + self.state.clock
+        return points[chosen], np.sqrt(squares[chosen].astype(np.float64)), times
+
+    def _compensate(self, points: NDArray[np.float32], times: F64) -> F64:
+        """Return points in the IMU's frame at the end of the scan, each moved by what was between."""
+        out = np.empty((len(points), 3))
+        k.compensate(np.ascontiguousarray(points), times, self._knots, self.state.imu_from_lidar, out)
+        return out
+
+    def _update_iterated(
+        self, prior: FilterState, points_imu: F64, ranges: F64
+    ) -> tuple[FilterState, Degeneracy, F64, int]:
+        """Iterate the update; returns the state, its weak directions, the moments of the residuals and how often it went round.
+
+        The covariance that the gain needs is that of the prior, carried to the tangent space of the iterate.
+        """
+        c, state = self.config, prior
+        width, noise = 6 + c.extras, c.noise**2
+        part = np.r_[0:6, k.EXTRA : k.EXTRA + c.extras]
+        information, gradient, moments = np.empty((width, width)), np.empty(width), np.empty(4)
+        queries = np.empty_like(points_imu)
+        weak, searches, iteration, covariance = None, True, 0, self.covariance
+        most = c.iterations_most if c.has_imu else c.alone.iterations_most
+        for iteration in range(1, most + 1):
+            if searches:
+                k.place_points(points_imu, state.rotation, state.position, queries)
+                planes, is_plane = self.map.fit_planes(queries)
+            motion = np.concatenate([state.velocity, self._knots[-1, k.W : k.W + 3]])
+            k.sum_residuals(
+                *(points_imu, planes, is_plane, ranges, state.rotation, state.position, state.imu_from_lidar),
+                *(motion, width, c.outlier_scale, information, gradient, moments),
+            )
+            if moments[0] < c.inliers_least:
+                break
+            if weak is None:
+                weak = find_degeneracy(information, float(moments[1]), c.degeneracy)
+            h, g = weak.frozen(information / noise, gradient / noise)
+            moved = state.minus(prior, len(self.covariance))
+            covariance = _carried(self.covariance, moved)
+            cross, inner = covariance[:, part], covariance[np.ix_(part, part)]
+            gain = h @ np.linalg.inv(np.eye(width) + inner @ h)
+            gain = 0.5 * (gain + gain.T)
+            delta = cross @ (gain @ (inner @ g + moved[part]) - g) - moved
+            state = state.plus(delta)
+            covariance = covariance - cross @ gain @ cross.T
+            is_converged = bool(np.abs(delta[:3]).max() < c.converged_m and np.abs(delta[3:6]).max() < c.converged_rad)
+            if is_converged:
+                break
+            # Planes are looked for again where the first step was large, and once more at the end of a long way.
+            searches = not c.has_imu or float(np.abs(delta[:3]).max()) > 0.02 or iteration == most - 2
+        if weak is None:
+            return prior, Degeneracy.none(), moments, iteration
+        self.covariance = 0.5 * (covariance + covariance.T)
+        state.rotation = _orthonormal(state.rotation)
+        return state, weak, moments, iteration
+
+    def _update_other(self, health: Health, samples: F64, scan: CloudScan) -> Health:
+        """Use what else is known: stillness, the wheels, the level ground."""
+        c = self.config
+        assert self.start is not None
+        is_tried = c.rest.is_used and c.has_imu
+        rest = standstill(self.state, samples, self.start, c.rest) if is_tried else None
+        if rest is not None:
+            self._measure(rest)
+        if self._imu_from_base is not None:
+            for message in scan.odometry[-1:]:
+                rate = self._knots[-1, k.W : k.W + 3]
+                self._measure(wheel_velocity(self.state, rate, message, self._imu_from_base, c.wheels))
+        if c.planar.is_used:
+            self._measure(height_and_tilt(self.state, self._origin, c.planar))
+        limits = c.imu
+        is_biased = bool(
+            np.abs(self.state.gyro_bias).max() > limits.gyro_bias_most
+            or np.abs(self.state.accel_bias).max() > limits.accel_bias_most
+        )
+        self.state.gyro_bias = np.clip(self.state.gyro_bias, -limits.gyro_bias_most, limits.gyro_bias_most)
+        self.state.accel_bias = np.clip(self.state.accel_bias, -limits.accel_bias_most, limits.accel_bias_most)
+        return replace(health, is_at_rest=rest is not None, is_biased=is_biased)
+
+    def _measure(self, measured: Measurement) -> None:
+        """Update with a linear measurement of few rows."""
+        n = len(self.covariance)
+        h = np.zeros((len(measured.residual), n))
+        h[:, : k.EXTRA] = measured.jacobian
+        cross = self.covariance @ h.T
+        gain = cross @ np.linalg.inv(h @ cross + np.diag(measured.variances))
+        self.state = self.state.plus(gain @ measured.residual)
+        covariance = self.covariance - gain @ cross.T
+        self.covariance = 0.5 * (covariance + covariance.T)
+
+    def _insert(self, points_imu: F64) -> None:
+        """Add the scan to the map when it was taken from elsewhere than the one before."""
+        c, last = self.config, self._inserted_at
+        if last is not None and self._inserts >= START_INSERTS:
+            step = float(np.linalg.norm(self.state.position - last.position))
+            turn = float(np.linalg.norm(log(last.rotation.T @ self.state.rotation)))
+            if step < c.insert_m and turn < c.insert_rad:
+                return
+        self._inserted_at = self.state.copy()
+        self._inserts += 1
+        self.map.keep_near(self.state.position)
+        self.map.insert(self._place(points_imu))
+
+    def _place(self, points_imu: F64) -> F64:
+        out = np.empty_like(points_imu)
+        k.place_points(points_imu, self.state.rotation, self.state.position, out)
+        return out
+
+    def _health(
+        self,
+        prior: FilterState,
+        state: FilterState,
+        weak: Degeneracy,
+        sums: F64,
+        points: int,
+        iterations: int,
+        samples: F64,
+    ) -> Health:
+        inliers = int(sums[0])
+        moved = state.minus(prior)
+        return Health(
+            points=points,
+            inliers=inliers,
+            residual_m=float(np.sqrt(sums[3] / sums[1])) if sums[1] > 0.0 else None,
+            innovation_m=float(np.linalg.norm(moved[:3])),
+            innovation_rad=float(np.linalg.norm(moved[3:6])),
+            weakest=weak.weakest,
+            frozen_translation=weak.translation,
+            frozen_rotation=weak.rotation,
+            iterations=iterations,
+            imu_gap=float(np.diff(samples[:, 0]).max()),
+            is_lost=inliers < self.config.inliers_least and self._inserts >= START_INSERTS,
+        )
+
+
+def _carried(covariance: F64, moved: F64) -> F64:
+    """Return a covariance (N, N) about the prior in the tangent space `moved` (N,) away from it: J P J^T, J the right Jacobian of the rotation."""
+    out = covariance.copy()
+    jacobian = right_jacobian(moved[k.ROTATION : k.VELOCITY])
+    rows = slice(k.ROTATION, k.VELOCITY)
+    out[rows] = jacobian @ out[rows]
+    out[:, rows] = out[:, rows] @ jacobian.T
+    return out
+
+
+def _orthonormal(rotation: F64) -> F64:
+    """Return the nearest rotation (one step of Newton's method, enough for what rounding does to a scan)."""
+    return np.ascontiguousarray(rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation))

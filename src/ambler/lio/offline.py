@@ -1,0 +1,162 @@
+"""Runs LiDAR-inertial odometry over a whole recording: a pose for every scan, the cloud of all, and what whoever uses it should know."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.se3 import SE3
+from ambler.lio.config import LioConfig
+from ambler.lio.health import LioResult
+from ambler.lio.odometry import LidarInertialOdometry
+from ambler.recordings.cloud_recording import CloudScan
+
+CELL = 1 << 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OfflineLio:
+    """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
+    cell. Counts are scans; `update_ms` float64 (N,) is the processor time of each update."""
+
+    stamps_ns: NDArray[np.int64]
+    poses: tuple[SE3, ...]
+    covariances: NDArray[np.float64]
+    cloud: NDArray[np.float32]
+    update_ms: NDArray[np.float64]
+    scans: int
+    skipped: int
+    degenerate: int
+    lost: int
+    at_rest: int
+    biased: int
+    gaps: int
+    inlier_ratio: float
+    residual_m: float | None
+    note: str
+    map_mb: float
+    voxels: int
+
+    @property
+    def path_length(self) -> float:
+        """Metres from scan to scan."""
+        places = np.array([pose.translation for pose in self.poses])
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) if len(places) > 1 else 0.0
+
+    def warnings(self) -> list[str]:
+        """Return what whoever uses the map should know, in words."""
+        out = []
+        if self.skipped:
+            out.append(f"{self.skipped} of {self.scans} scans gave no pose (before the start, empty, or out of order)")
+        if self.degenerate:
+            out.append(
+                f"{self.degenerate} scans left a direction to the inertial measurements: the place says too little"
+            )
+        if self.lost:
+            out.append(
+                f"{self.lost} scans fitted nothing in the map: the trajectory is not to be trusted from there on"
+            )
+        if self.biased:
+            out.append(f"a bias of the IMU reached its limit in {self.biased} scans: unit, mount or clock may be wrong")
+        if self.gaps:
+            out.append(f"{self.gaps} gaps between inertial measurements")
+        if self.residual_m is not None and self.residual_m < 0.004:
+            out.append(
+                "residuals are smaller than any LiDAR's noise: planes turn with the points, the map may stick to the sensor"
+            )
+        return out
+
+
+def run_offline(
+    scans: Iterable[CloudScan],
+    config: LioConfig,
+    imu_from_lidar: SE3 | None = None,
+    imu_from_base: SE3 | None = None,
+    *,
+    cell: float = 0.1,
+    on_scan: Callable[[], None] | None = None,
+) -> OfflineLio:
+    """Map all scans; the cloud keeps one point per cell of `cell` metres. `on_scan` is called after each.
+
+    Raises LioInputError when the measurements cannot be what they are said to be, BadInputError when nothing could be mapped.
+    """
+    odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base)
+    taken = list(_walk(odometry, scans, on_scan))
+    results = [(result, ms) for result, ms in taken if result is not None]
+    if not results:
+        began = odometry.start
+        why = "the filter never began" if began is None else "no scan holds points within the ranges"
+        raise BadInputError(f"nothing could be mapped: {len(taken)} scans, {why}")
+    health = [result.health for result, _ in results]
+    cells = _Cells(cell)
+    for result, _ in results:
+        cells.add(result.map_from_imu.transform(result.points_imu))
+    residuals = [h.residual_m for h in health if h.residual_m is not None]
+    assert odometry.start is not None
+    return OfflineLio(
+        stamps_ns=np.array([result.stamp_ns for result, _ in results], np.int64),
+        poses=tuple(result.map_from_imu for result, _ in results),
+        covariances=np.array([result.covariance for result, _ in results]),
+        cloud=cells.points(),
+        update_ms=np.array([ms for _, ms in results]),
+        scans=len(taken),
+        skipped=len(taken) - len(results),
+        degenerate=sum(h.is_degenerate for h in health),
+        lost=sum(h.is_lost for h in health),
+        at_rest=sum(h.is_at_rest for h in health),
+        biased=sum(h.is_biased for h in health),
+        gaps=sum(h.imu_gap > config.imu.gap_most for h in health) if config.has_imu else 0,
+        inlier_ratio=float(np.mean([h.inlier_ratio for h in health])),
+        residual_m=float(np.median(residuals)) if residuals else None,
+        note=odometry.start.note,
+        map_mb=odometry.map.memory_mb,
+        voxels=len(odometry.map),
+    )
+
+
+def _walk(
+    odometry: LidarInertialOdometry, scans: Iterable[CloudScan], on_scan: Callable[[], None] | None
+) -> Iterator[tuple[LioResult | None, float]]:
+    """Yield each scan's result and the milliseconds of processor time that it took."""
+    for scan in scans:
+        begin = time.process_time()
+        result = odometry.update(scan)
+        yield result, 1e3 * (time.process_time() - begin)
+        if on_scan is not None:
+            on_scan()
+
+
+class _Cells:
+    """One point per cell: the first."""
+
+    def __init__(self, size: float) -> None:
+        self._size = size
+        self._keys = np.empty(0, np.int64)
+        self._parts: list[NDArray[np.float32]] = []
+        self._waiting: list[NDArray[np.float64]] = []
+
+    def add(self, points: NDArray[np.float64]) -> None:
+        self._waiting.append(points)
+        if len(self._waiting) >= 200:
+            self._settle()
+
+    def points(self) -> NDArray[np.float32]:
+        self._settle()
+        return np.concatenate(self._parts) if self._parts else np.zeros((0, 3), np.float32)
+
+    def _settle(self) -> None:
+        if not self._waiting:
+            return
+        points = np.concatenate(self._waiting)
+        self._waiting.clear()
+        cells = np.floor(points / self._size).astype(np.int64) + CELL
+        keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+        keys, first = np.unique(keys, return_index=True)
+        is_new = ~np.isin(keys, self._keys, assume_unique=True)
+        self._keys = np.concatenate([self._keys, keys[is_new]])
+        self._parts.append(points[first[is_new]].astype(np.float32))

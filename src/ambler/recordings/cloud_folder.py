@@ -1,0 +1,154 @@
+"""A folder of clouds as a recording: PCD, PLY or BIN files with `times.txt`, KITTI's `velodyne` folders too, and perhaps `imu.txt` or `imu.csv`.
+
+Inertial files have seven columns: seconds, three rates (rad/s) and three forces, or the forces first; a header line (t, wx, wy, wz, ax, ay,
+az in any order) says which, else the three that are longer on average are the forces.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.errors import BadInputError
+from ambler.core.messages import Imu, PointCloud
+from ambler.core.se3 import SE3
+from ambler.recordings.cloud_recording import CloudScan, returns_in_order
+from ambler.wire.cloud_columns import INTENSITY, RING, column, point_times
+from ambler.wire.cloud_files import kind_of, read_cloud
+
+F64 = NDArray[np.float64]
+TIMES = ("times.txt", "timestamps.txt", "times.csv")
+IMUS = ("imu.txt", "imu.csv")
+COLUMNS = ("t", "wx", "wy", "wz", "ax", "ay", "az")
+
+
+@dataclass(frozen=True, slots=True)
+class CloudFolder:
+    """What `open_cloud_folder` found; the same to its users as a `CloudRecording`."""
+
+    path: Path
+    files: tuple[Path, ...]
+    stamps_ns: tuple[int, ...]
+    imu: tuple[Imu, ...]
+    lidar_from_imu: SE3 | None
+    base_from_lidar: SE3 | None
+    notes: tuple[str, ...]
+
+    @property
+    def clouds(self) -> int:
+        return len(self.files)
+
+    @property
+    def imu_topic(self) -> str | None:
+        return "imu" if self.imu else None
+
+    def scans(self) -> Iterator[CloudScan]:
+        """Yield the clouds with the inertial measurements up to their end and one more. Raises BadInputError for a file that cannot be read."""
+        at = 0
+        for file, stamp_ns in zip(self.files, self.stamps_ns, strict=True):
+            table = read_cloud(file)
+            points = np.stack([np.asarray(table[axis], np.float32) for axis in "xyz"], axis=1)
+            cloud = PointCloud(
+                stamp_ns,
+                "lidar",
+                points,
+                column(table, INTENSITY, np.dtype(np.float32)),
+                point_times(table, stamp_ns),
+                column(table, RING, np.dtype(np.uint16)),
+            )
+            cloud = returns_in_order(cloud)
+            scan = CloudScan(cloud, (), ())
+            begin = at
+            while at < len(self.imu) and (at == begin or self.imu[at - 1].stamp_ns < scan.end_ns):
+                at += 1
+            yield CloudScan(cloud, self.imu[begin:at], ())
+
+
+def open_cloud_folder(path: Path, lidar_from_imu: SE3 | None = None) -> CloudFolder:
+    """Look into a folder; raises BadInputError that names what is missing."""
+    if not path.is_dir():
+        raise BadInputError(f"{path}: no such folder")
+    folder = next((f for f in (path / "velodyne_points" / "data", path / "velodyne", path) if _clouds_of(f)), None)
+    if folder is None:
+        raise BadInputError(f"{path}: neither a bag nor clouds (.pcd, .ply, .bin, also .gz) are in this folder")
+    files = _clouds_of(folder)
+    stamps, origin = _stamps(path, folder, files)
+    if (np.diff(stamps) <= 0).any():
+        k = int(np.argmax(np.diff(stamps) <= 0))
+        raise BadInputError(f"{path}: time goes backwards or stands still from {files[k].name} to {files[k + 1].name}")
+    source = next((f for name in IMUS if (f := path / name).exists()), None)
+    imu = () if source is None else _read_imu(source)
+    notes = (
+        f"clouds: {len(files)} files {files[0].name} to {files[-1].name}, times from {origin}",
+        f"inertial measurements: {'none' if source is None else f'{len(imu)} of {source.name}'}",
+    )
+    return CloudFolder(path, tuple(files), tuple(stamps.tolist()), imu, lidar_from_imu, None, notes)
+
+
+def _clouds_of(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return sorted((f for f in folder.iterdir() if kind_of(f) is not None), key=_natural)
+
+
+def _natural(path: Path) -> tuple[object, ...]:
+    """Numbers in names count as numbers: full2 before full10."""
+    return tuple(int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name))
+
+
+def _stamps(path: Path, folder: Path, files: list[Path]) -> tuple[NDArray[np.int64], str]:
+    """Return the clouds' stamps (ns) and where they come from: a file of times, or the names."""
+    places = [f / name for f in (path, folder, folder.parent) for name in TIMES]
+    source = next((f for f in places if f.exists()), None)
+    if source is not None:
+        try:
+            seconds = np.loadtxt(source, ndmin=1, delimiter="," if source.suffix == ".csv" else None)
+        except ValueError as error:
+            raise BadInputError(f"{source}: is no list of seconds: {error}") from error
+        seconds = seconds[:, 0] if seconds.ndim == 2 else seconds
+        if len(seconds) != len(files):
+            raise BadInputError(f"{source}: {len(seconds)} times for {len(files)} clouds")
+        if not np.isfinite(seconds).all():
+            raise BadInputError(f"{source}: a time is not finite")
+        return np.rint(seconds * 1e9).astype(np.int64), source.name
+    names = [re.fullmatch(r"\D*(\d+\.\d+|\d{10,19})\D*", f.name.removesuffix(".gz").rsplit(".", 1)[0]) for f in files]
+    if all(names):
+        words = [match[1] for match in names if match is not None]
+        return np.array([_ns_of(word) for word in words], np.int64), "the names"
+    raise BadInputError(f"{path}: no times for the clouds ({', '.join(TIMES)}, one number of seconds a line)")
+
+
+def _ns_of(word: str) -> int:
+    """Return a time since the epoch in a file's name: seconds with decimals, or whole s, ms, µs or ns by the number of digits."""
+    seconds, point, decimals = word.partition(".")
+    if point or len(seconds) == 10:
+        return int(seconds) * 10**9 + int(decimals[:9].ljust(9, "0"))
+    return int(seconds) * int(10.0 ** (19 - len(seconds)))
+
+
+def _read_imu(path: Path) -> tuple[Imu, ...]:
+    """Read inertial measurements; raises BadInputError."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    head = re.split(r"[,\s]+", lines[0].strip().lstrip("#").strip()) if lines else []
+    named = head if sorted(head) == sorted(COLUMNS) else None
+    rows = [re.split(r"[,\s]+", line.strip()) for line in lines if line.strip() and line.strip()[0] in "0123456789-+."]
+    try:
+        table = np.array(rows, np.float64)
+    except ValueError as error:
+        raise BadInputError(f"{path}: rows must have seven numbers: {error}") from error
+    if table.ndim != 2 or table.shape[1] != 7:
+        raise BadInputError(f"{path}: rows must have seven numbers (t wx wy wz ax ay az)")
+    if named is not None:
+        table = table[:, [named.index(name) for name in COLUMNS]]
+    elif np.linalg.norm(table[:, 1:4], axis=1).mean() > np.linalg.norm(table[:, 4:7], axis=1).mean():
+        table = table[:, [0, 4, 5, 6, 1, 2, 3]]
+    stamps = np.rint(table[:, 0] * 1e9).astype(np.int64)
+    return tuple(
+        Imu(int(stamp), "imu", (r[1], r[2], r[3]), (r[4], r[5], r[6]))
+        for stamp, r in zip(stamps, table.tolist(), strict=True)
+    )

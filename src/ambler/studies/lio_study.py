@@ -1,0 +1,297 @@
+"""LiDAR-inertial odometry at sites that nobody has seen: a plate in the hand with drawn errors, along loops, through a tunnel, shaken, at rest.
+
+The clouds are simulated (exact rays from the moving sensor, then noise and losses of `sim.sensors`); the truth is the prescribed path.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.apps.config import recorded_config
+from ambler.bridges.recorder import Recorder
+from ambler.core.errors import BadInputError
+from ambler.core.messages import Transforms, TransformStamped
+from ambler.core.se3 import SE3
+from ambler.evaluation.spatial_error import SpatialError, best_motion, spatial_error
+from ambler.lio.config import LioConfig
+from ambler.lio.health import LioResult
+from ambler.lio.odometry import LidarInertialOdometry
+from ambler.recordings.cloud_recording import CloudScan
+from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
+from ambler.sim.hand_path import Burst, HandPath, Sway
+from ambler.sim.hand_rig import BEGIN_NS, IMU_FRAME, LIDAR_FRAME, LIDARS, HandRig, RigScan
+from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel
+from ambler.studies.lio_peer import KissIcp
+from ambler.studies.study import CRASHED, Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
+from ambler.wire.trajectory_files import write_tum_3d
+
+F64 = NDArray[np.float64]
+KINDS = ("site", "hall", "tunnel", "shaken", "rest")
+LENGTHS = (70.0, 1000.0)  # metres of loops outdoors, drawn evenly in their logarithm
+HALL_LENGTHS, TUNNEL_LENGTHS = (60.0, 150.0), (100.0, 250.0)
+REST_SECONDS = 600.0
+RATE = math.radians(1000.0)  # rad/s of the bursts
+SHARE_MOST = {"vlp_16": 0.1, "mid_360": 0.1, "os_64": 0.05}  # per cent of the way
+SHAKEN_MOST, REST_MOST, TUNNEL_MOST, PEER_MOST = 0.1, 0.01, 1.0, 0.5
+SURFACE_POINTS, STRAY = 5000, 0.15  # points of a map that are judged; metres
+
+
+@dataclass(frozen=True, slots=True)
+class LioCase:
+    """A site and a run. `length` in metres, None: drawn; `peer` runs kiss-icp on the same scans; `keeps_recording` keeps a bag and `truth.tum`."""
+
+    kind: str
+    seed: int
+    lidar: str
+    length: float | None = None
+    peer: bool = False
+    keeps_recording: bool = False
+    settings: StudySettings = DEFAULTS
+
+    @property
+    def label(self) -> str:
+        """A name for files and people."""
+        return f"{self.kind}-{self.seed}-{self.lidar}"
+
+
+def lio_study(cases: Sequence[LioCase]) -> Study[LioCase]:
+    """Return the study of these runs."""
+    return Study("lio", cases, run_case, _line)
+
+
+def check(kinds: Sequence[str], lidars: Sequence[str]) -> None:
+    """Raise BadInputError for names that are none."""
+    for name, known in [*((k, KINDS) for k in kinds), *((n, tuple(LIDARS)) for n in lidars)]:
+        if name not in known:
+            raise BadInputError(f"{name!r}: one of {', '.join(known)}")
+
+
+def make_rig(case: LioCase) -> HandRig:
+    """Draw the place, the path and the plate of a case."""
+    rng = np.random.default_rng([case.seed, 77])
+    length, site = _place(case, rng)
+    sway = Sway.none() if case.kind == "tunnel" else Sway()
+    path = HandPath(site.way, speed=float(rng.uniform(1.2, 1.6)), sway=sway, is_closed=site.is_closed)
+    if case.kind == "rest":
+        path = replace(path, rest=REST_SECONDS)
+    if case.kind == "shaken":
+        axes = [rng.standard_normal(3) for _ in range(int(length / 14.0))]
+        bursts = [
+            Burst(6.0 + 8.0 * k, 3.0, _unit(axis), RATE, _unit(rng.standard_normal(3)), 3.0)
+            for k, axis in enumerate(axes)
+        ]
+        path = replace(path, bursts=tuple(bursts))
+    return HandRig(site.world, path, LIDARS[case.lidar], case.seed, wheels=case.kind == "tunnel")
+
+
+def _place(case: LioCase, rng: np.random.Generator) -> tuple[float, Site]:
+    low, high = {"site": LENGTHS, "hall": HALL_LENGTHS, "tunnel": TUNNEL_LENGTHS}.get(case.kind, (60.0, 90.0))
+    drawn = float(np.exp(rng.uniform(math.log(low), math.log(high))))
+    length = drawn if case.length is None else case.length
+    draw = {"hall": draw_hall, "tunnel": draw_tunnel, "shaken": draw_hall}.get(case.kind, draw_site)
+    return length, draw(case.seed, length)
+
+
+def _unit(v: F64) -> tuple[float, float, float]:
+    x, y, z = (v / np.linalg.norm(v)).tolist()
+    return (x, y, z)
+
+
+def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
+    """Draw, carry, register, compare."""
+    rig = make_rig(case)
+    config = recorded_config(case.settings.profile).lio
+    odometry = LidarInertialOdometry(config, rig.told_mount, SE3() if case.kind == "tunnel" else None)
+    peer = KissIcp(config.scan.range_min, rig.lidar.range_max) if case.peer else None
+    results: list[LioResult] = []
+    truth, peers, update_ms, points = [], [], [], []
+    for scan in _recorded(case, rig, folder):
+        begin = time.process_time()
+        result = odometry.update(CloudScan(scan.cloud, scan.imu, scan.odometry))
+        update_ms.append(1e3 * (time.process_time() - begin))
+        points.append(len(scan.cloud.points))
+        if peer is not None:
+            peers.append(peer.update(scan.cloud) @ rig.mount.inverse())
+        if result is not None:
+            results.append(result)
+            truth.append((scan.end_ns, scan.world_from_imu))
+    stamps = np.array([r.stamp_ns for r in results], np.int64)
+    truth_poses = [pose for _, pose in truth]
+    error = spatial_error(stamps, [r.map_from_imu for r in results], stamps, truth_poses)
+    fields = _judged(case, config, results, error, truth_poses)
+    if case.kind not in ("rest", "tunnel"):  # on a point or a line the best rigid motion is not determined
+        fields |= _surfaces(rig, odometry, results, truth_poses)
+    if peer is not None:
+        theirs = spatial_error(stamps, peers[-len(stamps) :], stamps, truth_poses)
+        fields |= {
+            "peer_kiss_start_rms_m": theirs.start_rms_m,
+            "peer_kiss_update_median_ms": statistics.median(peer.ms),
+            "ratio_vs_kiss_error": error.start_rms_m / theirs.start_rms_m,
+            "ratio_vs_kiss_time": statistics.median(update_ms) / statistics.median(peer.ms),
+        }
+    return {
+        "drawn_length_m": rig.path.length,
+        "scans": len(update_ms),
+        "points_mean": float(np.mean(points)),
+        "update_median_ms": statistics.median(update_ms),
+        "update_p95_ms": float(np.percentile(update_ms, 95.0)),
+        "map_memory_mb": odometry.map.memory_mb,
+        "points_lost_for_room": odometry.map.lost,
+        **fields,
+    }
+
+
+def _recorded(case: LioCase, rig: HandRig, folder: Path) -> Iterator[RigScan]:
+    """Yield the scans, those at rest only where that is the case; keep them as a recording where that is wanted."""
+    recorder = None
+    if case.keeps_recording:
+        folder.mkdir(parents=True, exist_ok=True)
+        recorder = Recorder(folder / "recording")
+        edge = TransformStamped(BEGIN_NS, IMU_FRAME, LIDAR_FRAME, rig.told_mount)
+        recorder.on_message(TRANSFORMS, Transforms(BEGIN_NS, (edge,)), BEGIN_NS)
+    kept: list[tuple[int, SE3]] = []
+    for scan in rig.scans():
+        if case.kind == "rest" and scan.end_ns > BEGIN_NS + round(REST_SECONDS * 1e9):
+            break
+        if recorder is not None:
+            kept.append((scan.end_ns, scan.world_from_imu))
+            for sample in scan.imu:
+                recorder.on_message(IMU, sample, sample.stamp_ns)
+            recorder.on_message(CLOUD, scan.cloud, scan.end_ns)
+        yield scan
+    if recorder is not None:
+        recorder.close()
+        write_tum_3d(folder / "truth.tum", [stamp for stamp, _ in kept], [pose for _, pose in kept])
+
+
+def _judged(
+    case: LioCase, config: LioConfig, results: Sequence[LioResult], error: SpatialError, truth: Sequence[SE3]
+) -> dict[str, Any]:
+    way = error.path_length_m if error.path_length_m > 1.0 else math.nan  # at rest shares of it mean nothing
+    share = 100.0 * error.start_rms_m / way
+    health = [r.health for r in results]
+    fields: dict[str, Any] = {
+        **error.fields(),
+        "start_rms_pct": share,
+        "height_rms_pct": 100.0 * error.height_rms_m / way,
+        "end_pct": 100.0 * error.end_m / way,
+        "nees": nees(results, truth),
+        "inlier_ratio": float(np.mean([h.inlier_ratio for h in health])),
+        "degenerate": sum(h.is_degenerate for h in health),
+        "lost": sum(h.is_lost for h in health),
+        "at_rest": sum(h.is_at_rest for h in health),
+    }
+    fields["is_met"] = {
+        "shaken": error.start_rms_m <= SHAKEN_MOST,
+        "rest": error.start_max_m <= REST_MOST,
+        "tunnel": fields["end_pct"] <= TUNNEL_MOST and fields["degenerate"] > 0,
+    }.get(case.kind, share <= SHARE_MOST[case.lidar])
+    return fields
+
+
+def _surfaces(
+    rig: HandRig, odometry: LidarInertialOdometry, results: Sequence[LioResult], truth: Sequence[SE3]
+) -> dict[str, float]:
+    """Return how far the points of the map at the end lie from true surfaces, the best rigid motion of the way taken out.
+
+    The distance is measured along the six axes, each times the cosine at which its ray meets a surface; points farther than `STRAY` from all
+    are counted apart (between two surfaces, at edges).
+    """
+    places, known = (np.array([p.translation for p in poses]) for poses in ([r.map_from_imu for r in results], truth))
+    rotation, shift = best_motion(places, known)
+    points = odometry.map.points()[:: max(1, len(odometry.map.points()) // SURFACE_POINTS)]
+    world = points.astype(np.float64) @ rotation.T + shift
+    # Rays meet the floor from above and the ceiling from below only.
+    distances = np.fmin(np.abs(world[:, 2] - rig.scene.floor), np.abs(world[:, 2] - rig.scene.ceiling))
+    for axis in (*np.eye(3), *-np.eye(3)):
+        found, _, cosine = rig.scene.cast(world, np.tile(axis, (len(world), 1)), 2.0)
+        distances = np.fmin(distances, np.where(np.isfinite(found), found, np.inf) * np.maximum(cosine, 0.05))
+    near = distances[distances < STRAY]
+    return {
+        "surface_rms_m": float(np.sqrt(np.mean(near**2))),
+        "surface_median_m": float(np.median(distances)),
+        "stray_ratio": 1.0 - len(near) / len(distances),
+    }
+
+
+def nees(results: Sequence[LioResult], truth: Sequence[SE3]) -> float:
+    """Return the mean normalized squared error of position and rotation over its six degrees of freedom: 1 if the covariance says what errors are."""
+    world_from_map = truth[0] @ results[0].map_from_imu.inverse()
+    map_from_world = world_from_map.inverse()
+    values = []
+    for result, true in zip(results[1:], truth[1:], strict=True):
+        known = map_from_world @ true
+        place = np.array(known.translation) - np.array(result.map_from_imu.translation)
+        turn = (result.map_from_imu.inverse() @ known).rotation
+        sign = 1.0 if turn[0] >= 0.0 else -1.0
+        error = np.concatenate([place, 2.0 * sign * np.array(turn[1:])])
+        values.append(float(error @ np.linalg.solve(result.covariance, error)) / 6.0)
+    return float(np.mean(values))
+
+
+def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return flat fields per kind and scanner: medians and worst values; and each run's own (`<label>.…`)."""
+    fields: dict[str, Any] = {"runs": len(results), "runs_met": sum(bool(r.get("is_met")) for r in results)}
+    groups = sorted({(r["kind"], r["lidar"]) for r in results})
+    for kind, lidar in groups:
+        own = [r for r in results if (r["kind"], r["lidar"]) == (kind, lidar)]
+        for what in (
+            *(
+                "start_rms_m",
+                "start_rms_pct",
+                "start_max_m",
+                "end_pct",
+                "height_rms_pct",
+                "nees",
+                "surface_rms_m",
+                "stray_ratio",
+                "update_median_ms",
+            ),
+            *(
+                "points_mean",
+                "peer_kiss_start_rms_m",
+                "peer_kiss_update_median_ms",
+                "ratio_vs_kiss_error",
+                "ratio_vs_kiss_time",
+            ),
+        ):
+            values = [r[what] for r in own if r.get(what) is not None and math.isfinite(r[what])]
+            if values:
+                fields[f"{kind}.{lidar}.{what}_median"] = statistics.median(values)
+                fields[f"{kind}.{lidar}.{what}_worst"] = max(values)
+        fields[f"{kind}.{lidar}.runs"] = len(own)
+        fields[f"{kind}.{lidar}.runs_met"] = sum(bool(r.get("is_met")) for r in own)
+    for r in results:
+        for what in (
+            "path_length_m",
+            "start_rms_m",
+            "start_rms_pct",
+            "start_max_m",
+            "end_pct",
+            "height_rms_m",
+            "degenerate",
+            "lost",
+            "is_met",
+        ):
+            fields[f"{r['label']}.{what}"] = r.get(what)
+    fields["is_met"] = fields["runs_met"] == len(results) and not any(r.get("ended") == CRASHED for r in results)
+    return fields
+
+
+def _line(result: dict[str, Any]) -> str:
+    peer = result.get("peer_kiss_start_rms_m")
+    return (
+        f"{result['path_length_m']:.0f} m: {result['start_rms_m']:.3f} m RMS ({result['start_rms_pct']:.3f} %), worst {result['start_max_m']:.3f} m,"
+        f" {result['update_median_ms']:.1f} ms of {result['points_mean']:.0f} points, {result['degenerate']} degenerate, NEES {result['nees']:.2f}"
+        + (f", kiss-icp {peer:.3f} m" if peer is not None else "")
+    )

@@ -1,0 +1,63 @@
+"""Wrong units, clocks and mounts are named; a sound recording is not accused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ambler.core.se3 import SE3
+from ambler.lio.config import LioConfig
+from ambler.lio.doctor import Diagnosis, examine
+from ambler.recordings.cloud_recording import CloudScan
+from tests.lio.carried import scans_of, walk
+
+
+def examined(scans: list[CloudScan], mount: SE3 | None = None) -> Diagnosis:
+    rig, _ = walk()
+    return examine(scans, LioConfig(), mount if mount is not None else rig.told_mount)
+
+
+def with_rates(scale: float, shift_ns: int = 0) -> list[CloudScan]:
+    _, recorded = walk()
+    out = []
+    for scan in scans_of(recorded)[:120]:
+        imu = tuple(
+            replace(
+                i,
+                stamp_ns=i.stamp_ns + shift_ns,
+                angular_velocity=tuple(scale * w for w in i.angular_velocity),
+            )
+            for i in scan.imu
+        )
+        out.append(replace(scan, imu=imu))
+    return out
+
+
+def test_a_sound_recording_is_not_accused() -> None:
+    diagnosis = examined(with_rates(1.0))
+    assert diagnosis.troubles == ()
+    assert diagnosis.rate_ratio == pytest.approx(1.0, abs=0.05)
+    assert diagnosis.shift == pytest.approx(0.0, abs=0.016)
+
+
+def test_degrees_per_second_are_named() -> None:
+    assert "degrees per second" in examined(with_rates(180.0 / np.pi)).troubles[0]
+    assert "twice" in examined(with_rates(np.pi / 180.0)).troubles[0]
+
+
+def test_a_clock_that_is_off_is_named_with_the_cure() -> None:
+    diagnosis = examined(with_rates(1.0, 100_000_000))
+    troubles = diagnosis.troubles
+    assert diagnosis.shift == pytest.approx(0.1, abs=0.016)
+    assert any("lidar_clock=0.1" in t for t in troubles)
+
+
+def test_a_mount_that_is_turned_is_named() -> None:
+    turned = SE3.from_rpy((0.0, 0.0, 0.0), np.pi, 0.0, 0.0)
+    assert any("other axes" in t for t in examined(with_rates(1.0), turned).troubles)
+
+
+def test_a_recording_at_rest_says_nothing() -> None:
+    assert examined(with_rates(1.0)[:18]) == Diagnosis(())

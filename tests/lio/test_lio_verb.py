@@ -1,0 +1,104 @@
+"""`ambler lio` on a recording of our own and on folders of clouds, and what it says to bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambler.bridges.recorder import Recorder
+from ambler.cli.main import main
+from ambler.core.messages import Transforms, TransformStamped
+from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
+from ambler.sim.hand_rig import BEGIN_NS
+from ambler.wire.cloud_files import read_cloud, write_cloud
+from ambler.wire.trajectory_files import read_tum_3d, write_tum_3d
+from tests.lio.carried import walk
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walk")
+    rig, scans = walk()
+    recorder = Recorder(folder / "recording")
+    edge = TransformStamped(BEGIN_NS, "imu", "lidar", rig.told_mount)
+    recorder.on_message(TRANSFORMS, Transforms(BEGIN_NS, (edge,)), BEGIN_NS)
+    for scan in scans:
+        for sample in scan.imu:
+            recorder.on_message(IMU, sample, sample.stamp_ns)
+        recorder.on_message(CLOUD, scan.cloud, scan.end_ns)
+    recorder.close()
+    write_tum_3d(folder / "truth.tum", [s.end_ns for s in scans], [s.world_from_imu for s in scans])
+    return folder
+
+
+def test_a_recording_becomes_trajectory_clouds_pictures_and_report(recorded: Path, tmp_path: Path) -> None:
+    out, result = tmp_path / "out", tmp_path / "r.json"
+    words = ["lio", str(recorded / "recording"), "--out", str(out), "--truth", str(recorded / "truth.tum"), "--json", str(result)]  # fmt: skip
+    assert main(words) == 0
+    fields = json.loads(result.read_text())
+    assert fields["start_rms_m"] < 0.02
+    assert fields["rpe_trans_pct"] < 1.0
+    assert fields["scans_lost"] == 0
+    stamps, poses = read_tum_3d(out / "trajectory.tum")
+    assert len(poses) == fields["poses"] == len(stamps)
+    assert np.loadtxt(out / "trajectory.kitti").shape == (len(poses), 12)
+    assert len(read_cloud(out / "cloud.pcd")) == len(read_cloud(out / "cloud.ply")) == fields["points"] > 5000
+    for name in ("top.png", "side.png", "error.png", "report.html"):
+        assert (out / name).stat().st_size > 5000
+
+
+def test_without_an_imu_it_refuses_and_names_the_way_out(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["lio", str(recorded / "recording"), "--imu-topic", "none", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "no inertial measurements" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--cloud-topic", "/nowhere"], "--cloud-topic /nowhere: no PointCloud there"),
+        (["--imu-topic", "/nowhere"], "--imu-topic /nowhere: no Imu there"),
+        (["--mount", "1,2,3"], "is not X,Y,Z,ROLL,PITCH,YAW"),
+        (["--mount", "0,0,0,180,0,0"], "other axes"),
+        (["--cell", "0"], "--cell 0.0"),
+        (["--set", "lio.nothing=1"], "lio.nothing"),
+        (["--truth", "/nowhere.tum"], "No such file"),
+    ],
+)
+def test_bad_input_is_one_clear_line(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], text: str
+) -> None:
+    assert main(["lio", str(recorded / "recording"), "--out", str(tmp_path / "out"), *words]) == 2
+    assert text in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_clouds_is_mapped_and_a_cut_one_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, scans = walk()
+    folder = tmp_path / "clouds"
+    folder.mkdir()
+    for k, scan in enumerate(scans[:60]):
+        write_cloud(folder / f"{k}.pcd", scan.cloud.points)
+    (folder / "times.txt").write_text("\n".join(f"{1e-9 * s.cloud.stamp_ns:.9f}" for s in scans[:60]))
+    words = ["lio", str(folder), "--no-imu", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    assert "60 of 60 scans" in capsys.readouterr().out
+    data = (folder / "30.pcd").read_bytes()
+    (folder / "30.pcd").write_bytes(data[: len(data) // 2])
+    assert main([*words[:-1], str(tmp_path / "other")]) == 2
+    assert "30.pcd: is no cloud, or cut off" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    write_cloud(empty / "0.pcd", np.zeros((0, 3), np.float32))
+    (empty / "times.txt").write_text("1.0")
+    assert main(["lio", str(empty), "--no-imu", "--out", str(tmp_path / "other")]) == 2
+    assert "nothing could be mapped" in capsys.readouterr().err

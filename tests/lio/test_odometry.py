@@ -1,0 +1,165 @@
+"""The whole filter on a short simulated walk, and on what goes wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ambler.core.messages import Imu, PointCloud
+from ambler.core.se3 import SE3
+from ambler.evaluation.spatial_error import spatial_error
+from ambler.lio.config import LioConfig
+from ambler.lio.health import LioResult
+from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.start import LioInputError
+from ambler.recordings.cloud_recording import CloudScan
+from ambler.sim.hand_rig import RigScan
+from ambler.studies.lio_study import nees
+from tests.lio.carried import scans_of, walk
+
+
+def carried(
+    scans: list[CloudScan], config: LioConfig | None = None, mount: SE3 | None = None
+) -> tuple[LidarInertialOdometry, list[LioResult]]:
+    rig, _ = walk()
+    odometry = LidarInertialOdometry(config, mount if mount is not None else rig.told_mount)
+    return odometry, [r for scan in scans if (r := odometry.update(scan)) is not None]
+
+
+def error_of(results: list[LioResult], recorded: tuple[RigScan, ...]) -> float:
+    stamps = np.array([s.end_ns for s in recorded], np.int64)
+    ours = np.array([r.stamp_ns for r in results], np.int64)
+    truth = [s.world_from_imu for s in recorded]
+    return spatial_error(ours, [r.map_from_imu for r in results], stamps, truth).start_rms_m
+
+
+def test_a_walk_is_followed_to_centimetres_and_the_covariance_says_so() -> None:
+    _, recorded = walk()
+    odometry, results = carried(scans_of(recorded))
+    assert error_of(results, recorded) < 0.02
+    truth = [s.world_from_imu for s in recorded[-len(results) :]]
+    assert 0.1 < nees(results, truth) < 4.0
+    assert not any(r.health.is_lost for r in results)
+    assert np.mean([r.health.inlier_ratio for r in results]) > 0.6
+    covariance = odometry.covariance
+    assert (covariance == covariance.T).all()
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def test_the_map_is_level() -> None:
+    _, recorded = walk()
+    odometry, _ = carried(scans_of(recorded)[:60])
+    points = odometry.map.points().astype(np.float64)
+    floor = points[np.abs(points[:, 2] + 1.25) < 0.06]
+    assert len(floor) > 200
+    (slope_x, slope_y, height), *_ = np.linalg.lstsq(np.column_stack([floor[:, :2], np.ones(len(floor))]), floor[:, 2])
+    assert max(abs(slope_x), abs(slope_y)) < 0.006  # bias of the accelerometer 2 mrad, the mount 1 mrad
+    assert height == pytest.approx(-1.25, abs=0.02)
+
+
+def test_equal_input_gives_equal_bits() -> None:
+    _, recorded = walk()
+    first, second = (carried(scans_of(recorded)[:60])[1] for _ in range(2))
+    assert [r.map_from_imu for r in first] == [r.map_from_imu for r in second]
+
+
+def test_forces_in_g_give_the_same_way() -> None:
+    _, recorded = walk()
+    scans = scans_of(recorded)[:100]
+    in_g = [replace(s, imu=tuple(_scaled(i, 1.0, 1.0 / 9.80665) for i in s.imu)) for s in scans]
+    ours, theirs = carried(scans)[1][-1], carried(in_g)[1][-1]
+    np.testing.assert_allclose(ours.map_from_imu.translation, theirs.map_from_imu.translation, atol=1e-4)
+
+
+def test_a_lidar_alone_follows_the_walk_too() -> None:
+    _, recorded = walk()
+    _, results = carried(scans_of(recorded), LioConfig(has_imu=False))
+    assert len(results) == len(recorded)
+    assert error_of(results, recorded) < 0.1
+
+
+def test_a_wrong_mount_is_found_when_it_is_estimated() -> None:
+    rig, recorded = walk()
+    wrong = rig.mount @ SE3.from_rpy((0.0, 0.0, 0.0), 0.03, -0.03, 0.0)
+    odometry, _ = carried(scans_of(recorded), LioConfig(estimates_mount=True), wrong)
+    found = odometry.state.imu_from_lidar[:, :3].T @ rig.mount.matrix()[:3, :3]
+    before = wrong.matrix()[:3, :3].T @ rig.mount.matrix()[:3, :3]
+    assert np.arccos((np.trace(found) - 1) / 2) < 0.4 * np.arccos((np.trace(before) - 1) / 2)
+
+
+def test_a_late_clock_is_found_when_it_is_estimated() -> None:
+    _, recorded = walk()
+    late = [replace(s, cloud=replace(s.cloud, stamp_ns=s.cloud.stamp_ns - 15_000_000)) for s in scans_of(recorded)]
+    odometry, _ = carried(late, LioConfig(estimates_clock=True))
+    assert odometry.state.clock == pytest.approx(0.015, abs=0.004)
+
+
+def test_at_rest_nothing_moves_and_the_map_does_not_grow() -> None:
+    _, recorded = walk()
+    first = scans_of(recorded)[:18]
+    still: list[CloudScan] = []
+    for turn in range(12):  # the same two seconds again and again, 20 s on end
+        shift = turn * 1_800_000_000
+        still += [_later(s, shift) for s in first]
+    odometry, results = carried(still)
+    start = np.array(results[15].map_from_imu.translation)
+    assert max(float(np.linalg.norm(np.array(r.map_from_imu.translation) - start)) for r in results[15:]) < 0.003
+    assert np.mean([r.health.is_at_rest for r in results[15:]]) > 0.8
+    points = len(odometry.map.points())
+    for scan in first:
+        odometry.update(_later(scan, 12 * 1_800_000_000))
+    assert len(odometry.map.points()) == points
+
+
+def test_points_that_are_none_and_gaps_in_the_imu_do_no_harm() -> None:
+    _, recorded = walk()
+    scans = scans_of(recorded)
+    for k in range(40, 200, 7):
+        cloud = scans[k].cloud
+        points = cloud.points.copy()
+        points[::5] = np.nan
+        scans[k] = replace(scans[k], cloud=replace(cloud, points=points))
+    scans[100] = replace(scans[100], imu=scans[100].imu[:2] + scans[100].imu[-1:])
+    scans[120] = replace(scans[120], cloud=_empty(scans[120].cloud))
+    _, results = carried(scans)
+    assert error_of(results, recorded) < 0.03
+    assert max(r.health.imu_gap for r in results) > 0.05
+
+
+def test_without_inertial_measurements_it_says_so() -> None:
+    _, recorded = walk()
+    with pytest.raises(LioInputError, match="no inertial measurements"):
+        carried([replace(scans_of(recorded)[0], imu=())])
+
+
+def test_registered_points_lie_where_the_room_is() -> None:
+    rig, recorded = walk()
+    odometry, results = carried(scans_of(recorded)[:100])
+    last = recorded[99]
+    world_from_map = last.world_from_imu @ results[-1].map_from_imu.inverse()
+    world = world_from_map.transform(odometry.registered(last.cloud))
+    assert np.abs(world[world[:, 2] < 0.3, 2]).max() < 0.3
+    assert np.median(np.abs(world[world[:, 2] < 0.1, 2])) < 0.02
+    assert rig.scene.floor == 0.0
+
+
+def _scaled(sample: Imu, rate: float, force: float) -> Imu:
+    w, a = sample.angular_velocity, sample.linear_acceleration
+    return replace(
+        sample,
+        angular_velocity=(rate * w[0], rate * w[1], rate * w[2]),
+        linear_acceleration=(force * a[0], force * a[1], force * a[2]),
+    )
+
+
+def _later(scan: CloudScan, shift_ns: int) -> CloudScan:
+    imu = tuple(replace(i, stamp_ns=i.stamp_ns + shift_ns) for i in scan.imu)
+    return replace(scan, cloud=replace(scan.cloud, stamp_ns=scan.cloud.stamp_ns + shift_ns), imu=imu)
+
+
+def _empty(cloud: PointCloud) -> PointCloud:
+    return replace(
+        cloud, points=cloud.points[:0], intensity=cloud.intensity[:0], time=cloud.time[:0], ring=cloud.ring[:0]
+    )

@@ -1,0 +1,100 @@
+"""Faults of LiDAR-inertial odometry, of its files and of its metrics."""
+
+from __future__ import annotations
+
+from tests.mutation.planted import PlantedFault
+
+INERTIAL = ("tests/lio/test_inertial.py",)
+MAP = ("tests/lio/test_voxel_map.py",)
+ODOMETRY = ("tests/lio/test_odometry.py",)
+START = ("tests/lio/test_start.py",)
+DOCTOR = ("tests/lio/test_doctor.py",)
+DRIFT = ("tests/lio/test_drift.py",)
+ERRORS = ("tests/evaluation/test_spatial_error.py",)
+
+LIO = (
+    PlantedFault(
+        "the velocity's covariance forgets how an attitude turns forces",
+        "kernels/inertial.py",
+        "f[VELOCITY + r, ROTATION + 1] = (rotation[r, 0] * e[2]",
+        "f[VELOCITY + r, ROTATION + 1] = (rotation[r, 0] * -e[2]",
+        INERTIAL,
+    ),
+    PlantedFault(
+        "a scanned point does not turn with the body",
+        "kernels/inertial.py",
+        "so3_exp(knots[k, W] * dt, knots[k, W + 1] * dt, knots[k, W + 2] * dt, step)",
+        "so3_exp(0.0, 0.0, 0.0, step)",
+        INERTIAL,
+    ),
+    PlantedFault(
+        "points on one ring make a plane",
+        "kernels/voxel_map.py",
+        "if not ax + ay + az >= flatness * trace * trace or trace <= 0.0:",
+        "if trace <= 0.0:",
+        MAP,
+    ),
+    PlantedFault(
+        "a far voxel is never forgotten",
+        "kernels/voxel_map.py",
+        "if x * x + y * y + z * z > radius * radius:",
+        "if x * x + y * y + z * z > 1e9 * radius * radius:",
+        MAP,
+    ),
+    PlantedFault(
+        "forces in g are taken for m/s²",
+        "lio/start.py",
+        'return STANDARD_GRAVITY / length, "g"',
+        'return 1.0, "g"',
+        START,
+    ),
+    PlantedFault(
+        "a weak direction is updated all the same",
+        "lio/degeneracy.py",
+        "return keep @ information @ keep, keep @ gradient",
+        "return information, gradient",
+        ("tests/lio/test_degeneracy.py",),
+    ),
+    PlantedFault(
+        "the update forgets where the prediction was",
+        "lio/odometry.py",
+        "delta = cross @ (gain @ (inner @ g + moved[part]) - g) - moved",
+        "delta = cross @ (gain @ (inner @ g) - g)",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "degrees per second pass the check",
+        "lio/doctor.py",
+        "1.0 / 80.0 < ratio < 1.0 / 40.0",
+        "1.0 / 8000.0 < ratio < 1.0 / 4000.0",
+        DOCTOR,
+    ),
+    PlantedFault(
+        "an error of attitude moves nothing that comes after it",
+        "lio/drift.py",
+        "carried[:3, 3:] = -skew(step)",
+        "carried[:3, 3:] = 0.0",
+        DRIFT,
+    ),
+    PlantedFault(
+        "a trajectory's error is halved",
+        "evaluation/spatial_error.py",
+        "errors = np.linalg.norm(offsets, axis=1)",
+        "errors = 0.5 * np.linalg.norm(offsets, axis=1)",
+        ERRORS,
+    ),
+    PlantedFault(
+        "normalized errors are ten times too small",
+        "studies/lio_study.py",
+        "np.linalg.solve(result.covariance, error)) / 6.0",
+        "np.linalg.solve(result.covariance, error)) / 60.0",
+        ("tests/studies/test_lio_study.py",),
+    ),
+    PlantedFault(
+        "clouds may go backwards in time",
+        "recordings/cloud_folder.py",
+        "if (np.diff(stamps) <= 0).any():",
+        "if False:",
+        ("tests/recordings/test_cloud_folder.py",),
+    ),
+)
