@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
 
 F64 = NDArray[np.float64]
 
@@ -27,6 +28,10 @@ class MadeMapTruth:
     def __post_init__(self) -> None:
         if len(self.true) == 0 or self.true.shape != self.estimated.shape:
             raise BadInputError(f"{len(self.estimated)} keyframes, and the truth of {len(self.true)}")
+
+    def pose(self, world_from_base: SE2) -> SE2:
+        """Return one pose of the world in the map."""
+        return SE2.from_array(self.poses(world_from_base.as_array()[None])[0])
 
     def poses(self, world_from_bases: F64) -> F64:
         """Return poses (M, 3) of the world in the map: `map_from_keyframe @ keyframe_from_base`, each by its nearest keyframe."""

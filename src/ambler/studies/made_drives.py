@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.apps.config import robot_config
+from ambler.apps.scene import with_map_bend
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.se2 import SE2
@@ -126,7 +127,7 @@ def run_drive(case: MadeDriveCase, folder: Path) -> dict[str, Any]:
         out = folder / method.name
         shutil.rmtree(out, ignore_errors=True)
         rng = np.random.default_rng([case.seed, case.number])
-        config = told_config(case.robot, case.settings, method, start, rng)
+        config = with_map_bend(told_config(case.robot, case.settings, method, start, rng), Path(case.made.map_file))
         localize(recording, config, case.robot, (spec, cells), out, case.seed)
         estimates = out / "localized_pose.csv"
         recording_to_csv(out, LOCALIZED_POSE.ros_name, Odometry, estimates)
@@ -136,7 +137,9 @@ def run_drive(case: MadeDriveCase, folder: Path) -> dict[str, Any]:
     return fields
 
 
-def judged(errors: LocalizationErrors, stamps_ns: NDArray[np.int64], poses: F64, seen_ns: F64, seen: F64) -> DriveErrors:
+def judged(
+    errors: LocalizationErrors, stamps_ns: NDArray[np.int64], poses: F64, seen_ns: F64, seen: F64
+) -> DriveErrors:
     """Say of each estimate whether the robot moved then, by true poses (M, 3) at `stamps_ns`, and what the scan nearest in time determined."""
     t, at = stamps_ns.astype(np.float64), errors.stamps_ns
     half = 0.5e9 * STILL_FOR
@@ -158,7 +161,7 @@ def record_made_drive(case: MadeDriveCase, folder: Path) -> float:
         raise BadInputError(f"{case.label}: no way between the places that were drawn")
     start = SE2(float(points[0, 0]), float(points[0, 1]), float(rng.uniform(-math.pi, math.pi)))
     route = route_from(start, points[1:], SPEED, REST)
-    seconds = min(driving_time(points, SPEED, route.turn_rate, REST), LONGEST) + REST
+    seconds = min(driving_time(points, SPEED, route.turn_rate, REST), LONGEST)
     settings = robot_config(robot.model, case.settings.only(SENSING).profile)
     faults = tuple(Fault.parse(text) for text in people_fault(case.people))
     config = SimulationConfig(case.seed + case.number, faults=faults)

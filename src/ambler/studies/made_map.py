@@ -16,7 +16,7 @@ from ambler.core.se2 import SE2
 from ambler.evaluation.made_map_truth import MadeMapTruth
 from ambler.evaluation.trajectory import trajectory_error, truth_at
 from ambler.evaluation.truth_frame import TruthFrame
-from ambler.nodes.slam2d import Slam2dNode
+from ambler.nodes.slam2d import Slam2dNode, save_slam_map
 from ambler.perception.scanner_profile import calibrated_robot
 from ambler.runtime.clock import ReplayClock
 from ambler.runtime.lockstep import LockstepExecutor
@@ -31,7 +31,7 @@ from ambler.studies.rail import SENSING, record_drive
 from ambler.studies.study import Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 from ambler.studies.survey_drive import PlaceRoutes, driving_time, route_from
-from ambler.wire.map_files import save_map
+from ambler.wire.map_files import load_bend
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.tum import read_tum, write_tum
 
@@ -68,8 +68,9 @@ def make_map(case: MapCase, folder: Path) -> dict[str, Any]:
     stamps_ns, truth = true_poses(recording)
     is_known, true = truth_at(keyframes.stamps_ns, stamps_ns, truth, max_gap=0.1)
     stamps = keyframes.stamps_ns[is_known]
-    write_tum(folder / KEYFRAMES, stamps * 1e-9, keyframes.map_from_base[is_known])
-    write_tum(folder / TRUTH, stamps * 1e-9, true[is_known])
+    seconds = stamps.astype(np.float64) * 1e-9
+    write_tum(folder / KEYFRAMES, seconds, keyframes.map_from_base[is_known])
+    write_tum(folder / TRUTH, seconds, true[is_known])
     start = TruthFrame(load_world(case.world).start)
     error = trajectory_error(stamps, keyframes.map_from_base[is_known], stamps_ns, start.poses(truth))
     shutil.rmtree(recording)
@@ -78,6 +79,8 @@ def make_map(case: MapCase, folder: Path) -> dict[str, Any]:
         "keyframes_file": str(folder / KEYFRAMES),
         "truth_file": str(folder / TRUTH),
         "keyframes": len(stamps),
+        "bend_m": load_bend(map_file)[0],
+        "bend_rad": load_bend(map_file)[1],
         "path_length_m": way,
         "ate_rms_m": error.ate_rms_m,
         "ate_unaligned_rms_m": error.unaligned_rms_m,
@@ -126,8 +129,8 @@ def _mapped(case: MapCase, recording: Path, stem: Path) -> tuple[Keyframes, Path
     with executor:
         executor.run(feed=_stopping(executor, sensor_feed(recording)))  # the node's timers would go on for ever
         node.slam.finish()
-        save_map(stem, *node.slam.render_map())
-    return keyframes_of(node.slam), stem.with_suffix(".yaml")
+        description = save_slam_map(stem, node.slam)
+    return keyframes_of(node.slam), description
 
 
 def _stopping(executor: LockstepExecutor, feed: Feed) -> Feed:
@@ -136,4 +139,4 @@ def _stopping(executor: LockstepExecutor, feed: Feed) -> Feed:
 
 
 def _line(result: dict[str, Any]) -> str:
-    return f"{result['path_length_m']:.0f} m, {result['keyframes']} keyframes, ATE {1e3 * result['ate_rms_m']:.0f} mm"
+    return f"{result['path_length_m']:.0f} m, {result['keyframes']} keyframes, bent by {1e3 * result['bend_m']:.0f} mm, ATE {1e3 * result['ate_rms_m']:.0f} mm"

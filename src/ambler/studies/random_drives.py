@@ -6,6 +6,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,14 @@ class DriveCase:
     settings: StudySettings = DEFAULTS
 
 
+class Truth(Protocol):
+    """Where a map lies in the world."""
+
+    def pose(self, world_from_base: SE2) -> SE2:
+        """Return a true pose in the map."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class RandomDrive:
     """A recorded drive that began at `map_from_start` in the drawn map of its world, which lies where `truth` says."""
@@ -47,7 +56,7 @@ class RandomDrive:
     world: str
     recording: Path
     map_from_start: SE2
-    truth: TruthFrame
+    truth: Truth
 
 
 def record_random_drive(case: DriveCase, folder: Path) -> RandomDrive:

@@ -30,6 +30,7 @@ RESOLUTION = 0.05
 CLEARANCE = 0.08  # metres beside the robot's circumscribed circle
 SIGHT = 4.0  # metres that a viewpoint is trusted to see; less than scanners reach, so that walls are seen from near by
 SPACING = 0.3  # metres between the points of a route: the rail cuts corners by less than its clearance
+ROOM = 0.45  # metres to somebody ahead at which it waits; who yields halts half a metre before a robot
 SOFT = 0.5  # metres from what is in the way within which a way costs more
 
 
@@ -72,17 +73,20 @@ class PlaceRoutes:
 
 
 def route_from(start: SE2, points: F64, speed: float, rest: float) -> Route:
-    """Return a route along points (N, 2) of a frame in which the drive begins at `start`."""
+    """Return a route along points (N, 2) of a frame in which the drive begins at `start`, with `rest` seconds before and after it; it waits
+    for people."""
     local = start.inverse().transform(points)
-    return Route(tuple((float(x), float(y)) for x, y in local), speed=speed, turn_rate=0.8, rest=rest)
+    return Route(
+        tuple((float(x), float(y)) for x, y in local), speed=speed, turn_rate=0.8, rest=rest, room=ROOM, rest_after=rest
+    )
 
 
 def driving_time(points: F64, speed: float, turn_rate: float, rest: float) -> float:
-    """Return the seconds that a route takes at most: its way, and all its turning in place."""
+    """Return the seconds that a route takes at most: its way, all its turning in place, and as long again waiting for people."""
     steps = np.diff(points, axis=0)
     turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
     way = float(np.hypot(*steps.T).sum())
-    return rest + way / (0.8 * speed) + float(np.abs(turns).sum() + math.pi) / turn_rate
+    return rest + 2.0 * (way / (0.8 * speed) + float(np.abs(turns).sum() + math.pi) / turn_rate)
 
 
 def _costs(clear: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -90,5 +94,3 @@ def _costs(clear: NDArray[np.bool_]) -> NDArray[np.uint8]:
     away = cv2.distanceTransform(clear.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * RESOLUTION
     soft = np.clip(1.0 - away / SOFT, 0.0, 1.0) * 200.0
     return np.where(clear, soft, COST_LETHAL).astype(np.uint8)
-
-
