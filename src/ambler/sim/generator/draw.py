@@ -62,6 +62,8 @@ def draw_place(kind: str, seed: int, day: int = 0) -> DrawnPlace:
         raise BadInputError(f"no kind of place {kind!r}; there are {', '.join(KINDS)}")
     if not 0 <= seed < SEEDS_BELOW:
         raise BadInputError(f"seed {seed}: a whole number from 0 on, below {SEEDS_BELOW}")
+    if not 0 <= day < SEEDS_BELOW:
+        raise BadInputError(f"day {day}: a whole number from 0 on, below {SEEDS_BELOW}")
     for attempt in range(ATTEMPTS):
         place = _drawn(kind, seed, attempt, day)
         if place is not None:
