@@ -13,7 +13,6 @@ from ambler.calibration.scan_calibration import CalibrationConfig
 from ambler.control.config import RolloutConfig
 from ambler.control.local_planners import Controller
 from ambler.control.pursuit_config import PursuitConfig
-from ambler.control.slow_start import SlowStartConfig
 from ambler.control.yielding import YieldConfig
 from ambler.core.errors import BadInputError
 from ambler.core.robot import DriveKind, RobotModel, SensorKind
@@ -75,7 +74,6 @@ class RobotConfig:
     pursuit: PursuitConfig = field(default_factory=PursuitConfig)
     movers: MoverConfig = field(default_factory=MoverConfig)
     yielding: YieldConfig = field(default_factory=YieldConfig)
-    slow_start: SlowStartConfig = field(default_factory=SlowStartConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)

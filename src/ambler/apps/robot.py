@@ -125,7 +125,6 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
             layer_inputs=parts.local_inputs,
             movers=config.movers,
             yielding=config.yielding,
-            slow_start=config.slow_start,
         ),
         NavigatorNode(config.navigation),
     ]

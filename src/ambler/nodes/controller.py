@@ -16,7 +16,6 @@ import numpy as np
 from ambler.control.checkers import GoalChecker, ProgressChecker
 from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
-from ambler.control.slow_start import SlowStart, SlowStartConfig
 from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
 from ambler.core.messages import (
@@ -100,14 +99,12 @@ class ControllerNode(Node):
         layer_inputs: Sequence[LayerInput[Any]] = (),
         movers: MoverConfig | None = None,
         yielding: YieldConfig | None = None,
-        slow_start: SlowStartConfig | None = None,
     ) -> None:
         self._robot = robot
         self._planner = planner
         self._view = LocalView(robot, costmap, planar, movers)
         self._yield_config = yielding if yielding is not None else YieldConfig()
         self._yielding = Yielding(self._yield_config, robot)
-        self._slow_start = SlowStart(slow_start if slow_start is not None else SlowStartConfig(), robot)
         self._yields_since_ns: int | None = None
         self._window = LocalWindow(robot, RECOVERY_PADDING)
         self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)
@@ -306,11 +303,7 @@ class ControllerNode(Node):
 
     def _drive(self, wanted: BodyVelocity) -> None:
         """Send as much of a velocity as starts no contact with anybody who moves; a robot that has to stand gets out of his way if it can."""
-        _, velocity = self._view.now(self.ctx.now_ns)
-        is_near, now_ns = not self._yielding.is_alone, self.ctx.now_ns
-        free = self._yielding.limited(wanted)
-        slow = self._slow_start.limited(now_ns, free, velocity, is_somebody_near=is_near)
-        passed = free if slow == free else self._yielding.limited(slow)
+        passed = self._yielding.limited(wanted)
         is_standing = passed == BodyVelocity() and not self._yielding.is_alone
         if not is_standing:
             self._yields_since_ns = None
