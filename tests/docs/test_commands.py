@@ -32,6 +32,7 @@ QUICK = (
     "config explain gate.reaction_time",
     "config check slow.yaml",
     "world generate office --seed 17 --out office.yaml --picture office.png",
+    "world generate office --seed 17 --day 2 --out later.yaml",
     "calibrate range --simulated --out robot.yaml",
 )
 NOT_RUN = {
@@ -88,7 +89,7 @@ SAYS = {
     "slam2d examples/": r"(99|100)\.\d % of the returns on walls",
     "slam2d log.clf.bz2 --out my_map --relations": r"relations: 1 used, translation 0\.\d+",
     "localize": r"times_lost +0\b",
-    "world generate": r"office-17: 31 x 20 m, \d+ m² that a robot reaches",
+    "world generate": r"office-17(-day2)?: 31 x 20 m, \d+ m² that a robot reaches",
     "replay": r"/slam_pose +(\d{3}) of \1 equal",
     "demo --world lab_empty --start": r"ended +│ finished",
     "config explain gate.reaction_time": r"gate\.reaction_time",

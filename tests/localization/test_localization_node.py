@@ -182,3 +182,12 @@ def test_what_is_missing_is_named() -> None:
     status = context.of(topics.STATUS)[-1]
     assert isinstance(status, Status)
     assert status.code == "NO_MAP"
+
+
+def test_what_is_told_in_a_bent_map_is_at_least_as_wide_as_its_bend() -> None:
+    told = []
+    for bend in ((0.0, 0.0), (0.02, 0.005)):
+        _, context = start(LocalizationNodeConfig(initial_pose=SE2(7.0, 4.0, 0.3), map_bend=bend))
+        Drive(context, SE2(7.0, 4.0, 0.3)).run(1.0, (0.3, 0.0, 0.0))
+        told.append(np.diag(context.of(topics.LOCALIZED_POSE)[-1].pose_covariance)[[0, 1, 5]])
+    np.testing.assert_allclose(told[1] - told[0], [4e-4, 4e-4, 2.5e-5], rtol=1e-6)

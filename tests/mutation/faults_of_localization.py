@@ -12,7 +12,47 @@ SUPERVISOR = ("tests/localization/test_supervisor.py",)
 FOUND = ("tests/localization/test_relocalization.py",)
 LOCALIZERS = ("tests/localization/test_localizers.py",)
 
+MADE_MAPS = ("tests/localization/test_made_maps.py",)
+NODE = ("tests/localization/test_localization_node.py",)
+BEND = ("tests/localization/test_map_bend.py",)
+MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
+
 LOCALIZATION = (
+    PlantedFault(
+        "a match that surprises by its depth widens the pose alone",
+        "localization/grid_tracker.py",
+        "grown[3] = min(math.sqrt(3.0), max(1.0, widest / math.sqrt(self._covariance[3, 3])))",
+        "grown[3] = 1.0",
+        MADE_MAPS,
+    ),
+    PlantedFault(
+        "what is told of the pose knows nothing of the map's bend",
+        "nodes/localization.py",
+        "= estimate.covariance + bend",
+        "= estimate.covariance",
+        NODE,
+    ),
+    PlantedFault(
+        "the bend of a map is that of its yaw alone",
+        "localization/map_bend.py",
+        "float(np.sqrt(0.5 * (squares[0] + squares[1])))",
+        "float(np.sqrt(0.5 * squares[2]))",
+        BEND,
+    ),
+    PlantedFault(
+        "the truth in a made map ignores that its keyframe is turned",
+        "evaluation/made_map_truth.py",
+        "turn = told[:, 2] - true[:, 2]",
+        "turn = 0.0 * (told[:, 2] - true[:, 2])",
+        MADE_TRUTH,
+    ),
+    PlantedFault(
+        "every direction counts as determined",
+        "evaluation/determined.py",
+        "values >= max(MIN_RETURNS, MIN_RATIO * float(values[-1]))",
+        "values >= 0.0",
+        MADE_TRUTH,
+    ),
     PlantedFault(
         "the EKF's cross term of process noise has the wrong sign",
         "kernels/planar_ekf.py",

@@ -191,7 +191,7 @@ def test_a_drawn_place_is_a_world_by_its_name_and_as_a_file(tmp_path: Path) -> N
     assert named.name == "flat-7"
     assert filed.solids == named.solids == place.world.solids
     assert (filed.start, filed.people, filed.doors) == (named.start, named.people, named.doors)
-    assert parse_name("flat-7") == ("flat", 7)
+    assert parse_name("flat-7") == ("flat", 7, 0)
     assert parse_name("flat-x") is parse_name("castle-7") is parse_name("office") is None
 
 

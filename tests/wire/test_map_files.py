@@ -12,7 +12,7 @@ from scipy import ndimage
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
-from ambler.wire.map_files import load_map, save_map
+from ambler.wire.map_files import load_bend, load_map, save_map
 from tests.public_data import public
 
 SPEC = GridSpec(0.05, 4, 3, -1.25, 2.5)
@@ -164,3 +164,19 @@ def test_a_turned_picture_is_drawn_along_the_axes_with_its_walls_closed(tmp_path
     assert 0 < inside != outside > 0, "nobody walks through a wall"
     if yaw == math.pi / 2:
         assert np.array_equal(drawn, np.rot90(cells, -1))
+
+
+def test_a_map_says_how_far_it_is_bent_or_nothing(tmp_path: Path) -> None:
+    _, plain = save_map(tmp_path / "plain", SPEC, CELLS)
+    _, bent = save_map(tmp_path / "bent", SPEC, CELLS, (0.0123, 0.0045))
+    assert load_bend(plain) == (0.0, 0.0)
+    assert load_bend(bent) == (0.0123, 0.0045)
+    assert np.array_equal(load_map(bent)[1], load_map(plain)[1])
+
+
+@pytest.mark.parametrize("text", ["bend: 3", "bend: [1.0]", "bend: [-0.1, 0.0]", "bend: [a, b]", "bend: [.nan, 0]"])
+def test_a_bend_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
+    _, description = save_map(tmp_path / "m", SPEC, CELLS)
+    description.write_text(description.read_text() + text + "\n")
+    with pytest.raises(BadInputError, match="bend"):
+        load_bend(description)

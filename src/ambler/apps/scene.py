@@ -24,7 +24,7 @@ from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
 from ambler.sim.world_file import load_world
 from ambler.wire.camera_info import load_camera_info
-from ambler.wire.map_files import load_map
+from ambler.wire.map_files import load_bend, load_map
 
 DRAWN_RESOLUTION = 0.05
 DOCKING_STEPS = (DockStep, UndockStep, TeachStep)
@@ -139,9 +139,17 @@ def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2) -> Robo
     config = robot_config(robot, options.profile, has_map=not options.makes_map)
     if not options.makes_map:
         config.check_localizer()
+        config = with_map_bend(config, options.map_file)
         if not options.is_lost and config.localization.initial_pose is None:
             config = replace(config, localization=replace(config.localization, initial_pose=map_from_start))
     return config
+
+
+def with_map_bend(config: RobotConfig, map_file: Path | None) -> RobotConfig:
+    """Return a configuration that knows how far the map of a file is bent, unless it was told; a map without a file was drawn exactly."""
+    if map_file is None or config.localization.map_bend != (0.0, 0.0):
+        return config
+    return replace(config, localization=replace(config.localization, map_bend=load_bend(map_file)))
 
 
 def _start(options: RunOptions, world: WorldSpec) -> SE2:

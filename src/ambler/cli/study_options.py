@@ -52,7 +52,7 @@ def conduct_study(args: argparse.Namespace, study: Study[C]) -> list[dict[str, A
     from ambler.studies.study import conduct
 
     check_outputs(args.json, args.out)
-    args.started = time.perf_counter()
+    vars(args).setdefault("started", time.perf_counter())  # of the first, where a campaign is several studies
     pool: Pool
     if args.cluster:
         pool = ClusterPool(args.cluster)

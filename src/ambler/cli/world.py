@@ -21,6 +21,12 @@ def add_parser(subparsers: Any) -> None:
         help="office, flat, ward, warehouse, hall (100 m), corridor, yard (open sides) or campus",
     )
     generate.add_argument("--seed", type=int, default=0, help="another place for each (default: 0)")
+    generate.add_argument(
+        "--day",
+        type=int,
+        default=0,
+        help="later days have a fifth of the furniture elsewhere; `KIND-SEED-dayN` (default: 0)",
+    )
     generate.add_argument("--out", type=Path, metavar="FILE", help="world file (YAML), which people may change")
     generate.add_argument("--picture", type=Path, metavar="FILE", help="picture of the plan (PNG)")
     generate.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
@@ -40,10 +46,12 @@ def run(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
     if args.out is not None and args.out.suffix not in (".yaml", ".yml"):
         raise BadInputError(f"--out {args.out}: a world file ends in .yaml")
-    place = draw_place(args.kind, args.seed)
+    place = draw_place(args.kind, args.seed, args.day)
     x0, y0, x1, y1 = place.world.bounds()
     fields: dict[str, Any] = {
         "kind": place.kind,
+        "day": place.day,
+        "moved": place.moved,
         "reachable_m2": round(place.floor.area, 2),
         "width_m": round(x1 - x0, 2),
         "depth_m": round(y1 - y0, 2),

@@ -60,13 +60,20 @@ def localization_errors(
 
     The first `settle` seconds, in which a set pose becomes a known one, do not count. Raises BadInputError when nothing is left.
     """
-    told, true = read_columns(estimates), read_columns(truth)
+    true = read_columns(truth)
     frame = (map_from_truth or SE2()).as_array()
     c, s = np.cos(frame[2]), np.sin(frame[2])
     x, y, yaw = _planar(true).T
     true_poses = np.column_stack([frame[0] + c * x - s * y, frame[1] + s * x + c * y, yaw + frame[2]])
+    return errors_of(estimates, true["stamp_ns"].astype(np.int64), true_poses, settle)
+
+
+def errors_of(estimates: Path, true_stamps_ns: NDArray[np.int64], true_poses: F64, settle: float) -> LocalizationErrors:
+    """Compare the CSV of `/localized_pose` with true poses (M, 3) in the map; without the first `settle` seconds. Raises BadInputError when
+    nothing is left."""
+    told = read_columns(estimates)
     stamps = told["stamp_ns"]
-    is_known, expected = truth_at(stamps.astype(np.int64), true["stamp_ns"].astype(np.int64), true_poses, max_gap=0.1)
+    is_known, expected = truth_at(stamps.astype(np.int64), true_stamps_ns, true_poses, max_gap=0.1)
     used = is_known & (stamps >= stamps[0] + settle * 1e9)
     if not used.any():
         raise BadInputError(f"{estimates} has no pose whose truth is known")

@@ -146,8 +146,7 @@ class GridTracker:
         prior = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
         fusion = fuse(prior, self._covariance, result)
         if fusion.surprise > config.gate:
-            if np.trace(self._covariance[:2, :2]) < WIDEST:
-                self._covariance[:3, :3] *= 3.0
+            self._doubt()
             self._is_locked = False
             return self._carried(stamp_ns, predicted, result.score, fusion.surprise)
         self._covariance = fusion.covariance
@@ -157,6 +156,14 @@ class GridTracker:
         self._is_locked = True
         mode = Mode(result.determined)
         return Estimate(stamp_ns, fusion.map_from_base, fusion.published, result.score, mode, fusion.surprise, True)
+
+    def _doubt(self) -> None:
+        """Widen pose and depth after a match that was not believed. The depth, too: in a made map it is another one where a wall was drawn by
+        another visit, and a pose alone, however wide, cannot explain a match of which the depth is what surprises."""
+        grown = np.full(4, math.sqrt(3.0) if np.trace(self._covariance[:2, :2]) < WIDEST else 1.0)
+        widest = self.config.depth_sigma * self._cell
+        grown[3] = min(math.sqrt(3.0), max(1.0, widest / math.sqrt(self._covariance[3, 3])))
+        self._covariance *= np.outer(grown, grown)
 
     def _carried(self, stamp_ns: int, predicted: SE2, score: float, surprise: float) -> Estimate:
         covariance = self._covariance[:3, :3].copy()

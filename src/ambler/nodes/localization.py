@@ -59,11 +59,13 @@ class LocalizationNodeConfig:
     """`source`: the merged scan, the merged cloud, both (the cloud of the same instant joins the scan), or the `points` of a scanner of
     many rings in the height band of `planar`. `initial_pose`:
     where the robot is switched on, None to search the whole map. `covariance` is that of poses set by people (x, y, yaw).
-    `search_duration`, `map_duration`: simulated seconds that a search of the whole map, and the preparation of a map, take in the background."""
+    `map_bend` (m along each axis, rad): how far the map is bent, which is told on top of what the matching tells; a map that SLAM saved says it, for
+    a plan it is nothing. `search_duration`, `map_duration`: simulated seconds that a search of the whole map, and the preparation of a map, take in the background."""
 
     source: Source = "scan"
     initial_pose: SE2 | None = None
     covariance: tuple[float, float, float] = (0.25, 0.25, 0.07)
+    map_bend: tuple[float, float] = (0.0, 0.0)
     search_duration: float = 0.25
     map_duration: float = 0.5
     planar: PlanarConfig = field(default_factory=PlanarConfig)
@@ -275,7 +277,9 @@ class LocalizationNode(Node):
         edge = TransformStamped(stamp, "map", "odom", SE3.from_se2(map_from_odom))
         self.ctx.publish(TRANSFORMS, Transforms(stamp, (edge,)))
         pose_covariance = twist_covariance = np.diag([1e-6] * 6)
-        pose_covariance[np.ix_(_PLANE, _PLANE)] = estimate.covariance
+        position, yaw = self._config.map_bend
+        bend = np.diag([position**2, position**2, yaw**2])
+        pose_covariance[np.ix_(_PLANE, _PLANE)] = estimate.covariance + bend
         linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if self._odometry is not None:
             linear, angular, twist_covariance = (

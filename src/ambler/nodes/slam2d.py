@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ambler.core.base_motion import BaseMotion
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
 from ambler.core.messages import (
     LaserScan,
     OccupancyGrid,
@@ -23,7 +25,9 @@ from ambler.core.messages import (
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.localization.map_bend import measure_bend
 from ambler.localization.map_trust import MapTrust, MapTrustConfig, MapTrustJudge
+from ambler.localization.surface_map import SurfaceMap
 from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
@@ -50,6 +54,7 @@ from ambler.slam2d.slam import Slam2d, Slam2dResult
 from ambler.wire.map_files import save_map
 
 Finishing = GoalHandle[Nothing, Nothing, Nothing]
+BEND_KEYFRAMES = 400  # that are matched to the finished map, 0.1 ms to 1 ms each
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,9 +243,20 @@ class Slam2dNode(Node):
         self.ctx.publish(MAP, OccupancyGrid(self._newest_ns, "map", spec, occupancy))
 
     def _save_map(self, request: SaveMapRequest) -> Nothing:
-        spec, occupancy = self.slam.render_map()
-        save_map(Path(request.stem), spec, occupancy)
+        save_slam_map(Path(request.stem), self.slam)
         return Nothing()
+
+
+def save_slam_map(stem: Path, slam: Slam2d) -> Path:
+    """Save a map with how far it is bent, as a sample of its keyframes tells; returns the file that describes it."""
+    spec, occupancy = slam.render_map()
+    bend = None
+    if (occupancy == OCC_OCCUPIED).any() and (occupancy == OCC_FREE).any():
+        chosen = range(0, slam.nodes, max(1, math.ceil(slam.nodes / BEND_KEYFRAMES)))
+        scans = [(slam.points_of_node(k), slam.map_from_node(k)) for k in chosen]
+        bend = measure_bend(SurfaceMap.from_occupancy(occupancy, spec), scans)
+    _, description = save_map(stem, spec, occupancy, None if bend is None else (bend.position, bend.yaw))
+    return description
 
 
 def cloud_config(slam: Slam2dConfig | None = None) -> Slam2dNodeConfig:

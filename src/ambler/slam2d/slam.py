@@ -166,6 +166,14 @@ class Slam2d:
         """Return the optimized pose of a node."""
         return self._back_end.graph.pose(self._back_end.nodes[index].vertex)
 
+    def stamp_of_node(self, index: int) -> int:
+        """Return the stamp of a node's scan."""
+        return self._back_end.nodes[index].stamp_ns
+
+    def points_of_node(self, index: int) -> NDArray[np.float32]:
+        """Return the points of a node's scan by which it was matched, float32 (N, 2) in the base frame."""
+        return self._back_end.nodes[index].match_points
+
     def local_from_node(self, index: int) -> SE2:
         """Return a node's pose in the local frame, as it was matched."""
         return self._back_end.nodes[index].local_from_base

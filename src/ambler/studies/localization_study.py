@@ -276,10 +276,17 @@ def sensor_feed(recording: Path) -> Feed:
 
 def study_config(case: LocalizationCase, method: Method, take: Take) -> RobotConfig:
     """Return the robot's configuration for a method that is told where it starts, as wrong as a person's click is."""
-    config = robot_config(robot_named(case.robot).model, case.settings.profile, has_map=True)
     rng = np.random.default_rng([case.seed, *case.label.encode()])
+    return told_config(case.robot, case.settings, method, take.map_from_start, rng)
+
+
+def told_config(
+    robot: str, settings: StudySettings, method: Method, map_from_start: SE2, rng: np.random.Generator
+) -> RobotConfig:
+    """Return the configuration of a robot with a known map for a method; the pose that it is told is wrong as a person's click is."""
+    config = robot_config(robot_named(robot).model, settings.profile, has_map=True)
     error = SE2.from_array(np.sqrt(SET_VARIANCES) * rng.standard_normal(3))
-    pose = SE2.from_array(take.map_from_start.as_array() + error.as_array())
+    pose = SE2.from_array(map_from_start.as_array() + error.as_array())
     localization = replace(config.localization, source=method.source, initial_pose=pose, covariance=SET_VARIANCES)
     return replace(config, localizer=method.localizer, localization=localization)
 

@@ -29,6 +29,7 @@ from ambler.runtime.topics import IMU, MERGED_CLOUD, ODOMETRY, SCAN, TRUE_POSE, 
 from ambler.sim.body import Body
 from ambler.sim.devices import SimulatedBase
 from ambler.sim.ground_truth import GroundTruth
+from ambler.sim.movers import distance_to_polygon
 from ambler.sim.robot_devices import robot_devices
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import WorldSpec
@@ -42,13 +43,16 @@ RECORDED = (SCAN, MERGED_CLOUD, ODOMETRY, IMU, TRUE_POSE, TRUE_START)  # the raw
 @dataclass(frozen=True, slots=True)
 class Route:
     """Way points (x, y) in the frame of the start pose, driven forward at `speed` m/s, curves and all, after standing for `rest` s. The
-    robot looks along its way; `turn` radians are turned in place (rad/s: `turn_rate`) before it leaves."""
+    robot looks along its way; `turn` radians are turned in place (rad/s: `turn_rate`) before it leaves. It waits while somebody before it is
+    nearer than `room` metres. The drive ends `rest_after` seconds after the last point (None: only with its time)."""
 
     points: tuple[tuple[float, float], ...] = ()
     speed: float = 0.6
     turn_rate: float = 0.6
     turn: float = 0.0
     rest: float = 1.0
+    room: float = 0.0
+    rest_after: float | None = None
 
 
 class Rail:
@@ -60,6 +64,11 @@ class Rail:
         self._next = 0
         self._turned = 0.0
         self._last_yaw: float | None = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the last point was reached."""
+        return self._next >= len(self._points)
 
     def compute_command(self, seconds: float, map_from_base: SE2) -> BodyVelocity:
         """Return the command at `seconds` after the start of the drive."""
@@ -93,13 +102,25 @@ class RailedBase(SimulatedBase):
 
     def __init__(self, world: World, body: Body, route: Route) -> None:
         super().__init__(world, body)
-        self._rail, self._frame = Rail(route), TruthFrame(body.start)
+        self.rail, self._frame, self._room = Rail(route), TruthFrame(body.start), route.room
 
     def read(self, now_ns: int) -> Sequence[Odometry]:
         """Command the base, then let time pass as for any base."""
-        pose = self._frame.pose(self._body.world_from_base.to_se2())
-        self.command(self._rail.compute_command(self._world.elapsed_ns * 1e-9, pose))
+        world_from_base = self._body.world_from_base.to_se2()
+        command = self.rail.compute_command(self._world.elapsed_ns * 1e-9, self._frame.pose(world_from_base))
+        self.command(BodyVelocity() if self._is_somebody_ahead(world_from_base) else command)
         return super().read(now_ns)
+
+    def _is_somebody_ahead(self, world_from_base: SE2) -> bool:
+        if self._room <= 0.0:
+            return False
+        footprint = self._body.footprint_world
+        for walker in self._world.crowd.walkers:
+            ahead = world_from_base.inverse().transform(np.array([walker.position]))[0, 0]
+            gap = distance_to_polygon(walker.position, footprint) - walker.person.radius
+            if ahead > 0.0 and gap < self._room:
+                return True
+        return False
 
 
 def record_drive(
@@ -118,13 +139,19 @@ def record_drive(
     running = World(world, [BodySpec("robot", robot, start)], config)
     devices = robot_devices(running, "robot")
     (body,) = running.bodies
-    nodes = device_nodes(robot.model, replace(devices, base=RailedBase(running, body, route)))
+    base = RailedBase(running, body, route)
+    nodes = device_nodes(robot.model, replace(devices, base=base))
     nodes.append(TruthNode(GroundTruth(running, body)))
     nodes += sensing_nodes(calibrated_robot(robot.model, settings.scanners), settings)
     recorder = Recorder(folder)
     executor = LockstepExecutor(Stack(nodes, external=(VELOCITY_COMMAND,)))
     with executor:
         executor.tap(lambda topic, *told: recorder.on_message(topic, *told) if topic in RECORDED else None)
-        executor.run(duration)
+        if route.rest_after is None:
+            executor.run(duration)
+        else:
+            while not base.rail.is_done and executor.now_ns < duration * 1e9:
+                executor.run(1.0)
+            executor.run(route.rest_after)
     recorder.close()
     return folder

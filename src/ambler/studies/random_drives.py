@@ -6,6 +6,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.evaluation.truth_frame import TruthFrame
+from ambler.sim.faults import Fault
 from ambler.sim.robots import robot_named
 from ambler.sim.truth import truth_grid
 from ambler.sim.world import SimulationConfig
@@ -30,13 +32,21 @@ DRIVE_TIME = 8.0
 
 @dataclass(frozen=True, slots=True)
 class DriveCase:
-    """Drive `number` of a world and a seed. Of the settings only what `rail.SENSING` names makes another drive."""
+    """Drive `number` of a world and a seed. Of the settings only what `rail.SENSING` names, and faults, make another drive."""
 
     world: str
     robot: str
     number: int
     seed: int
     settings: StudySettings = DEFAULTS
+
+
+class Truth(Protocol):
+    """Where a map lies in the world."""
+
+    def pose(self, world_from_base: SE2) -> SE2:
+        """Return a true pose in the map."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +56,7 @@ class RandomDrive:
     world: str
     recording: Path
     map_from_start: SE2
-    truth: TruthFrame
+    truth: Truth
 
 
 def record_random_drive(case: DriveCase, folder: Path) -> RandomDrive:
@@ -56,7 +66,8 @@ def record_random_drive(case: DriveCase, folder: Path) -> RandomDrive:
     start, points = _route_of(case)
     local = tuple((float(x), float(y)) for x, y in start.inverse().transform(points))
     route = Route(local, speed=0.5, turn_rate=0.7, rest=0.5)
-    simulated = SimulationConfig(case.seed + case.number, physics="kinematic")
+    faults = tuple(Fault.parse(text) for text in case.settings.faults)
+    simulated = SimulationConfig(case.seed + case.number, physics="kinematic", faults=faults)
     config = robot_config(sim_robot.model, case.settings.only(SENSING).profile)
     record_drive(folder, home, sim_robot, route, DRIVE_TIME, simulated, home.start @ start, config)
     return RandomDrive(case.world, folder, start, TruthFrame(home.start))

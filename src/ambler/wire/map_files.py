@@ -29,10 +29,13 @@ SAVED_FREE, SAVED_OCCUPIED = 25, 65  # occupancies written as free and as occupi
 MODES = ("trinary", "scale", "raw")
 
 
-def save_map(stem: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[Path, Path]:
+def save_map(
+    stem: Path, spec: GridSpec, occupancy: NDArray[np.int8], bend: tuple[float, float] | None = None
+) -> tuple[Path, Path]:
     """Write `<stem>.pgm` and `<stem>.yaml` as map_saver does (trinary, 0 / 254 / 205); the YAML appears last, both atomically.
 
-    `occupancy` is int8 [iy, ix]: -1 unknown, 0 ... 100. Returns the two paths.
+    `occupancy` is int8 [iy, ix]: -1 unknown, 0 ... 100. `bend` says how far a made map is bent (m, rad; None: not known); other readers of
+    such files pass over it. Returns the two paths.
     """
     if occupancy.shape != spec.shape:
         raise BadInputError(f"{stem}: the map is {occupancy.shape}, its geometry says {spec.shape}")
@@ -47,6 +50,8 @@ def save_map(stem: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[P
         f"origin: [{spec.origin_x!r}, {spec.origin_y!r}, 0]\nnegate: 0\n"
         f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
     )
+    if bend is not None:
+        text += f"bend: [{bend[0]:.5f}, {bend[1]:.6f}]\n"
     description = stem.with_name(stem.name + ".yaml")
     write_whole(description, text)
     return image, description
@@ -65,6 +70,17 @@ def load_map(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
     spec = GridSpec(description.resolution, width, height, *description.origin)
     cells = np.ascontiguousarray(occupancy[::-1])
     return (spec, cells) if description.yaw == 0.0 else straightened(spec, cells, description.yaw)
+
+
+def load_bend(yaml_path: Path) -> tuple[float, float]:
+    """Return how far a map is bent, as its file says: standard deviations (m, rad); zeros where it says nothing. Raises BadInputError."""
+    value = _read_table(yaml_path).get("bend", [0.0, 0.0])
+    if not isinstance(value, list) or len(value) != 2:
+        raise BadInputError(f"{yaml_path}: bend must be [metres, radians]")
+    position, yaw = (_number(yaml_path, part, "bend") for part in value)
+    if position < 0.0 or yaw < 0.0:
+        raise BadInputError(f"{yaml_path}: bend must not be negative, found {value}")
+    return position, yaw
 
 
 def _interpret(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
@@ -104,13 +120,18 @@ class _Description:
     mode: str
 
 
-def _read_description(path: Path) -> _Description:
+def _read_table(path: Path) -> dict[str, Any]:
     try:
         table = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise BadInputError(f"{path}: {' '.join(str(error).split())}") from error
     if not isinstance(table, dict):
         raise BadInputError(f"{path}: is no map description (a table with image, resolution, origin)")
+    return table
+
+
+def _read_description(path: Path) -> _Description:
+    table = _read_table(path)
     missing = [key for key in ("image", "resolution", "origin") if key not in table]
     if missing:
         raise BadInputError(f"{path}: {missing[0]} is missing")

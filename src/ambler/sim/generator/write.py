@@ -16,7 +16,8 @@ ENDLESS = 1_000_000  # characters of a line
 
 def write_place(path: Path, place: DrawnPlace) -> None:
     """Write the world file of a place. Raises BadInputError where that is not possible."""
-    lines = [f"# Drawn by `ambler world generate {place.kind} --seed {place.seed}`."]
+    day = f" --day {place.day}" if place.day else ""
+    lines = [f"# Drawn by `ambler world generate {place.kind} --seed {place.seed}{day}`."]
     for name, value in place.content.items():
         if isinstance(value, list):
             lines += [f"{name}:", *(f"  - {_flow(entry)}" for entry in value)]
