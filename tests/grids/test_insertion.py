@@ -51,7 +51,7 @@ def cleared_cells(start: tuple[float, float], end: tuple[float, float], size: in
         NONE,
         ends,
         NONE,
-        frame,
+        *(np.zeros(0), np.zeros(0), frame),
         table,
         table,
         np.empty(size * size, np.int64),
