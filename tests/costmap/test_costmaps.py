@@ -115,12 +115,14 @@ def test_the_highest_of_what_stands_in_a_cell_counts_and_moves_with_the_window()
     grid = layer(raytrace_range=5.0, obstacle_range=5.0)
     for top in (0.3, 0.7, 0.3):
         trace(grid, [SensorRays((0.0, 0.02), np.array([[1.02, 0.02]]), falls=falling(top))])
+    trace(grid, [SensorRays((0.0, 0.02), np.array([[0.82, 0.02]]), falls=falling(0.4))])
     moved = GridSpec(SPEC.resolution, SPEC.width, SPEC.height, SPEC.origin_x + 4 * SPEC.resolution, SPEC.origin_y)
     grid.update(moved, Moment())
     grid.add([SensorRays((0.0, 0.02), free_ends=np.array([[3.0, 0.02]]), falls=falling(0.0))])
     grid.update(moved, Moment())
     assert grid.cells is not None
     assert cost_at(grid.cells, moved, 1.02, 0.02) == 0
+    assert cost_at(grid.cells, moved, 0.82, 0.02) == 254
 
 
 def test_not_a_number_is_passed_over() -> None:
