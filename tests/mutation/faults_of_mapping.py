@@ -139,6 +139,13 @@ MAPPING = (
         ("tests/costmap/test_costmaps.py",),
     ),
     PlantedFault(
+        "chairs that a cloud looked over walk",
+        "perception/mover_tracker.py",
+        "if scan.falls is not None:",
+        "if False:",
+        ("tests/perception/test_mover_tracker.py",),
+    ),
+    PlantedFault(
         "what goes on above the band is as high as the band",
         "kernels/scan_points.py",
         "inside[n_inside, 0], inside[n_inside, 1], inside[n_inside, 4] = b, d, math.inf",

@@ -2,7 +2,7 @@
 
 Points that move (`kernels.movers`) are grouped; each group is about where a person is. A track follows the nearest group with the gains of a
 straight line fitted to its first measurements, which fade to those of an alpha-beta filter (Kalata 1984). Somebody who stops stays a
-track while anything stands there that came later than the room was seen.
+track while anything stands there that came later than the room was seen. Of a cloud only what goes on above its height band counts.
 """
 
 from __future__ import annotations
@@ -118,6 +118,10 @@ class MoverTracker:
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
         points = np.require(points, np.float64, ["C", "W"])
         kinds = self._judged(points, free_ends, starts, free_starts, now)
+        if (
+            scan.falls is not None
+        ):  # rays pass over what is low until the robot stands farther off; whoever walks is tall
+            kinds[np.isfinite(scan.falls.tops)] = kernels.STANDING
         places = self._groups(points, kinds, starts)
         came = points[kinds != kernels.STANDING]  # beside a wall, too: who is known may lean on it
         for track in self._tracks:
