@@ -39,7 +39,7 @@ from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.mover_tracker import MoverConfig
-from ambler.perception.planar import PlanarConfig
+from ambler.perception.planar import PlanarConfig, default_planar
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
@@ -134,7 +134,10 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
     # A cloud's lowest rings meet walls up to 30 m away before they meet the floor; what is floor is told by the body's lean.
     # Where such a beam meets the floor, all that it passed in the band is proved free; a planar beam that meets nothing proves less.
-    planar = PlanarConfig(range_max=30.0, free_length=15.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    # Its band is the gate's: what the gate stops for (the top of a table, the scanner's own height) the planner must know.
+    planar = (
+        replace(default_planar(robot), range_max=30.0, free_length=15.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    )
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     pursues = has_map and robot.drive is DriveKind.OMNI and bool(robot.scanners)
