@@ -131,6 +131,17 @@ def test_how_much_a_mark_leaves_of_what_can_be_reached(gaps: int, robot_x: float
     assert reachable_share(CostGrid(0, "map", spec, data), SE2(robot_x, -1.0), mark, 0.4) == 0.0
 
 
+@pytest.mark.parametrize(("width", "is_marked"), [(1.0, False), (6.0, True)])
+def test_the_only_way_out_is_not_marked(width: float, is_marked: bool) -> None:
+    spec = GridSpec(0.05, 400, 160, -2.0, -4.0)
+    data = np.full(spec.shape, COST_LETHAL)
+    (low, left), (high, _) = spec.cell_of(0.0, -0.5 * width), spec.cell_of(0.0, 0.5 * width)
+    data[low:high, left:] = 0  # a way along x
+    ways, costs = BlockedWays(), CostGrid(0, "map", spec, data)
+    assert [ways.fail(straight(), HERE, k * S, costs) for k in range(3)] == [False, False, is_marked]
+    assert (len(ways.points(3 * S)) > 0) is is_marked
+
+
 def test_points_outside_the_grid_are_no_trouble() -> None:
     layer, spec = BlockedLayer(), GridSpec(0.1, 10, 10, 0.0, 0.0)
     layer.set_points(np.array([[-5.0, 0.0], [0.55, 0.55], [50.0, math.pi]]))

@@ -223,9 +223,30 @@ MOTION = (
     PlantedFault(
         "exploration slides along outer walls",
         "exploration/fence.py",
-        "_away(hull > 0) * size > c.open_reach",
-        "_away(hull > 0) * size < 0.0",
+        "for _ in range(steps):",
+        "for _ in range(20 * steps):",
         FENCE,
+    ),
+    PlantedFault(
+        "ways outside of a building lead through its walls",
+        "exploration/fence.py",
+        "passable = (~surfaces).astype(np.uint8)",
+        "passable = np.ones(surfaces.shape, np.uint8)",
+        FENCE,
+    ),
+    PlantedFault(
+        "a robot marks its only way out",
+        "missions/blocked_ways.py",
+        "self.points(now_ns), c.width) >= c.least_left:",
+        "self.points(now_ns), c.width) >= 0.0:",
+        BLOCKED,
+    ),
+    PlantedFault(
+        "a long body glides only where it looks",
+        "control/trajectory_rollout.py",
+        "            weight_heading = weight_sideways = 0.0\n",
+        "            weight_heading = weight_sideways = 20.0\n",
+        ("tests/control/test_goal_turn.py",),
     ),
     PlantedFault(
         "ways of the survey lead through what is left out",

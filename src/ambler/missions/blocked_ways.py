@@ -60,8 +60,9 @@ class BlockedWays:
         self._failures: list[tuple[int, float, float]] = []
         self._marks: list[_Mark] = []
 
-    def fail(self, path: Path, map_from_base: SE2, now_ns: int) -> bool:
-        """Take that the controller could not follow a path here; returns whether that made a mark."""
+    def fail(self, path: Path, map_from_base: SE2, now_ns: int, costs: CostGrid | None = None) -> bool:
+        """Take that the controller could not follow a path here; returns whether that made a mark. On `costs` (global, in the map frame) it is
+        seen whether that would shut the robot in."""
         c = self.config
         line = _ahead(path, map_from_base, c.ahead, c.length)
         x, y = line[0].tolist()
@@ -76,11 +77,10 @@ class BlockedWays:
             keep = min(max(keep, 2.0 * old.keep), c.keep_most)
             self._marks.remove(old)
         self._marks.append(_Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep))
-        return True
-
-    def take_back(self) -> None:
-        """Forget the newest mark."""
+        if costs is None or reachable_share(costs, map_from_base, self.points(now_ns), c.width) >= c.least_left:
+            return True
         self._marks.pop()
+        return False
 
     def points(self, now_ns: int) -> F64:
         """Return the marked points (N, 2) that hold now. Marks that have run out are remembered for a while, for the doubling."""

@@ -11,7 +11,7 @@ from ambler.core.errors import TransformError
 from ambler.core.messages import CostGrid, Path, PoseStamped, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
-from ambler.missions.blocked_ways import BlockedWays, reachable_share
+from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoveryStep
 from ambler.runtime.node import GoalHandle, Node, TaskOutcome
@@ -90,13 +90,7 @@ class NavigatorNode(Node):
     def mark_blocked(self, path: Path) -> bool:
         """Count a path that could not be followed; say whether it is marked now, and planned around."""
         base = self.map_from_base()
-        if base is None or not self._blocked.fail(path, base, self.ctx.now_ns):
-            return False
-        now, around = self._blocked.points(self.ctx.now_ns), self._config.blocked.width
-        costs, least = self._costmap, self._config.blocked.least_left
-        if costs is not None and reachable_share(costs, base, now, around) < least:
-            self._blocked.take_back()
-            self.ctx.log("WAY_KEPT", "a way that could not be followed three times is the only one: it is not marked")
+        if base is None or not self._blocked.fail(path, base, self.ctx.now_ns, self._costmap):
             return False
         self.ctx.log("WAY_BLOCKED", "a way that could not be followed three times is planned around")
         self._tell_blocked()

@@ -118,9 +118,8 @@ class MoverTracker:
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
         points = np.require(points, np.float64, ["C", "W"])
         kinds = self._judged(points, free_ends, starts, free_starts, now)
-        if (
-            scan.falls is not None
-        ):  # rays pass over what is low until the robot stands farther off; whoever walks is tall
+        # Rays pass over what is low until the robot stands farther off; whoever walks is tall.
+        if scan.falls is not None:
             kinds[np.isfinite(scan.falls.tops)] = kernels.STANDING
         places = self._groups(points, kinds, starts)
         came = points[kinds != kernels.STANDING]  # beside a wall, too: who is known may lean on it
