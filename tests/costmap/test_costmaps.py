@@ -107,6 +107,8 @@ def test_rays_of_a_cloud_erase_what_they_pass_through_and_not_what_they_pass_ove
     assert cost_at(cells, SPEC, 1.02, 0.02) == 254  # a table: the ray is 0.55 m high there
     assert cost_at(cells, SPEC, 1.22, 0.02) == 0  # a person who has left
     assert cost_at(cells, SPEC, 2.02, 0.02) == 0  # as high as the first, but the ray is 0.3 m high
+    trace(grid, [SensorRays((0.0, 0.02), np.array([[0.82, 0.02]]), falls=falling(0.14))])
+    assert cost_at(trace(grid, [through]), SPEC, 0.82, 0.02) == 0  # that was floor, most likely
     level = SensorRays((0.0, 0.02), free_ends=far)
     assert cost_at(trace(grid, [level]), SPEC, 1.02, 0.02) == 0
 

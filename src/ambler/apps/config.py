@@ -114,6 +114,7 @@ SHARP = FrontEndConfig(
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
+FLOOR_DOUBT = 0.15  # metres above the floor from which on the gate and the map believe a cloud: a body that sways sees floor at 0.1 m
 SEEN_WELL = (
     0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
 )
@@ -136,7 +137,9 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     # Where such a beam meets the floor, all that it passed in the band is proved free; a planar beam that meets nothing proves less.
     # Its band is the gate's: what the gate stops for (the top of a table, the scanner's own height) the planner must know.
     planar = (
-        replace(default_planar(robot), range_max=30.0, free_length=15.0) if uses_cloud else PlanarConfig(range_max=20.0)
+        replace(default_planar(robot), range_max=30.0, free_length=15.0, height_min=FLOOR_DOUBT)
+        if uses_cloud
+        else PlanarConfig(range_max=20.0)
     )
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)

@@ -18,6 +18,7 @@ from ambler.registration.planar_scan import RayFalls
 
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
+SURE = 0.2  # metres: what is lower may be floor that a body's lean raised, and goes with the next ray over it
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +135,8 @@ def _heights(falls: RayFalls | None) -> tuple[float, F64, F64, F64]:
     """Return where rays begin above the floor, how they fall, and the tops of what they met, as the kernels take them."""
     if falls is None:
         return 0.0, np.zeros(0), np.zeros(0), np.zeros(0)
-    return falls.height, _writeable(falls.sinks), _writeable(falls.free_sinks), _writeable(falls.tops)
+    tops = np.where(falls.tops < SURE, np.inf, falls.tops)
+    return falls.height, _writeable(falls.sinks), _writeable(falls.free_sinks), _writeable(tops)
 
 
 def _writeable(points: NDArray[np.floating]) -> F64:
