@@ -146,6 +146,20 @@ MAPPING = (
         ("tests/perception/test_mover_tracker.py",),
     ),
     PlantedFault(
+        "who stands is yielded to for ever",
+        "perception/mover_tracker.py",
+        "if t.is_mover and not self._is_still(t, now)",
+        "if t.is_mover",
+        ("tests/perception/test_mover_tracker.py",),
+    ),
+    PlantedFault(
+        "the floor under a robot is known only where it is",
+        "nodes/slam2d.py",
+        "around = (radius * np",
+        "around = (0.01 * np",
+        ("tests/slam2d/test_own_floor.py",),
+    ),
+    PlantedFault(
         "what goes on above the band is as high as the band",
         "kernels/scan_points.py",
         "inside[n_inside, 0], inside[n_inside, 1], inside[n_inside, 4] = b, d, math.inf",

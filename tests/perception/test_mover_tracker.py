@@ -115,3 +115,14 @@ def test_of_a_cloud_only_what_is_tall_walks(top: float, found: bool) -> None:
     for k in range(12):  # a chair that a scanner of many rings looks over first and meets then, piece by piece
         feed(tracker, 5 + k, [(2.0 + 0.1 * k, 0.5)], ROOM, SE2(), rng, top)
     assert bool(len(tracker.movers)) == found
+
+
+def test_who_has_stood_for_ten_seconds_is_an_obstacle_until_he_walks_again() -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(4)
+    walk = [3.5 - 0.1 * k for k in range(12)]
+    places = [*walk, *[walk[-1]] * 130, *[walk[-1] - 0.1 * k for k in range(1, 12)]]
+    seen = [len(feed(tracker, k, [(x, 0.0)], ROOM, SE2(), rng)) for k, x in enumerate(places)]
+    stood = len(walk)
+    assert seen[stood + 80] == 1
+    assert seen[stood + 110] == seen[stood + 129] == 0
+    assert seen[-1] == 1
