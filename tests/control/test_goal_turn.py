@@ -84,3 +84,17 @@ def plan_in_clutter(robot: RobotModel, seed: int) -> bool:
 @pytest.mark.parametrize(("robot", "least"), [(SPOT, 8), (DIFF, 4)], ids=["spot", "diff"])
 def test_what_is_planned_is_free_and_something_is_planned(robot: RobotModel, least: int) -> None:
     assert sum(plan_in_clutter(robot, seed) for seed in range(16)) >= least
+
+
+def test_a_long_robot_gets_out_of_a_dead_end_in_which_it_stands_askew(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, path = SE2(3.1, 0.02, 0.2), line((3.1, 0.0), (0.6, 0.0), (0.0, 0.8))
+
+    def log_of() -> Drive:
+        return drive(TrajectoryRollout(RolloutConfig(padding=0.05), SPOT), SPOT, alcove(0.98, 2.3), path, start)
+
+    log = log_of()
+    assert log.is_reached
+    assert log.collisions == 0
+    monkeypatch.setattr(TrajectoryRollout, "_glide", lambda self, start, velocity, left: None)
+    with pytest.raises(NoValidControlError):  # straight ahead, back or aside alone it does not come out
+        log_of()

@@ -64,12 +64,14 @@ class SlowLight:
         if self.cells is None:
             self.cells = np.full(spec.shape, UNKNOWN, np.uint8)
         place = (spec.origin_x, spec.origin_y, spec.resolution)
-        c = self.config
+        c, level, falls = self.config, (np.zeros((0, 0), np.float32), *place), (0.0, np.zeros(0))
         for r in rays:
-            costmap.clear_rays(self.cells, *place, np.array([r.origin]), r.hits.copy(), c.raytrace_range, False)
-            costmap.clear_rays(self.cells, *place, np.array([r.origin]), r.free_ends.copy(), c.raytrace_range, True)
+            costmap.clear_rays(self.cells, *level, np.array([r.origin]), r.hits.copy(), c.raytrace_range, False, *falls)
+            costmap.clear_rays(
+                self.cells, *level, np.array([r.origin]), r.free_ends.copy(), c.raytrace_range, True, *falls
+            )
         for r in rays:
-            costmap.mark_points(self.cells, *place, np.array([r.origin]), r.hits.copy(), c.obstacle_range)
+            costmap.mark_points(self.cells, *level, np.array([r.origin]), r.hits.copy(), c.obstacle_range, falls[1])
 
     def over(self, below: np.ndarray) -> np.ndarray:
         if self.cells is None:

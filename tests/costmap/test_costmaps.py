@@ -15,6 +15,7 @@ from ambler.costmap.layer import Moment
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
 from ambler.costmap.static_layer import StaticConfig, StaticLayer, occupancy_table
+from ambler.registration.planar_scan import RayFalls
 
 FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
 ROBOT = RobotModel("test", DriveKind.DIFFERENTIAL, FOOTPRINT, VelocityLimits())
@@ -89,6 +90,41 @@ def test_one_sensor_does_not_erase_what_another_sees_now() -> None:
     high = SensorRays((0.0, 0.02), free_ends=np.array([[2.0, 0.02]]))
     for order in ([low, high], [high, low]):
         assert cost_at(trace(grid, order), SPEC, 0.52, 0.02) == 254
+
+
+def falling(top: float) -> RayFalls:
+    """Rays of a sensor at 0.8 m that fall by 0.25 per metre, and what one return met."""
+    one = np.array([0.25], np.float32)
+    return RayFalls(0.8, one, one, np.array([top], np.float32))
+
+
+def test_rays_of_a_cloud_erase_what_they_pass_through_and_not_what_they_pass_over() -> None:
+    grid, far = layer(raytrace_range=5.0, obstacle_range=5.0), np.array([[3.0, 0.02]])
+    for x, top in ((1.02, 0.42), (1.22, 0.75), (2.02, 0.42)):
+        trace(grid, [SensorRays((0.0, 0.02), np.array([[x, 0.02]]), falls=falling(top))])
+    through = SensorRays((0.0, 0.02), free_ends=far, falls=falling(0.0))
+    cells = trace(grid, [through])
+    assert cost_at(cells, SPEC, 1.02, 0.02) == 254  # a table: the ray is 0.55 m high there
+    assert cost_at(cells, SPEC, 1.22, 0.02) == 0  # a person who has left
+    assert cost_at(cells, SPEC, 2.02, 0.02) == 0  # as high as the first, but the ray is 0.3 m high
+    trace(grid, [SensorRays((0.0, 0.02), np.array([[0.82, 0.02]]), falls=falling(0.14))])
+    assert cost_at(trace(grid, [through]), SPEC, 0.82, 0.02) == 0  # that was floor, most likely
+    level = SensorRays((0.0, 0.02), free_ends=far)
+    assert cost_at(trace(grid, [level]), SPEC, 1.02, 0.02) == 0
+
+
+def test_the_highest_of_what_stands_in_a_cell_counts_and_moves_with_the_window() -> None:
+    grid = layer(raytrace_range=5.0, obstacle_range=5.0)
+    for top in (0.3, 0.7, 0.3):
+        trace(grid, [SensorRays((0.0, 0.02), np.array([[1.02, 0.02]]), falls=falling(top))])
+    trace(grid, [SensorRays((0.0, 0.02), np.array([[0.82, 0.02]]), falls=falling(0.4))])
+    moved = GridSpec(SPEC.resolution, SPEC.width, SPEC.height, SPEC.origin_x + 4 * SPEC.resolution, SPEC.origin_y)
+    grid.update(moved, Moment())
+    grid.add([SensorRays((0.0, 0.02), free_ends=np.array([[3.0, 0.02]]), falls=falling(0.0))])
+    grid.update(moved, Moment())
+    assert grid.cells is not None
+    assert cost_at(grid.cells, moved, 1.02, 0.02) == 0
+    assert cost_at(grid.cells, moved, 0.82, 0.02) == 254
 
 
 def test_not_a_number_is_passed_over() -> None:

@@ -51,7 +51,7 @@ def cleared_cells(start: tuple[float, float], end: tuple[float, float], size: in
         NONE,
         ends,
         NONE,
-        frame,
+        *(np.zeros(0), np.zeros(0), frame),
         table,
         table,
         np.empty(size * size, np.int64),
@@ -222,3 +222,26 @@ def test_surfaces_fill_only_cells_that_nothing_was_measured_of() -> None:
     assert grid.cells[iy, ix] == before[iy, ix] != 0
     assert grid.cells[jy, jx] > 16384
     assert (grid.cells != before).sum() == 1
+
+
+def test_rays_that_pass_over_a_thing_do_not_erase_it() -> None:
+    inserter, origin = Inserter(CONFIG), np.array([0.02, 0.02])
+    table, wall = np.array([[1.02, 0.02]], np.float32), np.array([[3.02, 0.02]], np.float32)
+
+    def p_occupied(x: float, lows: tuple[np.ndarray, np.ndarray] | None) -> int:
+        """Return the cell at x after a thing was seen at 1 m, another at 2.9 m, and a wall behind them often."""
+        grid = ProbabilityGrid(0.05, (0.0, 0.0), 10.0)
+        for point in (table, np.array([[2.92, 0.02]], np.float32)):
+            for _ in range(3):
+                inserter.insert(grid, origin, point, NONE)
+        for _ in range(60):
+            inserter.insert(grid, origin, wall, NONE, lows=lows)
+        iy, ix = ((np.array([x, 0.02]) - grid.frame[1:]) / 0.05).astype(int)[::-1]
+        return int(grid.cells[iy, ix])
+
+    none = np.zeros(0)
+    assert p_occupied(1.02, None) < 16384
+    assert p_occupied(1.02, (np.array([2.0]), none)) > 16384  # the ray is low from 2 m on
+    assert p_occupied(1.02, (np.array([0.8]), none)) < 16384
+    assert p_occupied(0.52, (np.array([2.0]), none)) < 16384  # nothing was seen there
+    assert p_occupied(2.92, (np.array([np.inf]), none)) < 16384  # right before its end a ray is as low as what it met

@@ -9,12 +9,12 @@ import pytest
 
 from ambler.core.errors import BadInputError, PlanningError
 from ambler.core.grid import COST_LETHAL, GridSpec
-from ambler.core.messages import Path
+from ambler.core.messages import CostGrid, Path
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.costmap.blocked_layer import BlockedLayer
 from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
-from ambler.missions.blocked_ways import BlockedWays, BlockedWaysConfig
+from ambler.missions.blocked_ways import BlockedWays, BlockedWaysConfig, reachable_share
 from ambler.planning.grid_planner import GridPlanner, PlannerConfig
 
 S = 1_000_000_000
@@ -110,6 +110,36 @@ def test_the_planner_goes_around_a_marked_gap_and_names_it_when_there_is_no_othe
     costmap.layer(BlockedLayer).set_points(ways.points(100 * S))
     costmap.update()
     assert highest() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("gaps", "robot_x", "least", "most"), [(1, 5.0, 0.15, 0.35), (1, 3.0, 0.6, 0.9), (2, 5.0, 0.9, 1.0)]
+)
+def test_how_much_a_mark_leaves_of_what_can_be_reached(gaps: int, robot_x: float, least: float, most: float) -> None:
+    spec = GridSpec(0.05, 120, 80, 0.0, -2.0)
+    data = np.zeros(spec.shape, np.uint8)
+    wall = spec.cell_of(4.5, 0.0)[1]
+    data[:, wall] = COST_LETHAL
+    for y in (-1.0, 1.5)[:gaps]:
+        row = spec.cell_of(0.0, y)[0]
+        data[row - 6 : row + 7, wall] = 0
+    mark = np.array([[4.4, -1.0], [4.6, -1.0]])
+    share = reachable_share(CostGrid(0, "map", spec, data), SE2(robot_x, -1.0), mark, 0.4)
+    assert least < share < most
+    assert reachable_share(CostGrid(0, "map", spec, data), SE2(robot_x, -1.0), mark[:0], 0.4) == 1.0
+    data = np.full_like(data, COST_LETHAL)
+    assert reachable_share(CostGrid(0, "map", spec, data), SE2(robot_x, -1.0), mark, 0.4) == 0.0
+
+
+@pytest.mark.parametrize(("width", "is_marked"), [(1.0, False), (6.0, True)])
+def test_the_only_way_out_is_not_marked(width: float, is_marked: bool) -> None:
+    spec = GridSpec(0.05, 400, 160, -2.0, -4.0)
+    data = np.full(spec.shape, COST_LETHAL)
+    (low, left), (high, _) = spec.cell_of(0.0, -0.5 * width), spec.cell_of(0.0, 0.5 * width)
+    data[low:high, left:] = 0  # a way along x
+    ways, costs = BlockedWays(), CostGrid(0, "map", spec, data)
+    assert [ways.fail(straight(), HERE, k * S, costs) for k in range(3)] == [False, False, is_marked]
+    assert (len(ways.points(3 * S)) > 0) is is_marked
 
 
 def test_points_outside_the_grid_are_no_trouble() -> None:

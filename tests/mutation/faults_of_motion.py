@@ -223,9 +223,30 @@ MOTION = (
     PlantedFault(
         "exploration slides along outer walls",
         "exploration/fence.py",
-        "_away(hull > 0) * size > c.open_reach",
-        "_away(hull > 0) * size < 0.0",
+        "for _ in range(steps):",
+        "for _ in range(20 * steps):",
         FENCE,
+    ),
+    PlantedFault(
+        "ways outside of a building lead through its walls",
+        "exploration/fence.py",
+        "passable = (~surfaces).astype(np.uint8)",
+        "passable = np.ones(surfaces.shape, np.uint8)",
+        FENCE,
+    ),
+    PlantedFault(
+        "a robot marks its only way out",
+        "missions/blocked_ways.py",
+        "self.points(now_ns), c.width) >= c.least_left:",
+        "self.points(now_ns), c.width) >= 0.0:",
+        BLOCKED,
+    ),
+    PlantedFault(
+        "a long body never glides",
+        "control/trajectory_rollout.py",
+        "return self._best_of(samples, start, velocity, left, is_gliding=True)",
+        "return None",
+        ("tests/control/test_goal_turn.py",),
     ),
     PlantedFault(
         "ways of the survey lead through what is left out",

@@ -1,13 +1,14 @@
 """What moves is found from scans alone, with its velocity; walls that come into sight are not taken for it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
 from ambler.perception.mover_tracker import MoverTracker
-from ambler.registration.planar_scan import PlanarScan
+from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 ANGLES = np.linspace(-math.pi, math.pi, 720, endpoint=False)
 RADIUS = 0.25
@@ -35,8 +36,8 @@ def ranges_to(
     return best
 
 
-def feed(tracker: MoverTracker, k: int, discs, walls, place: SE2, rng: np.random.Generator):
-    """Give the tracker one scan of 10 Hz."""
+def feed(tracker: MoverTracker, k: int, discs, walls, place: SE2, rng: np.random.Generator, top: float | None = None):
+    """Give the tracker one scan of 10 Hz; of a cloud if the `top` of all that it meets is told."""
     ranges = ranges_to(discs, walls, place) + rng.normal(0.0, 0.01, len(ANGLES))
     is_return = np.isfinite(ranges) & (ranges < 10.0)
     directions = np.stack((np.cos(ANGLES + place.yaw), np.sin(ANGLES + place.yaw)), axis=1)
@@ -44,6 +45,9 @@ def feed(tracker: MoverTracker, k: int, discs, walls, place: SE2, rng: np.random
     points = start + ranges[is_return, None] * directions[is_return]
     free = start + 5.0 * directions[~is_return]
     scan = PlanarScan(k * 100_000_000, points.astype(np.float32), free.astype(np.float32))
+    if top is not None:
+        falls = np.full(len(points), 0.2, np.float32)
+        scan = replace(scan, falls=RayFalls(0.8, falls, falls[: len(free)], np.full(len(points), top, np.float32)))
     return tracker.update(scan, points, free, start, start)
 
 
@@ -101,3 +105,24 @@ def test_who_was_there_from_the_start_is_found_when_he_comes() -> None:
         movers = feed(tracker, k, [(4.0 - 0.12 * max(0, k - 6), 0.0)], ROOM, SE2(), rng)
     assert len(movers) == 1
     assert movers.states[0, 2] < -0.8
+
+
+@pytest.mark.parametrize(("top", "found"), [(math.inf, True), (0.45, False)])
+def test_of_a_cloud_only_what_is_tall_walks(top: float, found: bool) -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(3)
+    for k in range(5):
+        feed(tracker, k, [], ROOM, SE2(), rng, math.inf)
+    for k in range(12):  # a chair that a scanner of many rings looks over first and meets then, piece by piece
+        feed(tracker, 5 + k, [(2.0 + 0.1 * k, 0.5)], ROOM, SE2(), rng, top)
+    assert bool(len(tracker.movers)) == found
+
+
+def test_who_has_stood_for_ten_seconds_is_an_obstacle_until_he_walks_again() -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(4)
+    walk = [3.5 - 0.1 * k for k in range(12)]
+    places = [*walk, *[walk[-1]] * 130, *[walk[-1] - 0.1 * k for k in range(1, 12)]]
+    seen = [len(feed(tracker, k, [(x, 0.0)], ROOM, SE2(), rng)) for k, x in enumerate(places)]
+    stood = len(walk)
+    assert seen[stood + 80] == 1
+    assert seen[stood + 110] == seen[stood + 129] == 0
+    assert seen[-1] == 1

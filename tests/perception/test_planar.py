@@ -232,3 +232,22 @@ def test_a_level_body_needs_no_sweep() -> None:
     motion.add_pose(200_000_000, SE3.from_se2(SE2(1.0, 2.0, 1.0)))
     assert level_mount(BODY, motion, 0, SWEEP) is BODY
     assert level_mount(BODY, BaseMotion(), 0, SWEEP) is BODY  # nothing is known
+
+
+def test_how_low_a_direction_was_looked_through() -> None:
+    config = PlanarConfig(range_min=0.3, range_max=10.0, free_length=10.0)
+    low, high = [(2.0, 0.0, -0.4), (2.05, 0.0, -0.38)], [(0.0, 2.0, -0.4), (0.0, 2.1, 0.6)]
+    floor, farther = [(-2.9, 0.0, -0.8)], [(-4.0, 0.0, -0.3)]
+    scan = cloud_to_points(cloud_of([*low, *high, *floor, *farther]), SE3((0.0, 0.0, 0.8)), np.zeros(3), config)
+    assert scan.falls is not None
+    assert scan.falls.height == pytest.approx(0.8)
+    ahead, left, behind = (int(np.argmin(np.hypot(*(scan.points - p).T))) for p in ((2, 0), (0, 2), (-4, 0)))
+    assert scan.falls.tops[ahead] == pytest.approx(0.42, abs=1e-6)  # the highest return of what ends there
+    assert scan.falls.tops[left] == np.inf  # it goes on above the band
+    assert scan.falls.sinks[ahead] == pytest.approx(0.2, abs=1e-6)
+    assert scan.falls.sinks[behind] == pytest.approx(0.8 / 2.9, abs=1e-6)  # of the ray that met the floor before
+    below, _ = scan.falls.below(0.25)
+    assert below[behind] == pytest.approx(0.55 * 2.9 / 0.8, abs=1e-5)
+    thin = scan.thinned(0.1)
+    assert thin.falls is not None
+    assert len(thin.falls.tops) == len(thin.falls.sinks) == len(thin.points)

@@ -40,7 +40,7 @@ from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.mover_tracker import MoverConfig
-from ambler.perception.planar import PlanarConfig
+from ambler.perception.planar import PlanarConfig, default_planar
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
@@ -121,6 +121,7 @@ SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 CLOSE_LOOPS = LoopConfig(query_distance=0.5, candidates_per_node=4, searches_per_job=12, tries_per_pair=24)
 GOOD_STAMPS = GraphConfig(inter_sigma=(0.02, math.radians(0.2)))
 
+FLOOR_DOUBT = 0.15  # metres above the floor from which on the gate and the map believe a cloud: a body that sways sees floor at 0.1 m
 SEEN_WELL = (
     0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
 )
@@ -141,7 +142,12 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     uses_cloud = any(mount.kind is SensorKind.CLOUD for mount in robot.sensors)
     # A cloud's lowest rings meet walls up to 30 m away before they meet the floor; what is floor is told by the body's lean.
     # Where such a beam meets the floor, all that it passed in the band is proved free; a planar beam that meets nothing proves less.
-    planar = PlanarConfig(range_max=30.0, free_length=15.0) if uses_cloud else PlanarConfig(range_max=20.0)
+    # Its band is the gate's: what the gate stops for (the top of a table, the scanner's own height) the planner must know.
+    planar = (
+        replace(default_planar(robot), range_max=30.0, free_length=15.0, height_min=FLOOR_DOUBT)
+        if uses_cloud
+        else PlanarConfig(range_max=20.0)
+    )
     # The planner leaves out gaps in which the controller could not turn a little to either side.
     inflation = InflationConfig(inscribed_radius=robot.inscribed_radius + 2.0 * PADDING)
     pursues = has_map and robot.drive is DriveKind.OMNI and bool(robot.scanners)

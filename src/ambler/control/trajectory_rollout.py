@@ -18,7 +18,7 @@ from ambler.control.goal_turn import GoalTurn
 from ambler.control.local_window import LocalWindow
 from ambler.control.passing import passing_discs
 from ambler.control.path_tracker import PathTracker
-from ambler.control.velocity_samples import velocity_samples
+from ambler.control.velocity_samples import gliding_samples, velocity_samples
 from ambler.core.errors import InvalidPathError, NoValidControlError
 from ambler.core.grid import GridSpec
 from ambler.core.movers import NOBODY, Movers
@@ -139,7 +139,7 @@ class TrajectoryRollout:
                 return command
         if abs(error) > self._config.turn_end:
             command = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
-            command = command or self._draw_back(start, error)
+            command = command or self._glide(start, velocity, left) or self._draw_back(start, error)
             if command is not None:
                 return command
         self._is_escaping = False
@@ -191,6 +191,14 @@ class TrajectoryRollout:
                 return BodyVelocity(0.0, 0.0, math.copysign(rate, turn))
         return None
 
+    def _glide(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity | None:
+        """Follow the path without facing along it, as a base may that moves in all directions: a long body gets out of a dead end as it came
+        in. None for other bases, and where no such motion gains anything."""
+        if self._robot.drive is not DriveKind.OMNI or self._limits.vy_max <= 0.0:
+            return None
+        samples = gliding_samples(self._config, self._limits)
+        return self._best_of(samples, start, velocity, left, is_gliding=True)
+
     def _draw_back(self, start: SE2, error: float) -> BodyVelocity | None:
         """Move straight on, back, or sideways, to the nearest place from which the robot can turn by `error`; None if there is none."""
         directions = [(1.0, 0.0)] + ([(-1.0, 0.0)] if self._limits.vx_min < 0.0 else [])
@@ -213,13 +221,17 @@ class TrajectoryRollout:
         return command
 
     def _best_command(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity | None:
+        return self._best_of(self._samples(velocity, left), start, velocity, left)
+
+    def _best_of(
+        self, samples: F64, start: SE2, velocity: BodyVelocity, left: float, *, is_gliding: bool = False
+    ) -> BodyVelocity | None:
         path = self._path_ahead()
         steps, label = self._spread(path)
         here = np.empty(3)
         at = self._window.placed(start)
         resolution = self._window.spec.resolution
         locate_on_path(at[0], at[1], path, steps, label, resolution, here)
-        samples = self._samples(velocity, left)
         out = np.empty((len(samples), COLUMNS))
         lim = self._limits
         rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
@@ -234,7 +246,7 @@ class TrajectoryRollout:
                 samples, at, v0, rates, plan, w.row_sums, w.distance, resolution, w.normals, w.offsets, w.circles,
                 path, steps, label, self._movers_ahead(), out,
             )  # fmt: skip
-            command = self._choose(samples, out, here, path, velocity, horizon)
+            command = self._choose(samples, out, here, path, velocity, horizon, is_gliding=is_gliding)
             if command is not None:
                 return command
         return None
@@ -258,19 +270,30 @@ class TrajectoryRollout:
         return (self._config.horizon,)
 
     def _choose(
-        self, samples: F64, out: F64, here: F64, path: F64, velocity: BodyVelocity, horizon: float
+        self,
+        samples: F64,
+        out: F64,
+        here: F64,
+        path: F64,
+        velocity: BodyVelocity,
+        horizon: float,
+        *,
+        is_gliding: bool = False,
     ) -> BodyVelocity | None:
         c = self._config
         end_s = float(path[-1, 2])
         weight_path, weight_heading = c.weight_path, c.weight_heading
         if self._is_blocked(path):
             weight_path, weight_heading = c.weight_path_blocked, c.weight_heading_blocked
+        weight_sideways = c.weight_sideways
+        if is_gliding:
+            weight_heading = weight_sideways = 0.0
         before = float((end_s - here[1]) + min(1.0, weight_path) * here[0])
         gain = min(GAIN_MIN, 0.25 * before, 0.5 * self._speeds(samples)[1] * horizon)
         weights = np.array(
             [
                 *(c.weight_progress, weight_path, weight_heading, c.weight_clearance, c.weight_turn_change),
-                *(c.weight_sideways, c.near, c.weight_movers, c.movers_near),
+                *(weight_sideways, c.near, c.weight_movers, c.movers_near),
             ]
         )
         best = int(best_sample(samples, out, weights, end_s, before, gain, velocity.wz))

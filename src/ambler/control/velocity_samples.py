@@ -31,6 +31,17 @@ def velocity_samples(config: RolloutConfig, robot: RobotModel, top: float) -> F6
     return np.ascontiguousarray(grid[(speed >= slowest) & (speed <= top + 1e-9)])
 
 
+def gliding_samples(config: RolloutConfig, limits: VelocityLimits) -> F64:
+    """Return slow velocities (N, 3) in all directions, with a little turning, of a base that moves in all directions."""
+    angle = np.linspace(-np.pi, np.pi, 24, endpoint=False)
+    speed = np.array([0.5, 1.0]) * config.escape_speed
+    turn = np.array([-0.4, -0.15, 0.0, 0.15, 0.4]) * limits.wz_max
+    v, a, w = (grid.ravel() for grid in np.meshgrid(speed, angle, turn, indexing="ij"))
+    samples = np.stack((v * np.cos(a), v * np.sin(a), w), axis=1)
+    is_possible = (samples[:, 0] >= limits.vx_min) & (np.abs(samples[:, 1]) <= limits.vy_max)
+    return np.ascontiguousarray(samples[is_possible])
+
+
 def dynamic_window(velocity: BodyVelocity, limits: VelocityLimits, period: float) -> F64:
     """Return the velocities that the base can reach within `period` seconds: float64 (3, 2) of (lowest, highest) per axis."""
     axes = (

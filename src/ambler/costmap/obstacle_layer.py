@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from ambler.core.grid import COST_FREE, COST_UNKNOWN, GridSpec
 from ambler.costmap.layer import Box, Moment, box_around, box_within, moved, union, whole
 from ambler.kernels import costmap as kernels
+from ambler.registration.planar_scan import RayFalls
 
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
+SURE = 0.2  # metres: what is lower may be floor that a body's lean raised, and goes with the next ray over it
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +35,15 @@ class ObstacleConfig:
 class SensorRays:
     """What one sensor, or several at one instant, saw, in the costmap's frame: its origin (x, y), or where each ray of `hits` and of `free_ends`
     starts, `starts` (N, 2) and `free_starts` (M, 2); `hits` (N, 2), returns that mark and end their ray;
-    `free_ends` (M, 2), ends of rays that only clear: no return within range, or a return too high or too low to matter."""
+    `free_ends` (M, 2), ends of rays that only clear: no return within range, or a return too high or too low to matter. `falls` tells how low
+    the rays pass: they clear nothing that they pass over (None: they are level and clear all on their way)."""
 
     origin: tuple[float, float]
     hits: F64 = field(default_factory=lambda: np.zeros((0, 2)))
     free_ends: F64 = field(default_factory=lambda: np.zeros((0, 2)))
     starts: F64 | None = None
     free_starts: F64 | None = None
+    falls: RayFalls | None = None
 
     @property
     def spread(self) -> float:
@@ -58,6 +62,7 @@ class ObstacleLayer:
     def __init__(self, config: ObstacleConfig) -> None:
         self.config = config
         self.cells: U8 | None = None
+        self._tops: NDArray[np.float32] = np.zeros((0, 0), np.float32)
         self._spec: GridSpec | None = None
         self._rays: list[SensorRays] = []
         self._is_cleared = False
@@ -93,27 +98,47 @@ class ObstacleLayer:
     def clear(self) -> None:
         """Forget everything."""
         self.cells, self._spec, self._rays, self._is_cleared = None, None, [], True
+        self._tops = np.zeros((0, 0), np.float32)
 
     def _moved(self, spec: GridSpec, *, is_needed: bool) -> U8 | None:
         """Return the cells in another grid, aligned to whole cells: what overlaps is kept, the rest unknown."""
         if self.cells is None or self._spec is None or spec.resolution != self._spec.resolution:
             self.cells = np.full(spec.shape, COST_UNKNOWN, np.uint8) if is_needed else None
+            self._tops = np.zeros((0, 0), np.float32)
         elif spec != self._spec:
             self.cells = moved(self.cells, self._spec, spec, COST_UNKNOWN)
+            if self._tops.size:
+                self._tops = moved(self._tops, self._spec, spec, 0.0)
         self._spec = spec
         return self.cells
 
     def _trace(self, cells: U8, spec: GridSpec, rays: Sequence[SensorRays]) -> None:
         place = (spec.origin_x, spec.origin_y, spec.resolution)
+        if not self._tops.size and any(r.falls is not None for r in rays):
+            self._tops = np.full(spec.shape, np.inf, np.float32)
+        tops, level = self._tops, np.zeros((0, 0), np.float32)
         for r in rays:
-            for starts, ends, is_free in ((r.starts, r.hits, False), (r.free_starts, r.free_ends, True)):
+            z, sinks, free_sinks, _ = _heights(r.falls)
+            over = level if r.falls is None else tops
+            for starts, ends, is_free, falls in (
+                (r.starts, r.hits, False, sinks),
+                (r.free_starts, r.free_ends, True, free_sinks),
+            ):
                 points, begins = _writeable(ends), r.starts_of(starts)
-                kernels.clear_rays(cells, *place, begins, points, self.config.raytrace_range, is_free)
+                kernels.clear_rays(cells, over, *place, begins, points, self.config.raytrace_range, is_free, z, falls)
         for r in rays:
-            points = _writeable(r.hits)
-            kernels.mark_points(cells, *place, r.starts_of(r.starts), points, self.config.obstacle_range)
+            points, heights = _writeable(r.hits), _heights(r.falls)[3]
+            kernels.mark_points(cells, tops, *place, r.starts_of(r.starts), points, self.config.obstacle_range, heights)
 
 
-def _writeable(points: F64) -> F64:
+def _heights(falls: RayFalls | None) -> tuple[float, F64, F64, F64]:
+    """Return where rays begin above the floor, how they fall, and the tops of what they met, as the kernels take them."""
+    if falls is None:
+        return 0.0, np.zeros(0), np.zeros(0), np.zeros(0)
+    tops = np.where(falls.tops < SURE, np.inf, falls.tops)
+    return falls.height, _writeable(falls.sinks), _writeable(falls.free_sinks), _writeable(tops)
+
+
+def _writeable(points: NDArray[np.floating]) -> F64:
     """Return the points as the kernels were compiled for: a read-only array is another type to the compiler."""
     return np.require(points, np.float64, ["C", "W"])

@@ -7,6 +7,7 @@ surfaces that it knows, and says what it left out.
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -19,6 +20,7 @@ from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 
 U8 = NDArray[np.uint8]
+CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 Boundary = tuple[tuple[float, float], ...]
 
 
@@ -34,8 +36,9 @@ class Side(enum.IntEnum):
 class FenceConfig:
     """`boundary` is a polygon (x, y) in the map frame, `radius` (m) a circle about the start; empty and 0 mean none. The robot goes no farther
     than `structure_reach` (m) from surfaces that it knows, 0 meaning anywhere: three quarters of its scanner's range, so that what it
-    would know its place by is seen by many beams. Nor does it go more than `open_reach` (m) outside of the convex hull of all surfaces that it
-    knows: there it sees walls on one side only, along which it slides (2.4 m along the outer wall of a warehouse). At least `structure_least` metres of surface within 1.5 m are structure, not a lost return.
+    would know its place by is seen by many beams. Nor does it go on for more than `open_reach` (m) when it has left the convex hull of all
+    surfaces that it knows, through a gap or from its start: there it sees walls on one side only, along which it slides (2.4 m along the outer
+    wall of a warehouse). At least `structure_least` metres of surface within 1.5 m are structure, not a lost return.
     Judged on cells of `cell` (m)."""
 
     boundary: Boundary = ()
@@ -113,7 +116,23 @@ class Fence:
         corners = cv2.convexHull(np.argwhere(is_structure)[:, ::-1].astype(np.int32))
         cv2.fillConvexPoly(hull, corners, 1)
         size = n * self._spec.resolution
-        return np.asarray((_away(is_structure) * size > c.structure_reach) | (_away(hull > 0) * size > c.open_reach))
+        steps = math.ceil(c.open_reach / size)
+        is_near = self._reached_from(hull > 0, counts > 0, steps)
+        return np.asarray((_away(is_structure) * size > c.structure_reach) | ~is_near)
+
+    def _reached_from(self, inside: NDArray[np.bool_], surfaces: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+        """Tell which coarse cells [iy, ix] lie within so many steps around surfaces from the cells `inside` or from the start."""
+        assert self._spec is not None
+        assert self._start is not None
+        passable = (~surfaces).astype(np.uint8)
+        reached = inside & ~surfaces
+        iy, ix = self._spec.cell_of(self._start.x, self._start.y)
+        if self._spec.contains_cell(iy, ix):
+            reached[iy // self._stride, ix // self._stride] = True
+        edge = reached.astype(np.uint8)
+        for _ in range(steps):  # not diagonally: a wall may run so
+            edge = np.bitwise_and(np.asarray(cv2.dilate(edge, CROSS), np.uint8), passable)
+        return np.asarray(inside | reached | (edge > 0))
 
     def _beyond(self, polygon: Boundary, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell which coarse cells [iy, ix] have their middle outside of the polygon or the circle."""

@@ -13,16 +13,19 @@ from ambler.grids.probability import update_table
 from ambler.kernels import submap as kernels
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class InsertionConfig:
-    """Probabilities of an observed return and of an observed free cell."""
+    """Probabilities of an observed return and of an observed free cell. Rays of a cloud that pass higher than `low` (m above the floor) over a
+    cell do not make it free once something was seen there."""
 
     resolution: float = 0.05
     p_hit: float = 0.55
     p_miss: float = 0.49
     initial_size: float = 20.0
+    low: float = 0.25  # seats, sofas and beds are 0.4 m high; what is lower is rare, and the lowest ring of a VLP-16 is so low from 2 m on
 
 
 class Inserter:
@@ -42,10 +45,12 @@ class Inserter:
         free_origin: NDArray[np.float64] | None = None,
         surfaces: F32 | None = None,
         times: int = 1,
+        lows: tuple[F64, F64] | None = None,
     ) -> int:
         """Insert a scan: points (N, 2) and free ends (M, 2) float32, all in the grid's frame. `origin` (2,) is where all rays start, or (N, 2)
         where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`). `surfaces` (K, 2) are
-        occupied as well, but no ray leads to them. The scan counts as if it came `times` times.
+        occupied as well, but no ray leads to them. The scan counts as if it came `times` times. `lows` (N,) and (M,) are the metres up
+        to which rays pass above `low` (None: nowhere).
 
         Returns how many cells changed.
         """
@@ -54,10 +59,11 @@ class Inserter:
         grid.grow_to(starts, free_starts, points, free_points)
         if len(self._touched) < grid.cells.size:
             self._touched = np.empty(grid.cells.size, np.int64)
+        hit_lows, free_lows = (np.zeros(0), np.zeros(0)) if lows is None else lows
         return int(
             kernels.insert_scan(
                 *(grid.cells, starts, free_starts, points, free_points, points[:0] if surfaces is None else surfaces),
-                *(grid.frame, *self._tables_for(times), self._touched),
+                *(hit_lows, free_lows, grid.frame, *self._tables_for(times), self._touched),
             )
         )
 

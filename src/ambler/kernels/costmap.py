@@ -7,11 +7,17 @@ import numpy as np
 from ambler.kernels.jit import jit
 
 FREE, LETHAL, UNKNOWN = 0, 254, 255
+GRAZE = (
+    0.05  # metres that a ray must pass below the top of a thing to prove it gone: noise of ranges and of a body's lean
+)
 
 
 @jit
-def _clear_ray(layer, x0, y0, x1, y1, ends_free):
-    """Free the cells that the segment passes, in cell units; the cell of its end only when `ends_free`."""
+def _clear_ray(layer, tops, x0, y0, x1, y1, ends_free, z, sink):
+    """Free the cells that the segment passes, in cell units; the cell of its end only when `ends_free`.
+
+    The ray begins at height `z` and sinks by `sink` along the segment; what it passes over stays (`tops` without cells: nothing does).
+    """
     height, width = layer.shape
     ix, iy = int(math.floor(x0)), int(math.floor(y0))
     end_x, end_y = int(math.floor(x1)), int(math.floor(y1))
@@ -22,26 +28,32 @@ def _clear_ray(layer, x0, y0, x1, y1, ends_free):
     per_y = abs(1.0 / dy) if dy != 0.0 else far
     next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * per_x if dx != 0.0 else far
     next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * per_y if dy != 0.0 else far
+    is_over = tops.shape[0] > 0
     for _ in range(abs(end_x - ix) + abs(end_y - iy)):
         if 0 <= iy < height and 0 <= ix < width:
-            layer[iy, ix] = FREE
+            lowest = z - sink * min(next_x, next_y, 1.0) if is_over else 0.0
+            if not (is_over and layer[iy, ix] == LETHAL and lowest > tops[iy, ix] - GRAZE):
+                layer[iy, ix] = FREE
         if next_x < next_y:
             ix += step_x
             next_x += per_x
         else:
             iy += step_y
             next_y += per_y
-    if ends_free and 0 <= end_y < height and 0 <= end_x < width:
+    if not (ends_free and 0 <= end_y < height and 0 <= end_x < width):
+        return
+    if not (is_over and layer[end_y, end_x] == LETHAL and z - sink > tops[end_y, end_x] - GRAZE):
         layer[end_y, end_x] = FREE
 
 
 @jit
-def clear_rays(layer, origin_x, origin_y, resolution, starts, ends, max_range, ends_free):
+def clear_rays(layer, tops, origin_x, origin_y, resolution, starts, ends, max_range, ends_free, z, sinks):
     """Free the cells of `layer` uint8 (H, W) along every ray to `ends` float64 (N, 2), metres, from `starts` float64 (N, 2), or (1, 2) for one
     start of all.
 
     A ray longer than `max_range` is followed that far only, and frees its last cell too; otherwise the cell of its end is freed
-    only when `ends_free` (nothing was seen there). Cells outside of the layer are passed over.
+    only when `ends_free` (nothing was seen there). Cells outside of the layer are passed over. `tops` float32 (H, W) are the heights of what
+    stands in lethal cells, (0, 0) when all is as high as the rays; they begin at the height `z` and sink by `sinks` float64 (N,) per metre.
     """
     height, width = layer.shape
     reach = max_range / resolution
@@ -72,12 +84,19 @@ def clear_rays(layer, origin_x, origin_y, resolution, starts, ends, max_range, e
             continue
         if high < scale:
             is_open = True
-        _clear_ray(layer, x0 + low * dx, y0 + low * dy, x0 + high * dx, y0 + high * dy, is_open)
+        fall = sinks[k] * length * resolution if len(sinks) > 0 else 0.0
+        _clear_ray(
+            *(layer, tops, x0 + low * dx, y0 + low * dy, x0 + high * dx, y0 + high * dy, is_open),
+            *(z - low * fall, (high - low) * fall),
+        )
 
 
 @jit
-def mark_points(layer, origin_x, origin_y, resolution, starts, points, max_range):
-    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of where their rays start, `starts` as in `clear_rays`."""
+def mark_points(layer, tops, origin_x, origin_y, resolution, starts, points, max_range, heights):
+    """Make the cells of points float64 (N, 2) lethal that lie within `max_range` of where their rays start, `starts` as in `clear_rays`.
+
+    `heights` float64 (N,) are those of the things there, none of them told: of any height; `tops` keeps the highest of each cell.
+    """
     height, width = layer.shape
     limit = max_range * max_range
     for k in range(len(points)):
@@ -87,6 +106,9 @@ def mark_points(layer, origin_x, origin_y, resolution, starts, points, max_range
             continue
         ix, iy = int(math.floor((x - origin_x) / resolution)), int(math.floor((y - origin_y) / resolution))
         if 0 <= iy < height and 0 <= ix < width:
+            if tops.shape[0] > 0:
+                top = heights[k] if len(heights) > 0 else math.inf
+                tops[iy, ix] = max(tops[iy, ix], top) if layer[iy, ix] == LETHAL else top
             layer[iy, ix] = LETHAL
 
 
@@ -180,8 +202,9 @@ def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     layer = np.full((4, 4), UNKNOWN, np.uint8)
     points = np.array([[0.1, 0.1], [0.15, 0.12]])
-    clear_rays(layer, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, True)
-    mark_points(layer, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0)
+    tops, none = np.zeros((0, 0), np.float32), np.zeros(0)
+    clear_rays(layer, tops, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, True, 0.0, none)
+    mark_points(layer, tops, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, none)
     fill_convex(layer, 0.0, 0.0, 0.05, np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]), FREE)
     occupancy = np.zeros((4, 4), np.int8)
     to_static(occupancy, np.zeros(256, np.uint8), layer)

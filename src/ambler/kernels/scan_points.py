@@ -10,6 +10,10 @@ import numpy as np
 
 from ambler.kernels.jit import jit
 
+UPRIGHT = (
+    0.15  # metres behind the nearest return within which what is seen above it is the same thing: a person, a wall
+)
+
 
 @jit
 def carry(x, y, t, twist):
@@ -136,8 +140,9 @@ def split_rays(ends, sources, times, offsets, twist, limits, points, starts, fre
 
 @jit
 def cloud_to_points(
-    cloud, times, mounts, step, twist, band, limits, matrix, inside, nearest, reach, points, free_points, counts
-):
+    cloud, times, mounts, step, twist, band, limits, matrix, inside, nearest, reach, points, free_points, heights,
+    free_sinks, counts,
+):  # fmt: skip
     """Flatten a cloud: per azimuth bin the nearest surface inside the height band, else how far the bin is seen to be free.
 
     The nearest surface is the mean of the returns within `limits[3]` behind the nearest one: the nearest of several noisy returns by
@@ -147,8 +152,9 @@ def cloud_to_points(
     every `step` seconds, level where the body leans, `matrix` float64 (3, 4) scratch, `band` (z_min, z_max, doubt) above the base
     origin's ground, whose lower edge rises by `doubt` with the distance, `limits` (range_min, range_max, free_length, depth) of planar distance
     from the sensor. A return above or below the band proves its ray free while the ray is inside the band. `nearest` and `reach`
-    float64 (B, 4) and (B, 3) and `inside` float64 (N, 4) are scratch: planar distance, sums of x, y and their number;
-    distance, x, y; bin, distance, x, y of a return. Outputs as in `beams_to_points`.
+    float64 (B, 6) and (B, 3) and `inside` float64 (N, 5) are scratch: planar distance, sums of x, y and their number, fall of the lowest ray
+    per metre, top; distance, x, y; bin, distance, x, y, height of a return. Outputs as in `beams_to_points`, and `heights` float32 (B, 2): top of
+    the surface (inf where it goes on above the band) and fall of the lowest ray per metre; `free_sinks` float32 (B,) that fall of free rays.
     """
     bins = nearest.shape[0]
     matrix[:, :] = mounts[0]
@@ -156,6 +162,7 @@ def cloud_to_points(
     for b in range(bins):
         nearest[b, 0] = math.inf
         nearest[b, 1], nearest[b, 2], nearest[b, 3] = 0.0, 0.0, 0.0
+        nearest[b, 4], nearest[b, 5] = -math.inf, -math.inf
         reach[b, 0] = 0.0
     n_inside = 0
     for i in range(cloud.shape[0]):
@@ -172,6 +179,7 @@ def cloud_to_points(
             continue
         b = int((math.atan2(dy, dx) + math.pi) / (2.0 * math.pi) * bins)
         b = min(max(b, 0), bins - 1)
+        nearest[b, 4] = max(nearest[b, 4], (oz - z) / d)
         length = d
         is_obstacle = False
         if z < band[0] + band[2] * d:
@@ -183,16 +191,22 @@ def cloud_to_points(
         if is_obstacle:
             x, y = carry(bx, by, float(times[i]), twist)
             inside[n_inside, 0], inside[n_inside, 1], inside[n_inside, 2], inside[n_inside, 3] = b, d, x, y
+            inside[n_inside, 4] = z
             n_inside += 1
             nearest[b, 0] = min(nearest[b, 0], d)
         else:
+            if z > band[1]:
+                inside[n_inside, 0], inside[n_inside, 1], inside[n_inside, 4] = b, d, math.inf
+                n_inside += 1
             length = min(length, limits[2])
             if length > reach[b, 0]:
                 x, y = carry(ox + dx * length / d, oy + dy * length / d, float(times[i]), twist)
                 reach[b, 0], reach[b, 1], reach[b, 2] = length, x, y
     for i in range(n_inside):
         b = int(inside[i, 0])
-        if inside[i, 1] <= nearest[b, 0] + limits[3]:
+        if inside[i, 1] <= nearest[b, 0] + UPRIGHT:
+            nearest[b, 5] = max(nearest[b, 5], inside[i, 4])
+        if inside[i, 4] < math.inf and inside[i, 1] <= nearest[b, 0] + limits[3]:
             nearest[b, 1] += inside[i, 2]
             nearest[b, 2] += inside[i, 3]
             nearest[b, 3] += 1.0
@@ -202,10 +216,12 @@ def cloud_to_points(
         if nearest[b, 3] > 0.0:
             points[n_hit, 0] = nearest[b, 1] / nearest[b, 3]
             points[n_hit, 1] = nearest[b, 2] / nearest[b, 3]
+            heights[n_hit, 0], heights[n_hit, 1] = nearest[b, 5], nearest[b, 4]
             n_hit += 1
         elif reach[b, 0] > limits[0]:
             free_points[n_free, 0] = reach[b, 1]
             free_points[n_free, 1] = reach[b, 2]
+            free_sinks[n_free] = nearest[b, 4]
             n_free += 1
     counts[0] = n_hit
     counts[1] = n_free
@@ -361,7 +377,6 @@ def warm_up() -> None:
     beam_starts(beams, 0.0, np.zeros(2), three, out)
     ends, when, source = np.ones((4, 3), np.float32), np.zeros(4, np.float32), np.zeros(4, np.uint16)
     split_rays(ends, source, when, np.zeros((1, 2)), three, three, points, out, points, out, beams, counts)
-    scratch = np.zeros((8, 4))
     cloud_to_points(
         np.ones((4, 3), np.float32),
         np.zeros(4, np.float32),
@@ -371,11 +386,13 @@ def warm_up() -> None:
         three,
         np.ones(4),
         matrix,
-        scratch.copy(),
-        scratch,
+        np.zeros((8, 5)),
+        np.zeros((8, 6)),
         np.zeros((8, 3)),
         np.zeros((8, 2), np.float32),
         np.zeros((8, 2), np.float32),
+        np.zeros((8, 2), np.float32),
+        np.zeros(8, np.float32),
         counts,
     )
     table = np.zeros(16, np.int64)

@@ -12,6 +12,8 @@ from ambler.kernels.jit import jit
 
 MARK = np.uint16(32768)
 VALUE = np.uint16(32767)
+AT_END = 0.2  # metres before a return in which its ray is as low as what it meets
+EVEN = np.uint16(16384)  # a probability of one half
 
 
 @jit
@@ -25,8 +27,9 @@ def _update(cells, iy, ix, table, touched, n):
 
 
 @jit
-def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
-    """Apply a miss to every cell that the segment crosses, the end cell excluded; coordinates in cells."""
+def _clear_ray(cells, x0, y0, x1, y1, high_to, table, touched, n):
+    """Apply a miss to every cell that the segment crosses, the end cell excluded; coordinates in cells. Up to the share `high_to` of its length
+    the ray passes over what stands there: cells that are rather occupied are left."""
     height, width = cells.shape
     ix, iy = int(math.floor(x0)), int(math.floor(y0))
     ex, ey = int(math.floor(x1)), int(math.floor(y1))
@@ -38,7 +41,8 @@ def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
     next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * delta_x
     next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * delta_y
     for _ in range(abs(ex - ix) + abs(ey - iy)):
-        if 0 <= ix < width and 0 <= iy < height:
+        is_inside = 0 <= ix < width and 0 <= iy < height
+        if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > EVEN):
             n = _update(cells, iy, ix, table, touched, n)
         # Never past the end cell: on a border (x0 an integer, dx = 0) `next_x` is 0, and near an end both carry rounding.
         if ix != ex and (iy == ey or next_x < next_y):
@@ -51,11 +55,21 @@ def _clear_ray(cells, x0, y0, x1, y1, table, touched, n):
 
 
 @jit
-def insert_scan(cells, starts, free_starts, points, free_points, surfaces, frame, hit_table, miss_table, touched):
+def _share(low, dx, dy, resolution, at_end):
+    """Return the share of a ray (dx, dy in cells) that is not yet `low` metres long, without its last `at_end` metres."""
+    length = math.hypot(dx, dy) * resolution
+    return min(low, length - at_end) / length if length > 0.0 else 0.0
+
+
+@jit
+def insert_scan(
+    cells, starts, free_starts, points, free_points, surfaces, lows, free_lows, frame, hit_table, miss_table, touched
+):
     """Insert one scan into a grid; returns how many cells changed.
 
     `cells` uint16 (H, W); `starts` and `free_starts` float64, where the rays start, (N, 2) or (1, 2) for one start of all; `points` and
-    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) are hits without rays; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
+    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) are hits without rays; `lows`, `free_lows`
+    float64 (N,), (M,) are the metres up to which a ray passes over things (none: nowhere), but for what it meets at its end; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
     inverse = 1.0 / frame[0]
@@ -74,12 +88,14 @@ def insert_scan(cells, starts, free_starts, points, free_points, surfaces, frame
         k = i if starts.shape[0] > 1 else 0
         x0, y0 = (starts[k, 0] - frame[1]) * inverse, (starts[k, 1] - frame[2]) * inverse
         x1, y1 = (points[i, 0] - frame[1]) * inverse, (points[i, 1] - frame[2]) * inverse
-        n = _clear_ray(cells, x0, y0, x1, y1, miss_table, touched, n)
+        high_to = _share(lows[i], x1 - x0, y1 - y0, frame[0], AT_END) if lows.shape[0] > 0 else 0.0
+        n = _clear_ray(cells, x0, y0, x1, y1, high_to, miss_table, touched, n)
     for i in range(free_points.shape[0]):
         k = i if free_starts.shape[0] > 1 else 0
         x0, y0 = (free_starts[k, 0] - frame[1]) * inverse, (free_starts[k, 1] - frame[2]) * inverse
         x1, y1 = (free_points[i, 0] - frame[1]) * inverse, (free_points[i, 1] - frame[2]) * inverse
-        n = _clear_ray(cells, x0, y0, x1, y1, miss_table, touched, n)
+        high_to = _share(free_lows[i], x1 - x0, y1 - y0, frame[0], 0.0) if free_lows.shape[0] > 0 else 0.0
+        n = _clear_ray(cells, x0, y0, x1, y1, high_to, miss_table, touched, n)
     for k in range(n):
         iy, ix = touched[k] // width, touched[k] % width
         cells[iy, ix] = cells[iy, ix] & VALUE
@@ -182,7 +198,8 @@ def warm_up() -> None:
     points = np.ones((1, 2), np.float32)
     frame = np.array([1.0, 0.0, 0.0])
     starts = np.zeros((1, 2))
-    insert_scan(cells, starts, starts, points, points, points, frame, table, table, np.zeros(16, np.int64))
+    lows = np.zeros(0)
+    insert_scan(cells, starts, starts, points, points, points, lows, lows, frame, table, table, np.zeros(16, np.int64))
     known_box(cells, np.zeros(4, np.int64))
     evidence = np.zeros((4, 4), np.float32)
     known = np.zeros((4, 4), np.uint8)

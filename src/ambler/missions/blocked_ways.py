@@ -1,7 +1,7 @@
 """Ways that the planner offers and the controller cannot follow: after three failures at one place it is marked, and planned around.
 
 The map may have lost a wall that is there, or the robot does not fit where its footprint says that it does. Without a mark the planner
-offers the same way again and again.
+offers the same way again and again. The only way out is not marked: a robot that is shut in by its own marks finds nothing any more.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Path
+from ambler.core.grid import COST_INSCRIBED
+from ambler.core.messages import CostGrid, Path
 from ambler.core.se2 import SE2
 
 F64 = NDArray[np.float64]
@@ -33,6 +35,9 @@ class BlockedWaysConfig:
     width: float = 0.5
     keep: float = 60.0
     keep_most: float = 960.0
+    least_left: float = (
+        0.5  # of what the robot could reach; a mark that leaves it less would shut it in, not lead it around
+    )
 
     def __post_init__(self) -> None:
         if self.failures < 1 or min(self.near, self.memory, self.ahead, self.length, self.keep) <= 0.0:
@@ -55,8 +60,9 @@ class BlockedWays:
         self._failures: list[tuple[int, float, float]] = []
         self._marks: list[_Mark] = []
 
-    def fail(self, path: Path, map_from_base: SE2, now_ns: int) -> bool:
-        """Take that the controller could not follow a path here; returns whether that made a mark."""
+    def fail(self, path: Path, map_from_base: SE2, now_ns: int, costs: CostGrid | None = None) -> bool:
+        """Take that the controller could not follow a path here; returns whether that made a mark. On `costs` (global, in the map frame) it is
+        seen whether that would shut the robot in."""
         c = self.config
         line = _ahead(path, map_from_base, c.ahead, c.length)
         x, y = line[0].tolist()
@@ -71,12 +77,41 @@ class BlockedWays:
             keep = min(max(keep, 2.0 * old.keep), c.keep_most)
             self._marks.remove(old)
         self._marks.append(_Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep))
-        return True
+        if costs is None or reachable_share(costs, map_from_base, self.points(now_ns), c.width) >= c.least_left:
+            return True
+        self._marks.pop()
+        return False
 
     def points(self, now_ns: int) -> F64:
         """Return the marked points (N, 2) that hold now. Marks that have run out are remembered for a while, for the doubling."""
         self._marks = [m for m in self._marks if now_ns < m.until_ns + round(self.config.keep_most * 1e9)]
         return np.concatenate([np.empty((0, 2)), *(m.points for m in self._marks if now_ns < m.until_ns)])
+
+
+def reachable_share(costs: CostGrid, map_from_base: SE2, points: F64, around: float) -> float:
+    """Return which share of the cells that the robot could reach it can still reach when nothing passes within `around` metres of `points` (N, 2)
+    of the map; 0 when it stands in none."""
+    spec = costs.spec
+    free = (costs.data < COST_INSCRIBED).astype(np.uint8)
+    cells = spec.cells_of(points)
+    cells = cells[(cells >= 0).all(axis=1) & (cells < np.array(spec.shape)).all(axis=1)]
+    marked = np.zeros(spec.shape, np.uint8)
+    marked[cells[:, 0], cells[:, 1]] = 1
+    n = max(1, round(around / spec.resolution))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * n + 1, 2 * n + 1))
+    is_marked = cv2.dilate(marked, disc) > 0
+    iy, ix = spec.cell_of(map_from_base.x, map_from_base.y)
+    window = (slice(max(0, iy - n), iy + n + 1), slice(max(0, ix - n), ix + n + 1))
+    left = np.where(is_marked, 0, free).astype(np.uint8)
+    counts = [_region(cells_free, left[window], window) for cells_free in (free, left)]
+    return counts[1] / counts[0] if counts[0] else 0.0
+
+
+def _region(free: NDArray[np.uint8], near: NDArray[np.uint8], window: tuple[slice, slice]) -> int:
+    """Return how many cells are connected with those that are `near` the robot in a window of a grid."""
+    labels = cv2.connectedComponents(free, connectivity=4)[1]
+    found = labels[window][near > 0]
+    return int(np.count_nonzero(labels == np.bincount(found).argmax())) if len(found) else 0
 
 
 def _widened(line: F64, width: float) -> F64:

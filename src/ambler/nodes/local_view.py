@@ -165,6 +165,6 @@ class LocalView:
         if self._obstacles is not None:
             origin = odom_from_base.transform(np.array([scan.origin]))[0]
             place = (float(origin[0]), float(origin[1]))
-            self._obstacles.add([SensorRays(place, hits, free_ends, starts, free_starts)])
+            self._obstacles.add([SensorRays(place, hits, free_ends, starts, free_starts, scan.falls)])
         self.costmap.update(odom_from_base, self._odom_from_map)
         self.stamp_ns = scan.stamp_ns

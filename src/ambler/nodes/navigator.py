@@ -90,7 +90,7 @@ class NavigatorNode(Node):
     def mark_blocked(self, path: Path) -> bool:
         """Count a path that could not be followed; say whether it is marked now, and planned around."""
         base = self.map_from_base()
-        if base is None or not self._blocked.fail(path, base, self.ctx.now_ns):
+        if base is None or not self._blocked.fail(path, base, self.ctx.now_ns, self._costmap):
             return False
         self.ctx.log("WAY_BLOCKED", "a way that could not be followed three times is planned around")
         self._tell_blocked()

@@ -55,6 +55,7 @@ from ambler.wire.map_files import save_map
 
 Finishing = GoalHandle[Nothing, Nothing, Nothing]
 BEND_KEYFRAMES = 400  # that are matched to the finished map, 0.1 ms to 1 ms each
+OWN_RAYS = 72
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +146,7 @@ class Slam2dNode(Node):
 
     def _on_merged(self, message: PointCloud) -> None:
         assert self._rays is not None
-        self._update(self._rays.to_planar(message, self._motion))
+        self._update(with_own_floor(self._rays.to_planar(message, self._motion), self._robot.inscribed_radius))
 
     def _update(self, scan: PlanarScan) -> None:
         if scan.stamp_ns <= self._newest_ns:
@@ -257,6 +258,20 @@ def save_slam_map(stem: Path, slam: Slam2d) -> Path:
         bend = measure_bend(SurfaceMap.from_occupancy(occupancy, spec), scans)
     _, description = save_map(stem, spec, occupancy, None if bend is None else (bend.position, bend.yaw))
     return description
+
+
+def with_own_floor(scan: PlanarScan, radius: float) -> PlanarScan:
+    """Return the scan with rays from the middle of the base to all around within `radius` metres (its inscribed circle): it stands on free floor.
+
+    Scanners at the corners of a body never see what is under it, and a robot that starts in a narrow corridor would stand on an unknown place.
+    """
+    angle = np.arange(OWN_RAYS) * (2.0 * np.pi / OWN_RAYS)
+    around = (radius * np.column_stack((np.cos(angle), np.sin(angle)))).astype(np.float32)
+    _, starts = scan.ray_starts()
+    if len(starts) != len(scan.free_points):
+        starts = np.repeat(starts, len(scan.free_points), axis=0)
+    free_starts = np.concatenate((starts, np.zeros_like(around))).astype(np.float32)
+    return replace(scan, free_points=np.concatenate((scan.free_points, around)), free_starts=free_starts)
 
 
 def cloud_config(slam: Slam2dConfig | None = None) -> Slam2dNodeConfig:

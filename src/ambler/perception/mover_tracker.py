@@ -2,7 +2,7 @@
 
 Points that move (`kernels.movers`) are grouped; each group is about where a person is. A track follows the nearest group with the gains of a
 straight line fitted to its first measurements, which fade to those of an alpha-beta filter (Kalata 1984). Somebody who stops stays a
-track while anything stands there that came later than the room was seen.
+track while anything stands there that came later than the room was seen. Of a cloud only what goes on above its height band counts.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ class MoverConfig:
                     more, and walls that come into sight piece by piece lie farther off
     coast           seconds for which a track that nobody sees goes on
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
+    still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
+                    (a post that came into sight behind glass) would be yielded to for ever
     """
 
     reach: float = 5.5
@@ -61,6 +63,7 @@ class MoverConfig:
     coast: float = 0.8
     speed_max: float = 2.0
     speed_min: float = 0.3
+    still: float = 10.0
 
 
 class _Track:
@@ -71,6 +74,7 @@ class _Track:
         self.born, self.seen, self.at = place, now, now
         self.count = 1
         self.is_mover = False
+        self.rest, self.resting_since = place, now
 
     def predicted(self, now: float) -> F64:
         return self.place + self.velocity * (now - self.at)
@@ -89,6 +93,8 @@ class _Track:
         if speed > config.speed_max:
             self.velocity = self.velocity * (config.speed_max / speed)
         self.at = self.seen = now
+        if math.dist(self.place, self.rest) > config.way:
+            self.rest, self.resting_since = self.place, now
         is_close = float(np.hypot(*(starts - self.place).T).min()) < config.close
         enough, way = (config.close_confirmed, config.close_way) if is_close else (config.confirmed, config.way)
         if not self.is_mover and self.count >= enough and math.dist(self.place, self.born) >= way:
@@ -118,15 +124,25 @@ class MoverTracker:
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
         points = np.require(points, np.float64, ["C", "W"])
         kinds = self._judged(points, free_ends, starts, free_starts, now)
+        # Rays pass over what is low until the robot stands farther off; whoever walks is tall.
+        if scan.falls is not None:
+            kinds[np.isfinite(scan.falls.tops)] = kernels.STANDING
         places = self._groups(points, kinds, starts)
         came = points[kinds != kernels.STANDING]  # beside a wall, too: who is known may lean on it
         for track in self._tracks:
             self._follow(track, places, came, points, starts, now)
         self._tracks += [_Track(place, now) for place in places]
         self._tracks = [t for t in self._tracks if now - t.seen <= self._config.coast]
-        rows = [np.concatenate((t.predicted(now), t.velocity, t.walk)) for t in self._tracks if t.is_mover]
+        rows = [
+            np.concatenate((t.predicted(now), t.velocity, t.walk))
+            for t in self._tracks
+            if t.is_mover and not self._is_still(t, now)
+        ]
         self.movers = Movers(scan.stamp_ns, np.array(rows).reshape(-1, 6))
         return self.movers
+
+    def _is_still(self, track: _Track, now: float) -> bool:
+        return now - track.resting_since > self._config.still
 
     def _judged(self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float) -> NDArray[np.uint8]:
         self._scan += 1

@@ -12,7 +12,7 @@ from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.robot import RobotModel
 from ambler.kernels import scan_points
 from ambler.perception.level_mount import LevelMount, Mount, matrix_of
-from ambler.registration.planar_scan import PlanarScan
+from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -142,12 +142,14 @@ def cloud_to_points(
 ) -> PlanarScan:
     """Flatten a cloud: per azimuth bin the nearest surface of the height band, else how far the bin is proved free.
 
-    Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. `base_from_sensor`
+    Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. How low each bin was looked
+    through is told as `falls`: a scanner of many rings looks over low things nearby. `base_from_sensor`
     should be that of `level_mount` when the body leans; `height_offset` is the height of the base origin above the ground.
     """
     counts = np.empty(2, np.int64)
     bins = config.azimuth_bins
     points, free_points = np.empty((bins, 2), np.float32), np.empty((bins, 2), np.float32)
+    heights, free_sinks = np.empty((bins, 2), np.float32), np.empty(bins, np.float32)
     mounts, step, origin = _sweep_of(base_from_sensor)
     doubt = config.lean_doubt if isinstance(base_from_sensor, LevelMount) else 0.0
     band = np.array([config.height_min - height_offset, config.height_max - height_offset, doubt])
@@ -160,14 +162,23 @@ def cloud_to_points(
         band,
         np.array([config.range_min, config.range_max, min(config.free_length, config.range_max), config.surface_depth]),
         np.empty((3, 4)),
-        np.empty((len(cloud.points), 4)),
-        np.empty((bins, 4)),
+        np.empty((len(cloud.points), 5)),
+        np.empty((bins, 6)),
         np.empty((bins, 3)),
         points,
         free_points,
+        heights,
+        free_sinks,
         counts,
     )
-    return PlanarScan(cloud.stamp_ns, points[: counts[0]], free_points[: counts[1]], origin)
+    hits, free = int(counts[0]), int(counts[1])
+    falls = RayFalls(
+        float(mounts[0, 2, 3]) + height_offset,
+        heights[:hits, 1],
+        free_sinks[:free],
+        heights[:hits, 0] + np.float32(height_offset),
+    )
+    return PlanarScan(cloud.stamp_ns, points[:hits], free_points[:free], origin, falls=falls)
 
 
 def scan_duration(message: LaserScan | PointCloud) -> float:

@@ -22,12 +22,38 @@ MOST_BETWEEN = 8192
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RayFalls:
+    """How low the rays of a flattened cloud pass. From `height` (m above the floor) the lowest ray of each direction falls by `sinks` float32 (N,)
+    per metre, `free_sinks` (M,) of those without return; `tops` float32 (N,) is how high each return's surface goes (inf: above the band).
+
+    Within some metres all rays pass above a sofa, and tell nothing of it.
+    """
+
+    height: float
+    sinks: F32
+    free_sinks: F32
+    tops: F32
+
+    def below(self, height: float) -> tuple[F64, F64]:
+        """Return from which distance (m) on rays are lower than a height, float64 (N,) and (M,); inf for those that never are."""
+        return _below(self.height - height, self.sinks), _below(self.height - height, self.free_sinks)
+
+
+def _below(depth: float, sinks: F32) -> F64:
+    out = np.full(len(sinks), 0.0 if depth <= 0.0 else math.inf)
+    if depth > 0.0:
+        np.divide(depth, sinks, out=out, where=sinks > 0.0)
+    return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PlanarScan:
     """Points of one scan in the base frame of the instant `stamp_ns`, motion-compensated.
 
     `points` float32 (N, 2) are returns; `free_points` float32 (M, 2) end rays that are free but have no return; `origin` (x, y)
     is the sensor. `intensities` float32 (N,) belong to the returns, None when none were measured. `starts` (N, 2) and `free_starts` (M, 2) are
-    where the sensor was when it measured each ray, when rays do not all start at `origin`: of several sensors, or of a moving one.
+    where the sensor was when it measured each ray, when rays do not all start at `origin`: of several sensors, or of a moving one. `falls` tells
+    how low the rays of a cloud pass; None: they are level.
     """
 
     stamp_ns: int
@@ -37,6 +63,7 @@ class PlanarScan:
     intensities: F32 | None = None
     starts: F32 | None = None
     free_starts: F32 | None = None
+    falls: RayFalls | None = None
 
     def ray_starts(self) -> tuple[F64, F64]:
         """Return where the rays of the returns and the free rays start, float64 (N, 2) and (M, 2), or (1, 2) for one start of all."""
@@ -48,12 +75,13 @@ class PlanarScan:
         """Return the scan with the first return of every square voxel; what belongs to the returns goes with them."""
         chosen = np.empty(len(self.points), np.int64)
         n = scan_points.choose_voxels(self.points, size, _table(len(self.points)), chosen)
-        rows = chosen[: int(n)]
+        rows, f = chosen[: int(n)], self.falls
         return replace(
             self,
             points=self.points[rows],
             intensities=None if self.intensities is None else self.intensities[rows],
             starts=None if self.starts is None else self.starts[rows],
+            falls=None if f is None else replace(f, sinks=f.sinks[rows], tops=f.tops[rows]),
         )
 
 

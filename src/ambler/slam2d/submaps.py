@@ -76,6 +76,7 @@ class ActiveSubmaps:
             self._start(local_from_base)
             step = 0.0
         times = min(max(1, round(changed / self._step)), MOST_TIMES)
+        lows = None if scan.falls is None else scan.falls.below(self._inserter.config.low)
         for submap in self.submaps:
             submap.travelled += step
             pose = submap.to_submap(local_from_base)
@@ -83,7 +84,7 @@ class ActiveSubmaps:
             points = pose.transform(scan.points).astype(np.float32)
             free = pose.transform(scan.free_points).astype(np.float32)
             between = pose.transform(surfaces).astype(np.float32)
-            self._inserter.insert(submap.grid, starts, points, free, free_starts, between, times)
+            self._inserter.insert(submap.grid, starts, points, free, free_starts, between, times, lows)
             submap.lines.add(points, starts)
             submap.scans += 1
         used = list(self.submaps)
