@@ -184,6 +184,18 @@ ROWS: Sequence[Row] = (
         for robot in ("diff", "spot")
     ),
     Row(
+        "explorations of drawn plans of at most 1500 m² that nobody had seen",
+        "≥ 98 % of the reachable floor with proof in 59 of 60, 0 collisions; in the frame of the start ≤ 0.05 m (median), ≤ 0.10 m (95 %); recoveries ≤ 5 %",
+        "exploration_fresh.json",
+        "{fresh_all_done} of {fresh_all_runs} ({fresh_all_done_ratio_low_95:.0%} to {fresh_all_done_ratio_high_95:.0%}), {fresh_all_collisions} "
+        "collisions; {fresh_all_start_rms_m_median:.3f} m, {fresh_all_start_rms_m_95:.3f} m, worst {fresh_all_start_max_m_worst:.2f} m; "
+        "recoveries {fresh_all_recovery_time_ratio:.1%}",
+        _all(
+            lambda f: f["fresh_all_done"] * 60 >= 59 * f["fresh_all_runs"] and f["fresh_all_runs"] >= 60,
+            _at_most("fresh_all_", collisions=0, start_rms_m_median=0.05, start_rms_m_95=0.1, recovery_time_ratio=0.05),
+        ),
+    ),
+    Row(
         "drawn campuses, dense scans, loops of 0.3 to 1 km",
         "no false closure, bent by ≤ 0.3 m in 20 of 20, error ≤ 0.1 m (median)",
         "campus.json",
@@ -389,12 +401,79 @@ ROWS: Sequence[Row] = (
         lambda f: _is_localized(f, "tracker"),
     ),
     Row(
+        "localization in maps that SLAM made in drawn places, furniture moved, people; relocalization there",
+        "≤ 15 mm RMS in determined directions, NEES 0.5 … 2 moving and at rest; ≥ 97 % of 200 in 5 s, 0 wrong",
+        "localization_made.json",
+        "{drives} drives in {places} places: {tracker_error_rms_m:.3f} m, NEES {tracker_nees_mean:.1f} and {tracker_static_nees_mean:.1f}; {relocalization_success_ratio:.1%} of "
+        "{relocalization_runs}, {relocalization_wrong} wrong",
+        _all(
+            _at_least(
+                drives=20,
+                tracker_nees_mean=0.5,
+                tracker_static_nees_mean=0.5,
+                relocalization_runs=200,
+                relocalization_success_ratio=0.97,
+            ),
+            _at_most(
+                crashed=0,
+                tracker_error_rms_m=0.015,
+                tracker_nees_mean=2.0,
+                tracker_static_nees_mean=2.0,
+                relocalization_wrong=0,
+            ),
+        ),
+    ),
+    Row(
         "particle filter with the merged scan, same places",
         "≤ 10 mm RMS in every observable direction, NEES 0.5 … 2",
         "localization.json",
         "{aisle_particles_scan_error_rms_m:.4f}, {wall_particles_scan_error_rms_m:.4f}, {building_particles_scan_error_rms_m:.4f} m; "
         "NEES {aisle_particles_scan_nees_mean:.2f}, {wall_particles_scan_nees_mean:.2f}, {building_particles_scan_nees_mean:.2f}",
         lambda f: _is_localized(f, "particles_scan"),
+    ),
+    Row(
+        "LiDAR-inertial odometry: 20k and 65k points a scan, one core",
+        "≥ 200 Hz, ≥ 100 Hz, ≤ 0.4 of kiss-icp's time",
+        "bench_lio.json",
+        "{20k_hz:.0f} Hz, {65k_hz:.0f} Hz; {ratio_vs_kiss_20k:.3f}, {ratio_vs_kiss_65k:.3f} of kiss-icp's time",
+        _all(_at_least(**{"20k_hz": 200.0, "65k_hz": 100.0}), _at_most(ratio_vs_kiss_20k=0.4, ratio_vs_kiss_65k=0.4)),
+    ),
+    Row(
+        "LiDAR-inertial odometry on 10 drawn sites (simulated), first pose aligned",
+        "≤ 0.1 % of the way (VLP-16, Mid-360), ≤ 0.05 % (64 rings); surfaces ≤ 3 cm; NEES 0.5 … 2",
+        "lio.json",
+        "{site_vlp_16_runs} sites; worst {site_vlp_16_start_rms_pct_worst:.3f}, {site_mid_360_start_rms_pct_worst:.3f}, {site_os_64_start_rms_pct_worst:.3f} %; "
+        "surfaces worst {site_vlp_16_surface_rms_m_worst:.3f}, {site_mid_360_surface_rms_m_worst:.3f}, {site_os_64_surface_rms_m_worst:.3f} m; NEES worst "
+        "{site_vlp_16_nees_worst:.1f}, {site_mid_360_nees_worst:.1f}, {site_os_64_nees_worst:.1f}",
+        _all(
+            _every("", "runs_met", of=30),
+            *(
+                _at_most(f"site_{lidar}_", surface_rms_m_worst=0.03, nees_worst=2.0)
+                for lidar in ("vlp_16", "mid_360", "os_64")
+            ),
+        ),
+    ),
+    Row(
+        "LiDAR-inertial odometry beside kiss-icp on the same scans, drawn halls, VLP-16 (simulated)",
+        "≤ 0.5 of its error",
+        "lio_peer_hall.json",
+        "{hall_vlp_16_runs} halls: {hall_vlp_16_ratio_vs_kiss_error_median:.3f} (worst {hall_vlp_16_ratio_vs_kiss_error_worst:.3f}) of its error",
+        _at_most(hall_vlp_16_ratio_vs_kiss_error_worst=0.5),
+    ),
+    Row(
+        "LiDAR-inertial odometry in the hand, 1000 °/s and 3 m/s²; tunnel with wheel odometry (simulated)",
+        "≤ 0.1 m; end ≤ 1 % of the way, degeneracy told",
+        "lio_hard.json",
+        "{runs_met} of {runs}; worst {shaken_vlp_16_start_rms_m_worst:.3f} and {shaken_mid_360_start_rms_m_worst:.3f} m; tunnel "
+        "{tunnel_vlp_16_end_pct_worst:.2f} and {tunnel_mid_360_end_pct_worst:.2f} %",
+        _every("", "runs_met", of=4),
+    ),
+    Row(
+        "LiDAR-inertial odometry at rest for 10 min (simulated)",
+        "≤ 1 cm",
+        "lio_rest.json",
+        "{rest_vlp_16_start_max_m_worst:.4f} m at worst ({rest_vlp_16_runs} run)",
+        _at_most(rest_vlp_16_start_max_m_worst=0.01),
     ),
     Row(
         "particle update, 2000 × 60 beams; EKF step",
