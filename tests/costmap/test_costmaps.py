@@ -113,6 +113,15 @@ def test_rays_of_a_cloud_erase_what_they_pass_through_and_not_what_they_pass_ove
     assert cost_at(trace(grid, [level]), SPEC, 1.02, 0.02) == 0
 
 
+@pytest.mark.parametrize("tops", [(0.14, 0.42), (0.42, 0.14)])
+def test_a_low_return_takes_no_protection_from_what_is_higher(tops: tuple[float, float]) -> None:
+    grid = layer(raytrace_range=5.0, obstacle_range=5.0)
+    for top in tops:
+        trace(grid, [SensorRays((0.0, 0.02), np.array([[1.02, 0.02]]), falls=falling(top))])
+    over = SensorRays((0.0, 0.02), free_ends=np.array([[3.0, 0.02]]), falls=falling(0.0))
+    assert cost_at(trace(grid, [over]), SPEC, 1.02, 0.02) == 254
+
+
 def test_the_highest_of_what_stands_in_a_cell_counts_and_moves_with_the_window() -> None:
     grid = layer(raytrace_range=5.0, obstacle_range=5.0)
     for top in (0.3, 0.7, 0.3):

@@ -93,9 +93,12 @@ def test_a_folder_of_clouds_is_mapped_and_a_cut_one_is_named(
     assert "60 of 60 scans" in capsys.readouterr().out
     data = (folder / "30.pcd").read_bytes()
     (folder / "30.pcd").write_bytes(data[: len(data) // 2])
-    assert main([*words[:-1], str(tmp_path / "other")]) == 2
-    assert "30.pcd: is no cloud, or cut off" in capsys.readouterr().err
-    assert not (tmp_path / "other").exists()
+    assert main([*words[:-1], str(tmp_path / "other")]) == 1
+    printed = capsys.readouterr().out
+    assert "ends early, what came before is mapped" in printed
+    assert "30.pcd: is no cloud, or cut off" in printed
+    assert "30 of 30 scans" in printed
+    assert (tmp_path / "other" / "report.html").exists()
     empty = tmp_path / "empty"
     empty.mkdir()
     write_cloud(empty / "0.pcd", np.zeros((0, 3), np.float32))

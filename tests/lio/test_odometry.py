@@ -128,6 +128,22 @@ def test_points_that_are_none_and_gaps_in_the_imu_do_no_harm() -> None:
     assert max(r.health.imu_gap for r in results) > 0.05
 
 
+def test_a_hole_in_the_inertial_measurements_is_as_long_as_it_is() -> None:
+    _, recorded = walk()
+    scans = [replace(s, imu=()) if 80 <= k < 90 else s for k, s in enumerate(scans_of(recorded)[:110])]
+    _, results = carried(scans)
+    assert max(r.health.imu_gap for r in results) > 0.9
+
+
+def test_clouds_far_from_all_inertial_measurements_are_refused() -> None:
+    _, recorded = walk()
+    late = [
+        replace(s, cloud=replace(s.cloud, stamp_ns=s.cloud.stamp_ns + 1000 * 10**9)) for s in scans_of(recorded)[:40]
+    ]
+    with pytest.raises(LioInputError, match="the clocks differ"):
+        carried(late)
+
+
 def test_without_inertial_measurements_it_says_so() -> None:
     _, recorded = walk()
     with pytest.raises(LioInputError, match="no inertial measurements"):

@@ -56,13 +56,6 @@ LIO = (
         ("tests/lio/test_degeneracy.py",),
     ),
     PlantedFault(
-        "the update forgets where the prediction was",
-        "lio/odometry.py",
-        "delta = cross @ (gain @ (inner @ g + moved[part]) - g) - moved",
-        "delta = cross @ (gain @ (inner @ g) - g)",
-        ODOMETRY,
-    ),
-    PlantedFault(
         "degrees per second pass the check",
         "lio/doctor.py",
         "1.0 / 80.0 < ratio < 1.0 / 40.0",

@@ -142,7 +142,7 @@ MAPPING = (
     PlantedFault(
         "rays of a cloud erase what they pass over in the local costmap",
         "kernels/costmap.py",
-        "if not (is_over and layer[iy, ix] == LETHAL and lowest > tops[iy, ix] - GRAZE):",
+        "if not (is_over and layer[iy, ix] == LETHAL and 0.0 < tops[iy, ix] < lowest + GRAZE):",
         "if True:",
         ("tests/costmap/test_costmaps.py",),
     ),

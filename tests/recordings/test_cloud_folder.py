@@ -79,3 +79,17 @@ def test_bad_inertial_files_are_named(tmp_path: Path, rows: str) -> None:
     (tmp_path / "imu.txt").write_text(rows)
     with pytest.raises(BadInputError, match=r"imu.txt: rows must have seven numbers"):
         open_cloud_folder(tmp_path)
+
+
+def test_dates_and_nanoseconds_are_times_and_numbers_of_files_are_none(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, ["0000000000.pcd", "0000000001.pcd"])
+    with pytest.raises(BadInputError, match="no times for the clouds"):
+        open_cloud_folder(folder)
+    (folder / "timestamps.txt").write_text("2011-09-26 13:02:25.594360375\n2011-09-26 13:02:25.697866039\n")
+    (folder / "imu.csv").write_text(
+        "#timestamp [ns],w,w,w,a,a,a\n1317042145594360375,0,0,0.1,0,0,9.8\n1317042145599360375,0,0,0.1,0,0,9.8\n"
+    )
+    found = open_cloud_folder(folder)
+    assert found.stamps_ns == (1317042145594360375, 1317042145697866039)
+    assert found.imu[0].stamp_ns == 1317042145594360375
+    assert found.imu[0].linear_acceleration == (0.0, 0.0, 9.8)

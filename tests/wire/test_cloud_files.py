@@ -80,3 +80,21 @@ def test_what_is_no_cloud_is_named(tmp_path: Path) -> None:
     for name, text in {"a.bin": "no multiple", "a.pcd.gz": "gzip", "a.txt": "only", "b.pcd": "no column x", "c.ply": "No such"}.items():  # fmt: skip
         with pytest.raises(BadInputError, match=text):
             read_cloud(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        (
+            "a.pcd",
+            "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA ascii\n",
+        ),
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
+        ),
+    ],
+)
+def test_an_empty_text_cloud_has_no_points(tmp_path: Path, name: str, head: str) -> None:
+    (tmp_path / name).write_text(head)
+    assert xyz(tmp_path / name).shape == (0, 3)

@@ -70,13 +70,14 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, examine, map, compare, write; 1 when the filter lost its way."""
+    """Read, examine, map, compare, write; 1 when the filter lost its way, the recording is cut off, or the reference does not fit it."""
     import time
 
     from ambler.apps.config import recorded_config
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.studies.lio_peer import INSTALL, is_installed
+    from ambler.wire.trajectory_files import read_tum_3d
 
     config = _config(args, recorded_config(profile_of(args)[0]).lio)
     if args.out.exists() and not args.out.is_dir():
@@ -85,23 +86,29 @@ def run(args: argparse.Namespace) -> int:
         raise BadInputError("--peer needs --truth" if args.truth is None else INSTALL)
     if not 0.01 <= args.cell <= 10.0:
         raise BadInputError(f"--cell {args.cell}: between 0.01 and 10 metres")
+    if args.truth is not None:
+        read_tum_3d(args.truth)  # before hours of mapping
     begin = time.perf_counter()
     recording, mount, notes = _opened(args, config)
     cpu = time.process_time()
     result = _map(recording, config, mount, args.cell)
     cpu_seconds = time.process_time() - cpu
     notes = (*notes, result.note)
-    error = _against_truth(args.truth, result) if args.truth else None
+    error, failure = None, ""
+    try:
+        error = _against_truth(args.truth, result) if args.truth else None
+    except BadInputError as beside:
+        failure = str(beside)  # the map is not lost for it
     fields = _fields(result, cpu_seconds) | (error.fields() if error is not None else {})
-    if args.peer:
+    if args.peer and error is not None:
         fields |= _peer(args.truth, recording, config, mount)
     _write(args, result, fields, notes, error)
     _report(args.out, fields)
-    for warning in result.warnings():
+    for warning in (*result.warnings(), *([failure] if failure else [])):
         print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    return 1 if result.lost > 0.1 * len(result.poses) else 0
+    return 1 if failure or result.cut or result.lost > 0.1 * len(result.poses) else 0
 
 
 def _config(args: argparse.Namespace, config: LioConfig) -> LioConfig:

@@ -139,7 +139,9 @@ class TrajectoryRollout:
                 return command
         if abs(error) > self._config.turn_end:
             command = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
-            command = command or self._glide(start, velocity, left) or self._draw_back(start, error)
+            if command is None and not self._is_escaping:  # who draws back goes on drawing back
+                command = self._glide(start, velocity, left)
+            command = command or self._draw_back(start, error)
             if command is not None:
                 return command
         self._is_escaping = False

@@ -38,7 +38,8 @@ def gliding_samples(config: RolloutConfig, limits: VelocityLimits) -> F64:
     turn = np.array([-0.4, -0.15, 0.0, 0.15, 0.4]) * limits.wz_max
     v, a, w = (grid.ravel() for grid in np.meshgrid(speed, angle, turn, indexing="ij"))
     samples = np.stack((v * np.cos(a), v * np.sin(a), w), axis=1)
-    is_possible = (samples[:, 0] >= limits.vx_min) & (np.abs(samples[:, 1]) <= limits.vy_max)
+    is_possible = (samples[:, 0] >= limits.vx_min) & (samples[:, 0] <= limits.vx_max)
+    is_possible &= np.abs(samples[:, 1]) <= limits.vy_max
     return np.ascontiguousarray(samples[is_possible])
 
 

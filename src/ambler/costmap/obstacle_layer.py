@@ -135,7 +135,7 @@ def _heights(falls: RayFalls | None) -> tuple[float, F64, F64, F64]:
     """Return where rays begin above the floor, how they fall, and the tops of what they met, as the kernels take them."""
     if falls is None:
         return 0.0, np.zeros(0), np.zeros(0), np.zeros(0)
-    tops = np.where(falls.tops < SURE, np.inf, falls.tops)
+    tops = np.where(falls.tops < SURE, 0.0, falls.tops)
     return falls.height, _writeable(falls.sinks), _writeable(falls.free_sinks), _writeable(tops)
 
 

@@ -16,7 +16,8 @@ GRAZE = (
 def _clear_ray(layer, tops, x0, y0, x1, y1, ends_free, z, sink):
     """Free the cells that the segment passes, in cell units; the cell of its end only when `ends_free`.
 
-    The ray begins at height `z` and sinks by `sink` along the segment; what it passes over stays (`tops` without cells: nothing does).
+    The ray begins at height `z` and sinks by `sink` along the segment; what it passes over stays (`tops` without cells: nothing does;
+    a top of 0: may be floor, does not stay).
     """
     height, width = layer.shape
     ix, iy = int(math.floor(x0)), int(math.floor(y0))
@@ -32,7 +33,7 @@ def _clear_ray(layer, tops, x0, y0, x1, y1, ends_free, z, sink):
     for _ in range(abs(end_x - ix) + abs(end_y - iy)):
         if 0 <= iy < height and 0 <= ix < width:
             lowest = z - sink * min(next_x, next_y, 1.0) if is_over else 0.0
-            if not (is_over and layer[iy, ix] == LETHAL and lowest > tops[iy, ix] - GRAZE):
+            if not (is_over and layer[iy, ix] == LETHAL and 0.0 < tops[iy, ix] < lowest + GRAZE):
                 layer[iy, ix] = FREE
         if next_x < next_y:
             ix += step_x
@@ -42,7 +43,7 @@ def _clear_ray(layer, tops, x0, y0, x1, y1, ends_free, z, sink):
             next_y += per_y
     if not (ends_free and 0 <= end_y < height and 0 <= end_x < width):
         return
-    if not (is_over and layer[end_y, end_x] == LETHAL and z - sink > tops[end_y, end_x] - GRAZE):
+    if not (is_over and layer[end_y, end_x] == LETHAL and 0.0 < tops[end_y, end_x] < z - sink + GRAZE):
         layer[end_y, end_x] = FREE
 
 

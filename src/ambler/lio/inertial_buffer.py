@@ -62,6 +62,14 @@ class InertialBuffer:
         edges = np.column_stack([ends, *(np.interp(ends, times, rows[:, j]) for j in range(1, 7))])
         return np.ascontiguousarray(np.vstack([edges[:1], inside, edges[1:]]))
 
+    def longest_gap(self, begin: float, end: float) -> float:
+        """Return the longest time (s) between `begin` and `end` that no two samples enclose more closely, samples beyond the ends included."""
+        times = np.array([row[0] for row in self._rows])
+        first = max(0, int(np.searchsorted(times, begin, side="right")) - 1)
+        near = times[first : int(np.searchsorted(times, end, side="left")) + 1]
+        edges = np.concatenate([[begin] if near[0] > begin else [], near, [end] if near[-1] < end else []])
+        return float(np.diff(edges).max())
+
     def forget(self, before: float) -> None:
         """Drop what is older than a time, but the last sample before it."""
         times = [row[0] for row in self._rows]

@@ -27,6 +27,7 @@ from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_recording import CloudScan
 
 F64 = NDArray[np.float64]
+CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement from which on they are of two clocks
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
@@ -59,7 +60,7 @@ class LidarInertialOdometry:
         self._origin = FilterState()
         imu = self.config.imu
         alone = self.config.alone
-        self._rate = np.zeros(3)
+        self._rate, self._gap = np.zeros(3), 0.0
         self._drift = Drift(self.config.drift)
         self._densities = np.square(
             [imu.gyro_density, imu.accel_density, imu.gyro_walk, imu.accel_walk]
@@ -83,7 +84,7 @@ class LidarInertialOdometry:
         points, ranges, times = self._thin_out(scan.cloud)
         points_imu = self._compensate(points, times)  # eq. (9)
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
-        health = self._health(prior, state, weak, sums, len(points), iterations, samples)
+        health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - self.state.position, weak.translation)
         self.state, self._time = state, end
@@ -97,6 +98,15 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
             points_imu,
             health,
+        )
+
+    @property
+    def refused_text(self) -> str:
+        """How many inertial measurements were left out, in words; empty for none."""
+        return (
+            f", {self._imu.refused} inertial measurements were refused (not finite, or not in order)"
+            if self._imu.refused
+            else ""
         )
 
     def registered(self, cloud: PointCloud) -> NDArray[np.float32]:
@@ -128,6 +138,7 @@ class LidarInertialOdometry:
             raise LioInputError(
                 "no inertial measurements came with the first scan; LiDAR-inertial odometry needs an IMU"
             )
+        self._check_clocks(scan)
         self.start = find_start(self._imu.rows(), self.config.start)
         if self.start is None:
             return False
@@ -153,6 +164,15 @@ class LidarInertialOdometry:
         self._origin = self.state.copy()
         return True
 
+    def _check_clocks(self, scan: CloudScan) -> None:
+        """Refuse clouds that no inertial measurement was taken near."""
+        times = self._imu.rows()[[0, -1], 0]
+        begin, end = (self._imu.seconds(at) + self.state.clock for at in (scan.cloud.stamp_ns, scan.end_ns))
+        if end < times[0] - CLOCKS_APART or begin > times[1] + CLOCKS_APART:
+            raise LioInputError(
+                f"a cloud lies {max(times[0] - end, begin - times[1]):.1f} s beside all inertial measurements: the clocks differ"
+            )
+
     def _begin_alone(self, scan: CloudScan) -> bool:
         """Without an IMU the map begins as the LiDAR stands."""
         self.start = Start(self.state, 1.0, np.zeros(3), np.zeros(3), False, "began without inertial measurements")
@@ -168,9 +188,9 @@ class LidarInertialOdometry:
         prior = self.state.copy()
         if len(self._knots) != len(samples):
             self._knots = np.zeros((len(samples), k.KNOT))
-        gaps = np.diff(samples[:, 0])
         # Between samples far apart the motion is unknown: the noise grows with the square of the gap.
-        factor = max(1.0, float(gaps.max()) / self.config.imu.gap_most) ** 2 if self.config.has_imu else 1.0
+        self._gap = self._imu.longest_gap(samples[0, 0], samples[-1, 0]) if self.config.has_imu else 0.0
+        factor = max(1.0, self._gap / self.config.imu.gap_most) ** 2
         k.propagate(
             *(samples, prior.position, prior.rotation, prior.velocity, prior.gyro_bias, prior.accel_bias),
             *(prior.gravity, self.covariance, self._densities * factor, self._knots),
@@ -311,7 +331,6 @@ class LidarInertialOdometry:
         sums: F64,
         points: int,
         iterations: int,
-        samples: F64,
     ) -> Health:
         inliers = int(sums[0])
         moved = state.minus(prior)
@@ -325,7 +344,7 @@ class LidarInertialOdometry:
             frozen_translation=weak.translation,
             frozen_rotation=weak.rotation,
             iterations=iterations,
-            imu_gap=float(np.diff(samples[:, 0]).max()),
+            imu_gap=self._gap,
             is_lost=inliers < self.config.inliers_least and self._inserts >= START_INSERTS,
         )
 

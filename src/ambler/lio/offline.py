@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ CELL = 1 << 20
 @dataclass(frozen=True, slots=True, eq=False)
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
-    cell. Counts are scans; `update_ms` float64 (N,) is the processor time of each update."""
+    cell. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -41,6 +41,7 @@ class OfflineLio:
     note: str
     map_mb: float
     voxels: int
+    cut: str = ""
 
     @property
     def path_length(self) -> float:
@@ -51,6 +52,8 @@ class OfflineLio:
     def warnings(self) -> list[str]:
         """Return what whoever uses the map should know, in words."""
         out = []
+        if self.cut:
+            out.append(f"the recording ends early, what came before is mapped: {self.cut}")
         if self.skipped:
             out.append(f"{self.skipped} of {self.scans} scans gave no pose (before the start, empty, or out of order)")
         if self.degenerate:
@@ -86,16 +89,24 @@ def run_offline(
     Raises LioInputError when the measurements cannot be what they are said to be, BadInputError when nothing could be mapped.
     """
     odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base)
-    taken = list(_walk(odometry, scans, on_scan))
-    results = [(result, ms) for result, ms in taken if result is not None]
+    cells = _Cells(cell)
+    results: list[tuple[LioResult, float]] = []
+    count, cut = 0, ""
+    try:
+        for result, ms in _walk(odometry, scans, on_scan):
+            count += 1
+            if result is not None:
+                cells.add(result.map_from_imu.transform(result.points_imu))
+                results.append((replace(result, points_imu=result.points_imu[:0]), ms))
+    except BadInputError as error:
+        if not results:
+            raise
+        cut = str(error)
     if not results:
         began = odometry.start
         why = "the filter never began" if began is None else "no scan holds points within the ranges"
-        raise BadInputError(f"nothing could be mapped: {len(taken)} scans, {why}")
+        raise BadInputError(f"nothing could be mapped: {count} scans, {why}{odometry.refused_text}")
     health = [result.health for result, _ in results]
-    cells = _Cells(cell)
-    for result, _ in results:
-        cells.add(result.map_from_imu.transform(result.points_imu))
     residuals = [h.residual_m for h in health if h.residual_m is not None]
     assert odometry.start is not None
     return OfflineLio(
@@ -104,8 +115,8 @@ def run_offline(
         covariances=np.array([result.covariance for result, _ in results]),
         cloud=cells.points(),
         update_ms=np.array([ms for _, ms in results]),
-        scans=len(taken),
-        skipped=len(taken) - len(results),
+        scans=count,
+        skipped=count - len(results),
         degenerate=sum(h.is_degenerate for h in health),
         lost=sum(h.is_lost for h in health),
         at_rest=sum(h.is_at_rest for h in health),
@@ -116,6 +127,7 @@ def run_offline(
         note=odometry.start.note,
         map_mb=odometry.map.memory_mb,
         voxels=len(odometry.map),
+        cut=cut,
     )
 
 

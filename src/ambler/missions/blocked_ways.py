@@ -72,14 +72,14 @@ class BlockedWays:
         if sum(math.hypot(fx - x, fy - y) <= c.near for _, fx, fy in self._failures) < c.failures:
             return False
         self._failures = [f for f in self._failures if math.hypot(f[1] - x, f[2] - y) > c.near]
-        keep = c.keep
+        keep, before = c.keep, list(self._marks)
         for old in [m for m in self._marks if math.hypot(*(m.place - line[0])) <= c.near]:
             keep = min(max(keep, 2.0 * old.keep), c.keep_most)
             self._marks.remove(old)
         self._marks.append(_Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep))
         if costs is None or reachable_share(costs, map_from_base, self.points(now_ns), c.width) >= c.least_left:
             return True
-        self._marks.pop()
+        self._marks = before
         return False
 
     def points(self, now_ns: int) -> F64:

@@ -93,10 +93,11 @@ class _Track:
         if speed > config.speed_max:
             self.velocity = self.velocity * (config.speed_max / speed)
         self.at = self.seen = now
-        if math.dist(self.place, self.rest) > config.way:
-            self.rest, self.resting_since = self.place, now
         is_close = float(np.hypot(*(starts - self.place).T).min()) < config.close
         enough, way = (config.close_confirmed, config.close_way) if is_close else (config.confirmed, config.way)
+        moved = math.dist(self.place, self.rest)
+        if moved > config.way or (moved > way and speed > config.speed_min):
+            self.rest, self.resting_since = self.place, now
         if not self.is_mover and self.count >= enough and math.dist(self.place, self.born) >= way:
             self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()
         if self.is_mover and speed >= max(config.speed_min, 0.8 * math.hypot(*self.walk)):

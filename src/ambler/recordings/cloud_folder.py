@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,12 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, PointCloud
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_recording import CloudScan, returns_in_order
-from ambler.wire.cloud_columns import INTENSITY, RING, column, point_times
+from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, column, point_times
 from ambler.wire.cloud_files import kind_of, read_cloud
 
 F64 = NDArray[np.float64]
 TIMES = ("times.txt", "timestamps.txt", "times.csv")
+LATEST = 9e9  # s: later than any clock
 IMUS = ("imu.txt", "imu.csv")
 COLUMNS = ("t", "wx", "wy", "wz", "ax", "ay", "az")
 
@@ -106,21 +108,34 @@ def _stamps(path: Path, folder: Path, files: list[Path]) -> tuple[NDArray[np.int
     places = [f / name for f in (path, folder, folder.parent) for name in TIMES]
     source = next((f for f in places if f.exists()), None)
     if source is not None:
-        try:
-            seconds = np.loadtxt(source, ndmin=1, delimiter="," if source.suffix == ".csv" else None)
-        except ValueError as error:
-            raise BadInputError(f"{source}: is no list of seconds: {error}") from error
-        seconds = seconds[:, 0] if seconds.ndim == 2 else seconds
-        if len(seconds) != len(files):
-            raise BadInputError(f"{source}: {len(seconds)} times for {len(files)} clouds")
-        if not np.isfinite(seconds).all():
-            raise BadInputError(f"{source}: a time is not finite")
-        return np.rint(seconds * 1e9).astype(np.int64), source.name
+        stamps = _listed(source)
+        if len(stamps) != len(files):
+            raise BadInputError(f"{source}: {len(stamps)} times for {len(files)} clouds")
+        return stamps, source.name
     names = [re.fullmatch(r"\D*(\d+\.\d+|\d{10,19})\D*", f.name.removesuffix(".gz").rsplit(".", 1)[0]) for f in files]
     if all(names):
         words = [match[1] for match in names if match is not None]
-        return np.array([_ns_of(word) for word in words], np.int64), "the names"
+        stamps = np.array([_ns_of(word) for word in words], np.int64)
+        if stamps.min() > EPOCH_NS:  # else they are numbers of files
+            return stamps, "the names"
     raise BadInputError(f"{path}: no times for the clouds ({', '.join(TIMES)}, one number of seconds a line)")
+
+
+def _listed(source: Path) -> NDArray[np.int64]:
+    """Return the times (ns) of a file with one a line: seconds, or dates as KITTI has them. Raises BadInputError."""
+    try:
+        seconds = np.loadtxt(source, ndmin=1, delimiter="," if source.suffix == ".csv" else None)
+    except (ValueError, OSError) as error:
+        try:
+            lines = source.read_text(encoding="utf-8", errors="replace").splitlines()
+            dates = np.array([line.strip().replace(" ", "T") for line in lines if line.strip()], "datetime64[ns]")
+        except (ValueError, OSError):
+            raise BadInputError(f"{source}: is no list of seconds or dates: {error}") from error
+        return dates.astype(np.int64)
+    seconds = seconds[:, 0] if seconds.ndim == 2 else seconds
+    if not np.isfinite(seconds).all():
+        raise BadInputError(f"{source}: a time is not finite")
+    return np.rint(seconds * 1e9).astype(np.int64)
 
 
 def _ns_of(word: str) -> int:
@@ -133,7 +148,10 @@ def _ns_of(word: str) -> int:
 
 def _read_imu(path: Path) -> tuple[Imu, ...]:
     """Read inertial measurements; raises BadInputError."""
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read: {error.strerror or error}") from error
     head = re.split(r"[,\s]+", lines[0].strip().lstrip("#").strip()) if lines else []
     named = head if sorted(head) == sorted(COLUMNS) else None
     rows = [re.split(r"[,\s]+", line.strip()) for line in lines if line.strip() and line.strip()[0] in "0123456789-+."]
@@ -145,10 +163,21 @@ def _read_imu(path: Path) -> tuple[Imu, ...]:
         raise BadInputError(f"{path}: rows must have seven numbers (t wx wy wz ax ay az)")
     if named is not None:
         table = table[:, [named.index(name) for name in COLUMNS]]
-    elif np.linalg.norm(table[:, 1:4], axis=1).mean() > np.linalg.norm(table[:, 4:7], axis=1).mean():
+    elif _mean_length(table[:, 1:4]) > _mean_length(table[:, 4:7]):
         table = table[:, [0, 4, 5, 6, 1, 2, 3]]
-    stamps = np.rint(table[:, 0] * 1e9).astype(np.int64)
+    times = table[:, 0]
+    if not np.isfinite(times).all():
+        raise BadInputError(f"{path}: a time is not finite")
+    is_ns = len(times) > 0 and abs(times[0]) > EPOCH_NS
+    if not is_ns and (np.abs(times) > LATEST).any():
+        raise BadInputError(f"{path}: times must be seconds, or nanoseconds since 1970; {times[0]:g} is neither")
+    at = 0 if named is None else named.index("t")
+    stamps = [int(Decimal(row[at])) for row in rows] if is_ns else np.rint(times * 1e9).astype(np.int64)
     return tuple(
         Imu(int(stamp), "imu", (r[1], r[2], r[3]), (r[4], r[5], r[6]))
         for stamp, r in zip(stamps, table.tolist(), strict=True)
     )
+
+
+def _mean_length(vectors: F64) -> float:
+    return float(np.nanmean(np.linalg.norm(vectors, axis=1)))

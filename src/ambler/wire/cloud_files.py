@@ -105,6 +105,8 @@ def _read_pcd(data: bytes) -> Table:
         return _by_columns(_unpack_lzf(body, unpacked), layout, number)
     if kind != "ascii":
         raise ValueError(f"DATA {kind} is not known")
+    if number == 0:
+        return np.zeros(0, layout)
     values = np.loadtxt(io.BytesIO(data[start:]), ndmin=2, max_rows=number)
     if len(values) < number:
         raise ValueError(f"{number} points are announced, {len(values)} are there")
@@ -186,6 +188,8 @@ def _read_ply(data: bytes) -> Table:
     if count < 0 or not order:
         raise ValueError("its header lacks the format or the vertices")
     if order == "=":
+        if count == 0:
+            return np.zeros(0, np.dtype(columns))
         values = np.loadtxt(io.BytesIO(data[start:]), ndmin=2, max_rows=count)
         if len(values) < count:
             raise ValueError(f"{count} points are announced, {len(values)} are there")
