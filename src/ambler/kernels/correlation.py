@@ -142,7 +142,7 @@ def normal_equations(cells, frame, points, pose, h, g, scratch):
 
 
 @jit
-def _solve3(h, g, damping, out):
+def solve3(h, g, damping, out):
     """Solve (H + damping * diag(H)) out = -g for a symmetric positive definite H (3, 3) by Cramer's rule; False if singular."""
     a, d, f = h[0, 0] * (1 + damping) + 1e-12, h[1, 1] * (1 + damping) + 1e-12, h[2, 2] * (1 + damping) + 1e-12
     b, c, e = h[0, 1], h[0, 2], h[1, 2]
@@ -194,7 +194,7 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
             for j in range(3):
                 hw[k, j] = scale * h[k, j] + prior_information[k, j]
                 gw[k] += prior_information[k, j] * (pose[j] - prior[j])
-        if not _solve3(hw, gw, damping, step):
+        if not solve3(hw, gw, damping, step):
             damping = max(damping, 1e-6) * 10.0
             continue
         for k in range(3):

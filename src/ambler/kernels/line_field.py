@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from ambler.kernels.correlation import solve3
 from ambler.kernels.jit import jit
 
 OFFSET = 1 << 28  # makes cell numbers positive
@@ -122,7 +123,7 @@ def fit(keys, moments, size, points, origin, pose, prior, options, h, info):
     start = pose.copy()
     line = np.empty(5)
     n = points.shape[0]
-    g = np.empty(3)
+    g, step = np.empty(3), np.empty(3)
     for _ in range(int(options[3])):
         c, s = math.cos(pose[2]), math.sin(pose[2])
         ox, oy = c * origin[0] - s * origin[1], s * origin[0] + c * origin[1]
@@ -166,9 +167,11 @@ def fit(keys, moments, size, points, origin, pose, prior, options, h, info):
                 h[k, j] *= scale
                 a[k, j] = h[k, j]
             a[k, k] += prior[k]
-        step = np.linalg.solve(a, g)
+        # By hand: the last bits of LAPACK's solution depend on the machine, and poses must not.
+        if not solve3(a, g, 0.0, step):
+            return
         for k in range(3):
-            pose[k] -= step[k]
+            pose[k] += step[k]
         if abs(step[0]) + abs(step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             return
 
