@@ -38,6 +38,13 @@ class HandMadeContext:
         self._count += 1
         heapq.heappush(self._due, (self.now_ns + round(delay * 1e9), self._count, callback))
 
+    def background(
+        self, work: Callable[[], Any], duration: float, done: Callable[[Any], None], kind: Any = None
+    ) -> None:
+        """Work at once; what it gave is handed over `duration` later."""
+        value = work()
+        self.after(duration, lambda: done(value))
+
     def timer(self, period: float, callback: Callable[[], None], *, phase: float = 0.0) -> None:
         def fire() -> None:
             self.after(period, fire)

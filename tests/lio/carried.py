@@ -6,7 +6,7 @@ import functools
 import math
 from dataclasses import replace
 
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 from ambler.sim.hand_path import HandPath
 from ambler.sim.hand_rig import HandRig, RigScan
 from ambler.sim.sensors import VLP_16

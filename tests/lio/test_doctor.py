@@ -10,7 +10,7 @@ import pytest
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.doctor import Diagnosis, examine
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 from tests.lio.carried import scans_of, walk
 
 

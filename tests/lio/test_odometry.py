@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, PointCloud
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.offline import run_offline
 from ambler.lio.start import LioInputError
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 from ambler.sim.hand_rig import RigScan
 from ambler.studies.lio_study import nees
 from tests.lio.carried import scans_of, walk
@@ -148,6 +150,16 @@ def test_without_inertial_measurements_it_says_so() -> None:
     _, recorded = walk()
     with pytest.raises(LioInputError, match="no inertial measurements"):
         carried([replace(scans_of(recorded)[0], imu=())])
+
+
+def test_a_recording_whose_measurements_are_no_numbers_is_refused_with_their_count() -> None:
+    rig, recorded = walk()
+    scans = [
+        replace(scan, imu=tuple(_scaled(sample, 1.0, np.nan) for sample in scan.imu))
+        for scan in scans_of(recorded)[:20]
+    ]
+    with pytest.raises(BadInputError, match=r"never began.*inertial measurements were refused"):
+        run_offline(scans, LioConfig(), rig.told_mount)
 
 
 def test_registered_points_lie_where_the_room_is() -> None:

@@ -13,7 +13,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
-from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording, returns_in_order
+from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording
+from ambler.recordings.cloud_scan import returns_in_order
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_sensors import cloud_from_ros
 from ambler.wire.ros_types import STORE, record_class

@@ -52,7 +52,8 @@ from ambler.slam2d.config import FrontEndConfig, GraphConfig, LoopConfig, Slam2d
 class RobotConfig:
     """Everything that a robot can be told, in every verb; the defaults come from `default_config`.
 
-    `strategy`, `controller` and `localizer` choose one of those whose own sections stand below. `scanners` holds calibrated mounts and
+    `strategy`, `controller` and `localizer` choose one of those whose own sections stand below. `odometry_source` is wheels with a gyroscope (`odometry`), or a
+    LiDAR of many rings with an IMU (`lio`). `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -60,6 +61,7 @@ class RobotConfig:
     controller: Controller = "rollout"
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
+    odometry_source: Literal["wheels", "lidar"] = "wheels"
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     lio: LioConfig = field(default_factory=LioConfig)
@@ -99,6 +101,14 @@ class RobotConfig:
             return ParticleFilter(surfaces, self.particles, np.random.default_rng(seed))
         self.check_localizer()
         return ReflectorLocalizer(ReflectorMap.surveyed(np.array(self.reflector_positions)), self.reflectors)
+
+    def check_odometry(self, robot: RobotModel) -> None:
+        """Raise BadInputError when the chosen odometry lacks what it needs, before anything runs."""
+        kinds = {mount.kind for mount in robot.sensors}
+        if self.odometry_source == "lidar" and not {SensorKind.CLOUD, SensorKind.IMU} <= kinds:
+            raise BadInputError(
+                f"odometry_source lidar: {robot.name} needs a LiDAR that gives clouds, and an IMU (spot has both)"
+            )
 
     def check_localizer(self) -> None:
         """Raise BadInputError when the chosen localizer lacks what it needs, before anything runs."""

@@ -31,6 +31,7 @@ from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.glass_mapper import GlassMapperNode
 from ambler.nodes.layer_inputs import LayerInput
+from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.nodes.localization import LocalizationNode
 from ambler.nodes.map_server import MapServerNode
 from ambler.nodes.navigator import NavigatorNode
@@ -99,7 +100,10 @@ def robot_nodes(
 
 def sensing_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
     """Return what makes odometry of wheels and gyroscope, and one scan of several. `robot` has its scanners where they are calibrated."""
-    nodes: list[Node] = [OdometryNode(robot, WheelInertialOdometry(config.odometry))]
+    config.check_odometry(robot)
+    has_lidar = config.odometry_source == "lidar"
+    odometry = LidarOdometryNode(robot, config.lio) if has_lidar else None
+    nodes: list[Node] = [odometry or OdometryNode(robot, WheelInertialOdometry(config.odometry))]
     if len(robot.scanners) > 1:
         nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
     return nodes

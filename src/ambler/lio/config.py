@@ -98,6 +98,7 @@ class DegeneracyConfig:
 class WheelConfig:
     """Velocity of wheel odometry as a measurement: metres per second of a standing base, and a share of the speed."""
 
+    is_used: bool = True
     sigma: float = 0.02
     share: float = 0.01
     sideways_sigma: float = 0.05
@@ -162,6 +163,7 @@ class LioConfig:
     insert_m: float = 0.05  # at rest the map does not grow
     insert_rad: float = 0.01
     inliers_least: int = 50
+    coast_most: float = 1.0  # seconds without a scan that fits after which a robot's odometry is not told any more: an IMU alone is a decimetre off by then
 
     @property
     def extras(self) -> int:

@@ -6,8 +6,9 @@ is wrong), at the same time (else a clock is off) and about the same axes (else 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -16,13 +17,15 @@ from numpy.typing import NDArray
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.start import LioInputError
 from ambler.lio.state import log
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 
 F64 = NDArray[np.float64]
 TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can be said
 PAIRS_LEAST = 15
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
+BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
 SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
 
 
@@ -42,7 +45,7 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     alone = LidarInertialOdometry(replace(config, has_imu=False, imu_from_lidar=None), SE3())
     ends, rotations, rows = [], [], []
     for scan in scans:
-        rows += [(1e-9 * s.stamp_ns, *s.angular_velocity) for s in scan.imu]
+        rows += [(1e-9 * s.stamp_ns, *s.angular_velocity) for s in scan.imu if np.isfinite(s.angular_velocity).all()]
         result = alone.update(_frozen(scan))
         if result is not None and not result.health.is_lost:
             ends.append(1e-9 * result.stamp_ns)
@@ -54,6 +57,37 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
     return _compared(turns, times, np.array(rows), imu_from_lidar)
+
+
+class StartExamination:
+    """Examines a robot's first turns while it drives: `add` gives work for the background once a batch of scans holds some."""
+
+    def __init__(self, config: LioConfig, imu_from_lidar: SE3) -> None:
+        self._config, self._mount = config, imu_from_lidar
+        self._batch: list[CloudScan] = []
+        self._tries = BATCHES_MOST
+
+    def add(self, scan: CloudScan) -> Callable[[], Diagnosis] | None:
+        """Take the next scan; returns the examination of a full batch in which the gyroscope turned."""
+        if self._tries == 0:
+            return None
+        self._batch.append(scan)
+        if len(self._batch) < BATCH:
+            return None
+        batch, self._batch = self._batch, []
+        rates = np.array([sample.angular_velocity for scan in batch for sample in scan.imu]).reshape(-1, 3)
+        rates = rates[np.isfinite(rates).all(axis=1)]
+        if len(rates) == 0 or float(np.sqrt((rates**2).sum(axis=1).mean())) < TURN_LEAST:
+            return None
+        self._tries -= 1
+        return partial(examine, batch, self._config, self._mount)
+
+    def take(self, diagnosis: Diagnosis) -> None:
+        """Take what the examination found; raises LioInputError for trouble. Once enough was seen, it is over."""
+        if diagnosis.troubles:
+            raise LioInputError("; ".join(diagnosis.troubles))
+        if diagnosis.rate_ratio is not None:
+            self._tries, self._batch = 0, []
 
 
 def _frozen(scan: CloudScan) -> CloudScan:

@@ -24,7 +24,7 @@ from ambler.lio.measurements import Measurement, height_and_tilt, standstill, wh
 from ambler.lio.start import LioInputError, Start, find_start
 from ambler.lio.state import FilterState, log, right_jacobian
 from ambler.lio.voxel_map import VoxelMap
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 
 F64 = NDArray[np.float64]
 CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement from which on they are of two clocks
@@ -138,6 +138,8 @@ class LidarInertialOdometry:
             raise LioInputError(
                 "no inertial measurements came with the first scan; LiDAR-inertial odometry needs an IMU"
             )
+        if len(self._imu) == 0:
+            return False  # all were refused so far
         self._check_clocks(scan)
         self.start = find_start(self._imu.rows(), self.config.start)
         if self.start is None:

@@ -14,7 +14,7 @@ from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
 

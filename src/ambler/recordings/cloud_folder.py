@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, PointCloud
 from ambler.core.se3 import SE3
-from ambler.recordings.cloud_recording import CloudScan, returns_in_order
+from ambler.recordings.cloud_scan import CloudScan, returns_in_order
 from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, column, point_times
 from ambler.wire.cloud_files import kind_of, read_cloud
 

@@ -5,9 +5,8 @@ Clouds are large, so a recording is read while it is used, and may be read again
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,10 @@ from ambler.core.errors import BadInputError, TransformError
 from ambler.core.messages import Imu, Odometry, PointCloud, Transforms
 from ambler.core.se3 import SE3
 from ambler.recordings.bag_content import BASE_FRAMES, RecordedFrames, choose_topic, listed_topics, plain_frame
+from ambler.recordings.cloud_scan import CloudScan, ScanJoiner
 from ambler.wire.bags import BagReader, open_bag
 
 NONE = "none"
-HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,22 +30,6 @@ class CloudChoices:
     imu_topic: str | None = None
     odom_topic: str | None = None
     lidar_from_imu: SE3 | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CloudScan:
-    """A cloud of returns only, its points in the order of their times, and what else is new since the cloud before: measurements up to
-    its last point and one more, to interpolate, if the recording goes on. Stamps of clouds strictly increase, so do those of
-    measurements, over the whole recording; each is given once."""
-
-    cloud: PointCloud
-    imu: tuple[Imu, ...]
-    odometry: tuple[Odometry, ...]
-
-    @property
-    def end_ns(self) -> int:
-        """When the last point was taken, ns."""
-        return _end_ns(self.cloud)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,79 +51,14 @@ class CloudRecording:
         Raises BadInputError for damage on the way.
         """
         with open_bag(self.path) as bag:
-            yield from _Joiner(self).join(bag)
-
-
-@dataclass
-class _Stream:
-    """Measurements that wait for their cloud, in the order of their stamps."""
-
-    waiting: deque[Imu | Odometry] = field(default_factory=deque)
-    last_ns: int = -1
-
-    def add(self, message: Imu | Odometry) -> None:
-        if message.stamp_ns > self.last_ns:
-            self.waiting.append(message)
-            self.last_ns = message.stamp_ns
-
-    def take(self, until_ns: int) -> list[Imu | Odometry]:
-        """Remove and return everything up to a time, and one more."""
-        out = []
-        while self.waiting:
-            out.append(self.waiting.popleft())
-            if out[-1].stamp_ns >= until_ns:
-                break
-        return out
-
-
-class _Joiner:
-    """Holds each cloud back until every other stream has passed its end."""
-
-    def __init__(self, recording: CloudRecording) -> None:
-        self._topics = recording
-        self._imu, self._odometry = _Stream(), _Stream()
-        self._clouds: deque[PointCloud] = deque()
-        self._last_ns = -1
-
-    def join(self, bag: BagReader) -> Iterator[CloudScan]:
-        names = (self._topics.cloud_topic, self._topics.imu_topic, self._topics.odom_topic)
-        for _, message, _ in bag.messages({name for name in names if name is not None}):
-            if isinstance(message, PointCloud) and message.stamp_ns > self._last_ns:
-                self._clouds.append(returns_in_order(message))
-                self._last_ns = message.stamp_ns
-            elif isinstance(message, Imu):
-                self._imu.add(message)
-            elif isinstance(message, Odometry):
-                self._odometry.add(message)
-            while self._clouds and (len(self._clouds) > HELD_MAX or self._is_covered(_end_ns(self._clouds[0]))):
-                yield self._next()
-        while self._clouds:
-            yield self._next()
-
-    def _is_covered(self, end_ns: int) -> bool:
-        needed = ((self._topics.imu_topic, self._imu), (self._topics.odom_topic, self._odometry))
-        return all(name is None or stream.last_ns >= end_ns for name, stream in needed)
-
-    def _next(self) -> CloudScan:
-        cloud = self._clouds.popleft()
-        end_ns = _end_ns(cloud)
-        imu = tuple(m for m in self._imu.take(end_ns) if isinstance(m, Imu))
-        odometry = tuple(m for m in self._odometry.take(end_ns) if isinstance(m, Odometry))
-        return CloudScan(cloud, imu, odometry)
-
-
-def returns_in_order(cloud: PointCloud) -> PointCloud:
-    """Return the cloud without points that are not finite or lie at its origin (no return), ordered by time; the stamp stays."""
-    is_return = np.isfinite(cloud.points).all(axis=1) & (cloud.points != 0.0).any(axis=1) & np.isfinite(cloud.time)
-    kept = np.flatnonzero(is_return)
-    kept = kept[np.argsort(cloud.time[kept], kind="stable")]
-    return replace(
-        cloud,
-        points=cloud.points[kept],
-        intensity=cloud.intensity[kept],
-        time=cloud.time[kept],
-        ring=cloud.ring[kept],
-    )
+            joiner = ScanJoiner(
+                waits_for_imu=self.imu_topic is not None, waits_for_odometry=self.odom_topic is not None
+            )
+            names = {name for name in (self.cloud_topic, self.imu_topic, self.odom_topic) if name is not None}
+            for _, message, _ in bag.messages(names):
+                joiner.add(message)
+                yield from joiner.ready()
+            yield from joiner.rest()
 
 
 def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> CloudRecording:
@@ -195,7 +113,3 @@ def _known(pose: SE3 | None) -> str:
         return "unknown"
     x, y, z = pose.translation
     return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
-
-
-def _end_ns(cloud: PointCloud) -> int:
-    return cloud.stamp_ns + (round(float(cloud.time[-1]) * 1e9) if len(cloud.time) else 0)

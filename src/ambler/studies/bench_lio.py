@@ -12,7 +12,7 @@ from itertools import islice
 
 from ambler.lio.config import LioConfig
 from ambler.lio.odometry import LidarInertialOdometry
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 from ambler.sim.hand_path import HandPath
 from ambler.sim.hand_rig import HandRig
 from ambler.sim.sensors import OS_64, VLP_16

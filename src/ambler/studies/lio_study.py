@@ -25,7 +25,7 @@ from ambler.evaluation.spatial_error import SpatialError, best_motion, spatial_e
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
-from ambler.recordings.cloud_recording import CloudScan
+from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
 from ambler.sim.hand_path import Burst, HandPath, Sway
 from ambler.sim.hand_rig import BEGIN_NS, IMU_FRAME, LIDAR_FRAME, LIDARS, HandRig, RigScan

@@ -1,0 +1,104 @@
+"""The node: the robot's own sensors at their places, contradictions that end it, states that are told once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ambler.apps.config import default_config
+from ambler.apps.robot import sensing_nodes
+from ambler.core.errors import BadInputError
+from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
+from ambler.core.se3 import SE3
+from ambler.lio.config import LioConfig
+from ambler.lio.start import LioInputError
+from ambler.nodes.lidar_odometry import LidarOdometryNode
+from ambler.robots.catalog import robot_model
+from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRANSFORMS
+from ambler.sim.hand_rig import IMU_FRAME, LIDAR_FRAME
+from tests.hand_made_context import HandMadeContext
+from tests.lio.carried import walk
+
+BASE_FROM_IMU = SE3.from_rpy((0.1, 0.0, 0.9), 0.0, 0.0, 0.5)
+
+
+def robot() -> RobotModel:
+    """A base that carries the plate of the walk."""
+    rig, _ = walk()
+    mounts = (
+        SensorMount(IMU_FRAME, SensorKind.IMU, BASE_FROM_IMU),
+        SensorMount("spare", SensorKind.IMU, SE3()),
+        SensorMount(LIDAR_FRAME, SensorKind.CLOUD, BASE_FROM_IMU @ rig.told_mount),
+    )
+    box = np.array([[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]])
+    return RobotModel("box", DriveKind.OMNI, box, VelocityLimits(), mounts)
+
+
+def driven(scans: int, rate: float = 1.0, gap: range = range(0)) -> HandMadeContext:
+    """Play the walk; `rate` multiplies the gyroscope, clouds of `gap` hold nothing but noise far from everything."""
+    _, recorded = walk()
+    context = HandMadeContext()
+    context.start(LidarOdometryNode(robot(), LioConfig()))
+    for number, scan in enumerate(recorded[:scans]):
+        cloud = scan.cloud
+        if number in gap:
+            noise = np.random.default_rng(number).normal(0.0, 30.0, cloud.points.shape)
+            cloud = replace(cloud, points=noise.astype(np.float32))
+        context.callbacks[CLOUD.name](cloud)
+        for sample in scan.imu:
+            context.run(max(0.0, 1e-9 * (sample.stamp_ns + 10_000_000_000 - context.now_ns)))
+            turned = tuple(rate * w for w in sample.angular_velocity)
+            context.callbacks[IMU.name](replace(sample, angular_velocity=turned))
+            context.callbacks[IMU.name](replace(sample, frame="spare", angular_velocity=(9.0, 9.0, 9.0)))
+    return context
+
+
+def test_odometry_its_edge_and_the_registered_cloud_agree_with_the_walk() -> None:
+    rig, recorded = walk()
+    context = driven(90)
+    odometry = context.messages(ODOMETRY)
+    edges = [m.transforms[0] for m in context.messages(TRANSFORMS)]
+    assert [(e.stamp_ns, e.parent_from_child) for e in edges] == [(m.stamp_ns, m.pose) for m in odometry]
+    first, last = odometry[0], odometry[-1]
+    way = (rig.pose_at(first.stamp_ns) @ BASE_FROM_IMU.inverse()).inverse() @ (
+        rig.pose_at(last.stamp_ns) @ BASE_FROM_IMU.inverse()
+    )
+    assert (first.pose.inverse() @ last.pose).translation == pytest.approx(way.translation, abs=0.03)
+    assert np.linalg.norm(way.translation) > 5.0
+    cloud = context.messages(REGISTERED_CLOUD)[-1]
+    scan = next(s for s in recorded if s.end_ns == cloud.stamp_ns)
+    odom_from_world = first.pose @ (rig.pose_at(first.stamp_ns) @ BASE_FROM_IMU.inverse()).inverse()
+    end = odom_from_world @ scan.world_from_imu @ rig.mount
+    last_points = scan.cloud.points[-30:]  # taken where the scan ended
+    assert cloud.frame == "odom"
+    assert cloud.points[-30:] == pytest.approx(end.transform(last_points), abs=0.1)
+    assert len(cloud.points) == len(cloud.intensity) == len(scan.cloud.points)
+
+
+def test_a_gyroscope_in_degrees_ends_it_by_name() -> None:
+    with pytest.raises(LioInputError, match="degrees per second"):
+        driven(120, rate=180.0 / np.pi)
+
+
+def test_scans_that_fit_nothing_are_told_and_so_is_the_way_back() -> None:
+    context = driven(90, gap=range(60, 75))
+    codes = [m.code for m in context.messages(STATUS)]
+    assert codes == ["LIO_GOOD", "LIO_LOST", "LIO_GOOD"]
+    stamps = np.array([m.stamp_ns for m in context.messages(ODOMETRY)])
+    assert 0.3 < np.diff(stamps).max() * 1e-9 < 0.7  # of 1.5 s without a scan that fits, one was coasted
+
+
+def test_a_robot_without_such_sensors_is_refused_before_anything_runs() -> None:
+    diff = robot_model("diff")
+    with pytest.raises(BadInputError, match="diff needs a LiDAR"):
+        sensing_nodes(diff, replace(default_config(diff), odometry_source="lidar"))
+    with pytest.raises(BadInputError, match="LiDAR-inertial"):
+        LidarOdometryNode(diff)
+
+
+def test_the_source_is_chosen_by_the_configuration() -> None:
+    spot = robot_model("spot")
+    nodes = sensing_nodes(spot, replace(default_config(spot), odometry_source="lidar"))
+    assert [type(node) for node in nodes] == [LidarOdometryNode]
