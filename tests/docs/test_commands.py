@@ -57,6 +57,7 @@ NOT_RUN = {
     "dock charger_1 --profile slow.yaml": WHOLE_RUN,
     "undock charger_1": WHOLE_RUN,
     "slam2d my_bag --out my_map --scan-topic /front/scan": OWN_FILES,
+    "demo --world lab_empty --robot spot --set odometry_source=lidar": WHOLE_RUN,
     "lio my_walk --out my_map": OWN_FILES,
     "lio my_walk --out my_map --truth truth.tum --json walk.json": OWN_FILES,
     "lio my_clouds --no-imu --out my_map": OWN_FILES,

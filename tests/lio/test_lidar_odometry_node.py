@@ -51,7 +51,10 @@ def driven(scans: int, rate: float = 1.0, gap: range = range(0)) -> HandMadeCont
             context.run(max(0.0, 1e-9 * (sample.stamp_ns + 10_000_000_000 - context.now_ns)))
             turned = tuple(rate * w for w in sample.angular_velocity)
             context.callbacks[IMU.name](replace(sample, angular_velocity=turned))
-            context.callbacks[IMU.name](replace(sample, frame="spare", angular_velocity=(9.0, 9.0, 9.0)))
+            spare = replace(
+                sample, stamp_ns=sample.stamp_ns + 1_000_000, frame="spare", angular_velocity=(9.0, 9.0, 9.0)
+            )
+            context.callbacks[IMU.name](spare)
     return context
 
 

@@ -50,6 +50,26 @@ def test_a_walk_is_followed_to_centimetres_and_the_covariance_says_so() -> None:
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
 
 
+@pytest.mark.parametrize("iterations", [1, 2, 5])
+def test_the_prediction_counts_once_however_often_the_update_goes_round(iterations: int) -> None:
+    rig, recorded = walk()
+    scans = scans_of(recorded)
+    odometry = LidarInertialOdometry(replace(LioConfig(), iterations_most=iterations), rig.told_mount)
+    for scan in scans[:60]:
+        odometry.update(scan)
+    where = odometry.state.position.copy()
+    odometry.state.position = where + np.array([0.0, 0.0, 0.02])
+    odometry.covariance = np.diag(np.r_[[8e-3**2] * 3, [1e-12] * (len(odometry.covariance) - 3)])
+    before = odometry.state.position[2]
+    result = odometry.update(scans[60])
+    truth = recorded[60].world_from_imu.translation[2] - recorded[59].world_from_imu.translation[2]
+    assert result is not None
+    gained = 1.0 - odometry.covariance[2, 2] / 8e-3**2  # Kalman: the share of the innovation by which it moved
+    moved = before + truth - result.map_from_imu.translation[2]
+    assert 0.3 < gained < 0.95
+    assert moved == pytest.approx(0.02 * gained, abs=0.003)
+
+
 def test_the_map_is_level() -> None:
     _, recorded = walk()
     odometry, _ = carried(scans_of(recorded)[:60])

@@ -10,6 +10,8 @@ ODOMETRY = ("tests/lio/test_odometry.py",)
 START = ("tests/lio/test_start.py",)
 DOCTOR = ("tests/lio/test_doctor.py",)
 DRIFT = ("tests/lio/test_drift.py",)
+BASE = ("tests/lio/test_base_odometry.py",)
+NODE = ("tests/lio/test_lidar_odometry_node.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 LIO = (
@@ -82,6 +84,55 @@ LIO = (
         "np.linalg.solve(result.covariance, error)) / 6.0",
         "np.linalg.solve(result.covariance, error)) / 60.0",
         ("tests/studies/test_lio_study.py",),
+    ),
+    PlantedFault(
+        "the update forgets where the prediction was",
+        "lio/odometry.py",
+        "(inner @ g + moved[part]) - g) - moved",
+        "(inner @ g) - g)",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "a late scan takes the pose back to its own time",
+        "lio/carry.py",
+        "samples = self._buffer.between(self._time, newest)",
+        "samples = self._buffer.between(newest - 0.005, newest)",
+        BASE,
+    ),
+    PlantedFault(
+        "the base moves as the IMU does",
+        "lio/base_odometry.py",
+        " + np.cross(self._carried.rate, self._lever))",
+        ")",
+        BASE,
+    ),
+    PlantedFault(
+        "odometry coasts for ever",
+        "lio/base_odometry.py",
+        "stamp_ns - self._fitted_ns <= self.config.coast_most * 1e9",
+        "stamp_ns - self._fitted_ns <= self.config.coast_most * 1e18",
+        BASE,
+    ),
+    PlantedFault(
+        "a scan that fits nothing counts as one that fits",
+        "lio/base_odometry.py",
+        "if self._fitted_ns is None or not result.health.is_lost:",
+        "if True:",
+        NODE,
+    ),
+    PlantedFault(
+        "what contradicts at the start is driven with",
+        "lio/doctor.py",
+        "if diagnosis.troubles:\n            raise",
+        "if False:\n            raise",
+        NODE,
+    ),
+    PlantedFault(
+        "every IMU of the robot is its first",
+        "nodes/lidar_odometry.py",
+        "if sample.frame != self._imu.frame:",
+        "if False:",
+        NODE,
     ),
     PlantedFault(
         "clouds may go backwards in time",
