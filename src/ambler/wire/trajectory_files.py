@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.wire.atomic_file import write_whole
+from ambler.wire.tum import tum_rows
 
 I64 = NDArray[np.int64]
 
@@ -33,30 +34,8 @@ def write_kitti(path: Path, poses: Sequence[SE3]) -> None:
 
 def read_tum_3d(path: Path) -> tuple[I64, list[SE3]]:
     """Read stamps (ns) and poses; raises BadInputError that names the line."""
-    stamps: list[int] = []
-    poses: list[SE3] = []
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path}: {error}") from error
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            row = [float(w) for w in words]
-        except ValueError as error:
-            raise BadInputError(f"{path}:{number}: {error}") from error
-        if len(row) != 8 or not np.isfinite(row).all():
-            raise BadInputError(f"{path}:{number}: a pose has 8 finite numbers, found {len(row)}")
-        length = float(np.linalg.norm(row[4:]))
-        if length < 1e-3:
-            raise BadInputError(f"{path}:{number}: the quaternion is zero")
-        x, y, z, w = (v / length for v in row[4:])
-        seconds, _, decimals = words[0].partition(".")
-        exact = seconds.isdecimal() and decimals.isdecimal()
-        stamps.append(int(seconds) * 10**9 + int(decimals[:9].ljust(9, "0")) if exact else round(row[0] * 1e9))
-        poses.append(SE3((row[1], row[2], row[3]), (w, x, y, z)))
-    if not poses:
+    rows = list(tum_rows(path))
+    if not rows:
         raise BadInputError(f"{path}: holds no poses")
-    return np.array(stamps, np.int64), poses
+    poses = [SE3((x, y, z), (qw, qx, qy, qz)) for _, (_, x, y, z, qx, qy, qz, qw) in rows]
+    return np.array([stamp for stamp, _ in rows], np.int64), poses

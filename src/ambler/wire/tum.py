@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,15 @@ def read_tum(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Spatial poses are projected on the plane: x, y and the heading of the body's x axis.
     """
-    rows: list[list[float]] = []
+    rows = [row for _, row in tum_rows(path)]
+    table = np.array(rows, np.float64).reshape(len(rows), 8)
+    x, y, z, w = table[:, 4:].T
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return table[:, 0].copy(), np.column_stack((table[:, 1:3], yaw))
+
+
+def tum_rows(path: Path) -> Iterator[tuple[int, list[float]]]:
+    """Yield each pose's stamp in ns, exact where it is written as a decimal, and its eight numbers, the quaternion of length one; raises BadInputError naming the line."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -43,10 +53,10 @@ def read_tum(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             raise BadInputError(f"{path}:{number}: {error}") from error
         if len(row) != 8:
             raise BadInputError(f"{path}:{number}: a pose has 8 numbers, found {len(row)}")
-        if not np.isfinite(row).all() or sum(q * q for q in row[4:]) < 1e-6:
+        length = math.hypot(*row[4:])
+        if not all(map(math.isfinite, row)) or length < 1e-3:
             raise BadInputError(f"{path}:{number}: a number is not finite, or the quaternion is zero")
-        rows.append(row)
-    table = np.array(rows, np.float64).reshape(len(rows), 8)
-    x, y, z, w = (table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)).T
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return table[:, 0].copy(), np.column_stack((table[:, 1:3], yaw))
+        seconds, _, decimals = words[0].partition(".")
+        is_exact = seconds.isdecimal() and decimals.isdecimal()
+        stamp_ns = int(seconds) * 10**9 + int(decimals[:9].ljust(9, "0")) if is_exact else round(row[0] * 1e9)
+        yield stamp_ns, row[:4] + [q / length for q in row[4:]]
