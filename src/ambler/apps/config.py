@@ -45,7 +45,7 @@ from ambler.perception.scanner_profile import ScannerCalibration, calibrated_rob
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.safety.config import GateConfig
 from ambler.settings.profiles import as_values, build, merge
-from ambler.slam2d.config import FrontEndConfig, GraphConfig, LoopConfig, Slam2dConfig
+from ambler.slam2d.config import FrontEndConfig, LoopConfig, Slam2dConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,9 +127,8 @@ SHARP = FrontEndConfig(
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
-# Where stamps are right, loops can be searched more densely than in a log, and a fit to lines counts for more.
+# Where stamps are right, loops can be searched more densely than in a log.
 CLOSE_LOOPS = LoopConfig(query_distance=0.5, candidates_per_node=4, searches_per_job=12, tries_per_pair=24)
-GOOD_STAMPS = GraphConfig(inter_sigma=(0.02, math.radians(0.2)))
 
 FLOOR_DOUBT = 0.15  # metres above the floor from which on the gate and the map believe a cloud: a body that sways sees floor at 0.1 m
 SEEN_WELL = (
@@ -166,7 +165,7 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         slam2d=Slam2dNodeConfig(
             uses_cloud=uses_cloud,
             planar=planar,
-            slam=Slam2dConfig(SHARP_CLOUD if uses_cloud else SHARP, CLOSE_LOOPS, GOOD_STAMPS),
+            slam=Slam2dConfig(SHARP_CLOUD if uses_cloud else SHARP, CLOSE_LOOPS),
         ),
         localization=LocalizationNodeConfig(source="points", planar=planar) if uses_cloud else LocalizationNodeConfig(),
         particles=ParticleFilterConfig(drive=robot.drive),

@@ -107,7 +107,7 @@ class GraphConfig:
     """Standard deviations of the edges (metres, radians) and when to optimize."""
 
     intra_sigma: tuple[float, float] = (0.02, math.radians(0.3))
-    inter_sigma: tuple[float, float] = (0.03, math.radians(0.4))
+    inter_sigma: tuple[float, float] = (0.02, math.radians(0.2))  # a closure that ends on lines through the returns
     local_sigma: tuple[float, float] = (0.01, math.radians(0.2))
     odometry_sigma: tuple[float, float] = (0.05, math.radians(2.0))
     odometry_gain: float = 0.2
