@@ -19,14 +19,32 @@ MOUNT = SE3((0.2, -0.1, 0.3))
 INCREMENT = 2 * math.pi / 360
 
 
-def moving_scan(twist: np.ndarray, start: SE2) -> LaserScan:
-    """Return the scan of a sensor whose base moves with a twist; each beam sees the room from where it was taken."""
+def moving_scan(twist: np.ndarray, start: SE2, growth: float = 0.0) -> LaserScan:
+    """Return the scan of a sensor whose base moves with a twist that changes at the rate of `growth` of it per second; each beam sees the room from where
+    it was taken."""
     dt = 0.1 / 360
     ranges = np.empty(360, np.float32)
     for i in range(360):
-        sensor = start @ SE2.exp(twist * (i * dt)) @ MOUNT.to_se2()
+        sensor = start @ moved(twist, i * dt, growth) @ MOUNT.to_se2()
         ranges[i] = ranges_at(sensor, np.array([i * INCREMENT - math.pi]))[0]
     return LaserScan(0, "laser", -math.pi, INCREMENT, dt, 0.1, 0.05, 30.0, ranges, np.zeros(0, np.float32))
+
+
+def moved(twist: np.ndarray, t: float, growth: float) -> SE2:
+    """Where a base is after t seconds whose twist keeps its direction and changes its size."""
+    return SE2.exp(twist * (t + 0.5 * growth * t * t))
+
+
+def test_a_base_that_brakes_and_turns_is_followed_through_the_sweep() -> None:
+    twist, start, growth = np.array([0.8, 0.0, 1.2]), SE2(0.4, -0.2, 0.3), -10.0  # to rest within the sweep
+    motion, scan = BaseMotion(), moving_scan(twist, start, growth)
+    for t in np.arange(0.0, 0.105, 0.01):
+        motion.add_pose(round(t * 1e9), SE2(3.0, 1.0, 2.0) @ moved(twist, float(t), growth))
+    sweep = motion.sweep(0, scan_duration(scan), np.zeros(3))
+    followed = start.transform(scan_to_points(scan, MOUNT, sweep, PlanarConfig()).points)
+    steady = start.transform(scan_to_points(scan, MOUNT, motion.twist_over(0, 100_000_000), PlanarConfig()).points)
+    assert distance_to_walls(followed).max() < 0.005
+    assert distance_to_walls(steady).max() > 0.02
 
 
 @settings(max_examples=10, deadline=None)

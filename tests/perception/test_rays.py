@@ -62,9 +62,9 @@ def test_a_moving_scanner_starts_every_ray_where_it_was() -> None:
     hits = np.flatnonzero(np.isfinite(ranges))
     for row, beam in ((0, hits[0]), (100, hits[100]), (len(hits) - 1, hits[-1])):
         at = SE2.exp(twist * beam * step).transform(np.array([[0.3, 0.1]]))[0]
-        np.testing.assert_allclose(starts[row], at, atol=1e-6)
-        assert math.dist(starts[row], scan.points[row]) == pytest.approx(5.0, abs=1e-5)
-    np.testing.assert_allclose(np.hypot(*(free_starts - scan.free_points).T), 5.0, atol=1e-5)
+        np.testing.assert_allclose(starts[row], at, atol=1e-4)
+        assert math.dist(starts[row], scan.points[row]) == pytest.approx(5.0, abs=1e-4)
+    np.testing.assert_allclose(np.hypot(*(free_starts - scan.free_points).T), 5.0, atol=1e-4)
 
 
 BLOCK = (1.0, -0.3, 2.0, 0.3)  # x0, y0, x1, y1: it stands before the base, where neither scanner looks

@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ambler.cli.main import main
 from ambler.core import messages as m
+from ambler.core.base_motion import STILL, steady_sweep
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
@@ -179,7 +180,7 @@ def test_an_upside_down_scanner_keeps_its_handedness(tmp_path: Path) -> None:
     scan = m.LaserScan(1, "laser", 0.5, 0.1, 0.0, 0.1, 0.1, 20.0, np.array([2.0], np.float32), np.zeros(0, np.float32))
     bag = write_ros2(tmp_path / "bag", [("/tf_static", m.Transforms(0, (edge,)), 1), ("/scan", scan, 2)])
     (item,) = open_recording(bag).scans
-    point = item.to_planar(np.zeros(3)).points[0]
+    point = item.to_planar(steady_sweep(STILL, item.duration)).points[0]
     assert point == pytest.approx([0.2 + 2 * math.cos(0.5), -2 * math.sin(0.5)], abs=1e-6)
 
 

@@ -78,7 +78,7 @@ def localize_recording(
                 localizer.set_pose(scan.stamp_ns, odom_from_base, map_from_start, INITIAL_COVARIANCE)
             relocalizer = Relocalizer(surfaces, RelocalizerConfig())
             supervisor = Supervisor(surfaces, localizer, relocalizer, SupervisorConfig())
-        points = scan.to_planar(odometry.twist())
+        points = scan.to_planar(odometry.sweep(scan.stamp_ns, scan.duration, odometry.twist()))
         observation = Observation(scan.stamp_ns, odom_from_base, points.points)
         estimate = _supervised(supervisor, observation) if is_supervised else localizer.update(observation)
         if estimate is not None:

@@ -13,7 +13,7 @@ from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import LaserScan, Odometry
 from ambler.core.robot import MERGED_FRAME, RobotModel
 from ambler.localization.reflectors import ReflectorMap, ReflectorSurvey
-from ambler.perception.planar import PlanarConfig, scan_to_points
+from ambler.perception.planar import PlanarConfig, scan_duration, scan_to_points
 from ambler.registration.reflectors import DetectorConfig, detect_reflectors
 from ambler.runtime.topics import LOCALIZED_POSE
 from ambler.wire.bags import open_bag
@@ -47,12 +47,13 @@ def survey_reflectors(path: Path, robot: RobotModel, detector: DetectorConfig | 
     for scan in scans:
         try:
             map_from_base, twist = motion.planar_at(scan.stamp_ns), motion.twist_at(scan.stamp_ns)
+            sweep = motion.sweep(scan.stamp_ns, scan_duration(scan), twist)
         except StaleInputError:
             without_pose += 1
             continue
         mount = robot.sensor(scan.frame).base_from_sensor
         near, far = max(planar.range_min, scan.range_min), min(planar.range_max, scan.range_max)
-        points = scan_to_points(scan, mount, twist, planar).points
+        points = scan_to_points(scan, mount, sweep, planar).points
         bright = scan.intensities[(scan.ranges >= near) & (scan.ranges <= far)]
         if len(bright) == len(points):
             survey.add(detect_reflectors(points, bright, detector).centers, map_from_base, covariance)

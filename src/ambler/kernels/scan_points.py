@@ -1,7 +1,8 @@
 """Kernels from ranges and clouds to planar points: motion compensation, height band, voxel filters.
 
-A point measured at `t` seconds after the reference instant moves with the base: p_ref = exp(twist * t) * base_from_sensor * p,
-where `twist` (vx, vy, wz) is constant in the base frame over the scan. Matrices are the upper (3, 4) of a homogeneous transform.
+A point measured at `t` seconds after the reference instant moves with the base. How that moved is a `sweep` float64 (K, 4), K >= 2, of
+(t, x, y, yaw) at even steps from t = 0, blended linearly in between; or, for a moment, a constant `twist` (vx, vy, wz): p_ref = exp(twist * t) *
+base_from_sensor * p. Matrices are the upper (3, 4) of a homogeneous transform.
 """
 
 import math
@@ -28,6 +29,19 @@ def carry(x, y, t, twist):
 
 
 @jit
+def carry_along(x, y, t, sweep):
+    """Return (x, y) of a point known in the base frame of time t, in the base frame of time 0; beyond its end the sweep goes on as it was."""
+    at = t / sweep[1, 0]
+    k = min(max(int(at), 0), sweep.shape[0] - 2)
+    f = at - k
+    yaw = sweep[k, 3] + f * (sweep[k + 1, 3] - sweep[k, 3])
+    c, s = math.cos(yaw), math.sin(yaw)
+    dx = sweep[k, 1] + f * (sweep[k + 1, 1] - sweep[k, 1])
+    dy = sweep[k, 2] + f * (sweep[k + 1, 2] - sweep[k, 2])
+    return c * x - s * y + dx, s * x + c * y + dy
+
+
+@jit
 def mount_at(mounts, step, t, m):
     """Write the pose of a sensor `t` seconds after the stamp into `m` float64 (3, 4), blended between `mounts` float64 (K, 3, 4), which
     are `step` seconds apart."""
@@ -42,7 +56,7 @@ def mount_at(mounts, step, t, m):
 
 @jit
 def beams_to_points(
-    ranges, beam, limits, floor, mounts, step, twist, matrix, points, free_points, beams, free_beams, counts
+    ranges, beam, limits, floor, mounts, step, sweep, matrix, points, free_points, beams, free_beams, counts
 ):
     """Split a laser scan into returns and free ends, both in the base frame of the scan's stamp.
 
@@ -74,7 +88,9 @@ def beams_to_points(
             if r < limits[0]:
                 continue
         sx, sy = r * math.cos(a), r * math.sin(a)
-        x, y = carry(m[0, 0] * sx + m[0, 1] * sy + m[0, 3], m[1, 0] * sx + m[1, 1] * sy + m[1, 3], i * beam[2], twist)
+        x, y = carry_along(
+            m[0, 0] * sx + m[0, 1] * sy + m[0, 3], m[1, 0] * sx + m[1, 1] * sy + m[1, 3], i * beam[2], sweep
+        )
         if is_free:
             free_points[n_free, 0] = x
             free_points[n_free, 1] = y
@@ -90,13 +106,13 @@ def beams_to_points(
 
 
 @jit
-def beam_starts(beams, step, offset, twist, starts):
+def beam_starts(beams, step, offset, sweep, starts):
     """Write where the sensor was when each beam was measured, in the base frame of the scan's stamp.
 
     `beams` int32 (N,), taken `step` seconds one after the other; `offset` float64 (2,) the sensor in the base frame; `starts` float32 (N, 2).
     """
     for i in range(beams.shape[0]):
-        x, y = carry(offset[0], offset[1], beams[i] * step, twist)
+        x, y = carry_along(offset[0], offset[1], beams[i] * step, sweep)
         starts[i, 0] = x
         starts[i, 1] = y
 
@@ -140,7 +156,7 @@ def split_rays(ends, sources, times, offsets, twist, limits, points, starts, fre
 
 @jit
 def cloud_to_points(
-    cloud, times, mounts, step, twist, band, limits, matrix, inside, nearest, reach, points, free_points, heights,
+    cloud, times, mounts, step, sweep, band, limits, matrix, inside, nearest, reach, points, free_points, heights,
     free_sinks, counts,
 ):  # fmt: skip
     """Flatten a cloud: per azimuth bin the nearest surface inside the height band, else how far the bin is seen to be free.
@@ -189,7 +205,7 @@ def cloud_to_points(
         else:
             is_obstacle = d <= limits[1]
         if is_obstacle:
-            x, y = carry(bx, by, float(times[i]), twist)
+            x, y = carry_along(bx, by, float(times[i]), sweep)
             inside[n_inside, 0], inside[n_inside, 1], inside[n_inside, 2], inside[n_inside, 3] = b, d, x, y
             inside[n_inside, 4] = z
             n_inside += 1
@@ -200,7 +216,7 @@ def cloud_to_points(
                 n_inside += 1
             length = min(length, limits[2])
             if length > reach[b, 0]:
-                x, y = carry(ox + dx * length / d, oy + dy * length / d, float(times[i]), twist)
+                x, y = carry_along(ox + dx * length / d, oy + dy * length / d, float(times[i]), sweep)
                 reach[b, 0], reach[b, 1], reach[b, 2] = length, x, y
     for i in range(n_inside):
         b = int(inside[i, 0])
@@ -369,12 +385,13 @@ def warm_up() -> None:
     three = np.ones(3)
     beams = np.zeros(4, np.int32)
     mounts = np.stack((eye, eye))
+    sweep = np.array([[0.0, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.0]])
     matrix = np.empty((3, 4))
     beams_to_points(
-        *(np.ones(4, np.float32), three, three, np.zeros(2), mounts, 0.1, three, matrix),
+        *(np.ones(4, np.float32), three, three, np.zeros(2), mounts, 0.1, sweep, matrix),
         *(points, out, beams, beams.copy(), counts),
     )
-    beam_starts(beams, 0.0, np.zeros(2), three, out)
+    beam_starts(beams, 0.0, np.zeros(2), sweep, out)
     ends, when, source = np.ones((4, 3), np.float32), np.zeros(4, np.float32), np.zeros(4, np.uint16)
     split_rays(ends, source, when, np.zeros((1, 2)), three, three, points, out, points, out, beams, counts)
     cloud_to_points(
@@ -382,7 +399,7 @@ def warm_up() -> None:
         np.zeros(4, np.float32),
         mounts,
         0.1,
-        three,
+        sweep,
         three,
         np.ones(4),
         matrix,

@@ -57,7 +57,8 @@ class EchoNode(Node):
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         mount = level_mount(self._mounts[cloud.frame], self._motion, cloud.stamp_ns, scan_duration(cloud))
-        seen = cloud_to_points(cloud, mount, self._view.twist, self._planar)
+        sweep = self._motion.sweep(cloud.stamp_ns, scan_duration(cloud), self._view.twist)
+        seen = cloud_to_points(cloud, mount, sweep, self._planar)
         try:
             odom_from_base = self._view.pose_at(seen.stamp_ns)
         except StaleInputError:

@@ -102,11 +102,11 @@ class LocalView:
 
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan."""
-        self._mark(scan_to_points(scan, self._mount(scan), self._twist(), self._planar))
+        self._mark(scan_to_points(scan, self._mount(scan), self._sweep(scan), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
-        self._mark(cloud_to_points(cloud, self._mount(cloud), self._twist(), self._planar))
+        self._mark(cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar))
 
     def _mount(self, message: LaserScan | PointCloud) -> Mount:
         return level_mount(self._mounts[message.frame], self._motion, message.stamp_ns, scan_duration(message))
@@ -152,6 +152,9 @@ class LocalView:
     def _twist(self) -> F64:
         o = self._odometry
         return np.zeros(3) if o is None else np.array([o.linear[0], o.linear[1], o.angular[2]])
+
+    def _sweep(self, message: LaserScan | PointCloud) -> F64:
+        return self._motion.sweep(message.stamp_ns, scan_duration(message), self._twist())
 
     def _mark(self, scan: PlanarScan) -> None:
         try:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.base_motion import BaseMotion
+from ambler.core.base_motion import STILL, BaseMotion
 from ambler.core.errors import BadInputError, StaleInputError
 from ambler.core.messages import (
     LaserScan,
@@ -247,7 +247,7 @@ class LocalizationNode(Node):
                 return self._points_in_band(message), None
             return np.array(message.points[:, :2], np.float32), np.array(message.intensity, np.float32)
         mount = SE3() if message.frame == "base" else self._mount(message)
-        scan = scan_to_points(message, mount, self._twist(message), self._config.planar)
+        scan = scan_to_points(message, mount, self._sweep(message), self._config.planar)
         cloud = self._cloud
         if cloud is not None and cloud.stamp_ns == message.stamp_ns:
             return np.concatenate([scan.points, cloud.points[:, :2]]), None
@@ -255,7 +255,7 @@ class LocalizationNode(Node):
 
     def _points_in_band(self, message: PointCloud) -> F32:
         """What a scanner of many rings saw in the height band, float32 (N, 2) in the base frame, levelled as the body leans."""
-        scan = cloud_to_points(message, self._mount(message), self._twist(message), self._config.planar)
+        scan = cloud_to_points(message, self._mount(message), self._sweep(message), self._config.planar)
         return scan.points.astype(np.float32)
 
     def _mount(self, message: LaserScan | PointCloud) -> Mount:
@@ -263,13 +263,9 @@ class LocalizationNode(Node):
         mount = self._robot.sensor(message.frame).base_from_sensor
         return level_mount(mount, self._motion, message.stamp_ns, scan_duration(message))
 
-    def _twist(self, message: LaserScan | PointCloud) -> F64:
-        """Velocity (vx, vy, wz) of the base over a scan; still when odometry does not reach back."""
-        seconds = max(scan_duration(message), 0.02)
-        begin = message.stamp_ns - int(seconds * 1e9)
-        if not self._motion.covers(begin, message.stamp_ns):
-            return np.zeros(3)
-        return self._motion.twist_over(begin, message.stamp_ns)
+    def _sweep(self, message: LaserScan | PointCloud) -> F64:
+        """How the base moved during the sweep; not at all when odometry does not reach there."""
+        return self._motion.sweep(message.stamp_ns, scan_duration(message), STILL)
 
     def _publish(self, estimate: Estimate, odom_from_base: SE2) -> None:
         stamp = estimate.stamp_ns

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.base_motion import BaseMotion
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
@@ -128,16 +129,17 @@ class Slam2dNode(Node):
     def _on_scan(self, message: LaserScan) -> None:
         if self._repeats.update(message.ranges, self._odom_from_base):
             return  # not a measurement; the gate says so and stops the robot
-        twist = self.slam.twist(message.stamp_ns, scan_duration(message))
-        mount = self._mount(message)
-        self._update(scan_to_points(message, mount, twist, self._config.planar))
+        self._update(scan_to_points(message, self._mount(message), self._sweep(message), self._config.planar))
 
     def _on_cloud(self, message: PointCloud) -> None:
         if self._repeats.update(message.points, self._odom_from_base):
             return
-        twist = self.slam.twist(message.stamp_ns, scan_duration(message))
-        mount = self._mount(message)
-        self._update(cloud_to_points(message, mount, twist, self._config.planar))
+        self._update(cloud_to_points(message, self._mount(message), self._sweep(message), self._config.planar))
+
+    def _sweep(self, message: LaserScan | PointCloud) -> NDArray[np.float64]:
+        """How the base moved during the sweep."""
+        seconds = scan_duration(message)
+        return self._motion.sweep(message.stamp_ns, seconds, self.slam.twist(message.stamp_ns, seconds))
 
     def _mount(self, message: LaserScan | PointCloud) -> Mount:
         """Where the sensor was during the sweep, level however the body leaned."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.base_motion import steady_sweep
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.robot import RobotModel
 from ambler.kernels import scan_points
@@ -49,8 +50,12 @@ def _sweep_of(mount: Mount) -> tuple[F64, float, tuple[float, float]]:
     return matrix_of(mount)[None], 1.0, (mount.translation[0], mount.translation[1])
 
 
-def scan_to_points(scan: LaserScan, base_from_sensor: Mount, twist: F64, config: PlanarConfig) -> PlanarScan:
-    """Return the returns and free ends of a laser scan; `twist` (vx, vy, wz) is the base's velocity during the scan.
+def _swept(motion: F64, seconds: float) -> F64:
+    return motion if motion.ndim == 2 else steady_sweep(motion, seconds)
+
+
+def scan_to_points(scan: LaserScan, base_from_sensor: Mount, motion: F64, config: PlanarConfig) -> PlanarScan:
+    """Return the returns and free ends of a laser scan; `motion` is the base's sweep (K, 4) (`BaseMotion.sweep`), or its velocity (vx, vy, wz).
 
     Beam i was taken at stamp + i * time_increment; everything is moved to the base frame at the stamp. While the body leans, returns on
     the floor are no obstacles.
@@ -61,6 +66,7 @@ def scan_to_points(scan: LaserScan, base_from_sensor: Mount, twist: F64, config:
     counts = np.empty(2, np.int64)
     far = min(config.range_max, scan.range_max)
     mounts, step, origin = _sweep_of(base_from_sensor)
+    sweep = _swept(motion, scan_duration(scan))
     floor = np.array([-math.inf, 0.0])
     if isinstance(base_from_sensor, LevelMount):
         floor[:] = min(config.height_min, 0.5 * float(mounts[0, 2, 3])), config.lean_doubt
@@ -71,7 +77,7 @@ def scan_to_points(scan: LaserScan, base_from_sensor: Mount, twist: F64, config:
         floor,
         mounts,
         step,
-        twist,
+        sweep,
         np.empty((3, 4)),
         points,
         free_points,
@@ -82,10 +88,10 @@ def scan_to_points(scan: LaserScan, base_from_sensor: Mount, twist: F64, config:
     hits, free = int(counts[0]), int(counts[1])
     starts: F32 | None = None
     free_starts: F32 | None = None
-    if scan.time_increment > 0.0 and twist.any():
+    if scan.time_increment > 0.0 and sweep[-1, 1:].any():
         starts, free_starts = np.empty((hits, 2), np.float32), np.empty((free, 2), np.float32)
-        scan_points.beam_starts(beams[:hits], scan.time_increment, np.array(origin), twist, starts)
-        scan_points.beam_starts(free_beams[:free], scan.time_increment, np.array(origin), twist, free_starts)
+        scan_points.beam_starts(beams[:hits], scan.time_increment, np.array(origin), sweep, starts)
+        scan_points.beam_starts(free_beams[:free], scan.time_increment, np.array(origin), sweep, free_starts)
     bright = scan.intensities[beams[:hits]] if len(scan.intensities) == n > 0 else None
     return PlanarScan(scan.stamp_ns, points[:hits], free_points[:free], origin, bright, starts, free_starts)
 
@@ -138,11 +144,11 @@ def _split(cloud: PointCloud, offsets: F64, twist: F64, limits: F64) -> _Rays:
 
 
 def cloud_to_points(
-    cloud: PointCloud, base_from_sensor: Mount, twist: F64, config: PlanarConfig, height_offset: float = 0.0
+    cloud: PointCloud, base_from_sensor: Mount, motion: F64, config: PlanarConfig, height_offset: float = 0.0
 ) -> PlanarScan:
     """Flatten a cloud: per azimuth bin the nearest surface of the height band, else how far the bin is proved free.
 
-    Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. How low each bin was looked
+    `motion` is the base's sweep (K, 4) (`BaseMotion.sweep`), or its velocity (vx, vy, wz). Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. How low each bin was looked
     through is told as `falls`: a scanner of many rings looks over low things nearby. `base_from_sensor`
     should be that of `level_mount` when the body leans; `height_offset` is the height of the base origin above the ground.
     """
@@ -158,7 +164,7 @@ def cloud_to_points(
         np.ascontiguousarray(cloud.time, np.float32),
         mounts,
         step,
-        twist,
+        _swept(motion, scan_duration(cloud)),
         band,
         np.array([config.range_min, config.range_max, min(config.free_length, config.range_max), config.surface_depth]),
         np.empty((3, 4)),

@@ -52,13 +52,13 @@ class LogScan:
         """Seconds from the first beam to the last."""
         return max(0.0, (len(self.ranges) - 1) * float(self.beam[2]))
 
-    def to_planar(self, twist: F64) -> PlanarScan:
-        """Return the points in the base frame of the stamp; `twist` (vx, vy, wz) is the base's velocity during the scan."""
+    def to_planar(self, sweep: F64) -> PlanarScan:
+        """Return the points in the base frame of the stamp; `sweep` (K, 4) is the base's motion during the scan (`BaseMotion.sweep`)."""
         n = len(self.ranges)
         points, free_points = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
         beams, counts = np.empty((2, n), np.int32), np.empty(2, np.int64)
         scan_points.beams_to_points(
-            *(self.ranges, self.beam, self.limits, _NO_FLOOR, self.base_from_laser[None], 1.0, twist, np.empty((3, 4))),
+            *(self.ranges, self.beam, self.limits, _NO_FLOOR, self.base_from_laser[None], 1.0, sweep, np.empty((3, 4))),
             *(points, free_points, beams[0], beams[1], counts),
         )
         origin = float(self.base_from_laser[0, 3]), float(self.base_from_laser[1, 3])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from ambler.core.base_motion import STILL, BaseMotion
 from ambler.core.grid import OCC_OCCUPIED, GridSpec
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.recordings.log_scans import LogScan
@@ -53,14 +54,16 @@ def run_offline(
     scans: Iterable[LogScan], config: Slam2dConfig | None = None, on_scan: Callable[[], None] | None = None
 ) -> OfflineResult:
     """Map all scans; `on_scan` is called after each."""
-    slam = Slam2d(config)
+    slam, motion = Slam2d(config), BaseMotion()
     local: list[SE2] = []
     newest_node: list[int] = []
     samples: list[PlanarScan] = []
     for item in scans:
         for stamp_ns, odom_from_base in item.odometry:
             slam.add_odometry(stamp_ns, odom_from_base)
-        scan = item.to_planar(slam.twist(item.stamp_ns, item.duration) if item.duration > 0.0 else np.zeros(3))
+            motion.add_pose(stamp_ns, odom_from_base)
+        twist = slam.twist(item.stamp_ns, item.duration) if item.duration > 0.0 else STILL
+        scan = item.to_planar(motion.sweep(item.stamp_ns, item.duration, twist))
         local.append(slam.update(scan).local_from_base)
         newest_node.append(slam.nodes - 1)
         samples.append(replace(scan, points=scan.points[::_SAMPLE_STEP].copy(), free_points=scan.free_points[:0]))
