@@ -98,6 +98,7 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
             points_imu,
             health,
+            self._up() if self.config.has_imu else None,
         )
 
     @property
@@ -114,6 +115,11 @@ class LidarInertialOdometry:
         times = self._imu.seconds(cloud.stamp_ns) + cloud.time.astype(np.float64) + self.state.clock
         points_imu = self._compensate(cloud.points, times)
         return np.asarray(self._place(points_imu), np.float32)
+
+    def _up(self) -> F64:
+        """Return the direction against gravity in the IMU's frame (3,)."""
+        gravity = self.state.gravity
+        return np.asarray(-self.state.rotation.T @ gravity / np.linalg.norm(gravity))
 
     def _take(self, scan: CloudScan) -> None:
         if self.config.has_imu:
