@@ -22,7 +22,7 @@ from ambler.lio.health import Health, LioResult
 from ambler.lio.inertial_buffer import InertialBuffer
 from ambler.lio.measurements import Measurement, height_and_tilt, standstill, wheel_velocity
 from ambler.lio.start import LioInputError, Start, find_start
-from ambler.lio.state import FilterState, log, right_jacobian
+from ambler.lio.state import FilterState, log, right_jacobian, to_se3
 from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_recording import CloudScan
 
@@ -99,6 +99,7 @@ class LidarInertialOdometry:
             points_imu,
             health,
             self._up() if self.config.has_imu else None,
+            to_se3(self.state.imu_from_lidar[:, 3], self.state.imu_from_lidar[:, :3]),
         )
 
     @property
@@ -162,7 +163,7 @@ class LidarInertialOdometry:
         sigmas[k.ACCEL_BIAS : k.GRAVITY] = c.imu.accel_bias_sigma
         sigmas[k.GRAVITY : k.EXTRA] = c.imu.accel_bias_sigma / 9.8 if at_rest else 0.05
         if c.extras:
-            sigmas[k.EXTRA : k.EXTRA + 6] = (0.05, 0.05, 0.05, 0.03, 0.03, 0.03) if c.estimates_mount else (1e-6,) * 6
+            sigmas[k.EXTRA : k.EXTRA + 6] = np.repeat(c.mount_sigma if c.estimates_mount else (1e-6, 1e-6), 3)
         if c.estimates_clock:
             sigmas[k.EXTRA + 6] = 0.02
         self.covariance = np.diag(sigmas**2)

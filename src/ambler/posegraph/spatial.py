@@ -16,8 +16,8 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from ambler.core.errors import BadInputError
 from ambler.kernels.pose_graph import robust_cost_weight
-from ambler.posegraph.solver import SolverConfig
 from ambler.posegraph.so3 import exp_all, inverse_right_jacobians, log_all, skew_all
+from ambler.posegraph.solver import SolverConfig
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
@@ -71,8 +71,9 @@ def solve_spatial(graph: SpatialGraph, fixed: int = 0, config: SolverConfig | No
     roots = square_roots(graph.information)
     places, rotations = graph.places.copy(), graph.rotations.copy()
     state = _linearized(graph, roots, places, rotations, config)
-    damping, converged, iteration = 0.0, False, 0
-    for iteration in range(1, config.max_iterations + 1):
+    damping, converged, iterations = 0.0, False, 0
+    while not converged and damping <= config.max_damping and iterations < config.max_iterations:
+        iterations += 1
         step = _step(state, fixed, damping)
         moved = (places + np.einsum("nij,nj->ni", rotations, step[:, :3]), rotations @ exp_all(step[:, 3:]))
         tried = _linearized(graph, roots, *moved, config)
@@ -85,9 +86,7 @@ def solve_spatial(graph: SpatialGraph, fixed: int = 0, config: SolverConfig | No
         else:
             converged = tried.cost - state.cost <= config.cost_tolerance * state.cost
             damping = max(config.first_damping, 10.0 * damping)
-        if converged or damping > config.max_damping:
-            break
-    return SpatialSolution(places, rotations, state.edge_chi2, state.weights, state.cost, iteration, converged)
+    return SpatialSolution(places, rotations, state.edge_chi2, state.weights, state.cost, iterations, converged)
 
 
 class SpatialMarginals:

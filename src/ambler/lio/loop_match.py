@@ -1,0 +1,71 @@
+"""Judges whether two submaps show the same place: overlap, residuals, weak directions; and what a match tells the graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.lio.config import DegeneracyConfig, LoopConfig
+from ambler.lio.degeneracy import Degeneracy, find_degeneracy
+from ambler.lio.keyframes import Keyframe
+from ambler.posegraph.so3 import log_all
+from ambler.registration.submap_match import CloudMatch, match_clouds
+
+F64 = NDArray[np.float64]
+BEYOND = 0.2  # share of a gate's distance that a match may have lain off its start and still be the same place
+FREE = 1e4  # variance (m², rad²) of a direction that a match says nothing about
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Closure:
+    """Keyframe `later` seen from `earlier`: `earlier_from_later` float64 (4, 4), its covariance (6, 6) perturbed on the right, and `information` (6, 6), 0 along
+    weak directions. `overlap` and `residual_m` as in `CloudMatch`; `moved_m`: how far it lies from what the graph had."""
+
+    earlier: int
+    later: int
+    earlier_from_later: F64
+    covariance: F64
+    information: F64
+    overlap: float
+    residual_m: float
+    moved_m: float
+    is_weak: bool
+
+
+def match_keyframes(
+    frames: tuple[Keyframe, Keyframe], indices: tuple[int, int], guess: F64, config: LoopConfig
+) -> Closure | None:
+    """Match a later keyframe to an earlier one from a guess of earlier_from_later (4, 4); None: it is not the same place, or one cannot tell."""
+    earlier, later = frames
+    match = match_clouds(earlier.cloud, later.cloud, guess, config.reach)
+    if not match.converged or match.overlap < config.overlap_least or match.residual_m > config.residual_most:
+        return None
+    weak = find_degeneracy(match.information, match.pairs, DegeneracyConfig(share_least=config.share_least))
+    if len(weak.translation) > 1 or len(weak.rotation) > 0:
+        return None
+    covariance, information = _uncertainty(match, weak, config)
+    off = np.linalg.inv(guess) @ match.target_from_source
+    return Closure(
+        *(*indices, match.target_from_source, covariance, information, match.overlap, match.residual_m),
+        float(np.linalg.norm(off[:3, 3])),
+        weak.is_degenerate,
+    )
+
+
+def error_of(expected: F64, measured: F64) -> F64:
+    """Return the perturbation (6,) on the right of an expected pose (4, 4) that leads to a measured one."""
+    off = np.linalg.inv(expected) @ measured
+    return np.concatenate([off[:3, 3], log_all(off[None, :3, :3])[0]])
+
+
+def _uncertainty(match: CloudMatch, weak: Degeneracy, config: LoopConfig) -> tuple[F64, F64]:
+    """Return the covariance (6, 6) of a match and its information, which is none along weak directions."""
+    noise = max(match.residual_m, 1e-3) ** 2
+    floor = np.repeat(np.square(config.match_sigma), 3)
+    covariance = noise * np.linalg.inv(match.information + 1e-6 * np.eye(6)) + np.diag(floor)
+    information, _ = weak.frozen(np.linalg.inv(covariance), np.zeros(6))
+    for k, axes in ((0, weak.translation), (3, weak.rotation)):
+        covariance[k : k + 3, k : k + 3] += FREE * axes.T @ axes
+    return 0.5 * (covariance + covariance.T), 0.5 * (information + information.T)
