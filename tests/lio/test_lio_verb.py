@@ -42,6 +42,8 @@ def test_a_recording_becomes_trajectory_clouds_pictures_and_report(recorded: Pat
     assert fields["start_rms_m"] < 0.02
     assert fields["rpe_trans_pct"] < 1.0
     assert fields["scans_lost"] == 0
+    assert fields["is_converged"]
+    assert fields["odometry_start_rms_m"] < 0.02
     stamps, poses = read_tum_3d(out / "trajectory.tum")
     assert len(poses) == fields["poses"] == len(stamps)
     assert np.loadtxt(out / "trajectory.kitti").shape == (len(poses), 12)

@@ -140,7 +140,9 @@ class LoopConfig:
     drift_factor: float = 3.0  # how much more the odometry may drift than `drift` says: from NEES of up to 7
     reach: float = 2.0  # m between paired points in the first pass; what the odometry drifts in a kilometre or two
     overlap_least: float = 0.55  # share of a submap's points with a partner within a quarter of it; other places reach 0.46, the same place from 12 m away has 0.68
-    residual_most: float = 0.08  # m between planes of the same surfaces; other places give twice that
+    residual_most: float = (
+        0.05  # m between planes of the same surfaces; a true place gives 0.003 to 0.012, another 0.1 and more
+    )
     share_least: float = 0.02  # of pairs that face a direction; below, a match says nothing along it: normals of smooth walls sway by so much
     match_sigma: tuple[float, float] = (0.01, 3e-4)  # m, rad; what submaps bent by drift leave of a match's exactness
     gate: float = 22.5  # squared normalized distance of a match from what the graph expects: 99.9 % of six dimensions

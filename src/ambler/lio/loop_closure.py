@@ -78,6 +78,11 @@ class LoopClosure:
         pairs = np.array([(c.earlier, c.later) for c in self.closures], np.int64).reshape(-1, 2)
         return np.asarray(places[pairs])
 
+    def points(self) -> F64:
+        """Return the points (M, 3) of all keyframes in the corrected map."""
+        laid = [f.cloud.points @ m[:3, :3].T + m[:3, 3] for f, m in zip(self.keyframes, self.map_from_keyframes, strict=True)]  # fmt: skip
+        return np.concatenate([np.zeros((0, 3)), *laid])
+
     def _correction(self, k: int) -> F64:
         return np.asarray(self.map_from_keyframes[k] @ np.linalg.inv(self.keyframes[k].odom_from_keyframe))
 

@@ -21,7 +21,8 @@ FREE = 1e4  # variance (m², rad²) of a direction that a match says nothing abo
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
     """Keyframe `later` seen from `earlier`: `earlier_from_later` float64 (4, 4), its covariance (6, 6) perturbed on the right, and `information` (6, 6), 0 along
-    weak directions. `overlap` and `residual_m` as in `CloudMatch`; `moved_m`: how far it lies from what the graph had."""
+    weak directions. `overlap` and `residual_m` as in `CloudMatch`; `moved_m`: how far it lies from what the graph had; `weak` float64 (K, 3)
+    are the unit vectors of translation, in the later keyframe, that it says nothing about."""
 
     earlier: int
     later: int
@@ -31,7 +32,12 @@ class Closure:
     overlap: float
     residual_m: float
     moved_m: float
-    is_weak: bool
+    weak: F64
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether some direction was left alone."""
+        return len(self.weak) > 0
 
 
 def match_keyframes(
@@ -50,7 +56,7 @@ def match_keyframes(
     return Closure(
         *(*indices, match.target_from_source, covariance, information, match.overlap, match.residual_m),
         float(np.linalg.norm(off[:3, 3])),
-        weak.is_degenerate,
+        weak.translation,
     )
 
 

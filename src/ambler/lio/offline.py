@@ -105,8 +105,7 @@ def run_offline(
 
     Raises LioInputError when the measurements cannot be what they are said to be, BadInputError when nothing could be mapped.
     """
-    if config.has_imu and config.refines_mount and not config.estimates_mount:
-        config = replace(config, estimates_mount=True, mount_sigma=config.refined_sigma)
+    config = offline_config(config)
     odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base)
     loops = LoopClosure(config)
     layers = _Layers(cell, config.loops.keyframe_m)
@@ -165,6 +164,13 @@ def run_offline(
         imu_from_lidar=results[-1][0].imu_from_lidar,
         cut=cut,
     )
+
+
+def offline_config(config: LioConfig) -> LioConfig:
+    """Return the configuration for a whole recording: the mount is refined where that is wanted and an IMU is there."""
+    if config.has_imu and config.refines_mount and not config.estimates_mount:
+        return replace(config, estimates_mount=True, mount_sigma=config.refined_sigma)
+    return config
 
 
 def _walk(

@@ -20,6 +20,7 @@ PASSES = (
 )  # shares of the reach within which points are paired, one pass after the other: wide pairs lead from afar, but pull sideways by centimetres
 JUDGED = 0.25  # share of the reach within which a point has a partner at the end
 STILL = (2e-4, 2e-5)  # m and rad of a step that ends a pass; small_gicp's own angle, 0.1 degrees, is 5 cm at 30 m
+LEAST = 1e-3  # m; robust deviations below which all pairs count
 OUTLIER = 3.0  # robust standard deviations of a residual beyond which a pair says nothing of directions
 
 
@@ -77,7 +78,7 @@ def match_clouds(target: PreparedCloud, source: PreparedCloud, guess: F64, reach
     normals = target.normals[index]
     off = np.einsum("ij,ij->i", normals, placed[is_near] - target.points[index])
     sigma = 1.4826 * float(np.median(np.abs(off)))
-    counts = np.abs(off) < OUTLIER * sigma
+    counts = np.abs(off) <= OUTLIER * max(sigma, LEAST)
     local = normals[counts] @ pose[:3, :3]
     rows = np.concatenate([local, np.cross(source.points[is_near][counts], local)], axis=1)
     return CloudMatch(pose, rows.T @ rows, float(is_near.mean()), sigma, int(counts.sum()), converged)
