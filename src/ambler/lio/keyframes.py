@@ -39,6 +39,7 @@ class KeyframeBuilder:
         self._config, self._loops = config, config.loops
         self._way = 0.0
         self._last: F64 | None = None
+        self._stands = True  # at the very beginning, before the first step
         self._begin: F64 | None = None
         self._begin_ns, self._begin_way = 0, 0.0
         self._parts: list[NDArray[np.float32]] = []
@@ -49,9 +50,12 @@ class KeyframeBuilder:
         """Take a scan's result; returns the stretch that it ended, which does not hold it."""
         pose = result.map_from_lidar.matrix()
         out = None
+        if self._stands and not result.health.is_at_rest:
+            out = self.finish(self._last)
+            self._stands = False
         if self._last is not None:
             self._way += float(np.linalg.norm(pose[:3, 3] - self._last[:3, 3]))
-            if self._begin is not None and self._is_complete(pose):
+            if self._begin is not None and not self._stands and self._is_complete(pose):
                 out = self.finish(pose)
         if self._begin is None:
             self._begin, self._begin_ns, self._begin_way = pose, result.stamp_ns, self._way
@@ -86,7 +90,8 @@ class KeyframeBuilder:
         keyframe_from_odom = np.linalg.inv(self._begin)
         points = result.imu_from_lidar.inverse().transform(result.points_imu)
         near = points[np.einsum("ij,ij->i", points, points) < self._loops.range_most**2]
-        relative = keyframe_from_odom @ pose
+        # Who stands is where he was: the rings of a scanner at rest leave gaps, and its attitude sways by half a milliradian, which 200 m on is a decimetre.
+        relative = np.eye(4) if self._stands else keyframe_from_odom @ pose
         self._parts.append((near @ relative[:3, :3].T + relative[:3, 3]).astype(np.float32))
         if result.up_imu is not None:
             self._up += relative[:3, :3] @ np.array(result.imu_from_lidar.inverse().rotate(_tuple(result.up_imu)))

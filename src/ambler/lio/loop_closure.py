@@ -17,7 +17,8 @@ from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.keyframes import Keyframe, KeyframeBuilder
-from ambler.lio.loop_match import Closure, error_of, match_keyframes
+from ambler.lio.loop_match import Closure, error_of, match_keyframes, match_standing
+from ambler.lio.measurements import skew
 from ambler.lio.state import to_se3
 from ambler.posegraph.solver import RobustKernel, SolverConfig
 from ambler.posegraph.spatial import SpatialGraph, SpatialMarginals, Tilts, solve_spatial
@@ -41,6 +42,7 @@ class LoopClosure:
         self.map_from_keyframes: list[F64] = []
         self.is_converged = True
         self._weights = np.ones(0)
+        self._first_step: tuple[F64, F64] | None = None
         self.tried = 0
         """Matches that were tried."""
 
@@ -59,7 +61,7 @@ class LoopClosure:
 
     def corrected(self, stamps_ns: NDArray[np.int64], poses: Sequence[SE3]) -> list[SE3]:
         """Return poses of the odometry (map_from_anything) at stamps in the corrected map: corrections are blended from keyframe to keyframe by time."""
-        if not self.closures:
+        if not self.keyframes:
             return list(poses)
         begins = np.array([frame.stamp_ns for frame in self.keyframes])
         last = np.clip(np.searchsorted(begins, stamps_ns, side="right") - 1, 0, len(begins) - 1)
@@ -92,11 +94,27 @@ class LoopClosure:
         correction = self._correction(-1) if self.keyframes else np.eye(4)
         self.keyframes.append(frame)
         self.map_from_keyframes.append(correction @ frame.odom_from_keyframe)
+        if len(self.keyframes) == 2:
+            self._join_the_start()
         new = self._believed(self._matches(len(self.keyframes) - 1))
         if new:
             self.closures += new
             self._solve()
         return new
+
+    def _join_the_start(self) -> None:
+        """Measure where the scanner stood before it moved; the odometry knows its attitude there worse than anywhere."""
+        first, second = self.keyframes
+        if second.way > 0.5 * self._loops.keyframe_m:
+            return  # it began on the way
+        guess = np.linalg.inv(second.odom_from_keyframe) @ first.odom_from_keyframe
+        found = match_standing(first, second, guess, self._loops)
+        if found is None:
+            return
+        first_from_second = np.linalg.inv(found[0])
+        carried = _adjoint(found[0])
+        self._first_step = (first_from_second, carried @ found[1] @ carried.T)
+        self.map_from_keyframes[1] = self.map_from_keyframes[0] @ first_from_second
 
     def _matches(self, newest: int) -> list[Closure]:
         """Match the newest keyframe with the nearest of those that the graph does not know well enough from it."""
@@ -141,10 +159,10 @@ class LoopClosure:
         frames, c = self.keyframes, self._loops
         chain = [np.linalg.inv(a.odom_from_keyframe) @ b.odom_from_keyframe for a, b in pairwise(frames)]
         edges = np.array([*chain, *(closure.earlier_from_later for closure in self.closures)]).reshape(-1, 4, 4)
-        drift = c.drift_factor**2
-        information = [np.linalg.inv(drift * frame.covariance) for frame in frames[:-1]] + [
-            x.information for x in self.closures
-        ]
+        spreads = [c.drift_factor**2 * frame.covariance for frame in frames[:-1]]
+        if self._first_step is not None:
+            chain[0], spreads[0] = self._first_step
+        information = [np.linalg.inv(spread) for spread in spreads] + [x.information for x in self.closures]
         n, poses = len(frames), np.array(self.map_from_keyframes)
         level = [k for k in range(n) if frames[k].up is not None]
         ups = np.array([frames[k].up for k in level]).reshape(-1, 3)
@@ -180,6 +198,14 @@ class LoopClosure:
             moved = pose.copy()
             moved[:3, :3], moved[:3, 3] = solution.rotations[k], solution.places[k]
             self.map_from_keyframes[k] = moved
+
+
+def _adjoint(pose: F64) -> F64:
+    """Return what turns perturbations (6,) on the right of a pose (4, 4) into those on the right of its inverse, sign turned."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = pose[:3, :3]
+    out[:3, 3:] = skew(pose[:3, 3]) @ pose[:3, :3]
+    return out
 
 
 def _se3(matrix: F64) -> SE3:

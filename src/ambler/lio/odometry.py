@@ -87,6 +87,7 @@ class LidarInertialOdometry:
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - self.state.position, weak.translation)
+        points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
@@ -364,6 +365,13 @@ def _carried(covariance: F64, moved: F64) -> F64:
     out[rows] = jacobian @ out[rows]
     out[:, rows] = out[:, rows] @ jacobian.T
     return out
+
+
+def _remounted(points_imu: F64, before: FilterState, after: FilterState) -> F64:
+    """Return points (M, 3) in the IMU's frame that the LiDAR's mount before an update put there, where the mount after it puts them."""
+    a, b = before.imu_from_lidar, after.imu_from_lidar
+    turn = b[:, :3] @ a[:, :3].T
+    return np.asarray(points_imu @ turn.T + (b[:, 3] - turn @ a[:, 3]))
 
 
 def _orthonormal(rotation: F64) -> F64:

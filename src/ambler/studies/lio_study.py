@@ -33,16 +33,16 @@ from ambler.recordings.cloud_recording import CloudScan
 from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
 from ambler.sim.hand_path import Burst, HandPath, Sway
 from ambler.sim.hand_rig import BEGIN_NS, IMU_FRAME, LIDAR_FRAME, LIDARS, HandRig, RigScan
-from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel
+from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel, draw_twins
 from ambler.studies.lio_peer import KissIcp
 from ambler.studies.study import CRASHED, Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 from ambler.wire.trajectory_files import write_tum_3d
 
 F64 = NDArray[np.float64]
-KINDS = ("site", "hall", "tunnel", "shaken", "rest")
+KINDS = ("site", "hall", "tunnel", "twins", "shaken", "rest")
 LENGTHS = (70.0, 1000.0)  # metres of loops outdoors, drawn evenly in their logarithm
-HALL_LENGTHS, TUNNEL_LENGTHS = (60.0, 150.0), (100.0, 250.0)
+HALL_LENGTHS, TUNNEL_LENGTHS, TWIN_LENGTHS = (60.0, 150.0), (100.0, 250.0), (100.0, 300.0)
 REST_SECONDS = 600.0
 RATE = math.radians(1000.0)  # rad/s of the bursts
 SHARE_MOST = {"vlp_16": 0.1, "mid_360": 0.1, "os_64": 0.05}  # per cent of the way
@@ -102,10 +102,14 @@ def make_rig(case: LioCase) -> HandRig:
 
 
 def _place(case: LioCase, rng: np.random.Generator) -> tuple[float, Site]:
-    low, high = {"site": LENGTHS, "hall": HALL_LENGTHS, "tunnel": TUNNEL_LENGTHS}.get(case.kind, (60.0, 90.0))
+    low, high = {"site": LENGTHS, "hall": HALL_LENGTHS, "tunnel": TUNNEL_LENGTHS, "twins": TWIN_LENGTHS}.get(
+        case.kind, (60.0, 90.0)
+    )
     drawn = float(np.exp(rng.uniform(math.log(low), math.log(high))))
     length = drawn if case.length is None else case.length
-    draw = {"hall": draw_hall, "tunnel": draw_tunnel, "shaken": draw_hall}.get(case.kind, draw_site)
+    draw = {"hall": draw_hall, "tunnel": draw_tunnel, "twins": draw_twins, "shaken": draw_hall}.get(
+        case.kind, draw_site
+    )
     return length, draw(case.seed, length)
 
 
