@@ -117,7 +117,7 @@ def test_tilts_keep_a_bent_chain_level() -> None:
     steps = np.tile([1.0, 0.0, 0.0], (n - 1, 1))
     information = np.tile(np.diag([1e4] * 3 + [1e4] * 3), (n - 1, 1, 1))
     up = np.tile([0.0, 0.0, 1.0], (n, 1))
-    tilts = Tilts(np.arange(n), up, 1e-4)
+    tilts = Tilts(np.arange(n), up, np.full(n, 1e-4))
     graph = SpatialGraph(np.array(places), np.array(rotations), a, b, steps, np.tile(bend, (n - 1, 1, 1)), information, np.zeros(n - 1, np.bool_), tilts)  # fmt: skip
     assert abs(graph.places[-1, 2]) > 3.0
     solved = solve_spatial(graph)

@@ -47,7 +47,7 @@ class Health:
 class LioResult:
     """The pose of the IMU in the map at a scan's last point, its velocity (m/s, in the map) and `covariance` float64 (6, 6): position in the map, rotation perturbed
     on the right. `points_imu` float64 (M, 3) are the points that were used, in the IMU's frame at that time. `up_imu` (3,) is the unit vector against gravity in
-    the IMU's frame: what the accelerometer says of its tilt; None: without an IMU nothing is known. `imu_from_lidar` is the mount as it was known then."""
+    the IMU's frame: what the accelerometer says of its tilt, good to `up_sigma` rad; None: without an IMU nothing is known. `imu_from_lidar` is the mount as it was known then."""
 
     stamp_ns: int
     map_from_imu: SE3
@@ -56,6 +56,7 @@ class LioResult:
     points_imu: F64
     health: Health
     up_imu: F64 | None = None
+    up_sigma: float = 0.0
     imu_from_lidar: SE3 = field(default_factory=SE3)
 
     @property

@@ -17,7 +17,7 @@ from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.keyframes import Keyframe, KeyframeBuilder
-from ambler.lio.loop_match import Closure, error_of, match_keyframes, match_standing
+from ambler.lio.loop_match import Closure, error_of, match_keyframes
 from ambler.lio.measurements import skew
 from ambler.lio.state import to_se3
 from ambler.posegraph.solver import RobustKernel, SolverConfig
@@ -105,15 +105,17 @@ class LoopClosure:
     def _join_the_start(self) -> None:
         """Measure where the scanner stood before it moved; the odometry knows its attitude there worse than anywhere."""
         first, second = self.keyframes
-        if second.way > 0.5 * self._loops.keyframe_m:
-            return  # it began on the way
-        guess = np.linalg.inv(second.odom_from_keyframe) @ first.odom_from_keyframe
-        found = match_standing(first, second, guess, self._loops)
-        if found is None:
+        if first.way != 0.0 or not first.is_at_rest:
             return
-        first_from_second = np.linalg.inv(found[0])
-        carried = _adjoint(found[0])
-        self._first_step = (first_from_second, carried @ found[1] @ carried.T)
+        guess = np.linalg.inv(second.odom_from_keyframe) @ first.odom_from_keyframe
+        found = match_keyframes(
+            (second, first), (1, 0), guess, self._loops
+        )  # what was seen at rest is sparse: it is laid on the other
+        if found is None or found.is_weak:
+            return
+        first_from_second = np.asarray(np.linalg.inv(found.earlier_from_later), np.float64)
+        carried = _adjoint(found.earlier_from_later)
+        self._first_step = (first_from_second, np.asarray(carried @ found.covariance @ carried.T, np.float64))
         self.map_from_keyframes[1] = self.map_from_keyframes[0] @ first_from_second
 
     def _matches(self, newest: int) -> list[Closure]:
@@ -166,6 +168,7 @@ class LoopClosure:
         n, poses = len(frames), np.array(self.map_from_keyframes)
         level = [k for k in range(n) if frames[k].up is not None]
         ups = np.array([frames[k].up for k in level]).reshape(-1, 3)
+        sigmas = np.array([max(c.tilt_sigma, frames[k].up_sigma) for k in level])
         return SpatialGraph(
             places=poses[:, :3, 3],
             rotations=poses[:, :3, :3],
@@ -175,11 +178,11 @@ class LoopClosure:
             edge_rotations=edges[:, :3, :3],
             information=np.array(information).reshape(-1, 6, 6),
             is_robust=np.arange(n - 1 + len(self.closures)) >= n - 1,
-            tilts=Tilts(np.array(level, np.int64), ups, c.tilt_sigma, self._up(ups, poses[level])),
+            tilts=Tilts(np.array(level, np.int64), ups, sigmas, self._up(ups / sigmas[:, None] ** 2, poses[level])),
         )
 
     def _up(self, ups: F64, poses: F64) -> F64:
-        """Return the direction against gravity in the map (3,), which began level by an accelerometer with a bias: the mean of all keyframes."""
+        """Return the direction against gravity in the map (3,), which began level by an accelerometer with a bias: the weighted mean of all keyframes."""
         if len(ups) == 0:
             return UP
         mean = np.einsum("nij,nj->i", poses[:, :3, :3], ups)

@@ -60,18 +60,6 @@ def match_keyframes(
     )
 
 
-def match_standing(standing: Keyframe, moving: Keyframe, guess: F64, config: LoopConfig) -> tuple[F64, F64] | None:
-    """Return moving_from_standing (4, 4) of a scanner that stood and then began to move, and its covariance (6, 6) perturbed on the right; None: they do not fit well
-    in all directions. What it saw at rest are rings, which have no planes of their own, so points meet the planes of the other."""
-    match = match_clouds(moving.cloud, standing.cloud, guess, config.reach, to_planes=True)
-    if not match.converged or match.residual_m > config.residual_most:
-        return None
-    weak = find_degeneracy(match.information, match.pairs, DegeneracyConfig(share_least=config.share_least))
-    if weak.is_degenerate:
-        return None
-    return match.target_from_source, _uncertainty(match, weak, config)[0]
-
-
 def error_of(expected: F64, measured: F64) -> F64:
     """Return the perturbation (6,) on the right of an expected pose (4, 4) that leads to a measured one."""
     off = np.linalg.inv(expected) @ measured

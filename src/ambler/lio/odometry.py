@@ -20,9 +20,9 @@ from ambler.lio.degeneracy import Degeneracy, find_degeneracy
 from ambler.lio.drift import Drift
 from ambler.lio.health import Health, LioResult
 from ambler.lio.inertial_buffer import InertialBuffer
-from ambler.lio.measurements import Measurement, height_and_tilt, standstill, wheel_velocity
+from ambler.lio.measurements import Measurement, height_and_tilt, skew, standstill, wheel_velocity
 from ambler.lio.start import LioInputError, Start, find_start
-from ambler.lio.state import FilterState, log, right_jacobian, to_se3
+from ambler.lio.state import FilterState, gravity_basis, log, right_jacobian, to_se3
 from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_recording import CloudScan
 
@@ -99,7 +99,7 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
             points_imu,
             health,
-            self._up() if self.config.has_imu else None,
+            *(self._up() if self.config.has_imu else (None, 0.0)),
             to_se3(self.state.imu_from_lidar[:, 3], self.state.imu_from_lidar[:, :3]),
         )
 
@@ -118,10 +118,15 @@ class LidarInertialOdometry:
         points_imu = self._compensate(cloud.points, times)
         return np.asarray(self._place(points_imu), np.float32)
 
-    def _up(self) -> F64:
-        """Return the direction against gravity in the IMU's frame (3,)."""
+    def _up(self) -> tuple[F64, float]:
+        """Return the direction against gravity in the IMU's frame (3,), and how uncertain it is (rad)."""
         gravity = self.state.gravity
-        return np.asarray(-self.state.rotation.T @ gravity / np.linalg.norm(gravity))
+        back = self.state.rotation.T / np.linalg.norm(gravity)
+        up = -back @ gravity
+        jacobian = np.zeros((3, len(self.covariance)))
+        jacobian[:, k.ROTATION : k.VELOCITY] = skew(up)
+        jacobian[:, k.GRAVITY : k.EXTRA] = back @ skew(gravity) @ gravity_basis(gravity)
+        return up, float(np.sqrt(np.linalg.eigvalsh(jacobian @ self.covariance @ jacobian.T)[-1]))
 
     def _take(self, scan: CloudScan) -> None:
         if self.config.has_imu:

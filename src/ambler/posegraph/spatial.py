@@ -26,11 +26,11 @@ F64 = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Tilts:
     """What is known of the attitude of some poses: `up` float64 (K, 3) is the unit vector against gravity in the frames of poses `of` int64 (K,), each of its
-    components with the standard deviation `sigma` (rad); `up_graph` (3,) is the same vector in the graph's frame."""
+    components with the standard deviation `sigma` (K,) (rad); `up_graph` (3,) is the same vector in the graph's frame."""
 
     of: I64 = field(default_factory=lambda: np.zeros(0, np.int64))
     up: F64 = field(default_factory=lambda: np.zeros((0, 3)))
-    sigma: float = 1.0
+    sigma: F64 = field(default_factory=lambda: np.zeros(0))
     up_graph: F64 = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
 
@@ -163,7 +163,7 @@ def _linearized(graph: SpatialGraph, roots: F64, places: F64, rotations: F64, co
     ja, jb = (roots @ j * scale[:, None, None] for j in (from_a, from_b))
     t = graph.tilts
     seen = np.einsum("kji,j->ki", rotations[t.of], t.up_graph)
-    off, leans = (seen - t.up) / t.sigma, skew_all(seen) / t.sigma
+    off, leans = (seen - t.up) / t.sigma[:, None], skew_all(seen) / t.sigma[:, None, None]
     edges, n = len(e), len(places)
     rows, columns = [], []
     for poses in (graph.edge_from, graph.edge_to):

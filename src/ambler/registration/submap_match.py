@@ -57,16 +57,12 @@ def prepare_cloud(points: NDArray[np.floating], cell: float) -> PreparedCloud:
     )
 
 
-def match_clouds(
-    target: PreparedCloud, source: PreparedCloud, guess: F64, reach: float, *, to_planes: bool = False
-) -> CloudMatch:
-    """Match from a guess of target_from_source (4, 4); points within `reach` metres are paired first, nearer ones then. `to_planes`: the source's points have no
-    planes that could be trusted, so they meet those of the target."""
+def match_clouds(target: PreparedCloud, source: PreparedCloud, guess: F64, reach: float) -> CloudMatch:
+    """Match from a guess of target_from_source (4, 4); points within `reach` metres are paired first, nearer ones then."""
     pose, converged = guess, False
     for share in PASSES:
         result = small_gicp.align(
             *(target.cloud, source.cloud, target.tree, pose),
-            registration_type="PLANE_ICP" if to_planes else "GICP",
             max_correspondence_distance=share * reach,
             max_iterations=60,
             translation_epsilon=STILL[0],
