@@ -17,7 +17,7 @@ from ambler.lio.degeneracy import Degeneracy
 from ambler.lio.health import Health, LioResult
 from ambler.lio.keyframes import Keyframe, KeyframeBuilder
 from ambler.lio.loop_closure import LoopClosure
-from ambler.lio.loop_match import error_of, match_keyframes
+from ambler.lio.loop_match import error_of, match_keyframes, search_keyframes
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.registration.submap_match import prepare_cloud
 from tests.lio.carried import scans_of, walk
@@ -103,7 +103,9 @@ def test_a_keyframe_covers_a_stretch_and_stays_bounded() -> None:
     frames = [f for r in results if (f := builder.add(r)) is not None] + [builder.finish()]
     assert 5 <= len(frames) <= 9
     ways = [f.way for f in frames if f is not None]
-    assert np.diff(ways) == pytest.approx(4.0, abs=0.3)
+    assert frames[0] is not None
+    assert frames[0].is_at_rest
+    assert np.diff(ways)[1:-1] == pytest.approx(4.0, abs=0.3)
     assert all(f is not None and 300 < len(f.cloud.points) <= 3000 for f in frames)
     ups = np.array([f.up for f in frames if f is not None])
     assert (ups[:, 2] > 0.99).all()
@@ -163,3 +165,37 @@ def test_a_match_beside_what_the_drift_allows_does_not_count() -> None:
     loops = closed(bent, replace(DRIFTING, drift=DriftConfig()))
     assert loops.tried > 0
     assert loops.closures == []
+
+
+def bent_frames() -> tuple[LoopClosure, list[SE3]]:
+    results, truth = walked()
+    loops = closed(results, replace(DRIFTING, loops=replace(DRIFTING.loops, way_least=1e9)))
+    return loops, truth
+
+
+def test_a_window_is_searched_where_drift_is_beyond_reach() -> None:
+    loops, _ = bent_frames()
+    frames, poses = loops.keyframes, loops.map_from_keyframes
+    last = len(frames) - 1
+    true = np.linalg.inv(poses[0]) @ poses[last]
+    off = SE3.from_rpy((4.0, -3.5, 0.1), 0.0, 0.0, 0.3).matrix() @ poses[last]
+    pair, window, config = (frames[0], frames[last]), (6.0, 0.5), LoopConfig(range_most=20.0)
+    found = search_keyframes(pair, (0, last), (poses[0], off), window, config)
+    assert found is not None
+    assert np.linalg.norm(error_of(true, found.earlier_from_later)[:3]) < 0.03
+    assert found.moved_m > 3.0
+
+
+def test_two_places_that_fit_about_as_well_are_none() -> None:
+    """Equal bays in a corridor: a window that holds several of them cannot tell which."""
+    rng, (x, y, z) = np.random.default_rng(4), np.eye(3)
+
+    def bays() -> Keyframe:
+        low = np.array([-16.0, -2.0, -1.0])
+        parts = [wall(rng, 32 * x, 3 * z, low + off * y, 9000) for off in (0.0, 4.0)] + [wall(rng, 32 * x, 4 * y, low, 9000)]  # fmt: skip
+        parts += [wall(rng, 1.2 * y, 3 * z, low + (4.0 * k + 0.7) * x, 700) for k in range(8)]
+        return frame_of(np.vstack(parts))
+
+    frames, pose = (bays(), bays()), np.eye(4)
+    assert match_keyframes(frames, (0, 1), pose, LoopConfig()) is not None
+    assert search_keyframes(frames, (0, 1), (pose, pose), (9.0, 0.1), LoopConfig()) is None

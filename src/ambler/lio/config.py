@@ -146,7 +146,7 @@ class LoopConfig:
     share_least: float = 0.02  # of pairs that face a direction; below, a match says nothing along it: normals of smooth walls sway by so much
     match_sigma: tuple[float, float] = (0.01, 3e-4)  # m, rad; what submaps bent by drift leave of a match's exactness
     gate: float = 22.5  # squared normalized distance of a match from what the graph expects: 99.9 % of six dimensions
-    confirmations: int = 3  # matches outside of the gate that must say the same, pair by pair, before they count
+    window_most: float = 20.0  # m to each side that are searched where the drift is beyond `reach`: half a submap
     tilt_sigma: float = 2e-3  # rad; of gravity as the filter knows it, with what the accelerometer's bias leaves
     robust_width: float = 3.0  # sigmas at which a closure begins to count less
 

@@ -1,7 +1,8 @@
 """Loop closure in space: keyframes of the odometry, matches where the way comes back, and a pose graph that says where the odometry's frame lies in the map.
 
-Candidates lie within the drift that the graph allows. A match counts when it fits, and when it lies where the graph expects it, or when several that lie
-elsewhere all say the same (pairwise consistency: Mangelson, Dominic, Eustice and Vasudevan, ICRA 2018).
+Candidates lie within the drift that the graph allows; where that is beyond the reach of a match, a window is searched, and two places that fit about as well are none.
+A match counts when it fits and lies where the graph expects it: what looks alike elsewhere does not, however many say the same, as they do along a second
+corridor like the first. Closures stand under a robust kernel, so that one that contradicts the others fades.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.keyframes import Keyframe, KeyframeBuilder
-from ambler.lio.loop_match import Closure, error_of, match_keyframes
+from ambler.lio.loop_match import Closure, error_of, match_keyframes, search_keyframes
 from ambler.lio.measurements import skew
 from ambler.lio.state import to_se3
 from ambler.posegraph.solver import RobustKernel, SolverConfig
@@ -36,7 +37,6 @@ class LoopClosure:
         self._loops = self._config.loops
         self._builder = KeyframeBuilder(self._config)
         self._solver = SolverConfig(robust_kernel=RobustKernel.GEMAN_MCCLURE, robust_width=self._loops.robust_width)
-        self._waiting: list[Closure] = []
         self.keyframes: list[Keyframe] = []
         self.closures: list[Closure] = []
         self.map_from_keyframes: list[F64] = []
@@ -96,7 +96,7 @@ class LoopClosure:
         self.map_from_keyframes.append(correction @ frame.odom_from_keyframe)
         if len(self.keyframes) == 2:
             self._join_the_start()
-        new = self._believed(self._matches(len(self.keyframes) - 1))
+        new = self._matches(len(self.keyframes) - 1)
         if new:
             self.closures += new
             self._solve()
@@ -136,10 +136,16 @@ class LoopClosure:
                 continue
             expected = np.linalg.inv(poses[k]) @ poses[newest]
             self.tried += 1
-            found = match_keyframes((frames[k], frames[newest]), (k, newest), expected, c)
+            window = 3.0 * np.sqrt([np.linalg.eigvalsh(spread[i : i + 3, i : i + 3])[-1] for i in (0, 3)])
+            pair, indices = (frames[k], frames[newest]), (k, newest)
+            if window[0] <= c.reach:
+                found = match_keyframes(pair, indices, expected, c)
+            else:
+                near = (min(float(window[0]), c.window_most), min(float(window[1]), np.pi))
+                found = search_keyframes(pair, indices, (poses[k], poses[newest]), near, c)
             if found is not None:
                 out.append((found, self._surprise(found, expected, spread)))
-            if self.tried and len(out) >= c.candidates_most:
+            if len(out) >= c.candidates_most:
                 break
         return [closure for closure, surprise in out if surprise <= c.gate]
 
@@ -147,9 +153,6 @@ class LoopClosure:
         """Return the squared normalized distance of a closure from what the graph expects."""
         error = error_of(expected, closure.earlier_from_later)
         return float(error @ np.linalg.solve(spread + closure.covariance, error))
-
-    def _believed(self, found: list[Closure]) -> list[Closure]:
-        return found
 
     def _edge_weights(self) -> F64:
         """Return what the robust kernel left of each edge: all of the chain, which grew since."""

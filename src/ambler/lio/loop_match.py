@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from ambler.lio.config import DegeneracyConfig, LoopConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
 from ambler.lio.keyframes import Keyframe
-from ambler.posegraph.so3 import log_all
+from ambler.lio.window_search import find_starts
+from ambler.posegraph.so3 import exp_all, log_all
 from ambler.registration.submap_match import CloudMatch, match_clouds
 
 F64 = NDArray[np.float64]
-BEYOND = 0.2  # share of a gate's distance that a match may have lain off its start and still be the same place
+ELSEWHERE, RIVAL = (
+    0.5,
+    0.8,
+)  # m between two ends, and share of the better one's overlap, from which on one cannot tell which is true
 FREE = 1e4  # variance (m², rad²) of a direction that a match says nothing about
 
 
@@ -58,6 +62,40 @@ def match_keyframes(
         float(np.linalg.norm(off[:3, 3])),
         weak.translation,
     )
+
+
+def search_keyframes(
+    frames: tuple[Keyframe, Keyframe],
+    indices: tuple[int, int],
+    poses: tuple[F64, F64],
+    window: tuple[float, float],
+    config: LoopConfig,
+) -> Closure | None:
+    """Match a later keyframe to an earlier one whose relation is known to a window (m, rad) only; `poses` are map_from_keyframe (4, 4) of both. None: nowhere in it, or
+    at two places that are about as good."""
+    earlier, later = poses
+    fixed, moving = (frame.cloud.points @ pose[:3, :3].T for frame, pose in zip(frames, poses, strict=True))
+    between = later[:3, 3] - earlier[:3, 3]
+    found: list[Closure] = []
+    for x, y, turn in find_starts(
+        fixed, moving, config.range_most, window[0] + float(np.hypot(*between[:2])), window[1]
+    ):
+        guess = np.eye(4)
+        guess[:3, :3] = earlier[:3, :3].T @ exp_all(np.array([[0.0, 0.0, turn]]))[0] @ later[:3, :3]
+        guess[:3, 3] = earlier[:3, :3].T @ np.array([x, y, between[2]])
+        closure = match_keyframes(frames, indices, guess, config)
+        if closure is not None:
+            found.append(closure)
+    if not found:
+        return None
+    found.sort(key=lambda closure: -closure.overlap)
+    best = found[0]
+    for other in found[1:]:
+        is_elsewhere = np.linalg.norm(error_of(best.earlier_from_later, other.earlier_from_later)[:3]) > ELSEWHERE
+        if is_elsewhere and other.overlap > RIVAL * best.overlap:
+            return None
+    off = error_of(np.linalg.inv(earlier) @ later, best.earlier_from_later)
+    return replace(best, moved_m=float(np.linalg.norm(off[:3])))
 
 
 def error_of(expected: F64, measured: F64) -> F64:

@@ -92,6 +92,7 @@ class LidarInertialOdometry:
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
         self._imu.forget(self._time)
+        up, up_sigma = self._up() if self.config.has_imu else (None, 0.0)
         return LioResult(
             scan.end_ns,
             self.state.map_from_imu,
@@ -99,7 +100,8 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
             points_imu,
             health,
-            *(self._up() if self.config.has_imu else (None, 0.0)),
+            up,
+            up_sigma,
             to_se3(self.state.imu_from_lidar[:, 3], self.state.imu_from_lidar[:, :3]),
         )
 
