@@ -147,7 +147,8 @@ class LoopConfig:
     match_sigma: tuple[float, float] = (0.01, 3e-4)  # m, rad; what submaps bent by drift leave of a match's exactness
     gate: float = 22.5  # squared normalized distance of a match from what the graph expects: 99.9 % of six dimensions
     window_most: float = 20.0  # m to each side that are searched where the drift is beyond `reach`: half a submap
-    tilt_sigma: float = 2e-3  # rad; of gravity as the filter knows it, with what the accelerometer's bias leaves
+    tilt_sigma: float = 0.02  # rad; of gravity at one keyframe. Its errors are those of the accelerometer's bias, common to tens of keyframes in a row
+    tilt_factor: float = 10.0  # of what the filter says of gravity, for the same reason
     robust_width: float = 3.0  # sigmas at which a closure begins to count less
 
 

@@ -171,7 +171,7 @@ class LoopClosure:
         n, poses = len(frames), np.array(self.map_from_keyframes)
         level = [k for k in range(n) if frames[k].up is not None]
         ups = np.array([frames[k].up for k in level]).reshape(-1, 3)
-        sigmas = np.array([max(c.tilt_sigma, frames[k].up_sigma) for k in level])
+        sigmas = np.array([max(c.tilt_sigma, c.tilt_factor * frames[k].up_sigma) for k in level])
         return SpatialGraph(
             places=poses[:, :3, 3],
             rotations=poses[:, :3, :3],
