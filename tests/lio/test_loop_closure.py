@@ -158,6 +158,13 @@ def test_another_place_is_refused() -> None:
     assert match_keyframes((places[0], places[1]), (0, 1), np.eye(4), LoopConfig()) is None
 
 
+def test_a_third_of_the_points_is_no_place_whatever_it_fits() -> None:
+    place = corridor(5, True).cloud.points
+    more = frame_of(np.vstack([place, place + np.array([0.0, 60.0, 0.0]), place - np.array([0.0, 60.0, 0.0])]))
+    assert match_keyframes((frame_of(place), frame_of(place)), (0, 1), np.eye(4), LoopConfig()) is not None
+    assert match_keyframes((frame_of(place), more), (0, 1), np.eye(4), LoopConfig()) is None
+
+
 def test_a_match_beside_what_the_drift_allows_does_not_count() -> None:
     """Equal bays every three metres: odometry that drifts by a millimetre per metre cannot have slipped by a bay."""
     results, _ = walked()

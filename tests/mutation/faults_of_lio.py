@@ -117,7 +117,7 @@ LIO = (
         "a match with few partners counts",
         "lio/loop_match.py",
         "match.overlap < config.overlap_least or match.residual_m > config.residual_most",
-        "match.overlap < 0.0",
+        "match.residual_m > config.residual_most",
         LOOPS,
     ),
     PlantedFault(
