@@ -215,6 +215,7 @@ def _judged(
         "shaken": error.start_rms_m <= SHAKEN_MOST,
         "rest": error.start_max_m <= REST_MOST,
         "tunnel": fields["end_pct"] <= TUNNEL_MOST and fields["degenerate"] > 0,
+        "twins": fields["lost"] == 0,  # what counts there is that nothing is closed falsely
     }.get(case.kind, share <= SHARE_MOST[case.lidar])
     return fields
 
