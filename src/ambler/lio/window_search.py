@@ -1,6 +1,6 @@
 """Where in a window of uncertainty may a submap lie on another? Images of what stands upright, seen from above, correlated over shifts and headings.
 
-For drifts beyond the reach of point-to-point matching: a way of many kilometres, a stretch that was coasted, a LiDAR alone.
+For drifts beyond the reach of point-to-point matching: a way of many kilometres, a stretch that was coasted.
 """
 
 from __future__ import annotations
