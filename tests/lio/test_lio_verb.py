@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,15 @@ import pytest
 from ambler.bridges.recorder import Recorder
 from ambler.cli.main import main
 from ambler.core.messages import Transforms, TransformStamped
+from ambler.core.se3 import SE3
+from ambler.evaluation.spatial_error import spatial_error
+from ambler.lio.config import LioConfig
+from ambler.lio.offline import run_offline
 from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
 from ambler.sim.hand_rig import BEGIN_NS
 from ambler.wire.cloud_files import read_cloud, write_cloud
 from ambler.wire.trajectory_files import read_tum_3d, write_tum_3d
-from tests.lio.carried import walk
+from tests.lio.carried import scans_of, walk
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +42,16 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_recording_becomes_trajectory_clouds_pictures_and_report(recorded: Path, tmp_path: Path) -> None:
     out, result = tmp_path / "out", tmp_path / "r.json"
     words = ["lio", str(recorded / "recording"), "--out", str(out), "--truth", str(recorded / "truth.tum"), "--json", str(result)]  # fmt: skip
+    words += ["--set", "lio.loops.way_least=15", "--set", "lio.loops.keyframe_m=2.5", "--set", "lio.loops.gain_least=0"]
     assert main(words) == 0
     fields = json.loads(result.read_text())
+    assert fields["loop_closures"] >= 3
+    assert len(read_tum_3d(out / "odometry.tum")[0]) == fields["poses"]
     assert fields["start_rms_m"] < 0.02
     assert fields["rpe_trans_pct"] < 1.0
     assert fields["scans_lost"] == 0
+    assert fields["is_converged"]
+    assert fields["odometry_start_rms_m"] < 0.02
     stamps, poses = read_tum_3d(out / "trajectory.tum")
     assert len(poses) == fields["poses"] == len(stamps)
     assert np.loadtxt(out / "trajectory.kitti").shape == (len(poses), 12)
@@ -105,3 +115,26 @@ def test_a_folder_of_clouds_is_mapped_and_a_cut_one_is_named(
     (empty / "times.txt").write_text("1.0")
     assert main(["lio", str(empty), "--no-imu", "--out", str(tmp_path / "other")]) == 2
     assert "nothing could be mapped" in capsys.readouterr().err
+
+
+def test_a_long_way_without_a_closure_and_an_unsolved_graph_are_told() -> None:
+    rig, scans = walk()
+    result = run_offline(scans_of(scans), LioConfig(), rig.told_mount)
+    assert result.is_converged
+    assert not any("loop" in warning for warning in result.warnings())
+    far = tuple(SE3((5.0 * k, 0.0, 0.0)) for k in range(len(result.poses)))
+    assert any(warning.startswith("no loop closure in ") for warning in replace(result, poses=far).warnings())
+    assert not any("loop" in warning for warning in replace(result, poses=far, seeks_loops=False).warnings())
+    assert any("did not converge" in warning for warning in replace(result, is_converged=False).warnings())
+
+
+def test_the_mount_is_refined_for_all_poses() -> None:
+    rig, scans = walk()
+    told = rig.mount @ SE3.from_rpy((0.0, 0.0, 0.0), 0.005, -0.004, 0.003)
+    plain, refined = (run_offline(scans_of(scans), LioConfig(refines_mount=r), told) for r in (False, True))
+    truth = [s.world_from_imu for s in scans]
+    stamps = np.array([s.end_ns for s in scans])
+    errors = [spatial_error(r.stamps_ns, r.poses, stamps, truth).rotation_rms_deg for r in (plain, refined)]
+    assert errors[1] < 0.7 * errors[0]
+    off = (rig.mount.inverse() @ refined.imu_from_lidar).rotation
+    assert 2.0 * np.linalg.norm(off[1:]) < 0.6 * 2.0 * np.linalg.norm((rig.mount.inverse() @ told).rotation[1:])

@@ -12,6 +12,8 @@ DOCTOR = ("tests/lio/test_doctor.py",)
 DRIFT = ("tests/lio/test_drift.py",)
 BASE = ("tests/lio/test_base_odometry.py",)
 NODE = ("tests/lio/test_lidar_odometry_node.py",)
+SPATIAL = ("tests/posegraph/test_spatial.py",)
+LOOPS = ("tests/lio/test_loop_closure.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 LIO = (
@@ -140,5 +142,68 @@ LIO = (
         "if (np.diff(stamps) <= 0).any():",
         "if False:",
         ("tests/recordings/test_cloud_folder.py",),
+    ),
+    PlantedFault(
+        "a graph in space forgets how a turn moves what lies ahead",
+        "posegraph/spatial.py",
+        "from_a[:, :3, :3], from_a[:, :3, 3:] = -back, back @ skew_all(arm)",
+        "from_a[:, :3, :3] = -back",
+        SPATIAL,
+    ),
+    PlantedFault(
+        "a covariance between two poses forgets the arm",
+        "posegraph/spatial.py",
+        "-turn, turn @ skew_all(arm[None])[0]",
+        "-turn, 0.0 * turn",
+        SPATIAL,
+    ),
+    PlantedFault(
+        "a closure holds along a corridor",
+        "lio/loop_match.py",
+        "information, _ = weak.frozen(np.linalg.inv(covariance), np.zeros(6))",
+        "information = np.linalg.inv(covariance)",
+        LOOPS,
+    ),
+    PlantedFault(
+        "a match with few partners counts",
+        "lio/loop_match.py",
+        "match.overlap < config.overlap_least or match.residual_m > config.residual_most",
+        "match.residual_m > config.residual_most",
+        LOOPS,
+    ),
+    PlantedFault(
+        "one of two places that fit as well is taken",
+        "lio/loop_match.py",
+        "if is_elsewhere and other.overlap > RIVAL * best.overlap:",
+        "if is_elsewhere and other.overlap > 10.0 * best.overlap:",
+        LOOPS,
+    ),
+    PlantedFault(
+        "a match beside what the drift allows counts",
+        "lio/loop_closure.py",
+        "if surprise <= c.gate",
+        "if surprise <= 1e9 * c.gate",
+        LOOPS,
+    ),
+    PlantedFault(
+        "a correction is applied from the wrong side",
+        "lio/loop_closure.py",
+        "here = _se3(self._correction(k)) @ pose",
+        "here = pose @ _se3(self._correction(k))",
+        LOOPS,
+    ),
+    PlantedFault(
+        "a keyframe's cloud stays where the stretch began",
+        "lio/keyframes.py",
+        "cloud = self._cloud(middle_from_begin)",
+        "cloud = self._cloud(np.eye(4))",
+        LOOPS,
+    ),
+    PlantedFault(
+        "false closures pass for true ones",
+        "studies/lio_study.py",
+        "np.linalg.norm(place) > FALSE_M",
+        "np.linalg.norm(place) > 10.0 * FALSE_M",
+        ("tests/studies/test_lio_study.py",),
     ),
 )

@@ -13,8 +13,9 @@ from ambler.core.se3 import SE3
 from ambler.sim.hand_path import Burst, HandPath, Sway
 from ambler.sim.hand_rig import BEGIN_NS, EXACT, HandRig
 from ambler.sim.rosette import ELEVATION, MID_360, rosette
+from ambler.sim.scene import build_scene
 from ambler.sim.sensors import MEMS_IMU_200, VLP_16
-from ambler.sim.site import draw_hall, draw_site, draw_tunnel
+from ambler.sim.site import draw_hall, draw_site, draw_tunnel, draw_twins
 
 SPEC = replace(VLP_16.perfect(), columns=90)
 
@@ -112,3 +113,18 @@ def _exp(w: np.ndarray) -> np.ndarray:
 def _turn(pose: SE3) -> float:
     w, *xyz = pose.rotation
     return 2.0 * math.atan2(math.hypot(*xyz), abs(w))
+
+
+def test_twin_corridors_look_alike_from_everywhere_and_their_way_is_free() -> None:
+    site = draw_twins(4, 120.0)
+    scene = build_scene(site.world)
+    rng = np.random.default_rng(0)
+    angles = rng.uniform(-np.pi, np.pi, 400)
+    rays = np.stack([np.cos(angles), np.sin(angles), rng.uniform(-0.5, 0.5, 400)], axis=1)
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    for place in site.way[::9]:
+        here = scene.cast(np.tile(place, (400, 1)), rays, 60.0)[0]
+        there = scene.cast(np.tile(place * [-1.0, -1.0, 1.0], (400, 1)), rays * [-1.0, -1.0, 1.0], 60.0)[0]
+        assert np.nanmax(np.abs(here - there)) < 1e-9
+        assert np.nanmin(here) > 0.5
+    assert HandPath(site.way).length == pytest.approx(120.0, rel=0.03)

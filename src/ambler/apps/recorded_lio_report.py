@@ -17,7 +17,16 @@ from ambler.lio.offline import OfflineLio
 from ambler.wire.cloud_files import write_cloud
 from ambler.wire.trajectory_files import write_kitti, write_tum_3d
 
-FILES = ("trajectory.tum", "trajectory.kitti", "cloud.pcd", "cloud.ply", "top.png", "side.png", "report.html")
+FILES = (
+    "trajectory.tum",
+    "trajectory.kitti",
+    "odometry.tum",
+    "cloud.pcd",
+    "cloud.ply",
+    "top.png",
+    "side.png",
+    "report.html",
+)
 
 
 def write_lio(
@@ -31,14 +40,15 @@ def write_lio(
     """Write all files into a folder; `error` is that against a reference."""
     write_tum_3d(folder / "trajectory.tum", result.stamps_ns, result.poses)
     write_kitti(folder / "trajectory.kitti", result.poses)
+    write_tum_3d(folder / "odometry.tum", result.stamps_ns, result.odometry)
     heights = result.cloud[:, 2]
     for name in ("cloud.pcd", "cloud.ply"):
         write_cloud(folder / name, result.cloud, heights)
     way = np.array([pose.translation for pose in result.poses])
     pictures = [
         Picture(
-            "The cloud from above, coloured by height, with the trajectory",
-            draw_cloud(folder / "top.png", result.cloud, way),
+            "The cloud from above, coloured by height, with the trajectory and (orange) the loop closures",
+            draw_cloud(folder / "top.png", result.cloud, way, links=result.links),
         ),
         Picture("From the side", draw_cloud(folder / "side.png", result.cloud, way, from_side=True)),
     ]
@@ -54,5 +64,5 @@ def write_lio(
         pictures,
         tables,
         subtitle=machine_class(),
-        passed={"ended": result.lost == 0},
+        passed={"ended": result.lost == 0 and result.is_converged},
     )

@@ -96,10 +96,12 @@ def run(args: argparse.Namespace) -> int:
     notes = (*notes, result.note)
     error, failure = None, ""
     try:
-        error = _against_truth(args.truth, result) if args.truth else None
+        error = _against_truth(args.truth, result, result.poses) if args.truth else None
     except BadInputError as beside:
         failure = str(beside)  # the map is not lost for it
     fields = _fields(result, cpu_seconds) | (error.fields() if error is not None else {})
+    if error is not None and args.truth:
+        fields["odometry_start_rms_m"] = _against_truth(args.truth, result, result.odometry).start_rms_m
     if args.peer and error is not None:
         fields |= _peer(args.truth, recording, config, mount)
     _write(args, result, fields, notes, error)
@@ -236,7 +238,7 @@ def _peer(truth_file: Path, recording: Recording, config: LioConfig, mount: SE3)
     }
 
 
-def _against_truth(path: Path, result: OfflineLio) -> SpatialError:
+def _against_truth(path: Path, result: OfflineLio, poses: Sequence[SE3]) -> SpatialError:
     import numpy as np
 
     from ambler.evaluation.spatial_error import spatial_error
@@ -244,7 +246,7 @@ def _against_truth(path: Path, result: OfflineLio) -> SpatialError:
 
     stamps_ns, truth = read_tum_3d(path)
     gap = 2.5e-9 * float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
-    return spatial_error(result.stamps_ns, result.poses, stamps_ns, truth, max_gap=gap)
+    return spatial_error(result.stamps_ns, poses, stamps_ns, truth, max_gap=gap)
 
 
 def _fields(result: OfflineLio, cpu_seconds: float) -> dict[str, Any]:
@@ -267,6 +269,9 @@ def _fields(result: OfflineLio, cpu_seconds: float) -> dict[str, Any]:
         "scans_lost": result.lost,
         "scans_at_rest": result.at_rest,
         "imu_gaps": result.gaps,
+        "loop_closures": len(result.links),
+        "is_converged": result.is_converged,
+        "loop_cpu_seconds": result.loop_seconds,
         "points": len(result.cloud),
         "map_memory_mb": result.map_mb,
     }
@@ -303,10 +308,11 @@ def _report(out: Path, fields: dict[str, Any]) -> None:
         f"{fields['poses']} of {fields['scans']} scans, {fields['data_seconds']:.0f} s and {fields['path_length_m']:.1f} m in"
         f" {fields['cpu_seconds']:.1f} s CPU ({fields['hz_median']:.0f} scans/s), {100 * fields['inlier_ratio']:.0f} % of the points on planes"
     )
+    print(f"{fields['loop_closures']} loop closures in {fields['loop_cpu_seconds']:.1f} s CPU")
     if "start_rms_m" in fields:
         share = 100.0 * fields["start_rms_m"] / max(fields["path_length_m"], 1e-9)
         print(
             f"against the reference: {fields['start_rms_m']:.3f} m RMS from the start ({share:.3f} % of the way),"
-            f" {fields['ate_rms_m']:.3f} m after the best rigid motion"
+            f" {fields['ate_rms_m']:.3f} m after the best rigid motion; {fields['odometry_start_rms_m']:.3f} m without loop closure"
         )
     print(f"written: {out}")

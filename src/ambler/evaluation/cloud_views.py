@@ -15,8 +15,11 @@ PIXELS = 1400
 INK = "#1f2430"
 
 
-def draw_cloud(path: Path, points: NDArray[np.floating], way: F64, *, from_side: bool = False) -> Path:
-    """Draw points (N, 3) and the way (M, 3) in the map, from above or (x and z) from the side; colours run over heights, low to high."""
+def draw_cloud(
+    path: Path, points: NDArray[np.floating], way: F64, *, from_side: bool = False, links: F64 | None = None
+) -> Path:
+    """Draw points (N, 3) and the way (M, 3) in the map, from above or (x and z) from the side; colours run over heights, low to high. `links` (K, 2, 3) are
+    pairs of places that loop closures join."""
     across, up = (0, 2) if from_side else (0, 1)
     low, high = _box(points, way)
     size = np.maximum(high - low, 1.0)
@@ -39,6 +42,8 @@ def draw_cloud(path: Path, points: NDArray[np.floating], way: F64, *, from_side:
         interpolation="nearest",
     )  # fmt: skip
     axes.plot(way[:, across], way[:, up], color="#dc2626", linewidth=1.2)
+    for pair in [] if links is None else links:
+        axes.plot(pair[:, across], pair[:, up], color="#f59e0b", linewidth=1.0, marker="o", markersize=2.5)
     axes.set_xlabel("x (m)", color=INK)
     axes.set_ylabel("z (m)" if from_side else "y (m)", color=INK)
     figure.colorbar(image, ax=axes, shrink=0.6, label="height (m)")

@@ -124,6 +124,36 @@ class DriftConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LoopConfig:
+    """Loop closure: submaps along the way, matched where they overlap again, and a pose graph. Chosen on the development sites of docs/lio.md."""
+
+    is_used: bool = True
+    keyframe_m: float = 5.0  # of way in a submap: 16 rings fill their gaps, and the drift within stays at millimetres
+    keyframe_rad: float = 1.6  # or of turning, for scanners that do not look all around
+    range_most: float = 40.0  # farther points are sparse, and an error of attitude moves them by centimetres
+    cell: float = 0.3  # m; one point each, the mean of many returns
+    points_most: int = 20000  # of a submap: 0.7 MB with its normals and its tree
+    odometry_least: tuple[float, float] = (0.001, 1e-4)  # m, rad; what a submap's end is off by however short it is
+    way_least: float = 30.0  # m between two submaps that are matched: nearer ones the odometry's own map has joined
+    distance_most: float = 12.0  # m between the origins of two submaps that are matched: beyond they show other sides
+    candidates_most: int = 3  # of a new submap, the nearest: more tell the same
+    gain_least: float = 1.5  # a match is tried where the graph is less certain than it by this factor
+    drift_factor: float = 3.0  # how much more the odometry may drift than `drift` says: from NEES of up to 7
+    reach: float = 2.0  # m between paired points in the first pass; what the odometry drifts in a kilometre or two
+    overlap_least: float = 0.55  # share of a submap's points with a partner within a quarter of it; other places reach 0.46, the same place from 12 m away has 0.68
+    residual_most: float = (
+        0.05  # m between planes of the same surfaces; a true place gives 0.003 to 0.012, another 0.1 and more
+    )
+    share_least: float = 0.02  # of pairs that face a direction; below, a match says nothing along it: normals of smooth walls sway by so much
+    match_sigma: tuple[float, float] = (0.01, 3e-4)  # m, rad; what submaps bent by drift leave of a match's exactness
+    gate: float = 22.5  # squared normalized distance of a match from what the graph expects: 99.9 % of six dimensions
+    window_most: float = 20.0  # m to each side that are searched where the drift is beyond `reach`: half a submap
+    tilt_sigma: float = 0.02  # rad; of gravity at one keyframe. Its errors are those of the accelerometer's bias, common to tens of keyframes in a row
+    tilt_factor: float = 10.0  # of what the filter says of gravity, for the same reason
+    robust_width: float = 3.0  # sigmas at which a closure begins to count less
+
+
+@dataclass(frozen=True, slots=True)
 class AloneConfig:
     """A LiDAR without IMU: how much its motion may change, as densities of rate (rad/s/√Hz) and acceleration (m/s²/√Hz)."""
 
@@ -150,9 +180,13 @@ class LioConfig:
     planar: PlanarConfig = field(default_factory=PlanarConfig)
     drift: DriftConfig = field(default_factory=DriftConfig)
     alone: AloneConfig = field(default_factory=AloneConfig)
+    loops: LoopConfig = field(default_factory=LoopConfig)
     imu_from_lidar: tuple[float, float, float, float, float, float] | None = None
     lidar_clock: float = 0.0
     estimates_mount: bool = False
+    mount_sigma: tuple[float, float] = (0.05, 0.03)  # m and rad that the mount is told to, where it is estimated
+    refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses
+    refined_sigma: tuple[float, float] = (0.003, 0.003)  # m and rad that plates are built to, about 0.2 degrees
     estimates_clock: bool = False
     has_imu: bool = True  # False: a LiDAR alone, with motion between scans that goes on as it was
     noise: float = 0.1  # of single returns 1-2 cm; the rest is what five noisy neighbours make of a plane, and that errors of one plane are shared

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,8 @@ class Health:
 @dataclass(frozen=True, slots=True, eq=False)
 class LioResult:
     """The pose of the IMU in the map at a scan's last point, its velocity (m/s, in the map) and `covariance` float64 (6, 6): position in the map, rotation perturbed
-    on the right. `points_imu` float64 (M, 3) are the points that were used, in the IMU's frame at that time."""
+    on the right. `points_imu` float64 (M, 3) are the points that were used, in the IMU's frame at that time. `up_imu` (3,) is the unit vector against gravity in
+    the IMU's frame: what the accelerometer says of its tilt, good to `up_sigma` rad; None: without an IMU nothing is known. `imu_from_lidar` is the mount as it was known then."""
 
     stamp_ns: int
     map_from_imu: SE3
@@ -54,3 +55,11 @@ class LioResult:
     covariance: F64
     points_imu: F64
     health: Health
+    up_imu: F64 | None = None
+    up_sigma: float = 0.0
+    imu_from_lidar: SE3 = field(default_factory=SE3)
+
+    @property
+    def map_from_lidar(self) -> SE3:
+        """The pose of the LiDAR, which the map holds whatever becomes of the mount."""
+        return self.map_from_imu @ self.imu_from_lidar

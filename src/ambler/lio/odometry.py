@@ -20,9 +20,9 @@ from ambler.lio.degeneracy import Degeneracy, find_degeneracy
 from ambler.lio.drift import Drift
 from ambler.lio.health import Health, LioResult
 from ambler.lio.inertial_buffer import InertialBuffer
-from ambler.lio.measurements import Measurement, height_and_tilt, standstill, wheel_velocity
+from ambler.lio.measurements import Measurement, height_and_tilt, skew, standstill, wheel_velocity
 from ambler.lio.start import LioInputError, Start, find_start
-from ambler.lio.state import FilterState, log, right_jacobian
+from ambler.lio.state import FilterState, gravity_basis, log, right_jacobian, to_se3
 from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_scan import CloudScan
 
@@ -87,10 +87,12 @@ class LidarInertialOdometry:
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - self.state.position, weak.translation)
+        points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
         self._imu.forget(self._time)
+        up, up_sigma = self._up() if self.config.has_imu else (None, 0.0)
         return LioResult(
             scan.end_ns,
             self.state.map_from_imu,
@@ -98,6 +100,9 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
             points_imu,
             health,
+            up,
+            up_sigma,
+            to_se3(self.state.imu_from_lidar[:, 3], self.state.imu_from_lidar[:, :3]),
         )
 
     @property
@@ -114,6 +119,16 @@ class LidarInertialOdometry:
         times = self._imu.seconds(cloud.stamp_ns) + cloud.time.astype(np.float64) + self.state.clock
         points_imu = self._compensate(cloud.points, times)
         return np.asarray(self._place(points_imu), np.float32)
+
+    def _up(self) -> tuple[F64, float]:
+        """Return the direction against gravity in the IMU's frame (3,), and how uncertain it is (rad)."""
+        gravity = self.state.gravity
+        back = self.state.rotation.T / np.linalg.norm(gravity)
+        up = -back @ gravity
+        jacobian = np.zeros((3, len(self.covariance)))
+        jacobian[:, k.ROTATION : k.VELOCITY] = skew(up)
+        jacobian[:, k.GRAVITY : k.EXTRA] = back @ skew(gravity) @ gravity_basis(gravity)
+        return up, float(np.sqrt(np.linalg.eigvalsh(jacobian @ self.covariance @ jacobian.T)[-1]))
 
     def _take(self, scan: CloudScan) -> None:
         if self.config.has_imu:
@@ -158,7 +173,7 @@ class LidarInertialOdometry:
         sigmas[k.ACCEL_BIAS : k.GRAVITY] = c.imu.accel_bias_sigma
         sigmas[k.GRAVITY : k.EXTRA] = c.imu.accel_bias_sigma / 9.8 if at_rest else 0.05
         if c.extras:
-            sigmas[k.EXTRA : k.EXTRA + 6] = (0.05, 0.05, 0.05, 0.03, 0.03, 0.03) if c.estimates_mount else (1e-6,) * 6
+            sigmas[k.EXTRA : k.EXTRA + 6] = np.repeat(c.mount_sigma if c.estimates_mount else (1e-6, 1e-6), 3)
         if c.estimates_clock:
             sigmas[k.EXTRA + 6] = 0.02
         self.covariance = np.diag(sigmas**2)
@@ -359,6 +374,13 @@ def _carried(covariance: F64, moved: F64) -> F64:
     out[rows] = jacobian @ out[rows]
     out[:, rows] = out[:, rows] @ jacobian.T
     return out
+
+
+def _remounted(points_imu: F64, before: FilterState, after: FilterState) -> F64:
+    """Return points (M, 3) in the IMU's frame that the LiDAR's mount before an update put there, where the mount after it puts them."""
+    a, b = before.imu_from_lidar, after.imu_from_lidar
+    turn = b[:, :3] @ a[:, :3].T
+    return np.asarray(points_imu @ turn.T + (b[:, 3] - turn @ a[:, 3]))
 
 
 def _orthonormal(rotation: F64) -> F64:

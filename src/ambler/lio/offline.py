@@ -1,9 +1,13 @@
-"""Runs LiDAR-inertial odometry over a whole recording: a pose for every scan, the cloud of all, and what whoever uses it should know."""
+"""Runs LiDAR-inertial odometry and loop closure over a whole recording: a pose for every scan, the cloud of all, and what whoever uses it should know.
+
+A recording is known to its end before anything is told of its beginning, so the LiDAR's mount, which the filter refines on the way, is that of the end for all poses.
+"""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,16 +17,19 @@ from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
+from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
+LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
-    cell. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end."""
+    cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -41,6 +48,12 @@ class OfflineLio:
     note: str
     map_mb: float
     voxels: int
+    odometry: tuple[SE3, ...]
+    links: NDArray[np.float64]
+    is_converged: bool
+    seeks_loops: bool
+    loop_seconds: float
+    imu_from_lidar: SE3
     cut: str = ""
 
     @property
@@ -66,6 +79,10 @@ class OfflineLio:
             )
         if self.biased:
             out.append(f"a bias of the IMU reached its limit in {self.biased} scans: unit, mount or clock may be wrong")
+        if self.seeks_loops and len(self.links) == 0 and self.path_length >= LOOPLESS_M:
+            out.append(f"no loop closure in {self.path_length:.0f} m: the map's drift is uncorrected")
+        if not self.is_converged:
+            out.append("the pose graph did not converge: the corrected map is not to be trusted")
         if self.gaps:
             out.append(f"{self.gaps} gaps between inertial measurements")
         if self.residual_m is not None and self.residual_m < 0.004:
@@ -88,15 +105,21 @@ def run_offline(
 
     Raises LioInputError when the measurements cannot be what they are said to be, BadInputError when nothing could be mapped.
     """
+    config = offline_config(config)
     odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base)
-    cells = _Cells(cell)
+    loops = LoopClosure(config)
+    layers = _Layers(cell, config.loops.keyframe_m)
     results: list[tuple[LioResult, float]] = []
-    count, cut = 0, ""
+    count, cut, loop_seconds = 0, "", 0.0
     try:
         for result, ms in _walk(odometry, scans, on_scan):
             count += 1
             if result is not None:
-                cells.add(result.map_from_imu.transform(result.points_imu))
+                layers.add(len(results), result)
+                begin = time.process_time()
+                if config.loops.is_used:
+                    loops.add(result)
+                loop_seconds += time.process_time() - begin
                 results.append((replace(result, points_imu=result.points_imu[:0]), ms))
     except BadInputError as error:
         if not results:
@@ -106,14 +129,20 @@ def run_offline(
         began = odometry.start
         why = "the filter never began" if began is None else "no scan holds points within the ranges"
         raise BadInputError(f"nothing could be mapped: {count} scans, {why}{odometry.refused_text}")
+    if config.loops.is_used:
+        loops.finish()
+    stamps_ns = np.array([result.stamp_ns for result, _ in results], np.int64)
+    lidar_from_imu = results[-1][0].imu_from_lidar.inverse()
+    of_lidar = [result.map_from_lidar for result, _ in results]
+    closed = loops.corrected(stamps_ns, of_lidar)
     health = [result.health for result, _ in results]
     residuals = [h.residual_m for h in health if h.residual_m is not None]
     assert odometry.start is not None
     return OfflineLio(
-        stamps_ns=np.array([result.stamp_ns for result, _ in results], np.int64),
-        poses=tuple(result.map_from_imu for result, _ in results),
+        stamps_ns=stamps_ns,
+        poses=tuple(pose @ lidar_from_imu for pose in closed),
         covariances=np.array([result.covariance for result, _ in results]),
-        cloud=cells.points(),
+        cloud=layers.points(closed),
         update_ms=np.array([ms for _, ms in results]),
         scans=count,
         skipped=count - len(results),
@@ -127,8 +156,21 @@ def run_offline(
         note=odometry.start.note,
         map_mb=odometry.map.memory_mb,
         voxels=len(odometry.map),
+        odometry=tuple(pose @ lidar_from_imu for pose in of_lidar),
+        links=loops.links(),
+        is_converged=loops.is_converged,
+        seeks_loops=config.loops.is_used,
+        loop_seconds=loop_seconds,
+        imu_from_lidar=results[-1][0].imu_from_lidar,
         cut=cut,
     )
+
+
+def offline_config(config: LioConfig) -> LioConfig:
+    """Return the configuration for a whole recording: the mount is refined where that is wanted and an IMU is there."""
+    if config.has_imu and config.refines_mount and not config.estimates_mount:
+        return replace(config, estimates_mount=True, mount_sigma=config.refined_sigma)
+    return config
 
 
 def _walk(
@@ -141,6 +183,29 @@ def _walk(
         yield result, 1e3 * (time.process_time() - begin)
         if on_scan is not None:
             on_scan()
+
+
+class _Layers:
+    """The cloud in stretches of the way, each in the frame of the LiDAR at its beginning, so that it can be laid when the poses are known."""
+
+    def __init__(self, cell: float, step: float) -> None:
+        self._cell, self._step = cell, step
+        self._layers: list[tuple[int, SE3, _Cells]] = []
+
+    def add(self, number: int, result: LioResult) -> None:
+        """Add the points of scan `number`."""
+        pose = result.map_from_lidar
+        if not self._layers or math.dist(pose.translation, self._layers[-1][1].translation) >= self._step:
+            self._layers.append((number, pose, _Cells(self._cell)))
+        _, begin, cells = self._layers[-1]
+        cells.add((begin.inverse() @ result.map_from_imu).transform(result.points_imu))
+
+    def points(self, poses: Sequence[SE3]) -> NDArray[np.float32]:
+        """Return all points float32 (M, 3), laid with the LiDAR's poses of all scans."""
+        cells = _Cells(self._cell)
+        for number, _, layer in self._layers:
+            cells.add(poses[number].transform(layer.points()))
+        return cells.points()
 
 
 class _Cells:

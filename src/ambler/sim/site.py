@@ -1,5 +1,5 @@
 """Sites with three dimensions for a sensor in the hand, drawn by a seed: houses with gables, trees, poles, cars, walls and kerbs along a loop over
-rolling ground; halls; a tunnel.
+rolling ground; halls; a tunnel; two corridors that look alike.
 """
 
 from __future__ import annotations
@@ -103,6 +103,36 @@ def draw_tunnel(seed: int, length: float) -> Site:
                 taken.append((x, y, radius))
     world = WorldSpec(f"tunnel-{seed}", tuple(solids), SE2(float(way[0, 0]), 0.0, 0.0))
     return Site(world, way, is_closed=False)
+
+
+def draw_twins(seed: int, length: float) -> Site:
+    """Draw two parallel corridors that are equal to the millimetre, with equal bays, joined at both ends, and a closed loop of about `length` metres through them."""
+    rng = named_generator(seed, "twins")
+    width, apart = float(rng.uniform(2.4, 3.6)), float(rng.uniform(5.5, 9.0))
+    bay, ceiling = float(rng.uniform(3.0, 5.0)), float(rng.uniform(2.6, 3.6))
+    half, long = 0.5 * width, max(20.0, 0.5 * length - apart)
+    reach = 0.5 * long + half
+    solids = [
+        _box("wall", 0.0, side * (0.5 * apart + half + 0.15), 0.0, 2.0 * reach + 0.6, 0.3, 0.0, ceiling)
+        for side in (-1.0, 1.0)
+    ]
+    solids += [
+        _box("wall", side * (reach + 0.15), 0.0, 0.0, 0.3, apart + width + 0.6, 0.0, ceiling) for side in (-1.0, 1.0)
+    ]
+    solids.append(_box("core", 0.0, 0.0, 0.0, long - width, apart - width, 0.0, ceiling))
+    pillar = float(rng.uniform(0.25, 0.4))
+    for k in range(int(0.5 * long / bay)):
+        for x in ((k + 0.5) * bay, -(k + 0.5) * bay):
+            for middle in (-0.5 * apart, 0.5 * apart):
+                solids += [
+                    _box("pillar", x, middle + side * (half - 0.5 * pillar), 0.0, 0.4, pillar, 0.0, ceiling)
+                    for side in (-1.0, 1.0)
+                ]
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * [0.5 * long, 0.5 * apart]
+    sides = [np.linspace(a, b, 24)[1:-1] for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    way = np.roll(np.vstack(sides), -11, axis=0)  # it begins halfway along a corridor
+    world = WorldSpec(f"twins-{seed}", tuple(solids), SE2(float(way[0, 0]), float(way[0, 1]), 0.0), ceiling=ceiling)
+    return Site(world, np.column_stack([way, np.full(len(way), HAND)]))
 
 
 def _loop(rng: np.random.Generator, length: float, wobble: float = 0.22) -> F64:

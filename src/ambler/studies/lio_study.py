@@ -1,6 +1,7 @@
 """LiDAR-inertial odometry at sites that nobody has seen: a plate in the hand with drawn errors, along loops, through a tunnel, shaken, at rest.
 
-The clouds are simulated (exact rays from the moving sensor, then noise and losses of `sim.sensors`); the truth is the prescribed path.
+The clouds are simulated (exact rays from the moving sensor, then noise and losses of `sim.sensors`); the truth is the prescribed path. Each run is judged as the
+odometry told it scan by scan, and as loop closure corrected it at the end.
 """
 
 from __future__ import annotations
@@ -24,25 +25,31 @@ from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import SpatialError, best_motion, spatial_error
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
+from ambler.lio.loop_closure import LoopClosure
+from ambler.lio.loop_match import Closure, error_of
 from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.offline import offline_config
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
 from ambler.sim.hand_path import Burst, HandPath, Sway
 from ambler.sim.hand_rig import BEGIN_NS, IMU_FRAME, LIDAR_FRAME, LIDARS, HandRig, RigScan
-from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel
+from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel, draw_twins
 from ambler.studies.lio_peer import KissIcp
 from ambler.studies.study import CRASHED, Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 from ambler.wire.trajectory_files import write_tum_3d
 
 F64 = NDArray[np.float64]
-KINDS = ("site", "hall", "tunnel", "shaken", "rest")
+KINDS = ("site", "hall", "tunnel", "twins", "shaken", "rest")
 LENGTHS = (70.0, 1000.0)  # metres of loops outdoors, drawn evenly in their logarithm
-HALL_LENGTHS, TUNNEL_LENGTHS = (60.0, 150.0), (100.0, 250.0)
+HALL_LENGTHS, TUNNEL_LENGTHS, TWIN_LENGTHS = (60.0, 150.0), (100.0, 250.0), (100.0, 300.0)
 REST_SECONDS = 600.0
 RATE = math.radians(1000.0)  # rad/s of the bursts
 SHARE_MOST = {"vlp_16": 0.1, "mid_360": 0.1, "os_64": 0.05}  # per cent of the way
 SHAKEN_MOST, REST_MOST, TUNNEL_MOST, PEER_MOST = 0.1, 0.01, 1.0, 0.5
+FALSE_M, FALSE_RAD = 0.3, math.radians(3.0)  # from the true relation of two keyframes on a closure is false
+CLOSED_RMS, CLOSED_MAX = 0.10, 0.30  # metres with loop closure, at sites: the median of RMS errors, and any point
+POINT_OR_LINE = ("rest", "tunnel")  # where the best rigid motion is not determined
 SURFACE_POINTS, STRAY = 5000, 0.15  # points of a map that are judged; metres
 
 
@@ -95,10 +102,14 @@ def make_rig(case: LioCase) -> HandRig:
 
 
 def _place(case: LioCase, rng: np.random.Generator) -> tuple[float, Site]:
-    low, high = {"site": LENGTHS, "hall": HALL_LENGTHS, "tunnel": TUNNEL_LENGTHS}.get(case.kind, (60.0, 90.0))
+    low, high = {"site": LENGTHS, "hall": HALL_LENGTHS, "tunnel": TUNNEL_LENGTHS, "twins": TWIN_LENGTHS}.get(
+        case.kind, (60.0, 90.0)
+    )
     drawn = float(np.exp(rng.uniform(math.log(low), math.log(high))))
     length = drawn if case.length is None else case.length
-    draw = {"hall": draw_hall, "tunnel": draw_tunnel, "shaken": draw_hall}.get(case.kind, draw_site)
+    draw = {"hall": draw_hall, "tunnel": draw_tunnel, "twins": draw_twins, "shaken": draw_hall}.get(
+        case.kind, draw_site
+    )
     return length, draw(case.seed, length)
 
 
@@ -110,11 +121,13 @@ def _unit(v: F64) -> tuple[float, float, float]:
 def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     """Draw, carry, register, compare."""
     rig = make_rig(case)
-    config = recorded_config(case.settings.profile).lio
+    config = offline_config(recorded_config(case.settings.profile).lio)
+    loops = LoopClosure(config)
     odometry = LidarInertialOdometry(config, rig.told_mount, SE3() if case.kind == "tunnel" else None)
     peer = KissIcp(config.scan.range_min, rig.lidar.range_max) if case.peer else None
     results: list[LioResult] = []
     truth, peers, update_ms, points = [], [], [], []
+    loop_seconds = 0.0
     for scan in _recorded(case, rig, folder):
         begin = time.process_time()
         result = odometry.update(CloudScan(scan.cloud, scan.imu, scan.odometry))
@@ -123,14 +136,19 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
         if peer is not None:
             peers.append(peer.update(scan.cloud) @ rig.mount.inverse())
         if result is not None:
-            results.append(result)
+            begin = time.process_time()
+            loops.add(result)
+            loop_seconds += time.process_time() - begin
+            results.append(replace(result, points_imu=result.points_imu[:0]))
             truth.append((scan.end_ns, scan.world_from_imu))
+    loops.finish()
     stamps = np.array([r.stamp_ns for r in results], np.int64)
     truth_poses = [pose for _, pose in truth]
     error = spatial_error(stamps, [r.map_from_imu for r in results], stamps, truth_poses)
     fields = _judged(case, config, results, error, truth_poses)
-    if case.kind not in ("rest", "tunnel"):  # on a point or a line the best rigid motion is not determined
-        fields |= _surfaces(rig, odometry, results, truth_poses)
+    fields |= _closed(case, rig, loops, results, truth_poses)
+    if case.kind not in POINT_OR_LINE:
+        fields |= _surfaces(rig, odometry.map.points(), [r.map_from_imu for r in results], truth_poses)
     if peer is not None:
         theirs = spatial_error(stamps, peers[-len(stamps) :], stamps, truth_poses)
         fields |= {
@@ -139,6 +157,7 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
             "ratio_vs_kiss_error": error.start_rms_m / theirs.start_rms_m,
             "ratio_vs_kiss_time": statistics.median(update_ms) / statistics.median(peer.ms),
         }
+    fields["is_met"] = fields["is_met"] and fields["false_closures"] == 0 and fields["is_converged"]
     return {
         "drawn_length_m": rig.path.length,
         "scans": len(update_ms),
@@ -147,6 +166,7 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
         "update_p95_ms": float(np.percentile(update_ms, 95.0)),
         "map_memory_mb": odometry.map.memory_mb,
         "points_lost_for_room": odometry.map.lost,
+        "loop_cpu_seconds": loop_seconds,
         **fields,
     }
 
@@ -195,21 +215,55 @@ def _judged(
         "shaken": error.start_rms_m <= SHAKEN_MOST,
         "rest": error.start_max_m <= REST_MOST,
         "tunnel": fields["end_pct"] <= TUNNEL_MOST and fields["degenerate"] > 0,
+        "twins": fields["lost"] == 0,  # what counts there is that nothing is closed falsely
     }.get(case.kind, share <= SHARE_MOST[case.lidar])
     return fields
 
 
+def _closed(
+    case: LioCase, rig: HandRig, loops: LoopClosure, results: Sequence[LioResult], truth: Sequence[SE3]
+) -> dict[str, Any]:
+    """Return the errors with loop closure and the mount as it was known at the end, and how many closures are false by the truth."""
+    stamps = np.array([r.stamp_ns for r in results], np.int64)
+    lidar_from_imu = results[-1].imu_from_lidar.inverse()
+    poses = [pose @ lidar_from_imu for pose in loops.corrected(stamps, [r.map_from_lidar for r in results])]
+    error = spatial_error(stamps, poses, stamps, truth)
+    world_from_lidar = {stamp: (pose @ rig.mount).matrix() for stamp, pose in zip(stamps.tolist(), truth, strict=True)}
+    true = [world_from_lidar[frame.stamp_ns] for frame in loops.keyframes]
+    is_false = [is_false_closure(c, np.linalg.inv(true[c.earlier]) @ true[c.later]) for c in loops.closures]
+    fields: dict[str, Any] = {
+        "closed_rms_m": error.start_rms_m,
+        "closed_max_m": error.start_max_m,
+        "closed_ate_rms_m": error.ate_rms_m,
+        "closures": len(loops.closures),
+        "closures_tried": loops.tried,
+        "false_closures": sum(is_false),
+        "is_converged": loops.is_converged,
+    }
+    if case.kind not in POINT_OR_LINE:
+        surfaces = _surfaces(rig, loops.points(), poses, truth)
+        fields |= {f"closed_{name}": value for name, value in surfaces.items()}
+    return fields
+
+
+def is_false_closure(closure: Closure, true: F64) -> bool:
+    """Return whether a closure is false by the true earlier_from_later (4, 4); what it leaves free does not count."""
+    error = error_of(true, closure.earlier_from_later)
+    place = error[:3] - closure.weak.T @ (closure.weak @ error[:3])
+    return bool(np.linalg.norm(place) > FALSE_M or np.linalg.norm(error[3:]) > FALSE_RAD)
+
+
 def _surfaces(
-    rig: HandRig, odometry: LidarInertialOdometry, results: Sequence[LioResult], truth: Sequence[SE3]
+    rig: HandRig, mapped: NDArray[np.floating], poses: Sequence[SE3], truth: Sequence[SE3]
 ) -> dict[str, float]:
-    """Return how far the points of the map at the end lie from true surfaces, the best rigid motion of the way taken out.
+    """Return how far points of a map (M, 3) lie from true surfaces, the best rigid motion of the way taken out.
 
     The distance is measured along the six axes, each times the cosine at which its ray meets a surface; points farther than `STRAY` from all
     are counted apart (between two surfaces, at edges).
     """
-    places, known = (np.array([p.translation for p in poses]) for poses in ([r.map_from_imu for r in results], truth))
+    places, known = (np.array([p.translation for p in poses]) for poses in (poses, truth))
     rotation, shift = best_motion(places, known)
-    points = odometry.map.points()[:: max(1, len(odometry.map.points()) // SURFACE_POINTS)]
+    points = mapped[:: max(1, len(mapped) // SURFACE_POINTS)]
     world = points.astype(np.float64) @ rotation.T + shift
     # Rays meet the floor from above and the ceiling from below only.
     distances = np.fmin(np.abs(world[:, 2] - rig.scene.floor), np.abs(world[:, 2] - rig.scene.ceiling))
@@ -256,6 +310,12 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 "surface_rms_m",
                 "stray_ratio",
                 "update_median_ms",
+                "closed_rms_m",
+                "closed_max_m",
+                "closed_ate_rms_m",
+                "closed_surface_rms_m",
+                "closed_stray_ratio",
+                "loop_cpu_seconds",
             ),
             *(
                 "points_mean",
@@ -269,6 +329,8 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             if values:
                 fields[f"{kind}.{lidar}.{what}_median"] = statistics.median(values)
                 fields[f"{kind}.{lidar}.{what}_worst"] = max(values)
+        fields[f"{kind}.{lidar}.closures"] = sum(r.get("closures", 0) for r in own)
+        fields[f"{kind}.{lidar}.false_closures"] = sum(r.get("false_closures", 0) for r in own)
         fields[f"{kind}.{lidar}.runs"] = len(own)
         fields[f"{kind}.{lidar}.runs_met"] = sum(bool(r.get("is_met")) for r in own)
     for r in results:
@@ -279,19 +341,42 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "start_max_m",
             "end_pct",
             "height_rms_m",
+            "closed_rms_m",
+            "closed_max_m",
+            "closures",
+            "false_closures",
             "degenerate",
             "lost",
             "is_met",
         ):
             fields[f"{r['label']}.{what}"] = r.get(what)
-    fields["is_met"] = fields["runs_met"] == len(results) and not any(r.get("ended") == CRASHED for r in results)
+    fields |= _closing(results)
+    is_whole = not any(r.get("ended") == CRASHED for r in results)
+    fields["is_met"] = fields["runs_met"] == len(results) and is_whole and fields.get("is_closing_met", True)
     return fields
+
+
+def _closing(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return what loop closure made of all sites together, and whether that meets its bar; nothing without any."""
+    sites = [r for r in results if r["kind"] == "site" and r.get("closed_rms_m") is not None]
+    if not sites:
+        return {}
+    median, worst = statistics.median(r["closed_rms_m"] for r in sites), max(r["closed_max_m"] for r in sites)
+    false = sum(r["false_closures"] for r in sites)
+    return {
+        "closed_rms_median_m": median,
+        "closed_max_worst_m": worst,
+        "loop_closures": sum(r["closures"] for r in sites),
+        "false_closures": false,
+        "is_closing_met": median <= CLOSED_RMS and worst <= CLOSED_MAX and false == 0,
+    }
 
 
 def _line(result: dict[str, Any]) -> str:
     peer = result.get("peer_kiss_start_rms_m")
     return (
         f"{result['path_length_m']:.0f} m: {result['start_rms_m']:.3f} m RMS ({result['start_rms_pct']:.3f} %), worst {result['start_max_m']:.3f} m,"
-        f" {result['update_median_ms']:.1f} ms of {result['points_mean']:.0f} points, {result['degenerate']} degenerate, NEES {result['nees']:.2f}"
+        f" {result['update_median_ms']:.1f} ms of {result['points_mean']:.0f} points, {result['degenerate']} degenerate, NEES {result['nees']:.2f};"
+        f" closed {result['closed_rms_m']:.3f} m, worst {result['closed_max_m']:.3f} m, {result['closures']} closures ({result['false_closures']} false)"
         + (f", kiss-icp {peer:.3f} m" if peer is not None else "")
     )

@@ -1,0 +1,84 @@
+"""Lays one submap on another with small_gicp (generalized ICP: Segal, Haehnel and Thrun 2009), and says how well it lies and which directions are weak.
+
+Information is that of point-to-plane residuals of unit noise at the end, (6, 6), translation first, perturbed on the right of target_from_source.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import small_gicp
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+NEIGHBORS = 12  # points that make a normal: a patch of three to four cells
+PASSES = (
+    1.0,
+    0.25,
+    0.1,
+)  # shares of the reach within which points are paired, one pass after the other: wide pairs lead from afar, but pull sideways by centimetres
+JUDGED = 0.25  # share of the reach within which a point has a partner at the end
+STILL = (2e-4, 2e-5)  # m and rad of a step that ends a pass; small_gicp's own angle, 0.1 degrees, is 5 cm at 30 m
+LEAST = 1e-3  # m; robust deviations below which all pairs count
+OUTLIER = 3.0  # robust standard deviations of a residual beyond which a pair says nothing of directions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedCloud:
+    """`points` float64 (M, 3), one per cell, with unit `normals` (M, 3), ready to be matched."""
+
+    points: F64
+    normals: F64
+    cloud: small_gicp.PointCloud
+    tree: small_gicp.KdTree
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudMatch:
+    """`target_from_source` float64 (4, 4); `overlap`: share of the source's points that have one of the target nearer than a quarter of the reach;
+    `residual_m`: how far these lie from the target's planes (1.48 of the median); `pairs` of them count in `information`."""
+
+    target_from_source: F64
+    information: F64
+    overlap: float
+    residual_m: float
+    pairs: int
+    converged: bool
+
+
+def prepare_cloud(points: NDArray[np.floating], cell: float) -> PreparedCloud:
+    """Thin points (N, 3) out to one per cell and find their normals."""
+    cloud, tree = small_gicp.preprocess_points(
+        np.ascontiguousarray(points, np.float64), downsampling_resolution=cell, num_neighbors=NEIGHBORS
+    )
+    return PreparedCloud(
+        np.ascontiguousarray(cloud.points()[:, :3]), np.ascontiguousarray(cloud.normals()[:, :3]), cloud, tree
+    )
+
+
+def match_clouds(target: PreparedCloud, source: PreparedCloud, guess: F64, reach: float) -> CloudMatch:
+    """Match from a guess of target_from_source (4, 4); points within `reach` metres are paired first, nearer ones then."""
+    pose, converged = guess, False
+    for share in PASSES:
+        result = small_gicp.align(
+            *(target.cloud, source.cloud, target.tree, pose),
+            max_correspondence_distance=share * reach,
+            max_iterations=60,
+            translation_epsilon=STILL[0],
+            rotation_epsilon=STILL[1],
+        )
+        pose, converged = np.asarray(result.T_target_source), bool(result.converged)
+    placed = source.points @ pose[:3, :3].T + pose[:3, 3]
+    nearest, squares = target.tree.batch_nearest_neighbor_search(placed)
+    is_near = np.asarray(squares) < (JUDGED * reach) ** 2
+    if is_near.sum() < 6:
+        return CloudMatch(pose, np.zeros((6, 6)), float(is_near.mean()), np.inf, 0, False)
+    index = np.asarray(nearest, np.int64)[is_near]
+    normals = target.normals[index]
+    off = np.einsum("ij,ij->i", normals, placed[is_near] - target.points[index])
+    sigma = 1.4826 * float(np.median(np.abs(off)))
+    counts = np.abs(off) <= OUTLIER * max(sigma, LEAST)
+    local = normals[counts] @ pose[:3, :3]
+    rows = np.concatenate([local, np.cross(source.points[is_near][counts], local)], axis=1)
+    return CloudMatch(pose, rows.T @ rows, float(is_near.mean()), sigma, int(counts.sum()), converged)
