@@ -38,7 +38,9 @@ class CloudPose:
 class CloudLocalizer:
     """Give it every result of the odometry. `guess` is map_from_imu at the first one."""
 
-    def __init__(self, cloud_map: CloudMap, config: CloudLocalizerConfig | None = None, guess: SE3 | None = None) -> None:
+    def __init__(
+        self, cloud_map: CloudMap, config: CloudLocalizerConfig | None = None, guess: SE3 | None = None
+    ) -> None:
         self.map = cloud_map
         self.config = config or CloudLocalizerConfig()
         self._relocalizer = self._looking(guess)
@@ -74,7 +76,9 @@ class CloudLocalizer:
 class CloudTracker:
     """Follows map_from_odom. The state is the pose of `local` (see `Sight`) in the map with a covariance of rotation and translation on the right."""
 
-    def __init__(self, cloud_map: CloudMap, config: CloudLocalizerConfig, map_from_odom: SE3, result: LioResult) -> None:
+    def __init__(
+        self, cloud_map: CloudMap, config: CloudLocalizerConfig, map_from_odom: SE3, result: LioResult
+    ) -> None:
         self._map, self._match = cloud_map, config.match
         self.config: CloudTrackerConfig = config.tracker
         self._sight = Sight(config.match, self.config.scans)

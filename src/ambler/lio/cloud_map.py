@@ -39,7 +39,9 @@ class Image:
 class CloudMap:
     """`points` float64 (N, 3) in the map's frame; raises BadInputError, which begins with `name`, for a cloud that nobody can localize in."""
 
-    def __init__(self, points: NDArray[np.floating], config: CloudMapConfig | None = None, name: str = "the map") -> None:
+    def __init__(
+        self, points: NDArray[np.floating], config: CloudMapConfig | None = None, name: str = "the map"
+    ) -> None:
         self.config = c = config or CloudMapConfig()
         finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
         if len(finite) < POINTS_LEAST:
@@ -153,7 +155,9 @@ def _image(points: F64, kinds: U8, config: CloudMapConfig) -> Image:
     for image, kind in ((walls, cloud_search.WALL), (flats, cloud_search.FLAT)):
         own = ij[kinds == kind]
         image[own[:, 1], own[:, 0]] = True
-    distance = (distance_transform_edt(~walls) * cell).astype(np.float32) if walls.any() else np.full(shape, 1e3, np.float32)
+    distance = (
+        (distance_transform_edt(~walls) * cell).astype(np.float32) if walls.any() else np.full(shape, 1e3, np.float32)
+    )
     cells = np.empty(shape, np.uint16)
     relocalization.score_cells(distance, config.image_sigma, 1, cells)
     margin = (1 << (config.depth - 1)) - 1

@@ -43,7 +43,9 @@ class CloudMatch:
         return self.walls - 2.0 * self.blocked
 
 
-def register(cloud_map: CloudMap, local: LocalCloud, start: SE3, config: CloudMatchConfig, *, coarse: bool = True) -> SE3:
+def register(
+    cloud_map: CloudMap, local: LocalCloud, start: SE3, config: CloudMatchConfig, *, coarse: bool = True
+) -> SE3:
     """Return map_from_local, refined from a start; without `coarse` the start must be within the fine reach."""
     matrix = start.matrix()
     steps = [(local.coarse, config.coarse_reach, config.coarse_rounds)] if coarse else []
@@ -115,5 +117,3 @@ def between(a: SE3, b: SE3) -> F64:
 def _share(explained: NDArray[np.bool_], among: NDArray[np.bool_]) -> float:
     count = int(np.count_nonzero(among))
     return float(np.count_nonzero(explained & among)) / count if count else 0.0
-
-

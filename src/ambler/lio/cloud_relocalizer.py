@@ -64,7 +64,8 @@ class CloudRelocalizer:
         self.map, self.config, self._match, self._guess = cloud_map, config, match, guess
         self._sight = Sight(match, config.scans_most)
         self._answer = CloudSearch(CloudState.GATHERING, (), SE3(), 0)
-        self._map_from_odom: tuple[SE3, ...] = ()
+        self._map_from_odom: SE3 | None = None
+        self._are_clear = False
         self._guess_from_odom: SE3 | None = None
         self._viewpoint = SE3()
         self._next_ns = 0
@@ -112,7 +113,7 @@ class CloudRelocalizer:
     def _is_due(self, result: LioResult) -> bool:
         if result.stamp_ns < self._next_ns:
             return False
-        if self._guess is not None or not self._map_from_odom:
+        if self._guess is not None or self._map_from_odom is None:
             return True
         way, turn = apart(self._viewpoint, result.map_from_imu)
         return way >= self.config.viewpoint_way or turn >= self.config.viewpoint_turn
@@ -143,8 +144,8 @@ class CloudRelocalizer:
         kernel.search(image.stack, standing, image.cell, points, angles, SECTORS, c.keep_ratio, least, best)
         best = best[best[:, 0] >= 0]
         best = best[np.argsort(-best[:, 0], kind="stable")][: c.candidates]
-        x, y = (image.corner[k] + (best[:, 2 - k] + 0.5) * image.cell for k in (0, 1))
-        return np.column_stack([x, y, angles[best[:, 3]]])
+        places = [image.corner[k] + (best[:, 2 - k] + 0.5) * image.cell for k in (0, 1)]
+        return np.column_stack([*places, angles[best[:, 3]]])
 
     def _at_heights(self, local: LocalCloud, places: F64, window: F64 | None) -> list[SE3]:
         """Return starts of registration: every place at the height where most finds its kind, and at a second that is nearly as good; the best first."""
@@ -165,39 +166,40 @@ class CloudRelocalizer:
                 x, y, yaw = place.tolist()
                 starts.append((-float(values[h]), SE3.from_rpy((x, y, low + h * step), 0.0, 0.0, yaw)))
         starts.sort(key=lambda s: s[0])
-        return [pose for _, pose in starts]
+        return [pose for value, pose in starts if value <= self.config.promising * starts[0][0]]
 
     def _believed(self, local: LocalCloud, found: tuple[CloudMatch, ...]) -> CloudSearch:
         """With a guess one sight suffices, if one place stands out."""
-        state = self._state_of(found)
+        state, _ = self._state_of(found)
         state = CloudState.FOUND if state is CloudState.VERIFYING else state
         return CloudSearch(state, found, local.odom_from_local, 1)
 
     def _confirmed(self, local: LocalCloud, found: tuple[CloudMatch, ...], odom_from_imu: SE3) -> CloudSearch:
-        """Without a guess a place must be found again from other viewpoints, each time standing out."""
-        known = self._map_from_odom
-        frames = tuple(m.map_from_local @ local.odom_from_local.inverse() for m in found if self._is_possible(m))
-        state, viewpoints = self._state_of(found), 1
-        if state is CloudState.VERIFYING and known:
-            is_same = self._is_same(known[0] @ local.odom_from_local, found[0].map_from_local)
+        """Without a guess a place must be found again from other viewpoints, each time standing out; of several that look alike none is remembered."""
+        state, is_clear = self._state_of(found)
+        viewpoints, known = 0, self._map_from_odom
+        self._map_from_odom = None
+        if state is CloudState.VERIFYING:
+            is_same = known is not None and self._is_same(known @ local.odom_from_local, found[0].map_from_local)
             viewpoints = self._answer.viewpoints + 1 if is_same else 1
-            if viewpoints >= self.config.viewpoints:
+            self._are_clear = is_clear and (self._are_clear or not is_same)
+            self._map_from_odom = found[0].map_from_local @ local.odom_from_local.inverse()
+            if viewpoints >= (self.config.viewpoints if self._are_clear else self.config.viewpoints_barely):
                 state = CloudState.FOUND
-        # Of several that look alike none is remembered as the one to be confirmed.
-        self._map_from_odom = frames if state in (CloudState.VERIFYING, CloudState.FOUND) else ()
-        if frames and state is CloudState.AMBIGUOUS:
-            viewpoints = 0
         self._viewpoint, self._fresh = odom_from_imu, 0
         return CloudSearch(state, found, local.odom_from_local, viewpoints)
 
-    def _state_of(self, found: tuple[CloudMatch, ...]) -> CloudState:
-        possible = [m for m in found if self._is_possible(m)]
-        if not possible:
-            return CloudState.NOT_FOUND
-        others = [m.quality for m in found if m is not possible[0]]
-        if others and possible[0].quality - max(others) < self.config.margin:
-            return CloudState.AMBIGUOUS
-        return CloudState.VERIFYING
+    def _state_of(self, found: tuple[CloudMatch, ...]) -> tuple[CloudState, bool]:
+        """Return NOT_FOUND, AMBIGUOUS or VERIFYING, and whether the best leads clearly. In a bare hall all places explain nearly all: there it suffices
+        that the best leaves much less unexplained."""
+        c = self.config
+        if not found or not self._is_possible(found[0]):
+            return CloudState.NOT_FOUND, False
+        best, second = found[0].quality, found[1].quality if len(found) > 1 else -1.0
+        if best - second >= c.margin:
+            return CloudState.VERIFYING, True
+        is_ahead = best - second >= c.margin_least and 1.0 - best <= c.rest_ratio * (1.0 - second)
+        return (CloudState.VERIFYING if is_ahead else CloudState.AMBIGUOUS), False
 
     def _is_possible(self, match: CloudMatch) -> bool:
         return match.quality >= self.config.accept and match.flats >= self.config.flat_least

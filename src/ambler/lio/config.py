@@ -173,8 +173,10 @@ class CloudMatchConfig:
 @dataclass(frozen=True, slots=True)
 class CloudRelocalizerConfig:
     """Where in the cloud: `scans_least` are gathered before a search, at most `scans_most`; `search_points` walls are looked for from above, poses
-    below `keep_ratio` of the best or `score_least` are not pursued; `candidates` are tried at every height and `refined` are registered.
-    `guess_way` (m), `guess_turn` (rad): how far a guess may be off. A place is accepted from `accept` quality on when it leads by `margin`; places are one within
+    below `keep_ratio` of the best or `score_least` are not pursued; `candidates` are tried at every height, and of these at most `refined` that score at least `promising` times
+    the best are registered.
+    `guess_way` (m), `guess_turn` (rad): how far a guess may be off. A place is accepted from `accept` quality on when it leads by `margin`, or by `margin_least` while it leaves at most `rest_ratio` of what the second leaves unexplained: then `viewpoints_barely` must agree
+    instead of `viewpoints`. Places are one within
     `same_way` (m) and `same_turn` (rad). A viewpoint is new after `viewpoint_way` (m) or `viewpoint_turn` (rad). Nothing found: wait `retry_after` s."""
 
     scans_least: int = 5
@@ -184,16 +186,20 @@ class CloudRelocalizerConfig:
     score_least: float = 0.3
     candidates: int = 60
     refined: int = 12
+    promising: float = 0.5
     guess_way: float = 2.5
     guess_turn: float = math.radians(36.0)
     accept: float = 0.45
     flat_least: float = 0.5
     margin: float = 0.12
+    margin_least: float = 0.03
+    rest_ratio: float = 0.65
     same_way: float = 0.5
     same_turn: float = math.radians(5.0)
     viewpoint_way: float = 1.5
     viewpoint_turn: float = 0.8
     viewpoints: int = 2
+    viewpoints_barely: int = 3
     retry_after: float = 0.5
 
 

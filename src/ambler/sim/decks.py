@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.sim.meshes import TriangleMesh
@@ -12,6 +14,7 @@ from ambler.sim.sensors import named_generator
 from ambler.sim.site import HAND, Site
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
+F64 = NDArray[np.float64]
 STOREY, SLAB = 3.5, 0.3
 LANE, GATE = 5.0, 4.0  # metres: width of the ramp outside, of the openings that lead to it
 INSET = 7.0  # metres from the walls to the way on a deck
@@ -67,7 +70,11 @@ def _parked(rng: np.random.Generator, width: float, depth: float, gate: float, t
                     continue
                 kind = rng.random()
                 number += 1
-                here = SE2(float(x) + float(rng.normal(0.0, 0.15)), y + float(rng.normal(0.0, 0.2)), yaw + float(rng.normal(0.0, 0.03)))
+                here = SE2(
+                    float(x) + float(rng.normal(0.0, 0.15)),
+                    y + float(rng.normal(0.0, 0.2)),
+                    yaw + float(rng.normal(0.0, 0.03)),
+                )
                 if kind < 0.45:
                     long, tall = float(rng.uniform(3.8, 4.8)), float(rng.uniform(1.3, 1.8))
                     out.append(Solid(f"car-{number}", Shape.BOX, here, long, 1.8, z + 0.2, z + 0.9))
@@ -79,12 +86,12 @@ def _parked(rng: np.random.Generator, width: float, depth: float, gate: float, t
     return out
 
 
-def _plane(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+def _plane(low: float, high: float) -> tuple[F64, NDArray[np.int32]]:
     vertices = np.array([[low, -LANE, 0.0], [high, -LANE, STOREY], [high, 0.0, STOREY], [low, 0.0, 0.0]])
     return vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 
 
-def _way(width: float, depth: float, gate: float, top: float) -> np.ndarray:
+def _way(width: float, depth: float, gate: float, top: float) -> F64:
     """A round of the lower deck, out, up the ramp, in, and a round of the upper deck."""
     low, far, end = 6.0, depth - 6.0, width - INSET
     lane, up = -0.5 * LANE, STOREY
@@ -93,13 +100,13 @@ def _way(width: float, depth: float, gate: float, top: float) -> np.ndarray:
     above = [(top, low, up), (end, low, up), (end, far, up), (INSET, far, up), (INSET, low, up), (top - 3.0, low, up)]
     corners = np.array([*below, *climb, *above])
     pieces = []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in itertools.pairwise(corners):
         count = max(1, round(float(np.linalg.norm(b - a)) / 2.5))
         pieces.append(a + (b - a) * (np.arange(count) / count)[:, None])
     way = np.vstack([*pieces, corners[-1:]])
     # Corners are cut a little: nobody turns on the spot.
     way[1:-1] = 0.25 * way[:-2] + 0.5 * way[1:-1] + 0.25 * way[2:]
-    return np.asarray(way + [0.0, 0.0, HAND])
+    return np.asarray(way + np.array([0.0, 0.0, HAND]))
 
 
 def _box(name: str, x: float, y: float, size_x: float, size_y: float, low: float, high: float) -> Solid:

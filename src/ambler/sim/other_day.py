@@ -33,7 +33,8 @@ def change_site(site: Site, share: float, rng: np.random.Generator) -> tuple[Sit
             break
         own = [solids[k] for k in things[name]]
         there = None if rng.random() < 0.5 else _moved(own, site.way, rng)
-        changed |= dict(zip(things[name], there or [None] * len(own), strict=True))
+        gone: list[Solid | None] = [None] * len(own)
+        changed |= dict(zip(things[name], there or gone, strict=True))
     kept = (changed.get(k, solid) for k, solid in enumerate(solids))
     world = replace(site.world, solids=tuple(s for s in kept if s is not None))
     return replace(site, world=world), len(changed)

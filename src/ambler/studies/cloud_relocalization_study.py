@@ -127,7 +127,9 @@ def run_case(case: CloudRelocalizationCase, folder: Path) -> dict[str, Any]:
     return fields
 
 
-def make_map(case: CloudRelocalizationCase, site: Site, config: LioConfig, folder: Path) -> tuple[MadeMap, dict[str, float]]:
+def make_map(
+    case: CloudRelocalizationCase, site: Site, config: LioConfig, folder: Path
+) -> tuple[MadeMap, dict[str, float]]:
     """Map a site as `ambler lio` does, through a file, and prepare the cloud for localization."""
     path = HandPath(site.way, is_closed=site.is_closed)
     rig = HandRig(site.world, path, LIDARS[case.lidar], case.seed)
@@ -243,7 +245,9 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             own = _counted([r for r in whole if r["kind"] == kind], way)
             fields |= {f"{kind}.{way}.{name}": value for name, value in own.items()}
     for r in whole:
-        fields |= {f"{r['label']}.{name}": r[name] for name in ("way_m", "map_points", "map_prepare_s", "solids_changed")}
+        fields |= {
+            f"{r['label']}.{name}": r[name] for name in ("way_m", "map_points", "map_prepare_s", "solids_changed")
+        }
     return fields
 
 
