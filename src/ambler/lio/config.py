@@ -200,7 +200,7 @@ class CloudRelocalizerConfig:
     viewpoint_turn: float = 0.8
     viewpoints: int = 2
     viewpoints_barely: int = 3
-    retry_after: float = 0.5
+    retry_after: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ INSET = 7.0  # metres from the walls to the way on a deck
 def draw_decks(seed: int, length: float) -> Site:
     """Draw a car park through whose lower deck, ramp and upper deck a way of about `length` metres leads."""
     rng = named_generator(seed, "decks")
-    depth = float(rng.uniform(26.0, 34.0))
+    depth = float(rng.uniform(29.0, 36.0))
     ramp = float(rng.uniform(24.0, 28.0))
     width = max(ramp + 24.0, 0.25 * (length - ramp) - depth + 4.0 * INSET)
     gate, top = 0.5 * INSET + 2.5, 0.5 * INSET + 2.5 + GATE + ramp
@@ -31,7 +31,7 @@ def draw_decks(seed: int, length: float) -> Site:
     solids += [
         _box("column", x, y, 0.5, 0.5, z, z + STOREY - SLAB)
         for z in (0.0, STOREY)
-        for x in np.arange(4.0, width - 2.0, 7.5)
+        for x in np.arange(INSET + 3.5, width - INSET - 3.0, 7.5)
         for y in (0.5 * depth - 4.5, 0.5 * depth + 4.5)
     ]
     solids += _parked(rng, width, depth, gate, top)
@@ -93,7 +93,7 @@ def _plane(low: float, high: float) -> tuple[F64, NDArray[np.int32]]:
 
 def _way(width: float, depth: float, gate: float, top: float) -> F64:
     """A round of the lower deck, out, up the ramp, in, and a round of the upper deck."""
-    low, far, end = 6.0, depth - 6.0, width - INSET
+    low, far, end = INSET, depth - INSET, width - INSET
     lane, up = -0.5 * LANE, STOREY
     below = [(gate + 3.0, low, 0.0), (end, low, 0.0), (end, far, 0.0), (gate, far, 0.0), (gate, lane, 0.0)]
     climb = [(gate + 0.5 * GATE, lane, 0.0), (top - 0.5 * GATE, lane, up), (top, lane, up)]

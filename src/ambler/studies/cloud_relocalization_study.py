@@ -1,5 +1,5 @@
 """Relocalization in a saved cloud on another day: maps made by `ambler lio`'s own run at drawn places, then random starts with a tenth of
-the solids moved or gone, each with a guess and without any.
+the solids moved or gone, each with a guess and without any; and, told the map of another place, nothing must be found.
 
 The truth is told in the map where the map was made: by the true pose of the mapping walk that was nearest, so that what the map itself is bent by is
 not counted as an error of localization in it.
@@ -48,18 +48,20 @@ ASIDE = 0.9  # metres beside the way of the map
 SHARE = 0.1  # of the solids
 FALSE_M, FALSE_DEG = 0.5, 5.0
 SECONDS_MOST = 10.0
-WAYS = ("guess", "none")
-BARS = {"guess": 59 / 60, "none": 54 / 60}
+WAYS = ("guess", "none", "foreign")
+BARS = {"guess": 59 / 60, "none": 54 / 60, "foreign": 0.0}
+FOREIGN_SEED, FOREIGN_SECONDS = 1_000_003, 6.0  # another place of the same kind, in which nothing must be found
 
 
 @dataclass(frozen=True, slots=True)
 class CloudRelocalizationCase:
-    """One map and `starts` starts in it. A guess is off by up to `guess_way` m and `guess_turn_deg`."""
+    """One map and `starts` starts in it. A guess is off by up to `guess_way` m and `guess_turn_deg`; `walk` in metres from each start, None: drawn."""
 
     kind: str
     seed: int
     lidar: str
     starts: int
+    walk: float | None = None
     guess_way: float = 2.0
     guess_turn_deg: float = 30.0
     settings: StudySettings = DEFAULTS
@@ -87,7 +89,7 @@ class MadeMap:
 
 @dataclass(slots=True)
 class Follower:
-    """One localizer on a walk, and what it said: errors (m, rad) of all poses told, when and how far off it believed itself found."""
+    """One localizer on a walk, and what it said: errors (m, rad) of all poses told, when and how far off it believed itself found, and how many poses it told that were `wrong`."""
 
     localizer: CloudLocalizer
     errors: list[tuple[float, float]]
@@ -120,7 +122,9 @@ def run_case(case: CloudRelocalizationCase, folder: Path) -> dict[str, Any]:
     site = KINDS[case.kind](case.seed, float(rng.uniform(low, high)))
     made, mapped = make_map(case, site, config, folder)
     changed, solids = change_site(site, SHARE, rng)
-    starts = [_start(case, made, changed, config, number) for number in range(case.starts)]
+    elsewhere = KINDS[case.kind](case.seed + FOREIGN_SEED, float(rng.uniform(low, high)))
+    foreign, _ = make_map(case, elsewhere, config, folder / "foreign")
+    starts = [_start(case, made, foreign.cloud, changed, config, number) for number in range(case.starts)]
     fields: dict[str, Any] = {"map_points": len(made.cloud.points), "solids_changed": solids, **mapped}
     for way in WAYS:
         fields |= {f"{way}.{name}": [s[way][name] for s in starts] for name in starts[0][way]}
@@ -149,10 +153,11 @@ def make_map(
     return MadeMap(cloud, result.poses, true), {"way_m": path.length, "map_prepare_s": time.process_time() - begin}
 
 
-def draw_walk(site: Site, rng: np.random.Generator) -> HandPath:
-    """Draw a walk from a random place of the way on, beside it, half of them against it."""
+def draw_walk(site: Site, rng: np.random.Generator, metres: float | None = None) -> HandPath:
+    """Draw a walk from a random place of the way on, beside it, half of them against it; closed ways are gone round again where it is longer."""
     whole = HandPath(site.way, is_closed=site.is_closed)
-    length = float(rng.uniform(*WALK))
+    length = float(rng.uniform(*WALK)) if metres is None else metres
+    length = length if site.is_closed else min(length, whole.length)
     begin = float(rng.uniform(0.0, whole.length - (0.0 if site.is_closed else length)))
     along = begin + np.arange(0.0, length + 2.0, 2.0)
     places = whole.places(along % whole.length if site.is_closed else np.minimum(along, whole.length))
@@ -164,10 +169,12 @@ def draw_walk(site: Site, rng: np.random.Generator) -> HandPath:
     return HandPath(places, rest=1.5, is_closed=False, speed=float(rng.uniform(1.0, 1.6)))
 
 
-def _start(case: CloudRelocalizationCase, made: MadeMap, site: Site, config: LioConfig, number: int) -> dict[str, Any]:
-    """Walk from one start with both localizers on the same odometry."""
+def _start(
+    case: CloudRelocalizationCase, made: MadeMap, foreign: CloudMap, site: Site, config: LioConfig, number: int
+) -> dict[str, Any]:
+    """Walk from one start with all localizers on the same odometry."""
     rng = np.random.default_rng([case.seed, 89, number])
-    path = draw_walk(site, rng)
+    path = draw_walk(site, rng, case.walk)
     rig = HandRig(site.world, path, LIDARS[case.lidar], int(rng.integers(1 << 30)))
     off = _guess_error(case, rng)
     odometry = LidarInertialOdometry(config, rig.told_mount)
@@ -182,10 +189,16 @@ def _start(case: CloudRelocalizationCase, made: MadeMap, site: Site, config: Lio
             first_ns = result.stamp_ns
             guess = SE3(tuple(np.add(truth.translation, off[:3]).tolist()), truth.rotation)
             guess = guess @ SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, float(off[3]))
-            for way, told in (("guess", guess), ("none", None)):
-                followers[way] = Follower(CloudLocalizer(made.cloud, config.localize, told), [], {})
-        for follower in followers.values():
-            _follow(follower, result, truth, 1e-9 * (result.stamp_ns - first_ns))
+            for way, cloud, told in (
+                ("guess", made.cloud, guess),
+                ("none", made.cloud, None),
+                ("foreign", foreign, None),
+            ):
+                followers[way] = Follower(CloudLocalizer(cloud, config.localize, told), [], {})
+        seconds = 1e-9 * (result.stamp_ns - first_ns)
+        for way, follower in followers.items():
+            if way != "foreign" or seconds < FOREIGN_SECONDS:
+                _follow(follower, result, truth, seconds)
     return {way: _told(way, follower) for way, follower in followers.items()}
 
 
@@ -206,11 +219,10 @@ def _follow(follower: Follower, result: LioResult, truth: SE3, seconds: float) -
         return
     off, turn = apart(truth, pose.map_from_imu)
     follower.errors.append((off, math.degrees(turn)))
-    if pose.state is CloudState.FOUND:
-        follower.wrong += off > FALSE_M or math.degrees(turn) > FALSE_DEG
-        if follower.found_after is None:
-            follower.found_after, follower.found_cpu = seconds, follower.cpu
-            follower.found_m, follower.found_deg = off, math.degrees(turn)
+    follower.wrong += off > FALSE_M or math.degrees(turn) > FALSE_DEG
+    if follower.found_after is None:
+        follower.found_after, follower.found_cpu = seconds, follower.cpu
+        follower.found_m, follower.found_deg = off, math.degrees(turn)
 
 
 def _told(way: str, follower: Follower) -> dict[str, Any]:
@@ -219,15 +231,17 @@ def _told(way: str, follower: Follower) -> dict[str, Any]:
     seconds = (follower.found_after or 0.0) + follower.found_cpu if is_found else None
     later = [off for off, _ in follower.errors[30:]] if is_found else []
     is_in_time = seconds is not None and (way == "guess" or seconds <= SECONDS_MOST)
+    wrong = int(is_found) if way == "foreign" else follower.wrong
     return {
-        "success": bool(is_in_time and not follower.wrong),
-        "false": follower.wrong,
+        "success": not is_found if way == "foreign" else bool(is_in_time and not wrong),
+        "false": wrong,
         "seconds": seconds,
         "cpu": follower.found_cpu if is_found else follower.cpu,
         "error_m": follower.found_m if is_found else None,
         "error_deg": follower.found_deg if is_found else None,
         "track_rms_m": float(np.sqrt(np.mean(np.square(later)))) if later else None,
         "track_max_m": max(later) if later else None,
+        "track_end_rms_m": float(np.sqrt(np.mean(np.square(later[-100:])))) if later else None,
         "ambiguous": follower.states.get(CloudState.AMBIGUOUS.name, 0) > 0,
         "lost": follower.states.get(CloudState.LOST.name, 0) > 0,
     }
@@ -269,7 +283,7 @@ def _counted(results: Sequence[dict[str, Any]], way: str) -> dict[str, Any]:
         "ambiguous": sum(all_of("ambiguous")),
         "lost": sum(all_of("lost")),
     }
-    for name in ("seconds", "cpu", "error_m", "error_deg", "track_rms_m", "track_max_m"):
+    for name in ("seconds", "cpu", "error_m", "error_deg", "track_rms_m", "track_max_m", "track_end_rms_m"):
         values = all_of(name)
         if values:
             fields |= {f"{name}_median": statistics.median(values), f"{name}_worst": max(values)}
@@ -282,6 +296,6 @@ def _line(result: dict[str, Any]) -> str:
         told = _counted([result], way)
         parts.append(
             f"{way}: {told['success']} of {told['starts']}, {told['false']} false,"
-            f" {told.get('seconds_median', math.nan):.1f} s, {told.get('error_m_median', math.nan):.3f} m"
+            f" {told.get('seconds_median', math.nan):.1f} s, {told.get('track_rms_m_median', math.nan):.3f} m"
         )
     return f"{result['way_m']:.0f} m, {result['map_points']} points; {'; '.join(parts)}"
