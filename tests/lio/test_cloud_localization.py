@@ -17,7 +17,7 @@ from ambler.kernels import cloud_search
 from ambler.kernels.cloud_search import FLAT, WALL
 from ambler.lio.cloud_localizer import CloudLocalizer, CloudPose, CloudTracker
 from ambler.lio.cloud_map import CloudMap
-from ambler.lio.cloud_match import apart, between, judge, turned
+from ambler.lio.cloud_match import CloudMatch, apart, between, judge, turned
 from ambler.lio.cloud_relocalizer import CloudState
 from ambler.lio.config import CloudLocalizerConfig, LioConfig
 from ambler.lio.health import LioResult
@@ -169,18 +169,51 @@ def test_a_lost_place_is_given_up_and_looked_for_again() -> None:
     assert CloudState.LOST in states
 
 
-def test_the_filter_leaves_to_the_odometry_what_the_map_does_not_say() -> None:
+def test_a_displaced_estimate_is_pulled_in_without_a_step() -> None:
     results = other_day()
-    truth = results[60][1]
-    map_from_odom = truth @ results[60][0].map_from_imu.inverse()
-    tracker = CloudTracker(saved(), CONFIG, map_from_odom @ SE3((0.0, 0.0, 0.0)), results[60][0])
-    before = np.diag(tracker._covariance).copy()
-    for result, _ in results[61:63]:
+    truth = results[0][1]
+    displaced = SE3((0.25, -0.15, 0.1)) @ truth @ results[0][0].map_from_imu.inverse()
+    tracker = CloudTracker(saved(), CONFIG, displaced, results[0][0])
+    errors = []
+    for result, true in results[1:]:
         tracker.update(result)
-    assert (np.diag(tracker._covariance) >= before).all()  # nothing registered yet: it only grows
-    for result, _ in results[63:90]:
-        tracker.update(result)
-    assert np.sqrt(np.diag(tracker._covariance)).max() < 0.05
+        errors.append(np.subtract((tracker.map_from_odom @ result.map_from_imu).translation, true.translation))
+    sizes = np.linalg.norm(errors, axis=1)
+    assert sizes[0] > 0.25
+    assert sizes[-30:].max() < 0.03
+    assert np.linalg.norm(np.diff(errors, axis=0), axis=1).max() < 0.06
+
+
+def tube(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Points of a smooth tunnel along x, 5 m wide and 4 m high, around the middle of its height."""
+    x, u = rng.uniform(-30.0, 30.0, count), rng.uniform(-1.0, 1.0, count)
+    side = rng.integers(4, size=count)
+    y = np.choose(side, [np.full(count, 2.5), np.full(count, -2.5), 2.5 * u, 2.5 * u])
+    z = np.choose(side, [2.0 * u, 2.0 * u, np.full(count, 2.0), np.full(count, -2.0)])
+    return np.column_stack([x, y, z]) + rng.normal(0.0, 0.01, (count, 3))
+
+
+def test_along_a_tunnel_the_place_is_left_to_the_odometry_and_across_it_is_corrected() -> None:
+    rng = np.random.default_rng(5)
+    tunnel = CloudMap(tube(rng, 200_000))
+    like = other_day()[0][0]
+
+    def sight(k: int) -> LioResult:
+        near = tube(rng, 4000)
+        return replace(like, stamp_ns=k * 100_000_000, map_from_imu=SE3(), points_imu=near[np.abs(near[:, 0]) < 20.0])
+
+    tracker = CloudTracker(tunnel, CONFIG, SE3((0.4, 0.2, -0.1)), sight(0))
+    for k in range(1, 80):
+        tracker.update(sight(k))
+    x, y, z = tracker.map_from_odom.translation
+    assert abs(x - 0.4) < 0.05  # nothing here says how far along
+    assert abs(y) < 0.03
+    assert abs(z) < 0.03
+
+
+def test_quality_counts_a_ray_through_a_wall_twice() -> None:
+    match = CloudMatch(SE3(), walls=0.9, flats=1.0, blocked=0.2, residual_m=0.05, information=np.eye(6))
+    assert match.quality == pytest.approx(0.5)
 
 
 def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:

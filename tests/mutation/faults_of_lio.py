@@ -10,6 +10,8 @@ ODOMETRY = ("tests/lio/test_odometry.py",)
 START = ("tests/lio/test_start.py",)
 DOCTOR = ("tests/lio/test_doctor.py",)
 DRIFT = ("tests/lio/test_drift.py",)
+CLOUD = ("tests/lio/test_cloud_localization.py",)
+PLACES_STUDY = ("tests/studies/test_cloud_relocalization_study.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 LIO = (
@@ -89,5 +91,75 @@ LIO = (
         "if (np.diff(stamps) <= 0).any():",
         "if False:",
         ("tests/recordings/test_cloud_folder.py",),
+    ),
+    PlantedFault(
+        "a place that is seen once is believed",
+        "lio/cloud_relocalizer.py",
+        "if viewpoints >= (self.config.viewpoints if",
+        "if viewpoints >= 1 or viewpoints >= (self.config.viewpoints if",
+        CLOUD,
+    ),
+    PlantedFault(
+        "of two places that look alike the first is taken",
+        "lio/cloud_relocalizer.py",
+        "        if best - second >= c.margin:",
+        "        if best >= c.margin:",
+        CLOUD,
+    ),
+    PlantedFault(
+        "rays through walls do not speak against a place",
+        "lio/cloud_match.py",
+        "return self.walls - 2.0 * self.blocked",
+        "return self.walls",
+        CLOUD,
+    ),
+    PlantedFault(
+        "what is seen behind a wall's edge is taken to be seen through it",
+        "kernels/cloud_search.py",
+        "if before * after >= 0.0 or abs(before) < clear",
+        "if abs(before) < clear",
+        CLOUD,
+    ),
+    PlantedFault(
+        "all heights of the sensor are taken for the lowest",
+        "kernels/cloud_search.py",
+        "points[k, 2] + low + h * step",
+        "points[k, 2] + low",
+        CLOUD,
+    ),
+    PlantedFault(
+        "a correction steps",
+        "lio/cloud_localizer.py",
+        "share = 1.0 - math.exp(-self._dt / self.config.smooth)",
+        "share = 1.0",
+        CLOUD,
+    ),
+    PlantedFault(
+        "the place in a tunnel follows a registration that knows nothing of it",
+        "lio/cloud_localizer.py",
+        "corrected = turned(predicted, self._covariance @ (information @ innovation))",
+        "corrected = pose",
+        CLOUD,
+    ),
+    PlantedFault(
+        "registrations off by metres are taken",
+        "lio/cloud_localizer.py",
+        "if match.quality < c.accept or off > c.jump or turn > c.jump_turn:",
+        "if off > 1e3:",
+        CLOUD,
+    ),
+    PlantedFault(
+        "what was computed is not counted as time until found",
+        "studies/cloud_relocalization_study.py",
+        "seconds = (follower.found_after or 0.0) + follower.found_cpu if is_found else None",
+        "seconds = (follower.found_after or 0.0) if is_found else None",
+        PLACES_STUDY,
+    ),
+    PlantedFault(
+        "a place found in the map of another is no false one",
+        "studies/cloud_relocalization_study.py",
+        'wrong = int(is_found) if way == "foreign" else follower.wrong',
+        "wrong = follower.wrong",
+        PLACES_STUDY,
     ),
 )
