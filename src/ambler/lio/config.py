@@ -235,6 +235,25 @@ class CloudLocalizerConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class CloudGridConfig:
+    """The plan cut out of a cloud: `resolution` m per cell; the floor is followed over cells of `floor_cell` m, climbing at most `climb` m from one to the
+    next and across at most `gap` cells without any; what has `points_least` points between `band_low` and `band_high` m above it is occupied. The way's
+    sensor is between `sensor_least` and `sensor_most` m above its floor; every `eye_step` m it looks `reach` m far."""
+
+    resolution: float = 0.1
+    floor_cell: float = 0.5
+    climb: float = 0.3
+    gap: int = 2
+    points_least: int = 2
+    band_low: float = 0.2
+    band_high: float = 1.5
+    sensor_least: float = 0.2
+    sensor_most: float = 3.0
+    eye_step: float = 0.5
+    reach: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
 class LioConfig:
     """The whole filter. `imu_from_lidar` is (x, y, z, roll, pitch, yaw) in metres and radians, None: from the recording, else the identity.
 
@@ -252,6 +271,7 @@ class LioConfig:
     drift: DriftConfig = field(default_factory=DriftConfig)
     alone: AloneConfig = field(default_factory=AloneConfig)
     localize: CloudLocalizerConfig = field(default_factory=CloudLocalizerConfig)
+    grid: CloudGridConfig = field(default_factory=CloudGridConfig)
     imu_from_lidar: tuple[float, float, float, float, float, float] | None = None
     lidar_clock: float = 0.0
     estimates_mount: bool = False
