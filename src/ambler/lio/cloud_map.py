@@ -113,8 +113,8 @@ def _fits(points: F64, cell: float) -> bool:
 
 def _surfaces(points: F64) -> VoxelMap:
     """Return a voxel map that holds all points, to fit planes to."""
-    # A cloud keeps single returns of many scans: its surfaces are thicker than those of a filter's map.
-    config = VoxelMapConfig(thickness=0.2, radius=1e6)
+    # Points as near as those of the map: the two sides of a thin wall are two surfaces. They are single returns of many scans, hence thicker than a filter's.
+    config = VoxelMapConfig(voxel=0.6, spacing=0.2, thickness=0.12, radius=1e6)
     cells = np.unique(np.floor(points / config.voxel).astype(np.int64), axis=0)
     surfaces = VoxelMap(replace(config, voxels_most=len(cells) + 16))
     surfaces.insert(points)

@@ -165,7 +165,7 @@ class CloudMatchConfig:
     fine_cell: float = 0.3
     fine_reach: float = 0.5
     fine_rounds: int = 15
-    near: float = 0.25
+    near: float = 0.2
     facing: float = 0.7
     tilt_most: float = math.radians(4.0)  # both maps are level
 
@@ -189,13 +189,13 @@ class CloudRelocalizerConfig:
     promising: float = 0.5
     guess_way: float = 2.5
     guess_turn: float = math.radians(36.0)
-    accept: float = 0.45
+    accept: float = 0.5
     flat_least: float = 0.5
-    margin: float = 0.12
+    margin: float = 0.08
     margin_least: float = 0.03
     rest_ratio: float = 0.65
-    same_way: float = 0.5
-    same_turn: float = math.radians(5.0)
+    same_way: float = 1.0
+    same_turn: float = math.radians(8.0)
     viewpoint_way: float = 1.5
     viewpoint_turn: float = 0.8
     viewpoints: int = 2
