@@ -21,6 +21,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--lidar", default="mid_360", help="of vlp_16, mid_360, os_64 (default: mid_360)")
     parser.add_argument("--starts", type=int, default=20, help="starts in each map (default: 20)")
     parser.add_argument("--walk", type=float, help="metres walked from each start (default: drawn, 18 to 26)")
+    parser.add_argument("--foreign", action="store_true", help="look for each start in the map of another place, too")
     add_study_options(parser, 1, "drawn maps of each kind")
     parser.set_defaults(run=run)
 
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     settings, seeds = study_settings(args, takes_faults=False), seeds_of(args)
     recorded_config(settings.profile)
     cases = [
-        CloudRelocalizationCase(kind, seed, args.lidar, args.starts, args.walk, settings=settings)
+        CloudRelocalizationCase(kind, seed, args.lidar, args.starts, args.walk, args.foreign, settings=settings)
         for kind in kinds
         for seed in seeds
     ]

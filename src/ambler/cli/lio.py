@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ambler.cli import lio_localize
+from ambler.cli import lio_localize, lio_plan
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--no-check", action="store_true", help="do not examine units, clocks and mount first")
     lio_localize.add_options(parser)
+    lio_plan.add_options(parser)
     add_settings(parser)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for trajectory, clouds, pictures and report"
@@ -88,6 +89,8 @@ def run(args: argparse.Namespace) -> int:
     from ambler.wire.trajectory_files import read_tum_3d
 
     if args.map is not None:
+        if args.grid:
+            raise BadInputError("--grid cuts a plan out of what is mapped: not with --map")
         return lio_localize.run(args)
     if args.guess is not None:
         raise BadInputError("--guess needs --map")
@@ -111,12 +114,13 @@ def run(args: argparse.Namespace) -> int:
         error = _against_truth(args.truth, result) if args.truth else None
     except BadInputError as beside:
         failure = str(beside)  # the map is not lost for it
-    fields = _fields(result, cpu_seconds) | (error.fields() if error is not None else {})
+    plan = lio_plan.cut(args, result, config)
+    fields = _fields(result, cpu_seconds) | plan.fields() | (error.fields() if error is not None else {})
     if args.peer and error is not None:
         fields |= _peer(args.truth, recording, config, mount)
-    _write(args, result, fields, notes, error)
+    _write(args, result, fields, notes, error, plan)
     _report(args.out, fields)
-    for warning in (*result.warnings(), *([failure] if failure else [])):
+    for warning in (*result.warnings(), *plan.warnings(), *([failure] if failure else [])):
         print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
@@ -290,12 +294,14 @@ def _write(
     fields: dict[str, Any],
     notes: Sequence[str],
     error: SpatialError | None,
+    plan: lio_plan.Plan,
 ) -> None:
     """Write everything into the folder."""
     from ambler.apps.recorded_lio_report import write_lio
 
     with partial_folder(args.out) as folder:
         write_lio(folder, args.recording, result, fields, notes, error)
+        plan.write(folder)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import correlate, map_coordinates
 
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
@@ -50,7 +50,10 @@ def cut_plan(points: NDArray[np.floating], way: F64, config: CloudGridConfig | N
     heights = own[:, 2] - _between(floor, (own[:, :2] - low) / c.floor_cell)
     cells = np.floor((own[:, :2] - low) / c.resolution).astype(np.int64)
     shape = (spec.height, spec.width)
-    occupied = _count(cells[(heights > c.band_low) & (heights < c.band_high)], shape) >= c.points_least
+    standing = _count(cells[(heights > c.band_low) & (heights < c.band_high)], shape)
+    # A point alone is noise; on a flat top there is one in every cell.
+    around = correlate(standing, np.ones((3, 3), np.int64), mode="constant")
+    occupied = (standing >= c.points_least) | ((standing > 0) & (around >= c.points_around))
     seen = _count(cells[np.abs(heights) < c.band_low], shape) > 0
     places, below = _way_over(way, floor, low, c)
     free = np.zeros(shape, np.bool_)

@@ -237,7 +237,8 @@ class CloudLocalizerConfig:
 @dataclass(frozen=True, slots=True)
 class CloudGridConfig:
     """The plan cut out of a cloud: `resolution` m per cell; the floor is followed over cells of `floor_cell` m, climbing at most `climb` m from one to the
-    next and across at most `gap` cells without any; what has `points_least` points between `band_low` and `band_high` m above it is occupied. The way's
+    next and across at most `gap` cells without any; what has `points_least` points between `band_low` and `band_high` m above it, or one and
+    with the cells around `points_around`, is occupied. The way's
     sensor is between `sensor_least` and `sensor_most` m above its floor; every `eye_step` m it looks `reach` m far."""
 
     resolution: float = 0.1
@@ -245,6 +246,7 @@ class CloudGridConfig:
     climb: float = 0.3
     gap: int = 2
     points_least: int = 2
+    points_around: int = 5
     band_low: float = 0.2
     band_high: float = 1.5
     sensor_least: float = 0.2

@@ -55,13 +55,15 @@ FOREIGN_SEED, FOREIGN_SECONDS = 1_000_003, 6.0  # another place of the same kind
 
 @dataclass(frozen=True, slots=True)
 class CloudRelocalizationCase:
-    """One map and `starts` starts in it. A guess is off by up to `guess_way` m and `guess_turn_deg`; `walk` in metres from each start, None: drawn."""
+    """One map and `starts` starts in it. A guess is off by up to `guess_way` m and `guess_turn_deg`; `walk` in metres from each start, None: drawn; `foreign` looks for each in the map of another
+    place, too."""
 
     kind: str
     seed: int
     lidar: str
     starts: int
     walk: float | None = None
+    foreign: bool = False
     guess_way: float = 2.0
     guess_turn_deg: float = 30.0
     settings: StudySettings = DEFAULTS
@@ -122,12 +124,14 @@ def run_case(case: CloudRelocalizationCase, folder: Path) -> dict[str, Any]:
     site = KINDS[case.kind](case.seed, float(rng.uniform(low, high)))
     made, mapped = make_map(case, site, config, folder)
     changed, solids = change_site(site, SHARE, rng)
-    elsewhere = KINDS[case.kind](case.seed + FOREIGN_SEED, float(rng.uniform(low, high)))
-    foreign, _ = make_map(case, elsewhere, config, folder / "foreign")
-    starts = [_start(case, made, foreign.cloud, changed, config, number) for number in range(case.starts)]
+    foreign = None
+    if case.foreign:
+        elsewhere = KINDS[case.kind](case.seed + FOREIGN_SEED, float(rng.uniform(low, high)))
+        foreign = make_map(case, elsewhere, config, folder / "foreign")[0].cloud
+    starts = [_start(case, made, foreign, changed, config, number) for number in range(case.starts)]
     fields: dict[str, Any] = {"map_points": len(made.cloud.points), "solids_changed": solids, **mapped}
-    for way in WAYS:
-        fields |= {f"{way}.{name}": [s[way][name] for s in starts] for name in starts[0][way]}
+    for way, told in starts[0].items():
+        fields |= {f"{way}.{name}": [s[way][name] for s in starts] for name in told}
     return fields
 
 
@@ -170,7 +174,7 @@ def draw_walk(site: Site, rng: np.random.Generator, metres: float | None = None)
 
 
 def _start(
-    case: CloudRelocalizationCase, made: MadeMap, foreign: CloudMap, site: Site, config: LioConfig, number: int
+    case: CloudRelocalizationCase, made: MadeMap, foreign: CloudMap | None, site: Site, config: LioConfig, number: int
 ) -> dict[str, Any]:
     """Walk from one start with all localizers on the same odometry."""
     rng = np.random.default_rng([case.seed, 89, number])
@@ -189,12 +193,9 @@ def _start(
             first_ns = result.stamp_ns
             guess = SE3(tuple(np.add(truth.translation, off[:3]).tolist()), truth.rotation)
             guess = guess @ SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, float(off[3]))
-            for way, cloud, told in (
-                ("guess", made.cloud, guess),
-                ("none", made.cloud, None),
-                ("foreign", foreign, None),
-            ):
-                followers[way] = Follower(CloudLocalizer(cloud, config.localize, told), [], {})
+            told = [("guess", made.cloud, guess), ("none", made.cloud, None)]
+            told += [("foreign", foreign, None)] if foreign is not None else []
+            followers = {way: Follower(CloudLocalizer(cloud, config.localize, g), [], {}) for way, cloud, g in told}
         seconds = 1e-9 * (result.stamp_ns - first_ns)
         for way, follower in followers.items():
             if way != "foreign" or seconds < FOREIGN_SECONDS:
@@ -251,7 +252,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return flat fields over all maps, per kind, and each map's own counts."""
     whole = [r for r in results if r.get("ended") != CRASHED]
     fields: dict[str, Any] = {"maps": len(results), "is_met": len(whole) == len(results) and bool(whole)}
-    for way in WAYS:
+    for way in (way for way in WAYS if whole and f"{way}.success" in whole[0]):
         told = _counted(whole, way)
         fields |= {f"{way}.{name}": value for name, value in told.items()}
         if way in BARS:
@@ -293,7 +294,7 @@ def _counted(results: Sequence[dict[str, Any]], way: str) -> dict[str, Any]:
 
 def _line(result: dict[str, Any]) -> str:
     parts = []
-    for way in WAYS:
+    for way in (way for way in WAYS if f"{way}.success" in result):
         told = _counted([result], way)
         parts.append(
             f"{way}: {told['success']} of {told['starts']}, {told['false']} false,"
