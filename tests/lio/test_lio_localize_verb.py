@@ -41,11 +41,11 @@ def test_a_recording_is_localized_and_compared_in_the_frame_of_the_map(
     assert main([*words, "--truth", str(recorded / "in_map.tum")]) == 0
     fields = json.loads(result.read_text())
     assert fields["success"] is True
-    assert fields["found_after_s"] < (0.6 if guess else 8.0)
+    assert fields["found_after_s"] < (0.6 if guess else 20.0)  # the hall is bare and nearly square: it takes viewpoints
     assert fields["map_error_max_m"] < 0.06
     assert fields["times_lost"] == 0
     stamps, poses = read_tum_3d(out / "trajectory.tum")
-    assert len(stamps) == len(poses) == fields["poses"] > 150
+    assert len(stamps) == len(poses) == fields["poses"] > (200 if guess else 40)
     for name in ("top.png", "report.html"):
         assert (out / name).stat().st_size > 5000
 
