@@ -14,6 +14,8 @@ BASE = ("tests/lio/test_base_odometry.py",)
 NODE = ("tests/lio/test_lidar_odometry_node.py",)
 SPATIAL = ("tests/posegraph/test_spatial.py",)
 LOOPS = ("tests/lio/test_loop_closure.py",)
+CLOUD = ("tests/lio/test_cloud_localization.py",)
+PLACES_STUDY = ("tests/studies/test_cloud_relocalization_study.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 LIO = (
@@ -205,5 +207,75 @@ LIO = (
         "np.linalg.norm(place) > FALSE_M",
         "np.linalg.norm(place) > 10.0 * FALSE_M",
         ("tests/studies/test_lio_study.py",),
+    ),
+    PlantedFault(
+        "a place that is seen once is believed",
+        "lio/cloud_relocalizer.py",
+        "if viewpoints >= (self.config.viewpoints if",
+        "if viewpoints >= 1 or viewpoints >= (self.config.viewpoints if",
+        CLOUD,
+    ),
+    PlantedFault(
+        "of two places that look alike the first is taken",
+        "lio/cloud_relocalizer.py",
+        "        if best - second >= c.margin:",
+        "        if best >= c.margin:",
+        CLOUD,
+    ),
+    PlantedFault(
+        "rays through walls do not speak against a place",
+        "lio/cloud_match.py",
+        "return self.walls - 2.0 * self.blocked",
+        "return self.walls",
+        CLOUD,
+    ),
+    PlantedFault(
+        "what is seen behind a wall's edge is taken to be seen through it",
+        "kernels/cloud_search.py",
+        "if before * after >= 0.0 or abs(before) < clear",
+        "if abs(before) < clear",
+        CLOUD,
+    ),
+    PlantedFault(
+        "all heights of the sensor are taken for the lowest",
+        "kernels/cloud_search.py",
+        "points[k, 2] + low + h * step",
+        "points[k, 2] + low",
+        CLOUD,
+    ),
+    PlantedFault(
+        "a correction steps",
+        "lio/cloud_localizer.py",
+        "share = 1.0 - math.exp(-self._dt / self.config.smooth)",
+        "share = 1.0",
+        CLOUD,
+    ),
+    PlantedFault(
+        "the place in a tunnel follows a registration that knows nothing of it",
+        "lio/cloud_localizer.py",
+        "corrected = turned(predicted, self._covariance @ (information @ innovation))",
+        "corrected = pose",
+        CLOUD,
+    ),
+    PlantedFault(
+        "registrations off by metres are taken",
+        "lio/cloud_localizer.py",
+        "if match.quality < c.accept or off > c.jump or turn > c.jump_turn:",
+        "if off > 1e3:",
+        CLOUD,
+    ),
+    PlantedFault(
+        "what was computed is not counted as time until found",
+        "studies/cloud_relocalization_study.py",
+        "seconds = (follower.found_after or 0.0) + follower.found_cpu if is_found else None",
+        "seconds = (follower.found_after or 0.0) if is_found else None",
+        PLACES_STUDY,
+    ),
+    PlantedFault(
+        "a place found in the map of another is no false one",
+        "studies/cloud_relocalization_study.py",
+        'wrong = int(is_found) if way == "foreign" else follower.wrong',
+        "wrong = follower.wrong",
+        PLACES_STUDY,
     ),
 )

@@ -6,13 +6,15 @@ import argparse
 import os
 import shutil
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ambler.cli import lio_localize, lio_plan
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from ambler.core.se3 import SE3
     from ambler.evaluation.spatial_error import SpatialError
@@ -51,11 +53,18 @@ def add_parser(subparsers: Any) -> None:
         help="the LiDAR in the IMU's frame, m and deg, where the recording lacks it",
     )
     parser.add_argument("--no-check", action="store_true", help="do not examine units, clocks and mount first")
+    lio_localize.add_options(parser)
+    lio_plan.add_options(parser)
     add_settings(parser)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for trajectory, clouds, pictures and report"
     )
-    parser.add_argument("--truth", type=Path, metavar="FILE", help="TUM file of the IMU's true poses to compare with")
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="FILE",
+        help="TUM file of the IMU's true poses to compare with; with --map they are in its frame",
+    )
     parser.add_argument(
         "--peer", action="store_true", help="run kiss-icp on the same clouds and compare it, too (needs --truth)"
     )
@@ -79,6 +88,12 @@ def run(args: argparse.Namespace) -> int:
     from ambler.studies.lio_peer import INSTALL, is_installed
     from ambler.wire.trajectory_files import read_tum_3d
 
+    if args.map is not None:
+        if args.grid:
+            raise BadInputError("--grid cuts a plan out of what is mapped: not with --map")
+        return lio_localize.run(args)
+    if args.guess is not None:
+        raise BadInputError("--guess needs --map")
     config = _config(args, recorded_config(profile_of(args)[0]).lio)
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
@@ -99,14 +114,15 @@ def run(args: argparse.Namespace) -> int:
         error = _against_truth(args.truth, result, result.poses) if args.truth else None
     except BadInputError as beside:
         failure = str(beside)  # the map is not lost for it
-    fields = _fields(result, cpu_seconds) | (error.fields() if error is not None else {})
+    plan = lio_plan.cut(args, result, config)
+    fields = _fields(result, cpu_seconds) | plan.fields() | (error.fields() if error is not None else {})
     if error is not None and args.truth:
         fields["odometry_start_rms_m"] = _against_truth(args.truth, result, result.odometry).start_rms_m
     if args.peer and error is not None:
         fields |= _peer(args.truth, recording, config, mount)
-    _write(args, result, fields, notes, error)
+    _write(args, result, fields, notes, error, plan)
     _report(args.out, fields)
-    for warning in (*result.warnings(), *([failure] if failure else [])):
+    for warning in (*result.warnings(), *plan.warnings(), *([failure] if failure else [])):
         print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
@@ -283,19 +299,28 @@ def _write(
     fields: dict[str, Any],
     notes: Sequence[str],
     error: SpatialError | None,
+    plan: lio_plan.Plan,
 ) -> None:
-    """Write everything into a folder beside the target, then move it there, so that no partial output is ever seen."""
+    """Write everything into the folder."""
     from ambler.apps.recorded_lio_report import write_lio
+
+    with partial_folder(args.out) as folder:
+        write_lio(folder, args.recording, result, fields, notes, error)
+        plan.write(folder)
+
+
+@contextmanager
+def partial_folder(out: Path) -> Iterator[Path]:
+    """Give a folder beside the target and move what was written there, so that no partial output is ever seen; raises BadInputError."""
     from ambler.core.errors import BadInputError
 
-    out: Path = args.out
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
     except OSError as failure:
         raise BadInputError(f"{out}: cannot be written: {failure.strerror or failure}") from failure
     try:
-        write_lio(partial, args.recording, result, fields, notes, error)
+        yield partial
         out.mkdir(exist_ok=True)
         for file in sorted(partial.iterdir()):
             os.replace(file, out / file.name)

@@ -55,4 +55,6 @@ def _box(points: NDArray[np.floating], way: F64) -> tuple[F64, F64]:
     if len(points) == 0:
         return way.min(axis=0) - 1.0, way.max(axis=0) + 1.0
     low, high = np.percentile(points, [0.2, 99.8], axis=0)
+    if len(way) == 0:
+        return low - 0.5, high + 0.5
     return np.minimum(low, way.min(axis=0)) - 0.5, np.maximum(high, way.max(axis=0)) + 0.5

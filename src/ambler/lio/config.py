@@ -164,6 +164,129 @@ class AloneConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class CloudMapConfig:
+    """A saved cloud. `cell`: metres per point that is kept; `neighbours` make a normal; `surface_cell` knows which way its surface faces.
+    `image_cell`, `image_sigma`, `depth`: grid, smoothing (m) and levels of the search from above; a sensor stands within `ground_near` m of something flat.
+    A cell holds a surface that stops rays when at least `plane_points` of its points lie `plane_sigma` m (RMS) about a plane; a ray passes through it when both its ends lie `clear` m off, and it meets it with a cosine above `cosine_least`."""
+
+    cell: float = 0.2
+    neighbours: int = 12
+    surface_cell: float = 0.5
+    height_step: float = 0.25
+    image_cell: float = 0.4
+    image_sigma: float = 0.4
+    depth: int = 5
+    ground_near: float = 4.0
+    plane_points: int = 6
+    plane_sigma: float = 0.06
+    clear: float = 0.6
+    cosine_least: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class CloudMatchConfig:
+    """Registration to a saved cloud, coarse then fine: cells of the points (m), how far their partners may be (m), rounds. A point is explained
+    within `near` m of a surface that faces as its own does (cosine `facing`). At most `points_most` are used, none farther than `range_most`."""
+
+    range_most: float = 35.0
+    points_most: int = 5000
+    coarse_cell: float = 1.0
+    coarse_reach: float = 1.5
+    coarse_rounds: int = 20
+    fine_cell: float = 0.3
+    fine_reach: float = 0.5
+    fine_rounds: int = 15
+    near: float = 0.2
+    facing: float = 0.7
+    tilt_most: float = math.radians(4.0)  # both maps are level
+
+
+@dataclass(frozen=True, slots=True)
+class CloudRelocalizerConfig:
+    """Where in the cloud: `scans_least` are gathered before a search, at most `scans_most`; `search_points` walls are looked for from above, poses
+    below `keep_ratio` of the best or `score_least` are not pursued; `candidates` are tried at every height, and of these at most `refined` that score at least `promising` times
+    the best are registered.
+    `guess_way` (m), `guess_turn` (rad): how far a guess may be off. A place is accepted from `accept` quality on when it leads by `margin`, or by `margin_least` while it leaves at most `rest_ratio` of what the second leaves unexplained: then `viewpoints_barely` must agree
+    instead of `viewpoints`. Places are one within
+    `same_way` (m) and `same_turn` (rad). A viewpoint is new after `viewpoint_way` (m) or `viewpoint_turn` (rad). Nothing found: wait `retry_after` s."""
+
+    scans_least: int = 5
+    scans_most: int = 40
+    search_points: int = 250
+    keep_ratio: float = 0.8
+    score_least: float = 0.3
+    candidates: int = 60
+    refined: int = 12
+    promising: float = 0.5
+    guess_way: float = 2.5
+    guess_turn: float = math.radians(36.0)
+    accept: float = 0.5
+    flat_least: float = 0.5
+    margin: float = 0.08
+    margin_least: float = 0.03
+    rest_ratio: float = 0.65
+    same_way: float = 1.0
+    same_turn: float = math.radians(8.0)
+    viewpoint_way: float = 1.5
+    viewpoint_turn: float = 0.8
+    viewpoints: int = 2
+    viewpoints_barely: int = 3
+    retry_after: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CloudTrackerConfig:
+    """Following the place in the cloud: every `period` s the last `scans` are registered. What the odometry drifts meanwhile: `walk` m/√m and `turn` rad/√m,
+    and at rest a little (`idle_walk` m/√s, `idle_turn` rad/√s). `noise` (m) of a point to its plane, with what neighbours share.
+    A registration below `accept` quality, or off by more than `jump` m or `jump_turn` rad, is a miss; after `misses_most` in a row the place is lost.
+    What is told follows the estimate with the time constant `smooth` s."""
+
+    period: float = 1.0
+    scans: int = 10
+    walk: float = 0.02
+    turn: float = 0.002
+    idle_walk: float = 0.001
+    idle_turn: float = 0.0001
+    noise: float = 0.5
+    accept: float = 0.3
+    jump: float = 0.6
+    jump_turn: float = math.radians(5.0)
+    misses_most: int = 10
+    smooth: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CloudLocalizerConfig:
+    """Localization in a saved cloud: the map, registration to it, the search for the place and following it."""
+
+    map: CloudMapConfig = field(default_factory=CloudMapConfig)
+    match: CloudMatchConfig = field(default_factory=CloudMatchConfig)
+    relocalizer: CloudRelocalizerConfig = field(default_factory=CloudRelocalizerConfig)
+    tracker: CloudTrackerConfig = field(default_factory=CloudTrackerConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class CloudGridConfig:
+    """The plan cut out of a cloud: `resolution` m per cell; the floor is followed over cells of `floor_cell` m, climbing at most `climb` m from one to the
+    next and across at most `gap` cells without any; what has `points_least` points between `band_low` and `band_high` m above it, or one and
+    with the cells around `points_around`, is occupied. The way's
+    sensor is between `sensor_least` and `sensor_most` m above its floor; every `eye_step` m it looks `reach` m far."""
+
+    resolution: float = 0.1
+    floor_cell: float = 0.5
+    climb: float = 0.3
+    gap: int = 2
+    points_least: int = 2
+    points_around: int = 5
+    band_low: float = 0.2
+    band_high: float = 1.5
+    sensor_least: float = 0.2
+    sensor_most: float = 3.0
+    eye_step: float = 0.5
+    reach: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
 class LioConfig:
     """The whole filter. `imu_from_lidar` is (x, y, z, roll, pitch, yaw) in metres and radians, None: from the recording, else the identity.
 
@@ -181,6 +304,8 @@ class LioConfig:
     drift: DriftConfig = field(default_factory=DriftConfig)
     alone: AloneConfig = field(default_factory=AloneConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
+    localize: CloudLocalizerConfig = field(default_factory=CloudLocalizerConfig)
+    grid: CloudGridConfig = field(default_factory=CloudGridConfig)
     imu_from_lidar: tuple[float, float, float, float, float, float] | None = None
     lidar_clock: float = 0.0
     estimates_mount: bool = False

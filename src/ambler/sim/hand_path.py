@@ -96,6 +96,10 @@ class HandPath:
     def _walk_seconds(self) -> float:
         return self._length / self.speed + self.ramp
 
+    def places(self, along: F64) -> F64:
+        """Return places (K, 3) of the way at metres (K,) along it, without sway."""
+        return np.asarray(self._spline(along))
+
     def poses(self, times: F64) -> tuple[F64, F64]:
         """Return positions (K, 3) and quaternions (K, 4, wxyz) of the hand in the world at times (K,)."""
         t = np.asarray(times, np.float64)
