@@ -156,9 +156,10 @@ class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
         return self._poll_ns * 1e-9
 
     def _measure(self, now_ns: int, elapsed_ns: int) -> None:
-        sensor, body, stamp_ns = self._sensor, self._body, now_ns - self._sweep_ns
+        sensor, body, first_ns = self._sensor, self._body, elapsed_ns - self._sweep_ns
+        stamp_ns = now_ns - self._sweep_ns - round(self._spec.clock * 1e9)
         movers = self._world.movers_around(body, self._spec.sweep_time)
-        sensor.sweep(*body.knots(self.frame, elapsed_ns - self._sweep_ns), movers)
+        sensor.sweep(*body.knots(self.frame, first_ns), movers, 1e-9 * first_ns)
         is_flat = len(self._spec.elevations) == 1
         measured = sensor.to_scan(stamp_ns) if is_flat else sensor.to_cloud(stamp_ns)
         sent = body.faults.pass_on(measured, elapsed_ns * 1e-9)
