@@ -18,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
     generate.add_argument(
         "kind",
         metavar="KIND",
-        help="office, flat, ward, warehouse, hall (100 m), corridor, yard (open sides) or campus",
+        help="office, flat, ward, warehouse, hall (100 m), corridor, yard (open sides) or campus; with three dimensions: site, garage or tunnel",
     )
     generate.add_argument("--seed", type=int, default=0, help="another place for each (default: 0)")
     generate.add_argument(

@@ -127,7 +127,8 @@ class SimDock:
 
 @dataclass(frozen=True, slots=True)
 class WorldSpec:
-    """A world in its own frame. `start` is where a robot begins unless it is told otherwise; `ceiling` inf: none."""
+    """A world in its own frame. `start` is where a robot begins unless it is told otherwise; `ceiling` inf: none; `route`: waypoints of a
+    drive that the world brings along, at `route_speed` m/s."""
 
     name: str
     solids: tuple[Solid, ...]
@@ -140,6 +141,8 @@ class WorldSpec:
     docks: tuple[SimDock, ...] = ()
     meshes: tuple[TriangleMesh, ...] = ()
     terrain: HeightField | None = None
+    route: tuple[tuple[float, float], ...] = ()
+    route_speed: float = 0.8
 
     @property
     def is_flat(self) -> bool:
@@ -193,6 +196,7 @@ class WorldSpec:
             docks=tuple(replace(d, world_from_dock=frame_from_world @ d.world_from_dock) for d in self.docks),
             meshes=tuple(m.moved(frame_from_world) for m in self.meshes),
             terrain=self.terrain.moved(frame_from_world) if self.terrain is not None else None,
+            route=tuple(_moved_point(frame_from_world, p) for p in self.route),
         )
 
     def from_start(self) -> WorldSpec:
