@@ -34,7 +34,7 @@ def mecanum() -> RobotDescription:
         drive=DriveKind.OMNI,
         footprint=_rectangle(0.60, 0.50),
         limits=replace(limits, ax_brake=1.5, ay_brake=1.5),
-        sensors=_mid_360((0.0, 0.0, 0.60), 0.0),
+        sensors=_mid_360((0.0, 0.0, 0.62), 0.0),
         body_height=0.30,
     )
     return RobotDescription(model, Chassis(body_bottom=0.05, wheel_radius=0.076, track=0.44, wheel_base=0.40))

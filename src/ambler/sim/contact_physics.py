@@ -19,6 +19,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3
 from ambler.sim.base import Carriage, PlacedRobot, Touch
 from ambler.sim.drive import after_strafe_loss, drive_of
+from ambler.sim.movers import ground_under
 from ambler.sim.pushing import PushingPeople, person_xml
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -111,6 +112,7 @@ class ContactPhysics:
             motor = 2 * sum(body.has_wheels for body in self._bodies)
             self._bodies.append(_Body(self._model, self._data, placed, k, motor))
         self._is_flat = world.is_flat
+        self._world = world
         self._is_ground, self._is_gear = self._find_ground(world)
         self._settle(world)
 
@@ -146,6 +148,8 @@ class ContactPhysics:
         """Put doors to where they are now, and let people head for where they want to be."""
         people = self._people.count
         self._people.head_for(places[:people])
+        if people and not self._is_flat:
+            self._people.stand_on(ground_under(self._world, np.array(self._people.places())))
         for k, (x, y) in enumerate(places[people:]):
             self._data.mocap_pos[k, 0] = x
             self._data.mocap_pos[k, 1] = y

@@ -154,16 +154,17 @@ class WorldSpec:
         """Height of the endless floor: 0, or with a terrain just below its lowest point."""
         return 0.0 if self.terrain is None else self.terrain.lowest - TERRAIN_DROP
 
-    def ground_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the heights of what a robot that starts at points (N, 2), its middle first, stands on, float64 (N,): floor, terrain, or
-        meshes up to half a metre above the ground in its middle. Solids do not count."""
+    def ground_at(self, points: NDArray[np.float64], height: float = -math.inf) -> NDArray[np.float64]:
+        """Return the heights of what a robot stands on at points (N, 2), its middle first, float64 (N,): floor, terrain, or meshes up to half
+        a metre above the ground in its middle, or above the `height` at which it is, on an upper level. Solids do not count."""
         bare = np.full(len(points), self.floor)
         if self.terrain is not None:
             bare = np.fmax(bare, self.terrain.heights_at(points))
         if not self.meshes:
             return bare
         corners = np.concatenate([m.corners for m in self.meshes])
-        middle = max(bare[0], highest_below(corners, points[:1], bare[0] + STEP_ON)[0])
+        limit = max(float(bare[0]), height) + STEP_ON
+        middle = max(bare[0], highest_below(corners, points[:1], limit)[0])
         return np.asarray(np.maximum(bare, highest_below(corners, points, middle + STEP_ON)))
 
     def bounds(self) -> tuple[float, float, float, float]:

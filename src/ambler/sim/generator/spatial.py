@@ -40,7 +40,8 @@ def site(seed: int) -> WorldSpec:
     solids = [*world.solids, *_kerbs(rng, way, world.terrain), *_stairs(rng, world)]
     closed = np.vstack([way, way[:1]])
     people = tuple(_stroller(rng, k, way) for k in range(3))
-    return replace(_with_route(world, closed), solids=tuple(solids), people=people)
+    roofs = tuple(_closed_below(roof) for roof in world.meshes)
+    return replace(_with_route(world, closed), solids=tuple(solids), people=people, meshes=roofs)
 
 
 def tunnel(seed: int) -> WorldSpec:
@@ -58,7 +59,9 @@ def garage(seed: int) -> WorldSpec:
     strip = (width, width + AISLE)
     solids = _shell(length, strip[1])
     solids += [
-        _box("parapet", 0.5 * (low + high), width + 0.1, run - 0.2, 0.2, 0.0, STOREY + 1.1),
+        _box("parapet", 0.5 * (low + high), width - 0.1, run, 0.2, 0.0, STOREY + 1.1),
+        _box("stop", high + 0.1, 0.5 * sum(strip), 0.2, AISLE, 0.0, STOREY - 0.03),
+        _box("slab", 0.5 * (high + length), 0.5 * sum(strip), length - high, AISLE, STOREY - 0.3, STOREY - 0.03),
         _box("rail", 0.5 * low, width + 0.1, low, 0.2, STOREY, STOREY + 1.1),
         _box("slab", 0.5 * length, 0.5 * width, length, width, STOREY - 0.3, STOREY - 0.03),
         _box("roof", 0.5 * length, 0.5 * strip[1], length, strip[1], 2 * STOREY - 0.3, 2 * STOREY),
@@ -79,6 +82,12 @@ def garage(seed: int) -> WorldSpec:
 
 
 SPATIAL_KINDS: dict[str, Callable[[int], WorldSpec]] = {"site": site, "garage": garage, "tunnel": tunnel}
+
+
+def _closed_below(roof: TriangleMesh) -> TriangleMesh:
+    """A gabled roof with a ceiling between its eaves: what is seen from outside only meets the same rays in every simulator."""
+    ceiling = np.array([[0, 2, 1], [0, 3, 2]], np.int32)
+    return replace(roof, triangles=np.concatenate([roof.triangles, ceiling]))
 
 
 def _with_route(world: WorldSpec, route: F64) -> WorldSpec:
