@@ -78,6 +78,11 @@ def draw_place(kind: str, seed: int, day: int = 0) -> DrawnPlace:
     raise BadInputError(f"{kind}-{seed}: no valid plan in {ATTEMPTS} attempts")
 
 
+def is_spatial(kind: str) -> bool:
+    """Tell whether places of a kind have three dimensions."""
+    return kind in SPATIAL_KINDS
+
+
 def _spatial(kind: str, seed: int) -> DrawnPlace:
     """Draw a place with three dimensions; its way is its route."""
     content = content_of(SPATIAL_KINDS[kind](seed))

@@ -166,7 +166,7 @@ def _parked(rng: np.random.Generator, length: float, width: float) -> list[Solid
     """Cars in the bays at both sides of the aisle, but for the ends of the level, where one turns towards the ramp."""
     out = []
     for level in (0.0, STOREY):
-        for x in np.arange(0.5 * BAY[0], length, BAY[0]):
+        for x in np.arange(0.5 * BAY[0], length - 0.5 * BAY[0], BAY[0]):
             for y in (0.5 * BAY[1], width - 0.5 * BAY[1]):
                 is_turn = y > BAY[1] and not AISLE + 6.0 < x < length - AISLE - 6.0
                 if is_turn or rng.random() > PARKED:
