@@ -13,7 +13,6 @@ from ambler.core.errors import BadInputError
 from ambler.sim.generator.content import content_of
 from ambler.sim.generator.draw import draw_place
 from ambler.sim.generator.spatial import KERB, RAMP, SPATIAL_KINDS, STOREY, garage
-from ambler.sim.generator.spatial_floor import STEEPEST
 from ambler.sim.generator.view import heights_from_above
 from ambler.sim.generator.write import write_place
 from ambler.sim.solids import WorldSpec
@@ -68,7 +67,6 @@ def test_a_robot_gets_along_the_whole_route(kind: str, seed: int) -> None:
         heights = terrain.heights_at(points)
         assert np.isfinite(heights).all()
         assert 2.0 < np.ptp(heights) < 15.0
-        assert STEEPEST < math.tan(math.radians(21.0))
 
 
 @pytest.mark.parametrize("seed", range(3))
