@@ -146,3 +146,28 @@ def test_runs_on_slopes_are_equal_bit_for_bit() -> None:
     assert first[0] == second[0]
     np.testing.assert_array_equal(first[1], second[1])
     assert first[2] == second[2]
+
+
+@pytest.mark.parametrize(("robot", "crouch"), [("go2", 0.18), ("g1", 0.35), ("spot", 0.25)])
+def test_who_sits_is_lower_obeys_nobody_and_stands_up_again(robot: str, crouch: float) -> None:
+    simulation = Simulation(load_world("office"), robot_named(robot), SimulationConfig(0, True))
+    legs = simulation.devices.legs
+    assert legs is not None
+    simulation.step(500_000_000)
+    height = simulation.world_from_base.translation[2]
+    legs.sit()
+    simulation.step(simulation.now_ns + 2_000_000_000)
+    assert simulation.world_from_base.translation[2] == pytest.approx(height - crouch, abs=1e-6)
+    before = simulation.world_from_base.translation[:2]
+    drive(simulation, BodyVelocity(0.4, 0.0, 0.0), 1.0)
+    assert np.hypot(*np.subtract(simulation.world_from_base.translation[:2], before)) < 1e-4
+    legs.stand()
+    drive(simulation, BodyVelocity(0.4, 0.0, 0.0), 1.4)
+    assert np.hypot(*np.subtract(simulation.world_from_base.translation[:2], before)) < 0.02
+    drive(simulation, BodyVelocity(0.4, 0.0, 0.0), 2.0)
+    assert np.hypot(*np.subtract(simulation.world_from_base.translation[:2], before)) > 0.5
+    assert simulation.world_from_base.translation[2] == pytest.approx(height, abs=0.03)
+
+
+def test_wheels_have_nothing_to_stand_up_with() -> None:
+    assert Simulation(load_world("office"), robot_named("mecanum"), SimulationConfig(0, True)).devices.legs is None

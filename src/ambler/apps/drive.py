@@ -97,7 +97,9 @@ class DriveRun(Run):
         model = scene.robot.model
         nodes = simulated_nodes(world, ROBOT, described=model, has_map=False)
         nodes += [*sensing_nodes(model, scene.config), GateNode(model, scene.config.gate)]
-        driver = partial(RouteDriverNode, scene.route.points, scene.route.speed, model, scene.start)
+        has_legs = scene.robot.gait is not None
+        route = scene.route
+        driver = partial(RouteDriverNode, route.points, route.speed, model, scene.start, has_legs=has_legs)
         self.robot = RobotInRun(folder, nodes, (), driver)
         run = {"world": options.world, "robot": options.robot, "seed": options.seed, "physics": options.physics}
         save_resolved(folder.config, {"run": run, "route": as_values(scene.route), "robot": as_values(scene.config)})

@@ -16,10 +16,11 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import ProgramEnd
 from ambler.runtime.node import Node, Offers
-from ambler.runtime.tasks import ARM, END_PROGRAM, EndProgramRequest, GateReply, GateRequest, Nothing
+from ambler.runtime.tasks import ARM, END_PROGRAM, SIT, STAND, EndProgramRequest, GateReply, GateRequest, Nothing
 from ambler.runtime.topics import GATE_STATUS, PATH, STATUS, TRUE_POSE, VELOCITY_REQUEST
 
 PERIOD = 0.05
+HALTED = 0.7  # seconds after the end of the route until a walker sits down
 MOVED = 0.05  # metres that count as getting on
 
 
@@ -42,7 +43,6 @@ class RouteDriverNode(Node):
     optional_inputs = (GATE_STATUS,)
     outputs = (VELOCITY_REQUEST, PATH, STATUS)
     serves: Offers = (END_PROGRAM,)
-    calls: Offers = (ARM,)
     latency = 0.001
 
     def __init__(
@@ -54,7 +54,12 @@ class RouteDriverNode(Node):
         on_finished: Callable[[ProgramEnd], None],
         on_progress: Callable[[int, str], None] | None = None,
         config: RouteDriverConfig | None = None,
+        *,
+        has_legs: bool = False,
     ) -> None:
+        """Of a robot that `has_legs` the driver has it stand up before and sit down after the drive."""
+        self._has_legs = has_legs
+        self.calls: Offers = (ARM, STAND, SIT) if has_legs else (ARM,)
         self._config = config if config is not None else RouteDriverConfig()
         self._pursuit = RoutePursuit(points, speed, robot.limits, self._config.pursuit)
         self._points = np.array(points)
@@ -81,6 +86,8 @@ class RouteDriverNode(Node):
 
     def _arm(self) -> None:
         if not self._is_over:
+            if self._has_legs:
+                self.ctx.call(STAND, Nothing(), lambda _: None)
             self.ctx.call(ARM, GateRequest(self.name, "a drive begins"), self._armed)
 
     def _armed(self, reply: GateReply | Exception) -> None:
@@ -118,8 +125,10 @@ class RouteDriverNode(Node):
             self._on_progress(now_ns, f"{pursuit.left:6.1f} m to go  height {self._height:5.2f} m{held}")
 
     def _rest(self) -> None:
-        """Stand still a moment, so that the recording ends at rest."""
+        """Stand still a moment, or sit down, so that the recording ends at rest."""
         self._is_driving = False
+        if self._has_legs:
+            self.ctx.after(HALTED, lambda: self.ctx.call(SIT, Nothing(), lambda _: None))
         self.ctx.after(self._config.rest, lambda: self._finish("SUCCEEDED", ""))
 
     def _on_end_program(self, request: EndProgramRequest) -> Nothing:

@@ -13,7 +13,7 @@ from ambler.core.se3 import SE3
 from ambler.sim.base import BaseController, Carriage, PlacedRobot
 from ambler.sim.battery import Battery, BatterySpec
 from ambler.sim.faults import FaultInjector
-from ambler.sim.gait import Gait
+from ambler.sim.gait import Gait, Posture
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
@@ -40,6 +40,7 @@ class Body:
         self.history: deque[tuple[int, SE3]] = deque()
         middle = min(0.7 * self.robot.model.body_height, HIPS)
         self._gait = Gait(self.robot.gait, middle) if self.robot.gait is not None else None
+        self.posture = Posture(self.robot.gait.crouch if self.robot.gait is not None else 0.0)
         self._upright = self.robot.gait.upright if self.robot.gait is not None else 0.0
         self._counted: tuple[float, ...] = ()
         self._grip = 1.0
@@ -75,6 +76,8 @@ class Body:
 
     def target(self, elapsed_ns: int) -> BodyVelocity:
         """Return what the physics shall do for a tick. While the wheels slip they turn for the whole, and the base moves a part of it."""
+        if not self.posture.is_standing:
+            self.controller.command(BodyVelocity(), elapsed_ns)
         wanted = self._wanted = self.controller.update(elapsed_ns, TICK)
         if not self.faults.has_slip:
             return wanted
@@ -93,6 +96,8 @@ class Body:
             self.lean = self._gait.update(self._wanted, TICK)
             if self._upright > 0.0:
                 self.lean = self._straightened(carriage) @ self.lean
+            if not self.posture.is_standing:
+                self.lean = SE3((0.0, 0.0, -self.posture.update(TICK))) @ self.lean
         self.history.append((elapsed_ns, self._pose(carriage)))
         while self.history[0][0] < elapsed_ns - HISTORY_NS:
             self.history.popleft()

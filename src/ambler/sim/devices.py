@@ -137,6 +137,23 @@ class SimulatedBase(SimulatedDevice[m.Odometry]):
         self._send(self._reckoning.update(self._body.travel, self._body.lean, now_ns))
 
 
+class SimulatedLegs:
+    """Legs that rise and fold."""
+
+    def __init__(self, world: World, body: Body) -> None:
+        self._world, self._body = world, body
+
+    def stand(self) -> None:
+        """Rise; the base obeys velocities again once it stands."""
+        with self._world.lock:
+            self._body.posture.is_up = True
+
+    def sit(self) -> None:
+        """Halt and sit down."""
+        with self._world.lock:
+            self._body.posture.is_up = False
+
+
 class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
     """A scanner: a scan or a cloud arrives `latency` after the end of its sweep."""
 

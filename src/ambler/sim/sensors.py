@@ -270,7 +270,7 @@ LEG_ODOMETRY = OdometrySpec(
 @dataclass(frozen=True, slots=True)
 class GaitSpec:
     """Sway of a legged body while it walks: amplitudes at full speed of heave and sway (m), roll, pitch, yaw (rad). `upright`: the share of
-    the ground's tilt that the legs take back."""
+    the ground's tilt that the legs take back; `crouch`: how much lower (m) it sits than it stands."""
 
     frequency_hz: float = 2.5
     heave: float = 0.012
@@ -281,8 +281,11 @@ class GaitSpec:
     full_speed: float = 0.4
     time_constant: float = 0.3
     upright: float = 0.0
+    crouch: float = 0.25
 
 
 # A small dog's trot, and the walk of somebody on two legs, who keeps his trunk upright where the ground is not.
-TROT = GaitSpec(3.0, 0.010, 0.008, math.radians(1.5), math.radians(1.5), math.radians(0.8), 0.6, 0.3)
-HUMANOID = GaitSpec(1.8, 0.015, 0.020, math.radians(2.0), math.radians(1.5), math.radians(2.0), 0.5, 0.3, 1.0)
+TROT = GaitSpec(3.0, 0.010, 0.008, math.radians(1.5), math.radians(1.5), math.radians(0.8), 0.6, 0.3, crouch=0.18)
+HUMANOID = GaitSpec(
+    1.8, 0.015, 0.020, math.radians(2.0), math.radians(1.5), math.radians(2.0), 0.5, 0.3, 1.0, crouch=0.35
+)
