@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ambler.apps.drive import DriveRun, drive_scene, judge_drive
+from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.cli.main import main
@@ -94,6 +95,11 @@ def test_the_recording_maps(up_the_ramp: DriveRun, tmp_path: Path) -> None:
     fields = json.loads(out.read_text())
     assert fields["start_rms_m"] < 0.05
     assert fields["path_length_m"] == pytest.approx(9.0, abs=0.3)
+
+
+def test_a_drive_is_no_run_that_could_be_thought_again(up_the_ramp: DriveRun, tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="map its recording with `ambler lio`"):
+        replay_run(up_the_ramp.folder.root, tmp_path)
 
 
 def test_equal_seeds_make_equal_drives_and_another_seed_another(up_the_ramp: DriveRun, tmp_path: Path) -> None:
