@@ -33,6 +33,9 @@ QUICK = (
     "config check slow.yaml",
     "world generate office --seed 17 --out office.yaml --picture office.png",
     "world generate office --seed 17 --day 2 --out later.yaml",
+    "world show campus --picture campus.png",
+    "world show garage --picture ground_floor.png --cut 2.5",
+    "world generate site --seed 17 --out site.yaml",
     "calibrate range --simulated --out robot.yaml",
 )
 NOT_RUN = {
@@ -40,6 +43,9 @@ NOT_RUN = {
     "demo --robot spot --world lab_obstacle --seed 3": WHOLE_RUN,
     "demo --world my_floor_plan.yaml": OWN_FILES,
     "demo --world office-17": WHOLE_RUN,
+    "demo --robot go2 --world campus --drive built-in": WHOLE_RUN,
+    "demo --robot mecanum --world garage --drive built-in --speed 1.0 --seed 3": WHOLE_RUN,
+    "lio runs/LATEST/recording --truth runs/LATEST/truth.tum --out my_map": "needs a drive; tests/apps/test_drive.py maps one",
     "demo --profile slow.yaml --set planner.factor=1.2": WHOLE_RUN,
     "demo --world building --robot amr_omni --then dock:charger_1 --then undock:charger_1 --then 3,0,90": WHOLE_RUN,
     "demo --world lab_empty --apart": WHOLE_RUN,
@@ -93,7 +99,7 @@ SAYS = {
     "slam2d examples/": r"(99|100)\.\d % of the returns on walls",
     "slam2d log.clf.bz2 --out my_map --relations": r"relations: 1 used, translation 0\.\d+",
     "localize": r"times_lost +0\b",
-    "world generate": r"office-17(-day2)?: 31 x 20 m, \d+ m² that a robot reaches",
+    "world generate office": r"office-17(-day2)?: 31 x 20 m, \d+ m² that a robot reaches",
     "replay": r"/slam_pose +(\d{3}) of \1 equal",
     "demo --world lab_empty --start": r"ended +│ finished",
     "config explain gate.reaction_time": r"gate\.reaction_time",

@@ -46,8 +46,8 @@ def test_a_model_survives_its_file(name: str, tmp_path: Path) -> None:
         robot_named(str(tmp_path / "robot.urdf"))
 
 
-def test_what_the_three_robots_are() -> None:
-    diff, spot, omni = (robot_model(name) for name in robot_names())
+def test_what_the_planar_robots_are() -> None:
+    diff, spot, omni = (robot_model(name) for name in ("diff", "spot", "amr_omni"))
     assert [s.kind for s in diff.sensors] == [SensorKind.SCAN, SensorKind.IMU]
     assert diff.sensor("laser").azimuth == (-math.pi, math.pi)
     (cloud,) = spot.clouds
@@ -61,6 +61,29 @@ def test_what_the_three_robots_are() -> None:
     assert robot_description("spot").chassis.wheel_radius == 0.0
     assert robot_description("amr_omni").chassis.has_mecanum_wheels
     assert robot_description("diff").chassis.has_two_wheels
+
+
+@pytest.mark.parametrize(
+    ("name", "pitch_deg"), [("mecanum", 0.0), ("mecanum+tilted", 28.0), ("go2", 28.0), ("g1", 20.0)]
+)
+def test_what_the_robots_with_a_mid_360_are(name: str, pitch_deg: float) -> None:
+    """The sensor looks forwards and down by its tilt; the unit inside it sits 5 cm from where the points count from, turned alike."""
+    robot = robot_model(name)
+    (lidar,), (imu,) = robot.clouds, robot.of_kind(SensorKind.IMU)
+    assert lidar.elevation == pytest.approx((math.radians(-7.0), math.radians(52.0)))
+    ahead = lidar.base_from_sensor.rotate((1.0, 0.0, 0.0))
+    assert math.degrees(math.asin(-ahead[2])) == pytest.approx(pitch_deg)
+    between = lidar.base_from_sensor.inverse() @ imu.base_from_sensor
+    assert between.rotation == pytest.approx((1.0, 0.0, 0.0, 0.0))
+    assert np.linalg.norm(between.translation) == pytest.approx(0.0511, abs=1e-3)
+    assert not robot.scanners
+
+
+def test_only_a_level_sensor_can_be_tilted() -> None:
+    both = robot_model("mecanum+tilted+ultrasonic")
+    assert len(both.rangers) == 12
+    with pytest.raises(BadInputError, match="only mecanum"):
+        robot_model("go2+tilted")
 
 
 def test_a_ring_sits_on_the_outline_and_looks_outwards() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from ambler.sim.faults import FaultKind
 from ambler.sim.robots import robot_named
+from ambler.sim.route import load_route
 from ambler.sim.world_file import load_world
 
 PAGE = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text()
@@ -42,3 +43,11 @@ def test_every_fault_of_the_page_exists() -> None:
     table = PAGE[PAGE.index("## Faults") :]
     named = re.findall(r"^\| `(\w+)", table, re.MULTILINE)
     assert sorted(named) == sorted(k.value for k in FaultKind)
+
+
+def test_the_route_example_of_the_drives_loads(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "driving.md").read_text()
+    path = tmp_path / "route.yaml"
+    path.write_text(str(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0]))
+    route = load_route(path, load_world("campus"))
+    assert (len(route.points), route.speed) == (3, 0.8)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ambler.core.errors import BadInputError
 from ambler.core.messages import Contact, LaserScan
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
@@ -246,6 +245,42 @@ def test_robots_on_high_ground_see_each_other_there() -> None:
     np.testing.assert_allclose(scans[1], scans[0], atol=2e-3)
 
 
-def test_kinematic_physics_refuses_ground_that_is_not_flat() -> None:
-    with pytest.raises(BadInputError, match="world ramp: terrain and meshes need contact physics"):
-        KinematicPhysics(load_world("ramp"), [PlacedRobot("robot", robot_named("diff"), SE2())], TICK)
+@pytest.mark.parametrize("robot", robot_names())
+def test_the_cheap_mode_lies_on_the_slope_and_travels_along_it(robot: str) -> None:
+    """Ten degrees ahead: it leans by them, goes the wanted way along the slope, and climbs its sine."""
+    physics = KinematicPhysics(slope(10.0, "field"), [PlacedRobot("robot", robot_named(robot), SE2())], TICK)
+    w, x, y, z = physics.carriage(0).rotation
+    assert math.degrees(math.asin(2 * (w * y - z * x))) == pytest.approx(-10.0, abs=0.01)
+    before = np.array(physics.carriage(0).position)
+    for _ in range(400):
+        physics.step([BodyVelocity(0.4, 0.0, 0.0)])
+    moved = np.array(physics.carriage(0).position) - before
+    assert np.linalg.norm(moved) == pytest.approx(0.8, abs=0.002)
+    assert moved[2] == pytest.approx(0.8 * math.sin(math.radians(10.0)), abs=0.002)
+    assert physics.touches(0) == ()
+
+
+def test_the_cheap_mode_takes_the_ramp_and_halts_at_a_kerb() -> None:
+    ramp = load_world("ramp")
+    physics = KinematicPhysics(ramp, [PlacedRobot("robot", robot_named("mecanum"), ramp.start)], TICK)
+    heights = []
+    for _ in range(3000):
+        physics.step([BodyVelocity(0.8, 0.0, 0.0)])
+        heights.append(physics.carriage(0).position[2])
+    assert max(heights) == pytest.approx(0.5995, abs=0.01)
+    kerb = ramp.meshes[0].vertices
+    below = SE2(float(kerb[:, 0].min()) - 0.8, float(kerb[:, 1].mean()), 0.0)
+    physics = KinematicPhysics(ramp, [PlacedRobot("robot", robot_named("mecanum"), below)], TICK)
+    for _ in range(600):
+        physics.step([BodyVelocity(0.8, 0.0, 0.0)])
+    assert physics.touches(0)
+    assert physics.carriage(0).position[0] + 0.3 < kerb[:, 0].min() + 0.01
+    assert physics.carriage(0).position[2] < 0.01
+
+
+def test_the_cheap_mode_keeps_to_its_level_of_a_garage() -> None:
+    """The route leads over the ramp to the upper level, above where it began."""
+    garage = load_world("garage")
+    upper = SE2(0.5 * sum(garage.bounds()[::2]), garage.start.y, 0.0)
+    floors = [float(garage.ground_at(np.array([[upper.x, upper.y]]), height)[0]) for height in (0.0, 3.0)]
+    assert floors == pytest.approx([0.0, 3.0])

@@ -11,10 +11,11 @@ import pytest
 
 from ambler.core.se3 import SE3
 from ambler.sim.hand_path import Burst, HandPath, Sway
-from ambler.sim.hand_rig import BEGIN_NS, EXACT, HandRig
-from ambler.sim.rosette import ELEVATION, MID_360, rosette
+from ambler.sim.hand_rig import BEGIN_NS, HandRig
+from ambler.sim.rig_errors import EXACT
+from ambler.sim.rosette import ELEVATION, rosette
 from ambler.sim.scene import build_scene
-from ambler.sim.sensors import MEMS_IMU_200, VLP_16
+from ambler.sim.sensors import MEMS_IMU_200, MID_360, VLP_16
 from ambler.sim.site import draw_hall, draw_site, draw_tunnel, draw_twins
 
 SPEC = replace(VLP_16.perfect(), columns=90)

@@ -88,7 +88,16 @@ GRID = "terrain: {resolution: 0.5, x: [0, 1], y: [0, 1], heights: [[0, 1], [0, 1
         ("meshes: [{file: nothing.obj}]", r"nothing\.obj: cannot be read"),
         ("meshes: [{file: bad.obj}]", r"bad\.obj: is no mesh"),
         ("meshes: [{file: flat.obj}]", r"flat\.obj: mesh 'flat': triangle 0 has no area"),
-        ("meshes: [{name: no_file}]", r"w\.yaml: meshes\.0\.file"),
+        ("meshes: [{name: no_file}]", r"w\.yaml: meshes\.0: .*either file, or vertices and triangles"),
+        (
+            "meshes: [{file: t.obj, triangles: [[0, 1, 2]]}]",
+            r"w\.yaml: meshes\.0: .*either file, or vertices and triangles",
+        ),
+        ("meshes: [{triangles: [[0, 1, 2]]}]", r"w\.yaml: mesh 'w': triangle 0 names a vertex"),
+        (
+            "meshes: [{name: m, vertices: [[0, 0, 0], [1, 0, 0], [2, 0, 0]], triangles: [[0, 1, 2]]}]",
+            r"w\.yaml: mesh 'm': triangle 0 has no area",
+        ),
         ("meshes: [{file: t.obj, scale: 0}]", r"w\.yaml: meshes\.0\.scale"),
         ("terrain: {resolution: 0.5}", "either file or x, y and heights"),
         (GRID + ", file: h.npy}", "either file or x, y and heights"),

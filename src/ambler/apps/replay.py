@@ -81,6 +81,10 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     out = out if out is not None else root / "replay"
     out.mkdir(parents=True, exist_ok=True)
     saved = load_profile(folder.config)
+    if "route" in saved:
+        raise BadInputError(
+            f"{root} is a drive along a route, in which nothing thought: map its recording with `ambler lio`"
+        )
     try:
         nodes = _nodes(saved, folder, out)
         is_live = bool(saved["run"]["is_realtime"] or saved["run"]["is_apart"])

@@ -28,6 +28,7 @@ from ambler.runtime.stack import Stack
 from ambler.runtime.tasks import END_PROGRAM, EndProgramRequest
 from ambler.runtime.topics import GOAL, SET_POSE, TELEOP_REQUEST, Topic
 
+Driver = Callable[[Callable[[ProgramEnd], None], Callable[[int, str], None]], Node]
 WIND_UP = 60.0  # seconds of the executor that the end of a program may take
 
 
@@ -58,20 +59,23 @@ class RobotInRun:
         folder: RunFolder,
         nodes: Sequence[Node],
         steps: tuple[Step, ...],
-        operator: OperatorConfig,
+        operator: OperatorConfig | Driver,
         prefix: str = "",
     ) -> None:
+        """`operator`: what the one who sends it to the steps is told; or who makes somebody else of what to call at the end and with
+        progress."""
         self.folder = folder
         self.steps = steps
         self.prefix = prefix
         self.progress = ProgressLine()
         self.end: ProgramEnd | None = None
         self.on_end: Callable[[], None] = _nothing
-        self.stack = Stack(
-            [*nodes, OperatorNode(steps, operator, self._finish, self.progress.show)],
-            external=outside_topics(nodes),
-            prefix=prefix,
-        )
+        person: Node
+        if isinstance(operator, OperatorConfig):
+            person = OperatorNode(steps, operator, self._finish, self.progress.show)
+        else:
+            person = operator(self._finish, self.progress.show)
+        self.stack = Stack([*nodes, person], external=outside_topics(nodes), prefix=prefix)
 
     def _finish(self, end: ProgramEnd) -> None:
         self.end = end

@@ -24,14 +24,17 @@ def simulated_nodes(
     calibration: CameraModel | None = None,
     replaced: Callable[[RobotDevices], RobotDevices] | None = None,
     described: RobotModel | None = None,
+    *,
+    has_map: bool = True,
 ) -> list[Node]:
     """Return the nodes of one robot of a running world: its devices and its ground truth. `calibration` replaces what its camera says,
-    `replaced` puts other devices in the place of simulated ones; `described`: the robot as its drawing has it (None: as it is)."""
+    `replaced` puts other devices in the place of simulated ones; `described`: the robot as its drawing has it (None: as it is);
+    `has_map`: the true map of the plane is told."""
     devices = robot_devices(world, name)
     devices = devices if replaced is None else replaced(devices)
     model = world.body(name).robot.model if described is None else described
     nodes = device_nodes(model, devices, calibration=calibration)
-    return [*nodes, TruthNode(GroundTruth(world, world.body(name)))]
+    return [*nodes, TruthNode(GroundTruth(world, world.body(name)), has_map=has_map)]
 
 
 def lone_robot_nodes(

@@ -31,7 +31,9 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="diff", help="diff, spot, amr_omni or a URDF file (default: diff)")
+    parser.add_argument(
+        "--robot", default="diff", help="diff, spot, amr_omni, mecanum, go2, g1 or a URDF file (default: diff)"
+    )
     parser.add_argument("--known-map", action="store_true", help="as it is in a known map, instead of exploring")
 
 

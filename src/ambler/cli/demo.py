@@ -28,15 +28,29 @@ def add_parser(subparsers: Any) -> None:
         metavar="X,Y;X,Y;...",
         help="explore inside this polygon only; corners in metres from the start",
     )
+    drive = parser.add_argument_group("a drive along a route, in place of an exploration")
+    drive.add_argument(
+        "--drive",
+        metavar="FILE",
+        help="drive along the waypoints of a route file and record clouds, IMU, wheels and truth for `ambler lio`; `built-in`: the"
+        " route that the world brings along (campus, garage, tunnel and drawn sites have one)",
+    )
+    drive.add_argument("--speed", type=float, metavar="M/S", help="speed of the drive (default: the route's)")
     add_run_options(parser, world="office", robot="diff", time_limit=3600.0)
     add_dock_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Explore, and do what comes then. 0: everything was done, with proof and without a collision."""
+    """Explore, and do what comes then; or drive along a route. 0: everything was done, with proof and without a collision."""
+    from ambler.cli.simulated_drive import run_drive
+    from ambler.core.errors import BadInputError
     from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, UndockStep
 
+    if args.drive is not None:
+        return run_drive(args, options_of(args, ()))
+    if args.speed is not None:
+        raise BadInputError("--speed belongs to a drive along a route (--drive)")
     steps: list[Step] = [ExploreStep()]
     for text in args.then:
         kind, colon, name = text.partition(":")

@@ -30,7 +30,7 @@ def add_run_options(parser: argparse.ArgumentParser, *, world: str, robot: str, 
     place.add_argument(
         "--robot",
         default=robot,
-        help=f"diff, spot, amr_omni, one of them +ultrasonic, or a URDF file (default: {robot})",
+        help=f"diff, spot, amr_omni, mecanum, go2, g1, one of them +ultrasonic, mecanum+tilted, or a URDF file (default: {robot})",
     )
     place.add_argument("--seed", type=int, default=0, help="seed of every random number (default: 0)")
     place.add_argument(

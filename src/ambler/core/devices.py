@@ -128,6 +128,18 @@ class Base(Device, Protocol):
         ...
 
 
+class Legs(Protocol):
+    """What a base that walks can do besides walking. While it does not stand it obeys no velocity."""
+
+    def stand(self) -> None:
+        """Rise, within a second or two; standing already is no error."""
+        ...
+
+    def sit(self) -> None:
+        """Halt and sit down."""
+        ...
+
+
 class Joystick(Device, Protocol):
     """Something a person holds."""
 
@@ -147,3 +159,4 @@ class RobotDevices:
     cameras: tuple[Camera, ...] = ()
     battery: Battery | None = None
     joystick: Joystick | None = None
+    legs: Legs | None = None

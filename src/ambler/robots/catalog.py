@@ -1,9 +1,11 @@
-"""The built-in robots: `diff`, a two-wheeled base with a 360° scanner, `spot`, a walking base with a VLP-16, and `amr_omni`, an
-industrial base on mecanum wheels with three safety scanners; and any robot by its name or its URDF file."""
+"""The built-in robots: `diff`, a two-wheeled base with a 360° scanner, `spot`, a walking base with a VLP-16, `amr_omni`, an
+industrial base on mecanum wheels with three safety scanners, and those of `robots.spatial_robots`; and any robot by its name or its URDF
+file."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,22 +17,29 @@ from ambler.core.se3 import SE3
 from ambler.robots.description import Chassis, RobotDescription
 from ambler.robots.ring import with_transducer_ring
 from ambler.robots.sensors import SCANNERS
+from ambler.robots.spatial_robots import g1, go2, mecanum, tilted
 from ambler.robots.urdf import read_robot
 
-ULTRASONIC = "ultrasonic"
+ULTRASONIC, TILTED = "ultrasonic", "tilted"
 
 
 def robot_names() -> tuple[str, ...]:
     """Return the names of the built-in robots."""
-    return ("diff", "spot", "amr_omni")
+    return tuple(_MAKERS)
 
 
-def split_option(name: str) -> tuple[str, bool]:
-    """Split `NAME+ultrasonic` into the name and whether a ring of transducers is wanted; raises BadInputError for other options."""
-    base, plus, option = name.partition("+")
-    if plus and option != ULTRASONIC:
-        raise BadInputError(f"robot {name!r}: no option {option!r}; there is +ultrasonic, as in diff+ultrasonic")
-    return base, bool(plus)
+def split_options(name: str) -> tuple[str, frozenset[str]]:
+    """Split `NAME+ultrasonic`, `NAME+tilted` or both into the name and its options; raises BadInputError for others, and for a tilt of
+    what is not a level Mid-360."""
+    base, *options = name.split("+")
+    for option in options:
+        if option not in (ULTRASONIC, TILTED):
+            raise BadInputError(
+                f"robot {name!r}: no option {option!r}; there are +ultrasonic, as in diff+ultrasonic, and +tilted"
+            )
+    if TILTED in options and base != "mecanum":
+        raise BadInputError(f"robot {name!r}: only mecanum has a level Mid-360 that could be tilted")
+    return base, frozenset(options)
 
 
 def is_urdf(name: str) -> bool:
@@ -39,19 +48,19 @@ def is_urdf(name: str) -> bool:
 
 
 def robot_model(name: str) -> RobotModel:
-    """Return a robot's model by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers. Raises
-    BadInputError with the known names."""
-    base, has_ring = split_option(name)
+    """Return a robot's model by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers, `+tilted` tilts the
+    LiDAR of `mecanum`. Raises BadInputError with the known names."""
+    base, options = split_options(name)
     model = read_robot(Path(base)).description.model if is_urdf(base) else robot_description(base).model
-    return with_transducer_ring(model) if has_ring else model
+    model = tilted(model) if TILTED in options else model
+    return with_transducer_ring(model) if ULTRASONIC in options else model
 
 
 def robot_description(name: str) -> RobotDescription:
     """Return a built-in robot; raises BadInputError with the known names."""
-    makers = {"diff": _diff, "spot": _spot, "amr_omni": _amr_omni}
-    if name not in makers:
+    if name not in _MAKERS:
         raise BadInputError(f"no robot {name!r}; there are {', '.join(robot_names())}, or give a .urdf file")
-    return makers[name]()
+    return _MAKERS[name]()
 
 
 def _diff() -> RobotDescription:
@@ -123,3 +132,13 @@ def _amr_omni() -> RobotDescription:
         body_height=0.35,
     )
     return RobotDescription(model, Chassis(body_bottom=0.04, wheel_radius=0.1, track=0.6, wheel_base=0.8))
+
+
+_MAKERS: dict[str, Callable[[], RobotDescription]] = {
+    "diff": _diff,
+    "spot": _spot,
+    "amr_omni": _amr_omni,
+    "mecanum": mecanum,
+    "go2": go2,
+    "g1": g1,
+}

@@ -80,6 +80,11 @@ SCANNERS: dict[str, ScannerGeometry] = {
     "vlp_16": ScannerGeometry(1800, tuple(math.radians(e) for e in range(-15, 16, 2)), -math.pi, 0.4, 100.0),
     # A scanner of 64 rings over 45°, 0.35° steps: 65 536 rays per turn, 120 m (Ouster OS1-64 in its mode of 1024 columns).
     "os_64": ScannerGeometry(1024, tuple(math.radians(-22.5 + 45.0 * k / 63) for k in range(64)), -math.pi, 0.5, 120.0),
+    # Livox Mid-360: 5000 firings of four lines in 0.1 s, -7° to 52°, blind below 0.1 m. Where they look changes from cloud to cloud
+    # (`sim.rosette`); the elevations are the limits and what lies evenly between them.
+    "mid_360": ScannerGeometry(
+        5000, tuple(np.linspace(math.radians(-7.0), math.radians(52.0), 4).tolist()), -math.pi, 0.1, 70.0
+    ),
 }
 TRANSDUCERS: dict[str, TransducerGeometry] = {
     # A 40 kHz parking transducer: a cone of 30°, 3 m.

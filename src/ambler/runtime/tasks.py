@@ -63,6 +63,8 @@ __all__ = [
     "REVOKE_APPROACH",
     "SAVE_GLASS",
     "SAVE_MAP",
+    "SIT",
+    "STAND",
     "STOP_CHARGING",
     "TEACH_DOCK",
     "UNDOCK",
@@ -159,6 +161,8 @@ SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/Sa
 CAMERA_PICTURES = _service(
     "camera_pictures", PicturesRequest, Nothing, "ambler_msgs/srv/CameraPictures", is_outside=True
 )
+STAND = _service("stand", Nothing, Nothing, TRIGGER, is_outside=True)
+SIT = _service("sit", Nothing, Nothing, TRIGGER, is_outside=True)
 STOP_CHARGING = _service("stop_charging", Nothing, Nothing, TRIGGER, is_outside=True)
 PERMIT_APPROACH = _service("permit_approach", ApproachRequest, GateReply, "ambler_msgs/srv/PermitApproach")
 REVOKE_APPROACH = _service("revoke_approach", Nothing, Nothing, TRIGGER)

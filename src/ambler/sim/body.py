@@ -13,13 +13,14 @@ from ambler.core.se3 import SE3
 from ambler.sim.base import BaseController, Carriage, PlacedRobot
 from ambler.sim.battery import Battery, BatterySpec
 from ambler.sim.faults import FaultInjector
-from ambler.sim.gait import Gait
+from ambler.sim.gait import Gait, Posture
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 TICK_NS = 5_000_000
 TICK = TICK_NS * 1e-9
 HISTORY_NS = 250_000_000
+HIPS = 0.5  # metres above the ground about which even a tall body sways
 F64 = NDArray[np.float64]
 
 
@@ -37,7 +38,10 @@ class Body:
         self.lean = SE3()
         self.travel: tuple[float, ...] = ()
         self.history: deque[tuple[int, SE3]] = deque()
-        self._gait = Gait(self.robot.gait, 0.7 * self.robot.model.body_height) if self.robot.gait is not None else None
+        middle = min(0.7 * self.robot.model.body_height, HIPS)
+        self._gait = Gait(self.robot.gait, middle) if self.robot.gait is not None else None
+        self.posture = Posture(self.robot.gait.crouch if self.robot.gait is not None else 0.0)
+        self._upright = self.robot.gait.upright if self.robot.gait is not None else 0.0
         self._counted: tuple[float, ...] = ()
         self._grip = 1.0
         self._wanted = BodyVelocity()
@@ -47,6 +51,8 @@ class Body:
     def place(self, carriage: Carriage, travel: tuple[float, ...]) -> None:
         """Take the state in which the physics begins."""
         self.travel = self._counted = travel
+        if self._upright > 0.0:
+            self.lean = self._straightened(carriage)
         self.history.append((0, self._pose(carriage)))
 
     @property
@@ -70,6 +76,8 @@ class Body:
 
     def target(self, elapsed_ns: int) -> BodyVelocity:
         """Return what the physics shall do for a tick. While the wheels slip they turn for the whole, and the base moves a part of it."""
+        if not self.posture.is_standing:
+            self.controller.command(BodyVelocity(), elapsed_ns)
         wanted = self._wanted = self.controller.update(elapsed_ns, TICK)
         if not self.faults.has_slip:
             return wanted
@@ -86,6 +94,10 @@ class Body:
         self._counted = travel
         if self._gait is not None:
             self.lean = self._gait.update(self._wanted, TICK)
+            if self._upright > 0.0:
+                self.lean = self._straightened(carriage) @ self.lean
+            if not self.posture.is_standing:
+                self.lean = SE3((0.0, 0.0, -self.posture.update(TICK))) @ self.lean
         self.history.append((elapsed_ns, self._pose(carriage)))
         while self.history[0][0] < elapsed_ns - HISTORY_NS:
             self.history.popleft()
@@ -113,6 +125,12 @@ class Body:
         place = SE2(then.x + offset.x, then.y + offset.y, offset.yaw)
         ground = 0.0 if self._is_flat else self._carriage.position[2]
         return Solid(self.name, Shape.BOX, place, *_sizes(self._hull, ground), self._hull.albedo), rate
+
+    def _straightened(self, carriage: Carriage) -> SE3:
+        """What legs take back of the ground's tilt, about the point on the ground."""
+        level = SE3.from_se2(SE2(0.0, 0.0, carriage.to_se2().yaw))
+        tilt = level.inverse() @ SE3((0.0, 0.0, 0.0), carriage.rotation)
+        return SE3((0.0, 0.0, 0.0), SE3().interpolate(tilt.inverse(), self._upright).rotation)
 
     def _pose(self, carriage: Carriage) -> SE3:
         self._carriage = carriage

@@ -19,6 +19,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3
 from ambler.sim.base import Carriage, PlacedRobot, Touch
 from ambler.sim.drive import after_strafe_loss, drive_of
+from ambler.sim.movers import ground_under
 from ambler.sim.pushing import PushingPeople, person_xml
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -111,6 +112,7 @@ class ContactPhysics:
             motor = 2 * sum(body.has_wheels for body in self._bodies)
             self._bodies.append(_Body(self._model, self._data, placed, k, motor))
         self._is_flat = world.is_flat
+        self._world = world
         self._is_ground, self._is_gear = self._find_ground(world)
         self._settle(world)
 
@@ -146,6 +148,8 @@ class ContactPhysics:
         """Put doors to where they are now, and let people head for where they want to be."""
         people = self._people.count
         self._people.head_for(places[:people])
+        if people and not self._is_flat:
+            self._people.stand_on(ground_under(self._world, np.array(self._people.places())))
         for k, (x, y) in enumerate(places[people:]):
             self._data.mocap_pos[k, 0] = x
             self._data.mocap_pos[k, 1] = y
@@ -285,10 +289,15 @@ def _robot_xml(placed: PlacedRobot) -> str:
     robot, name, start = placed.robot, placed.name, placed.start
     levels = (robot.body_bottom, robot.model.body_height)
     center_x = -0.05 if robot.has_two_wheels else 0.0
+    center_z = 0.4 * sum(levels)
+    if (
+        not robot.wheel_radius
+    ):  # who walks steps to where it needs: its mass counts as lying no higher than its feet can hold
+        center_z = min(center_z, 2.0 * min(_feet_reach(robot)))
     turn = f"{math.cos(start.yaw / 2)!r} 0 0 {math.sin(start.yaw / 2)!r}"
     drive = _wheels_xml(placed) if robot.has_two_wheels else _feet_xml(placed)
     return f"""<body name="{name}/base" pos="{start.x!r} {start.y!r} 0" quat="{turn}"><freejoint/>
-<inertial pos="{center_x!r} 0 {0.4 * sum(levels)!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
+<inertial pos="{center_x!r} 0 {center_z!r}" mass="{robot.mass!r}" diaginertia="{_inertia(robot)}"/>
 <geom name="{name}/body" type="mesh" mesh="{name}/hull" conaffinity="3"/>
 <site name="{name}/hull" type="box" pos="0 0 {0.5 * sum(levels)!r}" size="{_hull_size(robot)}"/>
 {drive}
@@ -348,6 +357,12 @@ def _motors_xml(placed: PlacedRobot) -> str:
     )
 
 
+def _feet_reach(robot: SimRobot) -> tuple[float, float]:
+    """How far (m) ahead and beside the middle the feet stand: within the outline, of a short body by a share of it."""
+    x, y = robot.model.footprint.max(axis=0).tolist()
+    return max(x - 0.15, 0.5 * x), max(y - 0.06, 0.5 * y)
+
+
 def _feet_xml(placed: PlacedRobot) -> str:
     """Four spheres, wheels or feet near the corners, whose surface moves; MuJoCo wants one non-zero surface velocity when it
     compiles."""
@@ -355,7 +370,7 @@ def _feet_xml(placed: PlacedRobot) -> str:
     if robot.has_mecanum_wheels:
         radius, x, y = robot.wheel_radius, 0.5 * robot.wheel_base, 0.5 * robot.track
     else:
-        radius, (x, y) = FOOT_RADIUS, (robot.model.footprint.max(axis=0) - [0.15, 0.06]).tolist()
+        radius, (x, y) = FOOT_RADIUS, _feet_reach(robot)
     places = [(x, y), (-x, y), (-x, -y), (x, -y)]
     return "\n".join(
         f'<geom name="{placed.name}/foot_{i}" type="sphere" size="{radius!r}" pos="{px!r} {py!r} {radius!r}" mass="0"'

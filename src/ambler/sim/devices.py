@@ -137,6 +137,23 @@ class SimulatedBase(SimulatedDevice[m.Odometry]):
         self._send(self._reckoning.update(self._body.travel, self._body.lean, now_ns))
 
 
+class SimulatedLegs:
+    """Legs that rise and fold."""
+
+    def __init__(self, world: World, body: Body) -> None:
+        self._world, self._body = world, body
+
+    def stand(self) -> None:
+        """Rise; the base obeys velocities again once it stands."""
+        with self._world.lock:
+            self._body.posture.is_up = True
+
+    def sit(self) -> None:
+        """Halt and sit down."""
+        with self._world.lock:
+            self._body.posture.is_up = False
+
+
 class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
     """A scanner: a scan or a cloud arrives `latency` after the end of its sweep."""
 
@@ -156,9 +173,10 @@ class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
         return self._poll_ns * 1e-9
 
     def _measure(self, now_ns: int, elapsed_ns: int) -> None:
-        sensor, body, stamp_ns = self._sensor, self._body, now_ns - self._sweep_ns
+        sensor, body, first_ns = self._sensor, self._body, elapsed_ns - self._sweep_ns
+        stamp_ns = now_ns - self._sweep_ns - round(self._spec.clock * 1e9)
         movers = self._world.movers_around(body, self._spec.sweep_time)
-        sensor.sweep(*body.knots(self.frame, elapsed_ns - self._sweep_ns), movers)
+        sensor.sweep(*body.knots(self.frame, first_ns), movers, 1e-9 * first_ns)
         is_flat = len(self._spec.elevations) == 1
         measured = sensor.to_scan(stamp_ns) if is_flat else sensor.to_cloud(stamp_ns)
         sent = body.faults.pass_on(measured, elapsed_ns * 1e-9)

@@ -1,4 +1,4 @@
-"""The sway of a legged body about its carriage: harmonic heave, sway, roll, pitch and yaw that grow with speed."""
+"""The sway of a legged body about its carriage: harmonic heave, sway, roll, pitch and yaw that grow with speed; and how it sits down."""
 
 from __future__ import annotations
 
@@ -7,6 +7,28 @@ import math
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import SE3
 from ambler.sim.sensors import GaitSpec
+
+RISING = 1.5  # seconds from sitting to standing
+
+
+class Posture:
+    """How far up a body is on its legs: `is_up` says where it shall be. Sitting, it is `crouch` metres lower."""
+
+    def __init__(self, crouch: float) -> None:
+        self.is_up = True
+        self._crouch = crouch
+        self._share = 1.0
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether it can walk."""
+        return self.is_up and self._share == 1.0
+
+    def update(self, dt: float) -> float:
+        """Advance by `dt`; returns how much lower (m) than standing the body is."""
+        step = dt / RISING if self.is_up else -dt / RISING
+        self._share = min(max(self._share + step, 0.0), 1.0)
+        return self._crouch * (1.0 - self._share * self._share * (3.0 - 2.0 * self._share))
 
 
 class Gait:

@@ -17,9 +17,9 @@ from ambler.core.se3 import SE3
 from ambler.sim.hand_path import HandPath
 from ambler.sim.imu import ImuSensor
 from ambler.sim.lidar import LidarSensor
-from ambler.sim.rosette import MID_360, rosette
+from ambler.sim.rig_errors import RigErrors, draw_flaw
 from ambler.sim.scene import build_scene
-from ambler.sim.sensors import MEMS_IMU_200, OS_64, VLP_16, ImuSpec, LidarSpec, named_generator
+from ambler.sim.sensors import MEMS_IMU_200, MID_360, OS_64, VLP_16, ImuSpec, LidarSpec, named_generator
 from ambler.sim.solids import WorldSpec
 
 F64 = NDArray[np.float64]
@@ -28,18 +28,6 @@ KNOT = 0.001  # seconds between two poses of a sweep
 LIDARS: dict[str, LidarSpec] = {"vlp_16": VLP_16, "os_64": OS_64, "mid_360": MID_360}
 LIDAR_FRAME, IMU_FRAME = "lidar", "imu"
 NOMINAL_MOUNT = SE3.from_rpy((0.03, 0.01, 0.08), 0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class RigErrors:
-    """What a plate is off by: standard deviations of the LiDAR's place (m), its angles (rad), and of its clock (s)."""
-
-    place: float = 0.002
-    angle: float = 0.001
-    clock: float = 0.0005
-
-
-EXACT = RigErrors(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,20 +54,17 @@ class HandRig:
         errors: RigErrors | None = None,
         wheels: bool = False,
     ) -> None:
-        errors = errors or RigErrors()
-        rng = named_generator(seed, "rig")
-        off = rng.standard_normal(7)
-        x, y, z = (float(errors.place * v) for v in off[:3])
+        flaw = draw_flaw(seed, errors or RigErrors())
         self.told_mount = NOMINAL_MOUNT
-        self.mount = NOMINAL_MOUNT @ SE3.from_rpy((x, y, z), *(float(errors.angle * v) for v in off[3:6]))
-        self.clock = float(errors.clock * off[6])
+        self.mount = NOMINAL_MOUNT @ flaw.drawn_from_built
+        self.clock = flaw.clock
         """Seconds that the LiDAR's stamps lie behind the true times of its points."""
         self.path, self.lidar = path, lidar
         self.scene = build_scene(world)
         self._sensor = LidarSensor(lidar, LIDAR_FRAME, self.scene, seed)
         self._imu_spec, self._seed = imu, seed
         self._wheels = named_generator(seed, "wheels") if wheels else None
-        self._wheel_scale = 1.0 + 0.005 * float(rng.standard_normal())
+        self._wheel_scale = 1.0 + 0.005 * flaw.rest
 
     def pose_at(self, stamp_ns: int) -> SE3:
         """Return the true pose of the IMU in the world."""
@@ -109,8 +94,7 @@ class HandRig:
         knots = np.arange(0.0, self.lidar.sweep_time + 2.0 * KNOT, KNOT)
         positions, quaternions = self.path.poses(begin + knots)
         mounted, turned = _mounted(positions, quaternions, self.mount)
-        directions = rosette(first) if self.lidar is MID_360 else None
-        self._sensor.sweep(knots, mounted, turned, directions=directions)
+        self._sensor.sweep(knots, mounted, turned, first=first)
         return self._sensor.to_cloud(BEGIN_NS + round(first * 1e9))
 
     def _inertial(self) -> Iterator[Imu]:

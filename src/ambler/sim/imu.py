@@ -29,6 +29,7 @@ class ImuSensor:
         densities = np.array([spec.gyro_density] * 3 + [spec.accel_density] * 3)
         self._white = densities * math.sqrt(spec.rate_hz)
         self._limit = np.array([spec.gyro_limit] * 3 + [spec.accel_limit] * 3)
+        self._more = ImuForm(spec, frame, seed) if _has_form(spec) else None
         self._world_from_imu: SE3 | None = None
         self._velocity = (0.0, 0.0, 0.0)
 
@@ -46,7 +47,11 @@ class ImuSensor:
         ax, ay, az = ((v - u) / dt for u, v in zip(before, velocity, strict=True))
         middle = last.interpolate(world_from_imu, 0.5)
         force = SE3(rotation=_conjugate(middle.rotation)).rotate((ax, ay, az + GRAVITY))
-        values = self._corrupt(np.array([*_rate(last.rotation, world_from_imu.rotation, dt), *force]))
+        values = np.array([*_rate(last.rotation, world_from_imu.rotation, dt), *force])
+        if self._more is None:
+            values = self._corrupt(values)
+        else:
+            values = self._more.counted(self._corrupt(self._more.felt(values, math.hypot(*velocity))))
         w = values.tolist()
         return Imu(stamp_ns, self._frame, (w[0], w[1], w[2]), (w[3], w[4], w[5]))
 
@@ -55,6 +60,32 @@ class ImuSensor:
         self._bias = self._keep * self._bias + self._drive * chance[:6]
         measured = self._scale * values + self._bias + self._white * chance[6:]
         return np.asarray(np.minimum(np.maximum(measured, -self._limit), self._limit))
+
+
+class ImuForm:
+    """What a real unit does beside bias, noise and scale: axes that lean, the shaking of its mount, and whole counts."""
+
+    def __init__(self, spec: ImuSpec, frame: str, seed: int) -> None:
+        self._rng = named_generator(seed, f"{frame}-form")
+        lean = spec.misalignment * self._rng.standard_normal((2, 3, 3))
+        lean[:, [0, 1, 2], [0, 1, 2]] = 1.0
+        self._axes = lean
+        self._shaking = spec.vibration * np.array([0.1] * 3 + [1.0] * 3)
+        self._step = np.array([spec.gyro_step] * 3 + [spec.accel_step] * 3)
+
+    def felt(self, values: NDArray[np.float64], speed: float) -> NDArray[np.float64]:
+        """Return what the axes feel of rate and force (6,) of a mount that moves at `speed` m/s."""
+        shaken = values + speed * self._shaking * self._rng.standard_normal(6)
+        return np.concatenate([self._axes[0] @ shaken[:3], self._axes[1] @ shaken[3:]])
+
+    def counted(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values in whole counts of the converter, those without a step as they are."""
+        step = np.where(self._step > 0.0, self._step, 1.0)
+        return np.asarray(np.where(self._step > 0.0, np.round(values / step) * step, values))
+
+
+def _has_form(spec: ImuSpec) -> bool:
+    return any((spec.misalignment, spec.gyro_step, spec.accel_step, spec.vibration))
 
 
 def _conjugate(q: Quaternion) -> Quaternion:

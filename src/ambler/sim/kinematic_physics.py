@@ -1,6 +1,8 @@
 """The cheap mode: the base follows the wanted velocity exactly, and stops where its footprint would enter a solid.
 
-Needs no MuJoCo. Knows a flat floor and upright solids only: worlds with terrain or meshes are refused. Collisions are judged in the plane: separating axes of convex polygons, distance of a circle to a polygon.
+Needs no MuJoCo. Where the ground is not flat the base lies on the plane through what is under its footprint and goes along it; it
+neither slides nor tips over. Ground that rises by a step within a tick, or that is too steep, stops it like a solid. Collisions are
+judged in the plane: separating axes of convex polygons, distance of a circle to a polygon.
 """
 
 from __future__ import annotations
@@ -12,16 +14,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.sim.base import Carriage, PlacedRobot, Touch
 from ambler.sim.drive import Drive, after_strafe_loss, drive_of
 from ambler.sim.sim_robot import SimRobot
 from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.sim.surface_contact import ground_under_base, pose_on
 
 F64 = NDArray[np.float64]
+STEP = 0.02  # metres that the ground may rise or fall under the outline within a tick, beside the way gone: beyond that it is a kerb
+STEEPEST = math.radians(35.0)
 
 
 class FootprintCollider:
@@ -29,23 +34,28 @@ class FootprintCollider:
 
     def __init__(self, world: WorldSpec, robot: SimRobot) -> None:
         low, high = robot.body_bottom, robot.model.body_height
-        self._solids = [s for s in world.solids if s.z_min < high and s.z_max > low]
+        self._solids = [s for s in world.solids if not world.is_flat or (s.z_min < high and s.z_max > low)]
+        self._z_min, self._z_max = (np.array([getattr(s, end) for s in self._solids]) for end in ("z_min", "z_max"))
+        self._low, self._high = low, high
         self._corners = [s.corners() for s in self._solids]
         self._footprint = robot.model.footprint
         self._reach = robot.model.circumscribed_radius
         lows = [c.min(axis=0) for c in self._corners] or [np.full(2, np.inf)]
         highs = [c.max(axis=0) for c in self._corners] or [np.full(2, np.inf)]
-        self._low, self._high = np.array(lows), np.array(highs)
+        self._least, self._most = np.array(lows), np.array(highs)
 
-    def overlapping(self, world_from_base: SE2) -> tuple[Solid, ...]:
-        """Return the solids that the footprint overlaps at a pose."""
+    def overlapping(self, world_from_base: SE2, height: float = 0.0) -> tuple[Solid, ...]:
+        """Return the solids that the footprint overlaps at a pose, its base at a height (m)."""
         x, y = world_from_base.x, world_from_base.y
         near = np.nonzero(
-            (self._low[:, 0] < x + self._reach)
-            & (self._high[:, 0] > x - self._reach)
-            & (self._low[:, 1] < y + self._reach)
-            & (self._high[:, 1] > y - self._reach)
+            (self._least[:, 0] < x + self._reach)
+            & (self._most[:, 0] > x - self._reach)
+            & (self._least[:, 1] < y + self._reach)
+            & (self._most[:, 1] > y - self._reach)
         )[0]
+        if len(near):
+            low, high = height + self._low, height + self._high
+            near = near[(self._z_min[near] < high) & (self._z_max[near] > low)]
         if not len(near):
             return ()
         polygon = world_from_base.transform(self._footprint)
@@ -86,6 +96,8 @@ class _Body:
     drive: Drive
     pose: SE2
     travel: list[float]
+    heights: F64
+    carriage: SE3
     touches: list[Touch] = field(default_factory=list)
 
     @property
@@ -93,9 +105,10 @@ class _Body:
         return self.placed.robot.model
 
     def has_height_of(self, other: _Body) -> bool:
-        """Tell whether the two bodies share a height above the floor."""
+        """Tell whether the two bodies share a height."""
         a, b = self.placed.robot, other.placed.robot
-        return a.body_bottom < b.model.body_height and b.body_bottom < a.model.body_height
+        over = self.carriage.translation[2] - other.carriage.translation[2]
+        return over + a.body_bottom < b.model.body_height and b.body_bottom < over + a.model.body_height
 
 
 class KinematicPhysics:
@@ -110,15 +123,14 @@ class KinematicPhysics:
         masses: Sequence[float] = (),
     ) -> None:
         """The first of the `movers` are people of so many kg; nobody pushes anybody here, so only their number matters."""
-        if not world.is_flat:
-            raise BadInputError(
-                f"world {world.name}: terrain and meshes need contact physics, kinematic physics is for flat floors"
-            )
+        self._world = world
         self._bodies = []
         for placed in robots:
-            drive = drive_of(placed.robot)
+            drive, start, footprint = drive_of(placed.robot), placed.start, placed.robot.model.footprint
             collider = FootprintCollider(world, placed.robot)
-            self._bodies.append(_Body(placed, collider, drive, placed.start, [0.0] * drive.parts))
+            heights = np.zeros(1) if world.is_flat else ground_under_base(world, start, footprint)
+            carriage = SE3.from_se2(start) if world.is_flat else pose_on(heights, start, footprint)
+            self._bodies.append(_Body(placed, collider, drive, start, [0.0] * drive.parts, heights, carriage))
         self._movers = list(movers)
         self._people = len(masses)
         self._walked_into: list[tuple[_Body, Solid]] = []
@@ -140,18 +152,36 @@ class KinematicPhysics:
         if target == BodyVelocity():
             return
         moved = after_strafe_loss(body.placed.robot, target)
-        new = body.pose @ SE2.exp(np.array([moved.vx * dt, moved.vy * dt, moved.wz * dt]))
-        solids = body.collider.overlapping(new) + self._overlapping_movers(body, new)
-        others = self._overlapping_robots(body, new)
-        if not solids and not others:
-            body.pose = new
-            return
+        ahead, aside = (1.0, 1.0) if self._world.is_flat else _level_shares(body.carriage)
+        new = body.pose @ SE2.exp(np.array([moved.vx * dt * ahead, moved.vy * dt * aside, moved.wz * dt]))
         speed = math.hypot(target.vx, target.vy) + abs(target.wz) * body.model.circumscribed_radius
+        lies, heights, too_steep = self._on_ground(body, new, speed * dt)
+        solids = body.collider.overlapping(new, lies.translation[2]) + self._overlapping_movers(body, new)
+        others = self._overlapping_robots(body, new)
+        if not solids and not others and too_steep is None:
+            body.pose, body.carriage, body.heights = new, lies, heights
+            return
+        if too_steep is not None:
+            body.touches.append(Touch("body", too_steep, lies.translation, speed, 0.0))
         body.touches += [_touch_of(body, new, solid, speed) for solid in solids]
         body.touches += [Touch("body", other.placed.name, (new.x, new.y, 0.0), speed, 0.0) for other in others]
         for other in others:
             if not any(touch.solid == body.placed.name for touch in other.touches):
                 other.touches.append(Touch("body", body.placed.name, (new.x, new.y, 0.0), 0.0, 0.0))
+
+    def _on_ground(self, body: _Body, pose: SE2, way: float) -> tuple[SE3, F64, str | None]:
+        """Return how a base would lie at a pose that it reaches by `way` metres of its outermost point, the heights under it, and what is
+        too steep for it there, if anything is."""
+        world = self._world
+        if world.is_flat:
+            return SE3.from_se2(pose), body.heights, None
+        height, footprint = body.carriage.translation[2], body.model.footprint
+        heights = ground_under_base(world, pose, footprint, height)
+        lies = pose_on(heights, pose, footprint)
+        is_step = bool((np.abs(heights - body.heights) > way + STEP).any())
+        is_steep = math.acos(min(1.0, lies.rotate((0.0, 0.0, 1.0))[2])) > STEEPEST
+        name = world.terrain.name if world.terrain is not None else world.meshes[0].name
+        return lies, heights, name if is_step or is_steep else None
 
     def move(self, places: Sequence[tuple[float, float]]) -> None:
         """Put everything that moves by itself to where it wants to be; a person whom a robot is in the way of stays, and touches it."""
@@ -209,6 +239,9 @@ class KinematicPhysics:
 
     def carriage(self, robot: int) -> Carriage:
         """Where a base is."""
+        if not self._world.is_flat:
+            lies = self._bodies[robot].carriage
+            return Carriage(lies.translation, lies.rotation)
         pose = self._bodies[robot].pose
         half = 0.5 * pose.yaw
         return Carriage((pose.x, pose.y, 0.0), (math.cos(half), 0.0, 0.0, math.sin(half)))
@@ -220,6 +253,12 @@ class KinematicPhysics:
     def touches(self, robot: int) -> tuple[Touch, ...]:
         """What it touched during the last step."""
         return tuple(self._bodies[robot].touches)
+
+
+def _level_shares(carriage: SE3) -> tuple[float, float]:
+    """The shares of a way ahead and of one sideways on tilted ground that are seen from above."""
+    shares = [math.hypot(*carriage.rotate(axis)[:2]) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+    return shares[0], shares[1]
 
 
 def _touch_of(body: _Body, pose: SE2, solid: Solid, speed: float) -> Touch:

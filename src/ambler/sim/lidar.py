@@ -1,4 +1,4 @@
-"""Spinning scanners: exact ray casting from the moving sensor, then noise and losses; a planar scan or a cloud comes out."""
+"""Scanners: exact ray casting from the moving sensor, then noise and losses; a planar scan or a cloud comes out."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.kernels import raycast
+from ambler.sim.rosette import rosette
 from ambler.sim.scene import RayScene
 from ambler.sim.sensors import LidarSpec, named_generator
 
@@ -36,13 +37,14 @@ class LidarSensor:
         positions: F64,
         quaternions: F64,
         movers: Movers = NO_MOVERS,
-        directions: F64 | None = None,
+        first: float = 0.0,
     ) -> None:
         """Cast one turn; the sensor's poses in the world at `times` (seconds after the first column) are its knots, `movers` are
-        where they are at the first column. `directions` (columns, rings, 3) are those of a pattern that does not repeat."""
+        where they are at the first column. `first`: seconds from the switching on to the first column, which a pattern that does not
+        repeat depends on."""
         scene, spec = self._scene, self.spec
-        if directions is not None:
-            self._directions = directions
+        if spec.wanders:
+            self._directions = rosette(first, spec)
         reach = spec.range_max + 1.0
         raycast.sweep(
             *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling, *movers),

@@ -147,6 +147,7 @@ class Crowd:
         self._shapes = [_person_solid(w.person) for w in self.walkers] + [d.door.leaf for d in self.doors]
         self._kinds = np.array([s.shape for s in self._shapes], np.uint8)
         self._rows = np.array([primitive(s) for s in self._shapes]).reshape(-1, 15)
+        self._world = None if world.is_flat else world
 
     def __len__(self) -> int:
         return len(self._shapes)
@@ -187,7 +188,14 @@ class Crowd:
         rows = self._rows.copy()
         rates = np.array([m.velocity for m in self._movers]).reshape(-1, 2)
         rows[:, :2] = np.array([m.position for m in self._movers]).reshape(-1, 2) - ago * rates
+        if self._world is not None:
+            rows[:, 2] += ground_under(self._world, rows[:, :2])
         return rows, self._kinds, rates
+
+
+def ground_under(world: WorldSpec, points: F64) -> F64:
+    """Return the heights of the ground that movers at points (N, 2) stand on, each for itself, float64 (N,)."""
+    return np.array([float(world.ground_at(point[None, :])[0]) for point in points])
 
 
 def _who_do_not_yield(people: Sequence[Person], seed: int) -> frozenset[str]:

@@ -49,6 +49,8 @@ class PushingPeople:
         self._geoms = np.array([model.geom(f"{name}#person").id for name in names], np.int64)
         bodies = [model.body(f"{name}/person").id for name in names]
         self._origin = np.array([model.body_pos[b, :2] for b in bodies]).reshape(-1, 2)
+        self._model, self._bodies = model, np.array(bodies, np.int64)
+        self._middles = np.array([model.body_pos[b, 2] for b in bodies])
         self._mass = np.array(masses, np.float64).reshape(-1, 1)
         self._wish = self._origin.copy()
         self._rate = np.zeros_like(self._wish)
@@ -62,6 +64,10 @@ class PushingPeople:
         wish = np.array(places).reshape(-1, 2)
         self._rate = (wish - self._wish) / self._since if self._since > 0.0 else np.zeros_like(wish)
         self._wish, self._since = wish, 0.0
+
+    def stand_on(self, heights: F64) -> None:
+        """Put everybody on ground of these heights (N,), metres, where they are now."""
+        self._model.body_pos[self._bodies, 2] = self._middles + heights
 
     def walk(self, *, is_met: bool) -> None:
         """Set the forces of the next step; `is_met` says whether anything touches a robot, else nobody looks at contacts."""

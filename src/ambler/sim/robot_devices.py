@@ -8,6 +8,7 @@ from ambler.sim.devices import (
     SimulatedBattery,
     SimulatedCamera,
     SimulatedImu,
+    SimulatedLegs,
     SimulatedLidar,
     SimulatedRange,
 )
@@ -25,4 +26,5 @@ def robot_devices(world: World, name: str) -> RobotDevices:
         ranges=tuple(SimulatedRange(world, body, frame, spec) for frame, spec in robot.ultrasonics.items()),
         cameras=tuple(SimulatedCamera(world, body, frame, spec) for frame, spec in robot.cameras.items()),
         battery=SimulatedBattery(world, body),
+        legs=SimulatedLegs(world, body) if robot.gait is not None else None,
     )

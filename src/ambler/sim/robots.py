@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
-from ambler.robots.catalog import is_urdf, robot_description, robot_names, split_option
+from ambler.core.robot import RobotModel
+from ambler.robots.catalog import TILTED, ULTRASONIC, is_urdf, robot_description, robot_names, split_options
+from ambler.robots.spatial_robots import IMU_FRAME, LIDAR_FRAME, tilted
 from ambler.sim.camera import CameraSpec
 from ambler.sim.sensors import (
+    HUMANOID,
+    ICM_40609,
     LEG_ODOMETRY,
     MEMS_IMU,
     MEMS_IMU_200,
+    MID_360,
     SAFETY_270,
     SCANNER_360,
+    TROT,
     VLP_16,
     WHEEL_ODOMETRY,
     GaitSpec,
@@ -25,13 +32,15 @@ __all__ = ["SimRobot", "robot_named", "robot_names"]
 
 
 def robot_named(name: str) -> SimRobot:
-    """Return a simulated robot by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers.
+    """Return a simulated robot by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers, `+tilted` tilts the
+    LiDAR of `mecanum`.
 
     Raises BadInputError with the known names.
     """
-    base, has_ring = split_option(name)
+    base, options = split_options(name)
     robot = load_urdf(Path(base)) if is_urdf(base) else _built_in(base)
-    return with_ultrasonic_ring(robot) if has_ring else robot
+    robot = replace(robot, model=tilted(robot.model)) if TILTED in options else robot
+    return with_ultrasonic_ring(robot) if ULTRASONIC in options else robot
 
 
 def _built_in(name: str) -> SimRobot:
@@ -42,6 +51,8 @@ def _built_in(name: str) -> SimRobot:
     if name == "spot":
         lidars = {"velodyne": VLP_16}
         return SimRobot(model, lidars, {"imu": MEMS_IMU}, LEG_ODOMETRY, mass=35.0, gait=GaitSpec(), **chassis)
+    if name in ("mecanum", "go2", "g1"):
+        return _with_mid_360(name, model, chassis)
     # The scanners turn on their own: nobody starts them together.
     phases = {"front_right": 0.0, "front_left": 0.025, "rear_left": 0.055}
     return SimRobot(
@@ -54,3 +65,11 @@ def _built_in(name: str) -> SimRobot:
         cameras={"camera": CameraSpec(rate_hz=12.5, exposure=0.005, samples=2)},
         **chassis,
     )
+
+
+def _with_mid_360(name: str, model: RobotModel, chassis: dict[str, Any]) -> SimRobot:
+    lidars, imus = {LIDAR_FRAME: MID_360}, {IMU_FRAME: ICM_40609}
+    if name == "mecanum":
+        return SimRobot(model, lidars, imus, WHEEL_ODOMETRY, mass=25.0, strafe_loss=0.03, **chassis)
+    gait, mass = (TROT, 15.0) if name == "go2" else (HUMANOID, 35.0)
+    return SimRobot(model, lidars, imus, LEG_ODOMETRY, mass=mass, gait=gait, **chassis)

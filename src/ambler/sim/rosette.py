@@ -12,31 +12,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.sim.sensors import LidarSpec
+from ambler.sim.sensors import MID_360, LidarSpec
 
-LINES = 4
-COLUMNS = 5000  # firings of four lines in 0.1 s
-ELEVATION = (math.radians(-7.0), math.radians(52.0))
+LINES = len(MID_360.elevations)
+ELEVATION = (MID_360.elevations[0], MID_360.elevations[-1])
 TURNS_HZ = 11.3
 NODS_HZ = 293.7
-
-MID_360 = LidarSpec(
-    columns=COLUMNS,
-    elevations=tuple(np.linspace(*ELEVATION, LINES).tolist()),
-    azimuth_start=-math.pi,
-    range_min=0.1,
-    range_max=70.0,
-    period=0.1,
-    sigma_0=0.015,
-    sigma_1=0.0005,
-    dropout=0.01,
-    grazing_cosine=0.08,
-    grazing_dropout=0.7,
-    mixed=0.15,
-    mixed_min=0.25,
-    mixed_max=3.0,
-    latency=0.01,
-)
 
 
 def rosette(first: float, spec: LidarSpec = MID_360) -> NDArray[np.float64]:

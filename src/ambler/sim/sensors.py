@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,8 @@ class LidarSpec(ScannerGeometry):
     turn (0: the period); a scan is on its way for `latency` seconds.
 
     Noise: sigma_0 + sigma_1 * range; `dropout` loses any beam, `grazing_*` beams that meet a surface at a flat angle; `mixed`
-    is the probability that a beam at an edge of `mixed_min`..`mixed_max` metres falls between the two surfaces.
+    is the probability that a beam at an edge of `mixed_min`..`mixed_max` metres falls between the two surfaces. `wanders`: 1 when the
+    pattern does not repeat (`sim.rosette`). `clock`: seconds that its stamps lie behind the true times of its points.
     """
 
     period: float
@@ -42,6 +44,8 @@ class LidarSpec(ScannerGeometry):
     latency: float
     turn: float = 0.0
     phase: float = 0.0
+    wanders: int = 0
+    clock: float = 0.0
 
     @property
     def time_increment(self) -> float:
@@ -62,7 +66,7 @@ class LidarSpec(ScannerGeometry):
 
     def perfect(self) -> LidarSpec:
         """The same scanner without noise and losses; it still turns while the robot moves."""
-        return replace(self, sigma_0=0.0, sigma_1=0.0, dropout=0.0, grazing_dropout=0.0, mixed=0.0)
+        return replace(self, sigma_0=0.0, sigma_1=0.0, dropout=0.0, grazing_dropout=0.0, mixed=0.0, clock=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +103,9 @@ class UltrasonicSpec(TransducerGeometry):
 @dataclass(frozen=True, slots=True)
 class ImuSpec:
     """An IMU: white noise densities (rad/s/√Hz, m/s²/√Hz), bias as a first-order Gauss-Markov process that starts at its
-    stationary sigma (the turn-on bias), scale errors and limits."""
+    stationary sigma (the turn-on bias), scale errors and limits beyond which it says no more. `misalignment` (rad): standard deviation
+    of the small angles by which each axis leans towards each other one; `gyro_step`, `accel_step`: one count of its converter;
+    `vibration`: white acceleration of what it is mounted on, m/s² for each m/s of speed, a tenth of it as rad/s."""
 
     rate_hz: float
     gyro_density: float
@@ -110,13 +116,16 @@ class ImuSpec:
     scale_sigma: float
     gyro_limit: float
     accel_limit: float
+    misalignment: float = 0.0
+    gyro_step: float = 0.0
+    accel_step: float = 0.0
+    vibration: float = 0.0
 
     def perfect(self) -> ImuSpec:
-        """The same IMU without noise, bias and scale errors."""
-        zero = dict.fromkeys(
-            ("gyro_density", "accel_density", "gyro_bias_sigma", "accel_bias_sigma", "scale_sigma"), 0.0
-        )
-        return replace(self, **zero)
+        """The same IMU without noise, bias and scale errors, its axes square, its counts endlessly fine."""
+        errors = ("gyro_density", "accel_density", "gyro_bias_sigma", "accel_bias_sigma", "scale_sigma")
+        form = ("misalignment", "gyro_step", "accel_step", "vibration")
+        return replace(self, **dict.fromkeys((*errors, *form), 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,35 +178,26 @@ SAFETY_270 = LidarSpec(
     turn=0.04,
 )
 
-# Velodyne VLP-16 at 10 Hz: 16 rings of 2°, 0.2° steps, 28 800 rays per turn, 100 m, blind below 0.4 m.
-VLP_16 = LidarSpec(
-    **asdict(SCANNERS["vlp_16"]),
-    period=0.1,
-    sigma_0=0.012,
-    sigma_1=0.0004,
-    dropout=0.01,
-    grazing_cosine=0.08,
-    grazing_dropout=0.7,
-    mixed=0.15,
-    mixed_min=0.25,
-    mixed_max=3.0,
-    latency=0.01,
-)
+# What scanners of many rings have in common here: 10 clouds per second, losses and mixed pixels.
+_MANY_RINGS: dict[str, Any] = {
+    "period": 0.1,
+    "dropout": 0.01,
+    "grazing_cosine": 0.08,
+    "grazing_dropout": 0.7,
+    "mixed": 0.15,
+    "mixed_min": 0.25,
+    "mixed_max": 3.0,
+    "latency": 0.01,
+}
 
-# A scanner of 64 rings at 10 Hz: 65 536 rays per turn; noise of Ouster's sheet (1 to 2 cm within 50 m), losses as the VLP-16.
-OS_64 = LidarSpec(
-    **asdict(SCANNERS["os_64"]),
-    period=0.1,
-    sigma_0=0.01,
-    sigma_1=0.0003,
-    dropout=0.01,
-    grazing_cosine=0.08,
-    grazing_dropout=0.7,
-    mixed=0.15,
-    mixed_min=0.25,
-    mixed_max=3.0,
-    latency=0.01,
-)
+# Velodyne VLP-16 at 10 Hz: 16 rings of 2°, 0.2° steps, 28 800 rays per turn, 100 m, blind below 0.4 m.
+VLP_16 = LidarSpec(**asdict(SCANNERS["vlp_16"]), **_MANY_RINGS, sigma_0=0.012, sigma_1=0.0004)
+
+# A scanner of 64 rings at 10 Hz: 65 536 rays per turn; noise of Ouster's sheet (1 to 2 cm within 50 m).
+OS_64 = LidarSpec(**asdict(SCANNERS["os_64"]), **_MANY_RINGS, sigma_0=0.01, sigma_1=0.0003)
+
+# Livox Mid-360: 20 000 rays in 0.1 s along a pattern that does not repeat, 40 m at 10 % reflectivity, 2 cm at 10 m.
+MID_360 = LidarSpec(**asdict(SCANNERS["mid_360"]), **_MANY_RINGS, sigma_0=0.015, sigma_1=0.0005, wanders=1)
 
 # A 40 kHz parking transducer: a cone of 30°, 3 m, noise of 1 cm; four groups of a ring take turns, so each fires at 12.5 Hz.
 TRANSDUCER_30 = UltrasonicSpec(
@@ -226,6 +226,24 @@ MEMS_IMU = ImuSpec(
 # The same unit at 200 Hz.
 MEMS_IMU_200 = replace(MEMS_IMU, rate_hz=200.0)
 
+# The unit inside a Livox Mid-360 (ICM-40609-D class): densities of its sheet, 16 bits over 2000 °/s and 16 g, axes true to 0.1°.
+# Of wheels and steps so much shaking arrives as a plate on rubber lets through.
+ICM_40609 = ImuSpec(
+    rate_hz=200.0,
+    gyro_density=6.63e-5,
+    accel_density=6.87e-4,
+    gyro_bias_sigma=5e-4,
+    accel_bias_sigma=0.02,
+    bias_time=500.0,
+    scale_sigma=0.002,
+    gyro_limit=math.radians(2000.0),
+    accel_limit=16.0 * 9.80665,
+    misalignment=math.radians(0.1),
+    gyro_step=math.radians(2000.0) / 2**15,
+    accel_step=16.0 * 9.80665 / 2**15,
+    vibration=0.3,
+)
+
 # Driven wheels with 2^12 ticks per turn.
 WHEEL_ODOMETRY = OdometrySpec(
     rate_hz=50.0,
@@ -251,7 +269,8 @@ LEG_ODOMETRY = OdometrySpec(
 
 @dataclass(frozen=True, slots=True)
 class GaitSpec:
-    """Sway of a legged body while it walks: amplitudes at full speed of heave and sway (m), roll, pitch, yaw (rad)."""
+    """Sway of a legged body while it walks: amplitudes at full speed of heave and sway (m), roll, pitch, yaw (rad). `upright`: the share of
+    the ground's tilt that the legs take back; `crouch`: how much lower (m) it sits than it stands."""
 
     frequency_hz: float = 2.5
     heave: float = 0.012
@@ -261,3 +280,12 @@ class GaitSpec:
     yaw: float = math.radians(0.7)
     full_speed: float = 0.4
     time_constant: float = 0.3
+    upright: float = 0.0
+    crouch: float = 0.25
+
+
+# A small dog's trot, and the walk of somebody on two legs, who keeps his trunk upright where the ground is not.
+TROT = GaitSpec(3.0, 0.010, 0.008, math.radians(1.5), math.radians(1.5), math.radians(0.8), 0.6, 0.3, crouch=0.18)
+HUMANOID = GaitSpec(
+    1.8, 0.015, 0.020, math.radians(2.0), math.radians(1.5), math.radians(2.0), 0.5, 0.3, 1.0, crouch=0.35
+)

@@ -30,12 +30,12 @@ class Site:
     is_closed: bool = True
 
 
-def draw_site(seed: int, length: float) -> Site:
-    """Draw a site outdoors with a closed loop of about `length` metres."""
+def draw_site(seed: int, length: float, steepness: float = 1.0) -> Site:
+    """Draw a site outdoors with a closed loop of about `length` metres; its slopes are `steepness` times as steep as usual."""
     rng = named_generator(seed, "site")
     way = _loop(rng, length)
     low, high = way.min(axis=0) - MARGIN, way.max(axis=0) + MARGIN
-    terrain = _ground(rng, low, high)
+    terrain = _ground(rng, low, high, steepness)
     solids: list[Solid] = []
     meshes: list[TriangleMesh] = []
     taken: list[tuple[float, float, float]] = []
@@ -147,7 +147,7 @@ def _loop(rng: np.random.Generator, length: float, wobble: float = 0.22) -> F64:
     return np.asarray(way * (length / float(np.linalg.norm(np.diff(closed, axis=0), axis=1).sum())))
 
 
-def _ground(rng: np.random.Generator, low: F64, high: F64) -> HeightField:
+def _ground(rng: np.random.Generator, low: F64, high: F64, steepness: float) -> HeightField:
     """Rolling ground: waves of 25 to 90 m, up to some metres."""
     resolution = 2.0
     nx, ny = (int(v) for v in np.ceil((high - low) / resolution) + 1)
@@ -156,7 +156,7 @@ def _ground(rng: np.random.Generator, low: F64, high: F64) -> HeightField:
     for _ in range(6):
         wave, way = float(rng.uniform(25.0, 90.0)), float(rng.uniform(0.0, 2.0 * math.pi))
         phase = 2.0 * math.pi * (math.cos(way) * x + math.sin(way) * y) / wave + float(rng.uniform(0.0, 6.3))
-        heights += float(rng.uniform(0.0, 0.012)) * wave * np.sin(phase)
+        heights += steepness * (float(rng.uniform(0.0, 0.012)) * wave * np.sin(phase))
     heights += rng.normal(0.0, 0.015, heights.shape)
     return HeightField("ground", heights, resolution, SE2(float(low[0]), float(low[1]), 0.0))
 

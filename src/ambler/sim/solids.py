@@ -127,7 +127,8 @@ class SimDock:
 
 @dataclass(frozen=True, slots=True)
 class WorldSpec:
-    """A world in its own frame. `start` is where a robot begins unless it is told otherwise; `ceiling` inf: none."""
+    """A world in its own frame. `start` is where a robot begins unless it is told otherwise; `ceiling` inf: none; `route`: waypoints of a
+    drive that the world brings along, at `route_speed` m/s."""
 
     name: str
     solids: tuple[Solid, ...]
@@ -140,6 +141,8 @@ class WorldSpec:
     docks: tuple[SimDock, ...] = ()
     meshes: tuple[TriangleMesh, ...] = ()
     terrain: HeightField | None = None
+    route: tuple[tuple[float, float], ...] = ()
+    route_speed: float = 0.8
 
     @property
     def is_flat(self) -> bool:
@@ -151,16 +154,17 @@ class WorldSpec:
         """Height of the endless floor: 0, or with a terrain just below its lowest point."""
         return 0.0 if self.terrain is None else self.terrain.lowest - TERRAIN_DROP
 
-    def ground_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the heights of what a robot that starts at points (N, 2), its middle first, stands on, float64 (N,): floor, terrain, or
-        meshes up to half a metre above the ground in its middle. Solids do not count."""
+    def ground_at(self, points: NDArray[np.float64], height: float = -math.inf) -> NDArray[np.float64]:
+        """Return the heights of what a robot stands on at points (N, 2), its middle first, float64 (N,): floor, terrain, or meshes up to half
+        a metre above the ground in its middle, or above the `height` at which it is, on an upper level. Solids do not count."""
         bare = np.full(len(points), self.floor)
         if self.terrain is not None:
             bare = np.fmax(bare, self.terrain.heights_at(points))
         if not self.meshes:
             return bare
         corners = np.concatenate([m.corners for m in self.meshes])
-        middle = max(bare[0], highest_below(corners, points[:1], bare[0] + STEP_ON)[0])
+        limit = max(float(bare[0]), height) + STEP_ON
+        middle = max(bare[0], highest_below(corners, points[:1], limit)[0])
         return np.asarray(np.maximum(bare, highest_below(corners, points, middle + STEP_ON)))
 
     def bounds(self) -> tuple[float, float, float, float]:
@@ -193,6 +197,7 @@ class WorldSpec:
             docks=tuple(replace(d, world_from_dock=frame_from_world @ d.world_from_dock) for d in self.docks),
             meshes=tuple(m.moved(frame_from_world) for m in self.meshes),
             terrain=self.terrain.moved(frame_from_world) if self.terrain is not None else None,
+            route=tuple(_moved_point(frame_from_world, p) for p in self.route),
         )
 
     def from_start(self) -> WorldSpec:

@@ -42,8 +42,22 @@ def rest_pose(world: WorldSpec, world_from_base: SE2, footprint: F64) -> SE3:
     """Return a pose of the base just above the ground at a planar pose, tilted as the ground under the footprint (N, 2) is."""
     if world.is_flat:
         return SE3.from_se2(world_from_base)
-    points = np.concatenate([np.zeros((1, 2)), footprint, 0.5 * footprint])
-    heights = world.ground_at(world_from_base.transform(points))
+    return pose_on(ground_under_base(world, world_from_base, footprint), world_from_base, footprint)
+
+
+def ground_under_base(world: WorldSpec, world_from_base: SE2, footprint: F64, height: float = -math.inf) -> F64:
+    """Return the heights of the ground under a base that is at a `height`: its middle, the corners of the footprint (N, 2), and half way
+    to them, float64 (2 N + 1,)."""
+    return world.ground_at(world_from_base.transform(_feelers(footprint)), height)
+
+
+def _feelers(footprint: F64) -> F64:
+    return np.concatenate([np.zeros((1, 2)), footprint, 0.5 * footprint])
+
+
+def pose_on(heights: F64, world_from_base: SE2, footprint: F64) -> SE3:
+    """Return the pose of a base on ground of these heights (`ground_under_base`): on their plane, raised until nothing lies above it."""
+    points = _feelers(footprint)
     (slope_x, slope_y, middle), *_ = np.linalg.lstsq(
         np.column_stack([points, np.ones(len(points))]), heights, rcond=None
     )

@@ -35,19 +35,29 @@ class _FileEntry(Entry):
 
 
 class MeshEntry(_FileEntry):
-    """A mesh from a file (.obj, .stl, .ply): scaled, turned about z, then moved to `at`."""
+    """A mesh from a file (.obj, .stl, .ply), or of corners and triangles that stand here: scaled, turned about z, then moved to `at`."""
 
-    file: str
+    file: str | None = None
+    vertices: tuple[tuple[float, float, float], ...] = ()
+    triangles: tuple[tuple[int, int, int], ...] = ()
     name: str | None = None
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
     yaw_deg: float = 0.0
     scale: float = Field(default=1.0, gt=0)
     albedo: float = Field(default=0.6, ge=0, le=1)
 
-    def to_mesh(self) -> TriangleMesh:
-        """Read the file; raises BadInputError."""
-        path = Path(self.file)
-        vertices, triangles = read_mesh(path)
+    @model_validator(mode="after")
+    def _has_one_source(self) -> MeshEntry:
+        if (self.file is None) == (not self.triangles):
+            raise ValueError("give either file, or vertices and triangles")
+        return self
+
+    def to_mesh(self, world_path: Path) -> TriangleMesh:
+        """Read the file, or take what stands here; raises BadInputError, which names the file that is wrong."""
+        path = world_path if self.file is None else Path(self.file)
+        vertices, triangles = (
+            (np.array(self.vertices).reshape(-1, 3), np.array(self.triangles)) if self.file is None else read_mesh(path)
+        )
         try:
             mesh = TriangleMesh(
                 self.name or path.stem, self.scale * vertices + [0.0, 0.0, self.at[2]], triangles, self.albedo

@@ -12,12 +12,17 @@ from ambler.robots.urdf import imu_elements, override, read_robot, scalar, spec_
 from ambler.robots.urdf_tree import UrdfTree, label
 from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sensors import (
+    HUMANOID,
+    ICM_40609,
     LEG_ODOMETRY,
     MEMS_IMU,
     MEMS_IMU_200,
+    MID_360,
+    OS_64,
     SAFETY_270,
     SCANNER_360,
     TRANSDUCER_30,
+    TROT,
     VLP_16,
     WHEEL_ODOMETRY,
     GaitSpec,
@@ -30,11 +35,17 @@ from ambler.sim.sim_robot import SimRobot
 
 T = TypeVar("T")
 
-LIDARS: dict[str, LidarSpec] = {"scanner_360": SCANNER_360, "safety_270": SAFETY_270, "vlp_16": VLP_16}
-IMUS: dict[str, ImuSpec] = {"mems": MEMS_IMU, "mems_200": MEMS_IMU_200}
+LIDARS: dict[str, LidarSpec] = {
+    "scanner_360": SCANNER_360,
+    "safety_270": SAFETY_270,
+    "vlp_16": VLP_16,
+    "os_64": OS_64,
+    "mid_360": MID_360,
+}
+IMUS: dict[str, ImuSpec] = {"mems": MEMS_IMU, "mems_200": MEMS_IMU_200, "icm_40609": ICM_40609}
 ULTRASONICS: dict[str, UltrasonicSpec] = {"transducer_30": TRANSDUCER_30}
 ODOMETRIES: dict[str, OdometrySpec] = {"wheels": WHEEL_ODOMETRY, "legs": LEG_ODOMETRY}
-GAITS: dict[str, GaitSpec] = {"trot": GaitSpec()}
+GAITS: dict[str, GaitSpec] = {"trot": GaitSpec(), "small_trot": TROT, "two_legs": HUMANOID}
 
 
 def load_urdf(path: Path) -> SimRobot:

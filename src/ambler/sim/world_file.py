@@ -6,6 +6,7 @@ A world file is written in its author's coordinates, and these are the frame `wo
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,14 @@ from ambler.core.se2 import SE2
 from ambler.sim.dock_body import dock_solids
 from ambler.sim.dock_entry import DockEntry, Entry, PoseEntry, sim_dock
 from ambler.sim.floorplan import world_from_floor_plan, world_from_picture
+from ambler.sim.route import RouteEntry
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
 from ambler.sim.surface_entry import FOLDER, MeshEntry, TerrainEntry
 
 WORLDS = Path(__file__).parent / "worlds"
+LOADER: Any = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # ground with thousands of heights takes seconds without libyaml
 SUFFIXES = (".yaml", ".yml")
 PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp")
 
@@ -44,7 +49,7 @@ class _Box(Entry):
     center: tuple[float, float]
     size: tuple[float, float, float]
     yaw_deg: float = 0.0
-    base: float = Field(default=0.0, ge=0)
+    base: float = 0.0
     name: str = "box"
     albedo: float = Field(default=0.5, ge=0, le=1)
     glass: bool = False
@@ -54,7 +59,7 @@ class _Cylinder(Entry):
     center: tuple[float, float]
     radius: float = Field(gt=0)
     height: float = Field(gt=0)
-    base: float = Field(default=0.0, ge=0)
+    base: float = 0.0
     name: str = "cylinder"
     albedo: float = Field(default=0.5, ge=0, le=1)
 
@@ -96,6 +101,7 @@ class _World(Entry):
     docks: tuple[DockEntry, ...] = ()
     meshes: tuple[MeshEntry, ...] = ()
     terrain: TerrainEntry | None = None
+    route: RouteEntry | None = None
 
 
 LISTS = ("walls", "boxes", "cylinders", "racks", "people", "docks", "meshes")
@@ -153,9 +159,9 @@ def world_from_content(path: Path, content: dict[str, Any], start: SE2 | None = 
     doors = tuple(d for k, w in enumerate(entry.walls) for d in _doors(k, w, entry))
     docks = tuple(sim_dock(f"{path}: docks.{k}", d) for k, d in enumerate(entry.docks))
     solids += tuple(solid for dock in docks for solid in dock_solids(dock))
-    meshes = tuple(mesh.to_mesh() for mesh in entry.meshes)
+    meshes = tuple(mesh.to_mesh(path) for mesh in entry.meshes)
     terrain = entry.terrain.to_terrain(path) if entry.terrain is not None else None
-    return WorldSpec(
+    world = WorldSpec(
         *(path.stem, solids, start, ceiling, entry.friction),
         people=people,
         doors=doors,
@@ -163,6 +169,13 @@ def world_from_content(path: Path, content: dict[str, Any], start: SE2 | None = 
         meshes=meshes,
         terrain=terrain,
     )
+    if entry.route is None:
+        return world
+    try:
+        route = entry.route.to_route(world)
+    except ValueError as error:
+        raise BadInputError(f"{path}: route: {error}") from error
+    return replace(world, route=route.points, route_speed=route.speed)
 
 
 def _find(name: str) -> Path:
@@ -182,7 +195,7 @@ def _find(name: str) -> Path:
 
 def _read_yaml(path: Path) -> dict[str, object]:
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.load(path.read_text(), Loader=LOADER)
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
         raise BadInputError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):

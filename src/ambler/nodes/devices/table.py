@@ -18,6 +18,7 @@ from ambler.nodes.devices.base import BaseNode
 from ambler.nodes.devices.battery import BatteryNode
 from ambler.nodes.devices.camera import CameraNode
 from ambler.nodes.devices.joystick import JoystickConfig, JoystickNode
+from ambler.nodes.devices.legs import LegsNode
 from ambler.nodes.devices.mounts import MountsNode
 from ambler.nodes.devices.node import DeviceNode
 from ambler.nodes.devices.sensors import ImuNode, LidarNode, RangesNode
@@ -62,7 +63,7 @@ def topics_of_kind(robot: RobotModel, kind: SensorKind) -> tuple[Topic[Any], ...
 def device_names(robot: RobotModel) -> frozenset[str]:
     """Return the names of the nodes that a robot's devices may have, by which a recording tells who wrote."""
     sensors = {f"{prefix}_{m.frame}" for m in robot.sensors for prefix in ("lidar", "imu", "camera")}
-    return frozenset({"mounts", "base", "ranges", "battery", "joystick", *sensors})
+    return frozenset({"mounts", "base", "ranges", "battery", "joystick", "legs", *sensors})
 
 
 def device_nodes(
@@ -88,6 +89,8 @@ def device_nodes(
         nodes.append(BatteryNode(devices.battery))
     if devices.joystick is not None:
         nodes.append(JoystickNode(devices.joystick, robot.limits, joystick))
+    if devices.legs is not None:
+        nodes.append(LegsNode(devices.legs))
     return nodes
 
 

@@ -14,8 +14,11 @@ import numpy as np
 from ambler.core.errors import BadInputError
 from ambler.sim.generator import grounds, rooms, stores
 from ambler.sim.generator.another_day import day_generator, move_furniture
+from ambler.sim.generator.content import content_of
 from ambler.sim.generator.floor import ROUNDS, Floor, floor_of, make_room, unreached_rooms
 from ambler.sim.generator.plan import Plan, Point
+from ambler.sim.generator.spatial import SPATIAL_KINDS
+from ambler.sim.generator.spatial_floor import spatial_floor
 from ambler.sim.solids import WorldSpec
 from ambler.sim.world_file import world_from_content
 
@@ -32,13 +35,13 @@ KINDS: dict[str, Callable[[Plan], None]] = {
 ATTEMPTS = 20
 SEEDS_BELOW = 2**31
 MOVED = 0.2  # share of the furniture that stands elsewhere on another day
-_NAME = re.compile(rf"({'|'.join(KINDS)})-(\d+)(?:-day(\d+))?")
+_NAME = re.compile(rf"({'|'.join((*KINDS, *SPATIAL_KINDS))})-(\d+)(?:-day(\d+))?")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnPlace:
     """A place: `content` as a world file holds it, the world, its floor, and `ways` (polylines, metres) along which a robot can drive where
-    the kind has such (campuses: streets and ways through houses). `day` 0 is the place as it was drawn; on each other one `moved` pieces of
+    the kind has such (campuses: streets and ways through houses; places with three dimensions: their route). `day` 0 is the place as it was drawn; on each other one `moved` pieces of
     its furniture stand elsewhere."""
 
     kind: str
@@ -58,17 +61,33 @@ class DrawnPlace:
 
 def draw_place(kind: str, seed: int, day: int = 0) -> DrawnPlace:
     """Draw a place as it stands on a day; the same for the same arguments. Raises BadInputError for kinds and seeds that are none."""
-    if kind not in KINDS:
-        raise BadInputError(f"no kind of place {kind!r}; there are {', '.join(KINDS)}")
+    if kind not in KINDS and kind not in SPATIAL_KINDS:
+        raise BadInputError(f"no kind of place {kind!r}; there are {', '.join((*KINDS, *SPATIAL_KINDS))}")
     if not 0 <= seed < SEEDS_BELOW:
         raise BadInputError(f"seed {seed}: a whole number from 0 on, below {SEEDS_BELOW}")
     if not 0 <= day < SEEDS_BELOW:
         raise BadInputError(f"day {day}: a whole number from 0 on, below {SEEDS_BELOW}")
+    if kind in SPATIAL_KINDS:
+        if day:
+            raise BadInputError(f"day {day}: a {kind} has no furniture that stands elsewhere on another day")
+        return _spatial(kind, seed)
     for attempt in range(ATTEMPTS):
         place = _drawn(kind, seed, attempt, day)
         if place is not None:
             return place
     raise BadInputError(f"{kind}-{seed}: no valid plan in {ATTEMPTS} attempts")
+
+
+def is_spatial(kind: str) -> bool:
+    """Tell whether places of a kind have three dimensions."""
+    return kind in SPATIAL_KINDS
+
+
+def _spatial(kind: str, seed: int) -> DrawnPlace:
+    """Draw a place with three dimensions; its way is its route."""
+    content = content_of(SPATIAL_KINDS[kind](seed))
+    world = world_from_content(Path(f"{kind}-{seed}"), content)
+    return DrawnPlace(kind, seed, content, world, spatial_floor(world), (world.route,))
 
 
 def parse_name(name: str) -> tuple[str, int, int] | None:
