@@ -109,6 +109,26 @@ def test_without_scans_it_coasts_for_a_second_and_then_says_nothing() -> None:
     assert spread[1] > 2.0 * spread[0]  # and its covariance grows meanwhile
 
 
+def test_a_correction_of_the_map_moves_what_is_told_in_odom_as_it_moves_the_map() -> None:
+    rig, recorded = walk()
+    odometry = BaseOdometry(NO_WHEELS, rig.told_mount, IMU_FROM_BASE)
+    found = None
+    for scan in recorded[:15]:
+        odometry.add(scan.cloud)
+        for sample in scan.imu:
+            odometry.add(sample)
+        for ready in odometry.scans():
+            found = odometry.register(ready) or found
+            if found is not None:
+                odometry.take(found)
+    assert found is not None
+    correction = SE3.from_rpy((1.0, -2.0, 0.5), 0.1, 0.2, 1.0)
+    corrected = odometry.in_odom(correction.transform(found.points).astype(np.float32))
+    told = odometry.between_odoms(correction).transform(odometry.in_odom(found.points))
+    assert told == pytest.approx(corrected, abs=1e-4)
+    assert np.abs(told - odometry.in_odom(found.points)).max() > 1.0
+
+
 def test_before_the_start_it_says_nothing() -> None:
     _, recorded = walk()
     assert (told()[0].stamp_ns - recorded[0].cloud.stamp_ns) * 1e-9 > 0.9  # a second of rest

@@ -12,11 +12,11 @@ from ambler.apps.robot import sensing_nodes
 from ambler.core.errors import BadInputError
 from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
-from ambler.lio.config import LioConfig
+from ambler.lio.config import LioConfig, LoopConfig
 from ambler.lio.start import LioInputError
 from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.robots.catalog import robot_model
-from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRANSFORMS
+from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRAJECTORY, TRANSFORMS
 from ambler.sim.hand_rig import IMU_FRAME, LIDAR_FRAME
 from tests.hand_made_context import HandMadeContext
 from tests.lio.carried import walk
@@ -36,11 +36,13 @@ def robot() -> RobotModel:
     return RobotModel("box", DriveKind.OMNI, box, VelocityLimits(), mounts)
 
 
-def driven(scans: int, rate: float = 1.0, gap: range = range(0)) -> HandMadeContext:
+def driven(
+    scans: int, rate: float = 1.0, gap: range = range(0), config: LioConfig | None = None, closes_loops: bool = False
+) -> HandMadeContext:
     """Play the walk; `rate` multiplies the gyroscope, clouds of `gap` hold nothing but noise far from everything."""
     _, recorded = walk()
     context = HandMadeContext()
-    context.start(LidarOdometryNode(robot(), LioConfig()))
+    context.start(LidarOdometryNode(robot(), config, closes_loops=closes_loops))
     for number, scan in enumerate(recorded[:scans]):
         cloud = scan.cloud
         if number in gap:
@@ -91,6 +93,30 @@ def test_scans_that_fit_nothing_are_told_and_so_is_the_way_back() -> None:
     assert codes == ["LIO_GOOD", "LIO_LOST", "LIO_GOOD"]
     stamps = np.array([m.stamp_ns for m in context.messages(ODOMETRY)])
     assert 0.3 < np.diff(stamps).max() * 1e-9 < 0.7  # of 1.5 s without a scan that fits, one was coasted
+
+
+def test_loops_are_closed_while_it_drives_and_the_map_begins_where_odom_does() -> None:
+    rig, recorded = walk()
+    eager = replace(LioConfig(), loops=LoopConfig(keyframe_m=2.0, way_least=10.0))
+    context = driven(len(recorded), config=eager, closes_loops=True)
+    edges = [e for m in context.messages(TRANSFORMS) for e in m.transforms if e.parent == "map"]
+    path = context.messages(TRAJECTORY)[-1]
+    assert any(code == "LIO_LOOP_CLOSED" for code, _ in context.logged)
+    assert len(edges) > len(recorded) / 15
+    assert max(np.linalg.norm(e.parent_from_child.translation) for e in edges) < 0.05
+    assert edges[-1].parent_from_child != edges[0].parent_from_child
+    odom_from_world = (rig.pose_at(context.messages(ODOMETRY)[0].stamp_ns) @ BASE_FROM_IMU.inverse()).inverse()
+    truth = np.array([(odom_from_world @ s.world_from_imu @ rig.mount).translation[:2] for s in recorded])
+    off = [np.linalg.norm(truth - place, axis=1).min() for place in path.poses[:, :2]]
+    assert len(off) > 8
+    assert max(off) < 0.1  # keyframes lie on the way
+    assert path.frame == "map"
+
+
+def test_only_who_is_asked_tells_where_odom_lies_in_the_map() -> None:
+    context = driven(40)
+    assert not [e for m in context.messages(TRANSFORMS) for e in m.transforms if e.parent == "map"]
+    assert context.messages(TRAJECTORY) == []
 
 
 def test_a_robot_without_such_sensors_is_refused_before_anything_runs() -> None:

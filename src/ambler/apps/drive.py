@@ -81,7 +81,7 @@ def drive_scene(options: RunOptions, drive: str, speed: float | None) -> DriveSc
             )
     faults = tuple(Fault.parse(text) for text in options.faults)
     FaultInjector(faults, world, robot.faulty_frames)
-    config = robot_config(robot.model, options.profile, has_map=False)
+    config = robot_config(robot.model, {"odometry_source": "lidar", **options.profile}, has_map=False)
     return DriveScene(robot, config, world, start, route, faults)
 
 
@@ -96,7 +96,7 @@ class DriveRun(Run):
         world = World(scene.world, [BodySpec(ROBOT, robot, scene.start)], config)
         model = scene.robot.model
         nodes = simulated_nodes(world, ROBOT, described=model, has_map=False)
-        nodes += [*sensing_nodes(model, scene.config), GateNode(model, scene.config.gate)]
+        nodes += [*sensing_nodes(model, scene.config, closes_loops=True), GateNode(model, scene.config.gate)]
         has_legs = scene.robot.gait is not None
         route = scene.route
         driver = partial(RouteDriverNode, route.points, route.speed, model, scene.start, has_legs=has_legs)

@@ -98,11 +98,12 @@ def robot_nodes(
     return [*nodes, *parts.nodes, GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners))]
 
 
-def sensing_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
-    """Return what makes odometry of wheels and gyroscope, and one scan of several. `robot` has its scanners where they are calibrated."""
+def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool = False) -> list[Node]:
+    """Return what makes odometry, and one scan of several. `robot` has its scanners where they are calibrated. `closes_loops`: LiDAR-inertial odometry
+    tells map -> odom, too, because nothing else does."""
     config.check_odometry(robot)
     has_lidar = config.odometry_source == "lidar"
-    odometry = LidarOdometryNode(robot, config.lio) if has_lidar else None
+    odometry = LidarOdometryNode(robot, config.lio, closes_loops=closes_loops) if has_lidar else None
     nodes: list[Node] = [odometry or OdometryNode(robot, WheelInertialOdometry(config.odometry))]
     if len(robot.scanners) > 1:
         nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))

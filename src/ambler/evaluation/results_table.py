@@ -454,6 +454,41 @@ ROWS: Sequence[Row] = (
         ),
     ),
     Row(
+        "the same with loop closure",
+        "median RMS ≤ 0.10 m, worst point ≤ 0.30 m, no false closure; 10 sites",
+        "lio.json",
+        "{site_vlp_16_runs} sites × 3 scanners: {closed_rms_median_m:.3f} m, {closed_max_worst_m:.3f} m, {false_closures} false",
+        _all(
+            _at_least(site_vlp_16_runs=10),
+            _at_most(closed_rms_median_m=0.10, closed_max_worst_m=0.30, false_closures=0),
+        ),
+    ),
+    Row(
+        "loop closure where places look alike: two equal corridors, tunnels (simulated)",
+        "no false closure",
+        "lio_alike.json",
+        "{runs} runs, "
+        "{twins_vlp_16_false_closures} and {twins_mid_360_false_closures} false in corridors, {tunnel_vlp_16_false_closures} and {tunnel_mid_360_false_closures} in tunnels; "
+        "worst point {twins_vlp_16_closed_max_m_worst:.2f} m",
+        _at_most(
+            twins_vlp_16_false_closures=0,
+            twins_mid_360_false_closures=0,
+            tunnel_vlp_16_false_closures=0,
+            tunnel_mid_360_false_closures=0,
+        ),
+    ),
+    Row(
+        "relocalization in saved clouds of another day, 60 starts in three maps, Mid-360 (simulated)",
+        "≥ 59 with a guess (2 m, 30°), ≥ 54 without in ≤ 10 s, 0 false",
+        "relocalization3d.json",
+        "{guess_success} and {none_success} of {none_starts}, {guess_false} and {none_false} false (≤ {none_false_interval_high:.1%} at 95 %); {none_seconds_median:.1f} s, worst "
+        "{none_seconds_worst:.1f} s; then {none_track_rms_m_worst:.3f} m RMS at worst",
+        _all(
+            _at_least(guess_success=59, none_success=54),
+            _at_most(guess_false=0, none_false=0, none_seconds_worst=10.0),
+        ),
+    ),
+    Row(
         "LiDAR-inertial odometry beside kiss-icp on the same scans, drawn halls, VLP-16 (simulated)",
         "≤ 0.5 of its error in 10",
         "lio_peer_hall.json",

@@ -92,7 +92,11 @@ class BaseOdometry:
         if self._fitted_ns is None or not result.health.is_lost:
             self._fitted_ns = estimate.stamp_ns
 
-    def in_odom(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    def between_odoms(self, corrected_from_map: SE3) -> SE3:
+        """Return a correction of the filter's map as the pose of odom in a corrected frame that began as odom did."""
+        return self._odom_from_map @ corrected_from_map @ self._odom_from_map.inverse()
+
+    def in_odom(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return points (N, 3) of the filter's map in the odom frame."""
         return np.asarray(self._odom_from_map.transform(points), np.float32)
 

@@ -3,39 +3,61 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Imu, Odometry, PointCloud, Status, Transforms, TransformStamped
+from ambler.core.messages import Imu, Odometry, Path, PointCloud, Status, Transforms, TransformStamped
 from ambler.core.robot import RobotModel, SensorKind
+from ambler.core.se3 import SE3
 from ambler.lio.base_odometry import BaseOdometry, Registered
 from ambler.lio.config import LioConfig
 from ambler.lio.doctor import StartExamination
+from ambler.lio.health import LioResult
+from ambler.lio.loop_closure import LoopClosure
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.node import Node, Topics, WorkKind
-from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRANSFORMS, WHEEL_ODOMETRY
+from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRAJECTORY, TRANSFORMS, WHEEL_ODOMETRY
 
 REGISTRATION = 0.02  # simulated seconds that a scan takes in the background
 EXAMINATION = 1.0
+CLOSING = 0.2  # simulated seconds in which a keyframe is matched and the graph solved
+MAP_PERIOD = 10  # scans between two tellings of where odom lies in the map
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Closed:
+    """What loop closure said after a scan: the correction in the filter's map, how many closures there are, and the keyframes' places (K, 3)."""
+
+    corrected_from_map: SE3
+    closures: int
+    places: NDArray[np.float64]
 
 
 class LidarOdometryNode(Node):
     """Runs `BaseOdometry` with the robot's first LiDAR and first IMU, at their places on the robot.
 
     While nothing can be told (before the start, without scans that fit, or without an IMU) nothing is published, odometry grows stale, and the gate stops the
-    robot. Measurements that contradict one another end the node with their reason.
+    robot. Measurements that contradict one another end the node with their reason. With `closes_loops` it also tells map -> odom, for robots that nothing else
+    localizes, and the corrected trajectory.
     """
 
     name = "odometry"
     inputs = (CLOUD, IMU)
     optional_inputs: Topics = (WHEEL_ODOMETRY,)
-    outputs = (ODOMETRY, TRANSFORMS, REGISTERED_CLOUD, STATUS)
+    outputs: Topics = (ODOMETRY, TRANSFORMS, REGISTERED_CLOUD, STATUS)
     latency = 5e-4
 
-    def __init__(self, robot: RobotModel, config: LioConfig | None = None) -> None:
+    def __init__(self, robot: RobotModel, config: LioConfig | None = None, *, closes_loops: bool = False) -> None:
         config = config or LioConfig()
+        self._loops = LoopClosure(config) if closes_loops and config.loops.is_used else None
+        self._map_from_odom = SE3()
+        self._scans = self._closures = 0
+        if self._loops is not None:
+            self.outputs = (*type(self).outputs, TRAJECTORY)
         mounts = {mount.kind: mount for mount in reversed(robot.sensors)}
         if SensorKind.CLOUD not in mounts or SensorKind.IMU not in mounts:
             raise BadInputError(f"{robot.name}: LiDAR-inertial odometry needs a LiDAR that gives clouds, and an IMU")
@@ -87,7 +109,30 @@ class LidarOdometryNode(Node):
             self._odometry.take(registered)
             self._tell_cloud(registered)
             self._tell_state(registered)
+            self._close_loops(registered.result)
         self._go_on()
+
+    def _close_loops(self, result: LioResult) -> None:
+        if self._loops is None:
+            return
+        self.ctx.background(partial(_close, self._loops, result), CLOSING, self._closed, WorkKind.MAPPING)
+        if self._scans % MAP_PERIOD == 0:
+            edge = TransformStamped(result.stamp_ns, "map", "odom", self._map_from_odom)
+            self.ctx.publish(TRANSFORMS, Transforms(result.stamp_ns, (edge,)))
+        self._scans += 1
+
+    def _closed(self, closed: _Closed | None) -> None:
+        """Take what a new keyframe changed."""
+        if closed is None:
+            return
+        self._map_from_odom = self._odometry.between_odoms(closed.corrected_from_map)
+        places = self._odometry.in_odom(closed.places)
+        ahead = np.diff(places[:, :2], axis=0, append=places[-1:, :2])
+        poses = np.column_stack([places[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])]).astype(np.float64)
+        self.ctx.publish(TRAJECTORY, Path(self.ctx.now_ns, "map", poses))
+        if closed.closures > self._closures:
+            self.ctx.log("LIO_LOOP_CLOSED", f"{closed.closures} loop closures", closures=closed.closures)
+        self._closures = closed.closures
 
     def _tell_cloud(self, registered: Registered) -> None:
         scan = registered.scan
@@ -117,3 +162,13 @@ class LidarOdometryNode(Node):
         work = self._examination.add(scan)
         if work is not None:
             self.ctx.background(work, EXAMINATION, self._examination.take, WorkKind.MAPPING)
+
+
+def _close(loops: LoopClosure, result: LioResult) -> _Closed | None:
+    """Work of the background: None where no keyframe was completed."""
+    before = len(loops.keyframes)
+    loops.add(result)
+    if len(loops.keyframes) == before:
+        return None
+    places = np.array(loops.map_from_keyframes)[:, :3, 3]
+    return _Closed(loops.map_from_odom, len(loops.closures), places)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ambler.core.errors import BadInputError, TransformError
-from ambler.core.messages import Message, Transforms
+from ambler.core.messages import Message, PointCloud, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
@@ -12,6 +12,7 @@ from ambler.wire.bags import BagReader
 BASE_FRAMES = ("base_link", "base_footprint", "base")
 TRUTH = "/ground_truth/"
 ODOM_FRAME = "odom"
+FIXED_FRAMES = (ODOM_FRAME, "map", "world", "camera_init")  # the last is what LOAM and its heirs call the map
 HISTORY = 1e9  # seconds: transforms of a recording are not forgotten
 
 Track = list[tuple[int, SE2]]
@@ -20,7 +21,7 @@ Track = list[tuple[int, SE2]]
 
 def choose_topic(bag: BagReader, kind: type[Message], name: str | None, option: str) -> str | None:
     """Return the topic of a kind that is wanted, or the only one with messages; None without any. What a simulation recorded of the truth
-    is no choice unless it is named."""
+    is no choice unless it is named, nor are clouds that somebody has laid into a fixed frame beside one of a sensor."""
     found = sorted(t.name for t in bag.topics() if t.message_class is kind and t.count > 0)
     if name is None:
         found = [topic for topic in found if not topic.startswith(TRUTH)]
@@ -30,9 +31,16 @@ def choose_topic(bag: BagReader, kind: type[Message], name: str | None, option: 
                 f"{bag.path}: {option} {name}: no {kind.__name__} there, only on {', '.join(found) or 'no topic'}"
             )
         return name
+    if len(found) > 1 and kind is PointCloud:
+        found = [topic for topic in found if _frame_of(bag, topic) not in FIXED_FRAMES] or found
     if len(found) > 1:
         raise BadInputError(f"{bag.path}: {kind.__name__} on several topics, choose with {option}: {', '.join(found)}")
     return found[0] if found else None
+
+
+def _frame_of(bag: BagReader, topic: str) -> str:
+    message = next(bag.messages({topic})).message
+    return plain_frame(message.frame) if isinstance(message, PointCloud) else ""
 
 
 def listed_topics(bag: BagReader) -> str:
