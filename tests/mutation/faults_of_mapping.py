@@ -266,6 +266,13 @@ MAPPING = (
         EXTRAPOLATOR,
     ),
     PlantedFault(
+        "a map begins with a single scan",
+        "slam2d/front_end.py",
+        "self._scans_at_start < START_SCANS",
+        "self._scans_at_start < 1",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
         "odometry that slips is trusted",
         "slam2d/front_end.py",
         "is_trusted = prediction.is_measured and self.odometry_error < 1.0",

@@ -200,37 +200,17 @@ def _opened(args: argparse.Namespace, config: LioConfig) -> tuple[Recording, SE3
 
 def _map(recording: Recording, config: LioConfig, mount: SE3, cell: float) -> OfflineLio:
     """Run with a progress bar and the time that is left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
+    from ambler.cli.scan_progress import scan_progress
     from ambler.lio.offline import run_offline
 
-    columns = (
-        TextColumn("mapping"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("scans, elapsed"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    imu_from_base = None
-    if recording.base_from_lidar is not None:
-        imu_from_base = mount @ recording.base_from_lidar.inverse()
-    with Progress(*columns, console=Console(stderr=True), refresh_per_second=2) as progress:
-        task = progress.add_task("", total=recording.clouds)
+    base = imu_from_base(recording, mount)
+    with scan_progress("mapping", recording.clouds) as on_scan:
+        return run_offline(recording.scans(), config, mount, base, cell=cell, on_scan=on_scan)
 
-        def on_scan() -> None:
-            progress.advance(task)
 
-        return run_offline(recording.scans(), config, mount, imu_from_base, cell=cell, on_scan=on_scan)
+def imu_from_base(recording: Recording, mount: SE3) -> SE3 | None:
+    """Return where the base is in the IMU's frame, which wheel odometry needs; None where the recording does not tell."""
+    return None if recording.base_from_lidar is None else mount @ recording.base_from_lidar.inverse()
 
 
 def _peer(truth_file: Path, recording: Recording, config: LioConfig, mount: SE3) -> dict[str, Any]:

@@ -82,28 +82,16 @@ def parse_guess(text: str | None) -> SE3 | None:
 
 
 def _localized(recording: Any, cloud_map: CloudMap, config: LioConfig, mount: SE3, guess: SE3 | None) -> LocalizedLio:
-    """Run with a line of progress every now and then."""
-    from rich.console import Console
-    from rich.progress import Progress
-
+    """Run with a progress bar and the time that is left."""
+    from ambler.cli.lio import imu_from_base
+    from ambler.cli.scan_progress import scan_progress
     from ambler.kernels.warmup import warm_up
     from ambler.lio.localize_offline import localize_offline
 
     warm_up(["cloud_search", "relocalization", "branch_bound"])
-    imu_from_base = None
-    if recording.base_from_lidar is not None:
-        imu_from_base = mount @ recording.base_from_lidar.inverse()
-    with Progress(console=Console(stderr=True), refresh_per_second=2) as progress:
-        task = progress.add_task("localizing", total=recording.clouds)
-        return localize_offline(
-            recording.scans(),
-            cloud_map,
-            config,
-            mount,
-            imu_from_base,
-            guess=guess,
-            on_scan=lambda: progress.advance(task),
-        )
+    base = imu_from_base(recording, mount)
+    with scan_progress("localizing", recording.clouds) as on_scan:
+        return localize_offline(recording.scans(), cloud_map, config, mount, base, guess=guess, on_scan=on_scan)
 
 
 def _fields(result: LocalizedLio) -> dict[str, Any]:

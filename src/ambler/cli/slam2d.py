@@ -120,37 +120,10 @@ def _against_truth(path: Path, stamps: list[float], result: OfflineResult) -> di
 
 def _map(recording: ScanRecording, config: Slam2dConfig) -> OfflineResult:
     """Run with a progress bar and the time that is left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
+    from ambler.cli.scan_progress import scan_progress
     from ambler.slam2d.offline import run_offline
 
-    columns = (
-        TextColumn("mapping"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("scans, elapsed"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    done = 0
-    with Progress(*columns, console=Console(stderr=True), refresh_per_second=2) as progress:
-        task = progress.add_task("", total=len(recording.stamps))
-
-        def on_scan() -> None:
-            nonlocal done
-            done += 1
-            if done % 50 == 0 or done == len(recording.stamps):
-                progress.update(task, completed=done)
-
+    with scan_progress("mapping", len(recording.stamps)) as on_scan:
         return run_offline(recording.scans, config, on_scan)
 
 

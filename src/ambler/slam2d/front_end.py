@@ -19,6 +19,13 @@ F32 = NDArray[np.float32]
 
 SEARCH_WEIGHTS = 0.5, 0.5  # 1/m, 1/rad: what a place farther from the prediction loses of its score
 POINTS_LEAST = 10  # of a scan that is matched or inserted
+START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
+STILL_MOTION = (
+    1e-3,
+    5e-4,
+)  # metres and rad between two scans below which a base stands: gyroscopes drift by a tenth of it
+
+STILL_MATCH = (0.02, 0.005)  # metres and rad that the match of a single scan with a single scan may be off
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +54,7 @@ class FrontEnd:
             lines=config.lines,
         )
         self._inserted: tuple[int, SE2] | None = None
+        self._stands_at_start, self._scans_at_start = True, 0
         self._usual_score = 0.0
         self.odometry_error = 0.0
 
@@ -58,13 +66,23 @@ class FrontEnd:
         pose, match = prediction.local_from_base, None
         if target is not None and len(points) >= POINTS_LEAST:
             match = self._match(target, points, prediction)
-            pose = target.local_from_submap @ target.lines.fit(points, scan.origin, match.grid_from_base)
-            self._judge_odometry(prediction, pose)
+            matched = target.local_from_submap @ match.grid_from_base
+            self._stands_at_start &= self._scans_at_start < START_SCANS and self._is_still(prediction, matched)
+            if self._stands_at_start and self._inserted is not None:
+                _, pose = self._inserted
+            else:
+                pose = target.local_from_submap @ target.lines.fit(points, scan.origin, match.grid_from_base)
+                self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None
-        if may_insert and len(scan.points) >= POINTS_LEAST and self._has_moved(scan.stamp_ns, pose):
+        if (
+            may_insert
+            and len(scan.points) >= POINTS_LEAST
+            and (self._stands_at_start or self._has_moved(scan.stamp_ns, pose))
+        ):
             surfaces = points_between_returns(scan, config.insertion.resolution)
             submaps, finished = self.active.insert(scan, pose, surfaces)
+            self._scans_at_start += 1
             self._inserted = (scan.stamp_ns, pose)
         return LocalResult(pose, match, scan, points, submaps, finished)
 
@@ -120,6 +138,14 @@ class FrontEnd:
         allowed = config.odometry_slack + config.odometry_slack_gain * SE2().distance_to(motion)
         error = min(prediction.local_from_base.distance_to(pose) / allowed, 4.0)
         self.odometry_error += 0.3 * (error - self.odometry_error)
+
+    def _is_still(self, prediction: Prediction, matched: SE2) -> bool:
+        """Whether neither odometry nor the scan has seen the base move since the scan that began the map."""
+        last = matched if self._inserted is None else self._inserted[1]
+        return prediction.is_measured and all(
+            moved.distance_to(SE2()) < way and abs(moved.yaw) < turn
+            for moved, (way, turn) in ((prediction.motion, STILL_MOTION), (last.inverse() @ matched, STILL_MATCH))
+        )
 
     def _has_moved(self, stamp_ns: int, pose: SE2) -> bool:
         config = self._config
