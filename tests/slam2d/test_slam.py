@@ -41,21 +41,22 @@ def test_a_lap_in_the_room_ends_where_it_began(with_odometry: bool) -> None:
 
 def test_a_base_at_rest_begins_its_map_with_ten_scans_and_not_with_the_noise_of_one() -> None:
     rng = np.random.default_rng(4)
-    off = []
-    for _ in range(6):
-        slam = Slam2d()
-        for k in range(16):
+    yaws = []
+    for _ in range(12):
+        slam, later = Slam2d(), []
+        for k in range(20):
             slam.add_odometry(k * PERIOD_NS, SE2())
             scan = scan_at(SE2(0.3, 0.2, 0.1))
             noisy = scan.points * (1.0 + 0.01 * rng.standard_normal((len(scan.points), 1)) / 3.0)
             result = slam.update(replace(scan, stamp_ns=k * PERIOD_NS, points=noisy.astype(np.float32)))
             if k < 10:
                 assert result.map_from_base == SE2()
-                assert slam.nodes == k + 1
             else:
-                off.append(result.map_from_base.yaw)
+                later.append(result.map_from_base.yaw)
         assert slam.nodes == 10  # at rest no more are needed
-    assert abs(float(np.mean(off))) < 5e-4
+        yaws.append(float(np.mean(later)))
+    # Maps of one scan turn by 0.41 mrad (standard deviation) from one to the next, those of ten by 0.13.
+    assert float(np.std(yaws)) < 2.5e-4
 
 
 def test_odometry_that_stands_still_is_overruled_by_the_scans() -> None:
