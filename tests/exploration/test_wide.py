@@ -16,7 +16,7 @@ from ambler.core.se2 import SE2
 from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
 from ambler.exploration.tour import TourConfig, TourStrategy
-from ambler.exploration.wide import cropped, shrunk, spread
+from ambler.exploration.wide import cropped, joined, shrunk, spread
 from ambler.planning.distance import distance_field
 
 R = 0.05
@@ -59,6 +59,22 @@ def test_coarse_distances_agree_with_fine_ones_and_thin_walls_stay_closed() -> N
     assert np.isinf(wide[costs >= COST_INSCRIBED]).all()
     inside = spec.cell_of(4.2, 9.5)
     assert np.isinf(wide[inside]), "no way leads into the closed cell"
+
+
+@pytest.mark.parametrize("door", [8, 10, 11, 12])
+def test_what_lies_behind_a_door_that_is_a_little_too_narrow_is_not_reached(door: int) -> None:
+    spec, cells = hall()
+    cells[40:64, 150] = 100
+    cells[41 : 41 + door, 150] = 0
+    costs, start = costs_of(spec, cells), SE2(2.0, 2.0)
+    fine = FIELD(costs, spec, start)
+    coarse, coarse_spec = shrunk(costs, spec, 0.2)
+    opened = spread(FIELD(coarse, coarse_spec, start), 4, costs)
+    wide = joined(opened, costs, spec, start)
+    behind = spec.cell_of(12.0, 2.5)
+    assert np.isinf(fine[behind])
+    assert np.isinf(wide[behind])
+    np.testing.assert_array_equal(np.isfinite(wide), np.isfinite(fine))
 
 
 def test_small_cells_are_left_as_they_are() -> None:

@@ -1,7 +1,7 @@
 """Yielding: no motion passes from which the robot could not stand still for half a second before anybody who moves reaches it.
 
-Each mover may go on, go on as he last walked, or turn round; at every moment of the motion, and of the braking after it, the filled
-footprint keeps clear of all three (passive safety, Bouraine, Fraichard and Salhi 2012, with the half second by which a contact is
+Each mover may go on, go on as he last walked, turn round, or turn towards the robot (who walks a bend does that); at every moment of the
+motion, and of the braking after it, the filled footprint keeps clear of all four (passive safety, Bouraine, Fraichard and Salhi 2012, with the half second by which a contact is
 judged). Whoever reaches a robot that stands, or that only moves away from him, is let come.
 """
 
@@ -158,5 +158,9 @@ class Yielding:
         for x, y, vx, vy, wx, wy in states:
             is_walking = math.hypot(vx, vy) >= c.speed_min
             ways = [(vx, vy), (-vx, -vy)] if is_walking else [(vx, vy), (wx, wy), (-wx, -wy)]
+            speed = math.hypot(vx, vy) if is_walking else math.hypot(wx, wy)
+            to_x, to_y = self._pose[0] - x, self._pose[1] - y
+            away = max(1e-6, math.hypot(to_x, to_y))
+            ways.append((speed * to_x / away, speed * to_y / away))
             rows += [(x, y, *way, c.radius, c.growth) for way in ways]
         return np.array(rows).reshape(-1, 6)

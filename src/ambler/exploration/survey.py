@@ -18,7 +18,7 @@ from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
-from ambler.exploration.wide import shrunk, spread
+from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import visible_unknown
 
@@ -151,7 +151,8 @@ class FrontierSurvey:
                 return self._distance_field(data, spec, map_from_base)
             coarse, coarse_spec = shrunk(data, spec, self.config.wide_cell)
             factor = round(coarse_spec.resolution / spec.resolution)
-            return spread(self._distance_field(coarse, coarse_spec, map_from_base), factor, data)
+            distance = spread(self._distance_field(coarse, coarse_spec, map_from_base), factor, data)
+            return joined(distance, data, spec, map_from_base)
         except PlanningError:  # the robot stands where it may not be: nothing can be reached now
             return np.full(costs.spec.shape, np.inf, np.float32)
 

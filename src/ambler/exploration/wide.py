@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import COST_INSCRIBED, GridSpec
+from ambler.core.se2 import SE2
 from ambler.kernels.frontier_value import shrink_costs, spread_distances
 
 U8 = NDArray[np.uint8]
@@ -17,7 +19,8 @@ def shrunk(costs: U8, spec: GridSpec, cell: float) -> tuple[U8, GridSpec]:
     """Return costs uint8 on cells of about `cell` metres, each the least of the fine cells in it, and their geometry; the same when the
     cells are not smaller.
 
-    A wall stays closed: it is inflated by the robot's inscribed radius on both sides, which is wider than a cell.
+    A wall stays closed: it is inflated by the robot's inscribed radius on both sides, which is wider than a cell. A door that is a little
+    too narrow opens (`joined` tells).
     """
     factor = max(1, math.floor(cell / spec.resolution + 1e-6))
     if factor == 1:
@@ -46,3 +49,18 @@ def spread(distance: NDArray[np.float32], factor: int, costs: U8) -> NDArray[np.
     out = np.empty(costs.shape, np.float32)
     spread_distances(distance, factor, costs, COST_INSCRIBED, out)
     return out
+
+
+def joined(distance: NDArray[np.float32], costs: U8, spec: GridSpec, base: SE2) -> NDArray[np.float32]:
+    """Return distances [iy, ix] that were `spread`, inf where the fine cells of `costs` do not lead to the place from which they are told:
+    what lies behind a gap that only coarse cells pass. `base` is the robot in the frame of the grid."""
+    finite = np.flatnonzero(np.isfinite(distance))
+    if len(finite) == 0:
+        return distance
+    values = distance.ravel()[finite]
+    near = finite[values <= values.min() + 2.0 * spec.resolution]
+    iy, ix = np.divmod(near, spec.width)
+    row, column = spec.cell_of(base.x, base.y)
+    begin = int(near[np.argmin((iy - row) ** 2 + (ix - column) ** 2)])
+    labels = cv2.connectedComponents((costs < COST_INSCRIBED).astype(np.uint8), connectivity=4)[1]
+    return np.where(labels == labels.ravel()[begin], distance, np.float32(np.inf))

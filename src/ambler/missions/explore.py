@@ -69,10 +69,12 @@ class ExploreMission:
         self._has_swept = False
         self._has_pardoned = False
         self._returns = 0
+        self._shut_ns: int | None = None
         self._pause_until_ns = 0
         self._resumes = 0
         self._failures = 0
-        self._failed_from = SE2()
+        self._failed_from, self._failing_ns = SE2(), now_ns
+        self._failed_goals: list[SE2] = []
         self._best_distance = math.inf
         self._progress_ns = 0
         self._still_at = SE2()
@@ -204,13 +206,13 @@ class ExploreMission:
             NEAREST_REACHED,
         ):  # as near as possible will do: how much was seen from there is judged anyway
             self._goals_reached += 1
-            self._failures = 0
+            self._gets_on()
             self._arrived = True
             return self._wait(view, self.config.look_time, "arrived, waiting for the map")
         if again is None:
             if find_again(self._target_frontier, self._now, self.config.choice, is_open=False) is None:
                 self._goals_reached += 1
-                self._failures = 0
+                self._gets_on()
                 self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
             return self._choosing_or_stop(view)
         self._track(again, view)
@@ -254,13 +256,16 @@ class ExploreMission:
         code, self._drive_code = self._drive_code, None
         if self._now.open and self._resumes < self.config.max_resumes:
             self._resumes += 1
+            self._shut_ns = None
             return self._choosing(view)
         if code == "SUCCEEDED" or (code == NEAREST_REACHED and self._is_near_home(view)):
             self._is_home = True
             return self._wait(view, self.config.look_time, "home, looking once more")
         if code is None:
             return []
-        if self._returns < self.config.return_attempts:
+        if self._shut_ns is None:
+            self._shut_ns = view.now_ns
+        if view.now_ns - self._shut_ns < self.config.return_time * 1e9:
             return [ClearCosts(), *self._watch_the_way(view, code)]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
 
@@ -290,13 +295,12 @@ class ExploreMission:
     def _watch_the_way(self, view: ExploreView, code: str) -> list[Command]:
         """Go to where the way that the robot came is shut, and look; there, turn: a map renews itself only where scans move."""
         self._next_drive()
-        self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
         place = self._trail.lookout(view.costs, view.map_from_base)
         if place is not None:
+            self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
             self._wait(view, self.config.lookout_time, f"the way home is shut ({code}), going to where it is")
             return [DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
-        self._wait(view, 3.0 * self.config.return_pause, f"the way home is shut ({code}), waiting")
-        return [TurnAround(self._drive, 2.0 * math.pi)]
+        return self._turn_and_wait(view, f"the way home is shut ({code}), waiting")
 
     def _is_near_home(self, view: ExploreView) -> bool:
         """Somebody stands where the robot started: right beside is home as well."""
@@ -368,15 +372,35 @@ class ExploreMission:
         return commands if is_replaced else [StopDriving(), *commands]
 
     def _give_up(self, view: ExploreView, reason: str) -> list[Command]:
-        """Remember a drive that failed; a robot that fails everywhere without moving is stuck."""
-        if self._failures == 0 or self._failed_from.distance_to(view.map_from_base) > self.config.stuck_distance:
-            self._failures, self._failed_from = 0, view.map_from_base
+        """Remember a drive that failed. Where drives to several places fail, it is where they begin and not where they lead: the robot
+        waits, turns and tries again; one that fails for long without moving is stuck."""
+        c = self.config
+        if self._failures and self._failed_from.distance_to(view.map_from_base) > c.stuck_distance:
+            self._gets_on()
+        if self._failures == 0:
+            self._failed_from, self._failing_ns = view.map_from_base, view.now_ns
         self._failures += 1
-        if self._failures >= self.config.stuck_failures:
+        if all(self._sent.distance_to(place) > c.near for place in self._failed_goals):
+            self._failed_goals.append(self._sent)
+        if self._failures >= c.stuck_failures and view.now_ns - self._failing_ns >= c.stuck_time * 1e9:
             text = f"{self._failures} drives failed at one place, the last one: {reason}"
             return self._end(ExploreState.FAILED, "STUCK", text)
-        self._remember(view, self._target_frontier, reason, has_looked=False)
-        return self._wait(view, self.config.look_time, f"gave up a frontier ({reason})")
+        if len(self._failed_goals) < c.shut_failures:
+            self._remember(view, self._target_frontier, reason, has_looked=False)
+            return self._wait(view, c.look_time, f"gave up a frontier ({reason})")
+        self._next_drive()
+        return [ClearCosts(), *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
+
+    def _gets_on(self) -> None:
+        """Forget failures at one place."""
+        self._failures = 0
+        self._failed_goals.clear()
+
+    def _turn_and_wait(self, view: ExploreView, text: str) -> list[Command]:
+        """Turn once, because a map renews itself only where scans move, and wait for who stands in the way."""
+        self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
+        self._wait(view, 3.0 * self.config.return_pause, text)
+        return [TurnAround(self._drive, 2.0 * math.pi)]
 
     def _judge_look(self, view: ExploreView, frontier: Frontier) -> None:
         """The robot arrived and the frontier is still there: count it as looked at, or as a goal that was not reached."""

@@ -30,7 +30,8 @@ class ExploreState(enum.Enum):
 class ExploreConfig:
     """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again;
     a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
-    shut. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
+    shut. After drives to `shut_failures` places that failed from one it waits and turns
+    there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
     `doubt_time` to find itself again before the exploration ends as LOST. While it drives through a map of
     n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
 
@@ -41,10 +42,12 @@ class ExploreConfig:
     progress_timeout: float = 30.0
     progress_distance: float = 0.3
     goal_shift: float = 0.4
+    shut_failures: int = 3
     stuck_failures: int = 8
+    stuck_time: float = 120.0
     stuck_distance: float = 0.5
     min_reachable_area: float = 0.5
-    return_attempts: int = 4
+    return_time: float = 180.0
     return_pause: float = 8.0
     lookout_time: float = 120.0
     held_timeout: float = 10.0

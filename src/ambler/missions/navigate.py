@@ -103,15 +103,18 @@ class Navigation:
     `goal_distance`: while driving, how far the end of the path lies from the goal; at the end, how far the robot stands from it.
     """
 
-    def __init__(self, config: NavigationConfig, driver: Driver, goal: NavigateGoal) -> None:
+    def __init__(
+        self, config: NavigationConfig, driver: Driver, goal: NavigateGoal, recoveries: RecoverySequence | None = None
+    ) -> None:
         self._config = config
         self._driver = driver
         self._goal = goal
-        self._recoveries = RecoverySequence(config.recoveries)
+        self._recoveries = recoveries or RecoverySequence(config.recoveries)
         self._cancel_motion: Cancel | None = None
         self._epoch = 0
         self._is_replanning = False
         self._is_loose = False
+        self._has_cleared = False
         self._failed_plans = 0
         self._waits = 0
         self._rest = 0.0
@@ -132,6 +135,11 @@ class Navigation:
     def recoveries(self) -> int:
         """How many recoveries were tried."""
         return self._recoveries.count
+
+    def recoveries_left(self) -> RecoverySequence | None:
+        """Return how another drive from where this one ended should recover; None when this one got on."""
+        has_arrived = self.state in (NavigationState.SUCCEEDED, NavigationState.NEAREST_REACHED)
+        return None if has_arrived else self._recoveries.continued()
 
     def start(self) -> None:
         """Begin with a plan."""
@@ -252,6 +260,9 @@ class Navigation:
         step = self._recoveries.peek()
         # Moving does not open a way that the map denies; forgetting obstacles may, or whoever stands there leaves.
         is_denied = code == "NO_VALID_PATH" and (step is None or step.action is not RecoveryAction.CLEAR)
+        if is_denied and not self._has_cleared:
+            self._clear(text)
+            return
         if is_denied and self._blocked < self._config.blocked_patience:
             self._blocked += BLOCKED_REST
             self._enter(NavigationState.RECOVERING, f"{RecoveryAction.WAIT.value} because of {text}")
@@ -261,14 +272,20 @@ class Navigation:
             self._fail(code, text)
             return
         self._recoveries.take()
-        self._enter(NavigationState.RECOVERING, f"{step.action.value} because of {text}")
         if step.action is RecoveryAction.CLEAR:
-            self._driver.clear_costmaps(self._guarded(self._plan))
-        elif step.action is RecoveryAction.WAIT:
+            self._clear(text)
+            return
+        self._enter(NavigationState.RECOVERING, f"{step.action.value} because of {text}")
+        if step.action is RecoveryAction.WAIT:
             self._rest = step.amount
         else:
             done = self._guarded(lambda outcome, why: self._on_recovered(outcome, why, code, text))
             self._cancel_motion = self._driver.recover(step, done)
+
+    def _clear(self, text: str) -> None:
+        self._has_cleared = True
+        self._enter(NavigationState.RECOVERING, f"{RecoveryAction.CLEAR.value} because of {text}")
+        self._driver.clear_costmaps(self._guarded(self._plan))
 
     def _on_recovered(self, outcome: str, why: str, code: str, text: str) -> None:
         self._cancel_motion = None

@@ -1,4 +1,6 @@
-"""Which recovery comes next: a sequence that escalates, counts, and starts over when the robot gets on."""
+"""Which recovery comes next: a sequence that escalates, counts, and starts over when the robot gets on.
+
+What did not help at a place is not tried first by the next drive from there."""
 
 from __future__ import annotations
 
@@ -48,6 +50,12 @@ class RecoverySequence:
     def peek(self) -> RecoveryStep | None:
         """Return the step that comes next, or None when all were tried in vain."""
         return self._steps[self._index] if self._index < len(self._steps) else None
+
+    def continued(self) -> RecoverySequence:
+        """Return a sequence for another drive from the same place: it goes on with the step that comes next, or begins anew after the last."""
+        again = RecoverySequence(self._steps, self._progress)
+        again._index = self._index % len(self._steps) if self._steps else 0
+        return again
 
     def take(self) -> None:
         """Count the next step as tried."""

@@ -13,7 +13,7 @@ from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
-from ambler.missions.recovery import RecoveryAction, RecoveryStep
+from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
 from ambler.runtime.node import GoalHandle, Node, TaskOutcome
 from ambler.runtime.tasks import (
     CLEAR_GLOBAL_COSTMAP,
@@ -57,6 +57,7 @@ class NavigatorNode(Node):
         self._tree = TransformTree()
         self._costmap: CostGrid | None = None
         self._drive: _Drive | None = None
+        self._last: Navigation | None = None
         self._blocked = BlockedWays(self._config.blocked)
         self._marked = 0
 
@@ -125,7 +126,9 @@ class NavigatorNode(Node):
         self.ctx.send_goal(NAVIGATE, NavigateGoal(goal.pose.to_se2()), over)
 
     def _on_goal(self, handle: NavigateHandle) -> None:
-        self._drive = _Drive(self, handle, self._config)
+        left = None if self._last is None else self._last.recoveries_left()
+        self._drive = _Drive(self, handle, self._config, left)
+        self._last = self._drive.navigation
         self._drive.navigation.start()
 
     def _on_cancel(self, handle: NavigateHandle) -> None:
@@ -152,11 +155,13 @@ class NavigatorNode(Node):
 class _Drive:
     """Carries the requests of one `Navigation` (missions.navigate.Driver) to the other nodes."""
 
-    def __init__(self, node: NavigatorNode, handle: NavigateHandle, config: NavigationConfig) -> None:
+    def __init__(
+        self, node: NavigatorNode, handle: NavigateHandle, config: NavigationConfig, left: RecoverySequence | None
+    ) -> None:
         self._node = node
         self._ctx = node.ctx
         self.handle = handle
-        self.navigation = Navigation(config, self, handle.goal)
+        self.navigation = Navigation(config, self, handle.goal, left)
 
     def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
         self._ctx.call(COMPUTE_PATH, PlanRequest(map_from_goal), done)

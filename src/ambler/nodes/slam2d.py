@@ -56,7 +56,7 @@ from ambler.wire.map_files import save_map
 
 Finishing = GoalHandle[Nothing, Nothing, Nothing]
 BEND_KEYFRAMES = 400  # that are matched to the finished map, 0.1 ms to 1 ms each
-OWN_RAYS = 72
+OWN_RAYS = 180
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ class Slam2dNode(Node):
 
     def _on_merged(self, message: PointCloud) -> None:
         assert self._rays is not None
-        self._update(with_own_floor(self._rays.to_planar(message, self._motion), self._robot.inscribed_radius))
+        self._update(with_own_floor(self._rays.to_planar(message, self._motion), self._robot.footprint))
 
     def _update(self, scan: PlanarScan) -> None:
         if scan.stamp_ns <= self._newest_ns:
@@ -262,13 +262,19 @@ def save_slam_map(stem: Path, slam: Slam2d) -> Path:
     return description
 
 
-def with_own_floor(scan: PlanarScan, radius: float) -> PlanarScan:
-    """Return the scan with rays from the middle of the base to all around within `radius` metres (its inscribed circle): it stands on free floor.
+def with_own_floor(scan: PlanarScan, footprint: NDArray[np.float64]) -> PlanarScan:
+    """Return the scan with rays from the middle of the base to its outline, `footprint` (N, 2) counter-clockwise around it: it stands on free floor.
 
     Scanners at the corners of a body never see what is under it, and a robot that starts in a narrow corridor would stand on an unknown place.
     """
     angle = np.arange(OWN_RAYS) * (2.0 * np.pi / OWN_RAYS)
-    around = (radius * np.column_stack((np.cos(angle), np.sin(angle)))).astype(np.float32)
+    towards = np.column_stack((np.cos(angle), np.sin(angle)))
+    edge = np.roll(footprint, -1, axis=0) - footprint
+    normals = np.column_stack((edge[:, 1], -edge[:, 0])) / np.hypot(*edge.T)[:, None]
+    ahead = towards @ normals.T
+    offsets = (normals * footprint).sum(axis=1)
+    reach = np.where(ahead > 1e-9, offsets / np.maximum(ahead, 1e-9), np.inf).min(axis=1)
+    around = (reach[:, None] * towards).astype(np.float32)
     _, starts = scan.ray_starts()
     if len(starts) != len(scan.free_points):
         starts = np.repeat(starts, len(scan.free_points), axis=0)
