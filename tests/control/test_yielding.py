@@ -28,14 +28,20 @@ def walker(x: float, y: float, vx: float, vy: float) -> Movers:
 
 
 def meet(robot, start: SE2, wanted: BodyVelocity, person, velocity, turns_at: float = math.inf):
-    """Drive towards `wanted` through the yielding while somebody walks; return (time of contact or inf, worst approach of the touched point
-    in the half second before, metres driven)."""
+    """As `meet_bend`; who turns round does so at once."""
+    return meet_bend(robot, start, wanted, person, velocity, [(turns_at, math.pi)])
+
+
+def meet_bend(robot, start: SE2, wanted: BodyVelocity, person, velocity, turns):
+    """Drive towards `wanted` through the yielding while somebody walks, who turns by angles (rad) at times (s); return (time of contact or inf,
+    worst approach of the touched point in the half second before, metres driven)."""
     yielding, pose, v = Yielding(YieldConfig(), robot), start, BodyVelocity()
     waiting, log, dt, driven = [BodyVelocity()] * 2, [], 0.05, 0.0
     place, walk = np.array(person, float), np.array(velocity, float)
     for k in range(120):
-        if k * dt >= turns_at:
-            walk, turns_at = -walk, math.inf
+        if turns and k * dt >= turns[0][0]:
+            (_, angle), turns = turns[0], turns[1:]
+            walk = SE2(0.0, 0.0, angle).transform(walk[None])[0]
         yielding.set_movers(walker(*place, *walk), pose, v)
         waiting.append(yielding.limited(wanted))
         v = step_velocity(v, waiting.pop(0), robot.limits, dt)
@@ -80,6 +86,27 @@ def test_who_walks_straight_into_the_robot_finds_it_standing(name, bearing, away
     heading = bearing + math.pi + aside
     person = (away * math.cos(bearing), away * math.sin(bearing))
     seconds, approach, _ = meet(robot, SE2(), wanted, person, (pace * math.cos(heading), pace * math.sin(heading)))
+    assert math.isinf(seconds) or approach <= 0.05
+
+
+@given(
+    st.sampled_from(["diff", "spot"]),
+    st.floats(-math.pi, math.pi),
+    st.floats(1.5, 3.0),
+    st.floats(-math.pi, math.pi),
+    st.floats(0.8, 1.4),
+    st.floats(0.0, 2.5),
+    st.floats(0.3, 0.8),
+    st.sampled_from([-0.5 * math.pi, 0.5 * math.pi]),
+    st.sampled_from([BodyVelocity(0.5), BodyVelocity(0.3, 0.0, 0.7), BodyVelocity(0.0, 0.0, -0.8), BodyVelocity(-0.3)]),
+)
+@settings(max_examples=150, deadline=None)
+def test_who_walks_a_bend_into_the_robot_finds_it_standing(
+    name, bearing, away, heading, pace, begins, lasts, angle, wanted
+) -> None:
+    person = (away * math.cos(bearing), away * math.sin(bearing))
+    walk, turns = (pace * math.cos(heading), pace * math.sin(heading)), [(begins, angle), (begins + lasts, angle)]
+    seconds, approach, _ = meet_bend(ROBOTS[name], SE2(), wanted, person, walk, turns)
     assert math.isinf(seconds) or approach <= 0.05
 
 
