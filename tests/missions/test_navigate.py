@@ -498,3 +498,22 @@ def test_a_way_that_is_marked_is_planned_around_without_another_recovery(script:
     script.plans[-1](plan_to(5.0))
     fail_follow(script, "STALE_INPUT")
     assert len(script.blocked) == 2, "missing input says nothing of the way"
+
+
+def test_another_drive_from_where_one_failed_goes_on_with_the_next_cure(script: Script, drive: Navigation) -> None:
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script)
+    script.clears.pop()()
+    drive.cancel()
+    again = Navigation(NavigationConfig(), script, GOAL, drive.recoveries_left())
+    again.start()
+    script.plans[-1](plan_to(5.0))
+    fail_follow(script)
+    assert script.recoveries[-1][0] == DEFAULT_SEQUENCE[1], "clearing did not help before"
+    assert again.recoveries == 1
+    script.recoveries[-1][1]("SUCCEEDED", "")
+    script.plans[-1](NoValidPathError("shut"))
+    script.clears.pop()()
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert again.recoveries_left() is None, "it got on"

@@ -143,6 +143,20 @@ SAFETY = (
         MEMORY,
     ),
     PlantedFault(
+        "who once touched a robot holds it for ever",
+        "safety/blind_memory.py",
+        "is_kept &= ~(self._came & (seconds - near_at > GONE))",
+        "pass",
+        MEMORY,
+    ),
+    PlantedFault(
+        "what a robot drove up to counts as a visitor",
+        "safety/visitors.py",
+        "MOVED = 0.15",
+        "MOVED = 1e9",
+        MEMORY,
+    ),
+    PlantedFault(
         "a scanner that repeats itself is never stuck",
         "safety/stuck_scan.py",
         "has_moved = self._odom_from_base.distance_to(odom_from_base) > self._travel",

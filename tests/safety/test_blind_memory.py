@@ -143,3 +143,52 @@ def test_only_a_planar_scanner_all_around_whose_blind_zone_is_within_the_robot_n
     assert not FieldOfView(0.15).has_all_beyond(inside)
     assert not FieldOfView(0.1, azimuth=(-2.3, 2.3)).has_all_beyond(inside)
     assert not PUCK.has_all_beyond(5.0), "below and above its rays it sees nothing at any distance"
+
+
+SIDE = FieldOfView(0.05, (math.radians(-130.0), math.radians(130.0)))
+CORNER = SE3.from_rpy((0.6, -0.4, 0.2), 0.0, 0.0, math.radians(-45.0))
+
+
+def around_corner(person: tuple[float, float] | None, pose: SE2 | None = None, radius: float = 0.25) -> np.ndarray:
+    """Returns (N, 3), base frame, of a planar scanner on the front right corner, which does not see along the robot's side: a far wall along
+    y = -4 of the odom frame, and a person, or a post of another `radius`, there (odom frame)."""
+    pose = SE2() if pose is None else pose
+    eye = pose.transform(np.array([[0.6, -0.4]]))[0]
+    bearings = np.radians(np.arange(-130.0, 130.0, 0.5)) + math.radians(-45.0) + pose.yaw
+    rows = []
+    for bearing in bearings:
+        ahead = np.array([math.cos(bearing), math.sin(bearing)])
+        reach = (-4.0 - eye[1]) / ahead[1] if ahead[1] < -1e-3 else math.inf
+        if person is not None:
+            to = np.array(person) - eye
+            along, beside = float(to @ ahead), float(abs(to[0] * ahead[1] - to[1] * ahead[0]))
+            if beside < radius and along > 0.0:
+                reach = min(reach, along - math.sqrt(radius**2 - beside**2))
+        if SIDE.range_min < reach < 8.0:
+            rows.append((*(eye + reach * ahead), 0.2))
+    points = np.array(rows)
+    points[:, :2] = pose.inverse().transform(points[:, :2])
+    return points
+
+
+def test_who_walks_up_to_a_standing_robot_and_away_again_does_not_hold_it_for_ever() -> None:
+    memory, now, most = BlindMemory(0.72, 12.0), 0.0, 0
+    comes = [None] * 20 + [(-0.1, -2.0 + 0.06 * k) for k in range(23)] + [(-0.1, -0.66)] * 20
+    leaves = [(-0.1, -0.7 - 0.06 * k) for k in range(40)] + [None] * 60
+    shifted = SE2(0.0, -0.04)  # towards him, who gives way: what was at the rim of the sector is beside it now
+    for place, pose in [*((p, SE2()) for p in comes), *((p, shifted) for p in leaves)]:
+        now += 0.05
+        kept = memory.update(around_corner(place, pose), pose, CORNER, SIDE, (), now)
+        most = max(most, len(kept))
+    assert most > 0, "his near side lies beside the sector"
+    assert len(kept) == 0
+
+
+def test_what_a_robot_drove_up_to_is_held_however_long_nothing_is_seen_of_it() -> None:
+    memory, now = BlindMemory(0.72, 12.0), 0.0
+    post = (0.4, -0.43)
+    poses = [SE2(float(x), 0.0) for x in [*[-9.0] * 20, *np.arange(-9.0, -1.5, 0.1), *np.arange(-1.5, 0.5, 0.04)]]
+    for pose in [*poses, *[poses[-1]] * 200]:  # it stood where it did not see the post yet
+        now += 0.05
+        kept = memory.update(around_corner(post, pose, 0.02), pose, CORNER, SIDE, (), now)
+    assert len(kept) > 0

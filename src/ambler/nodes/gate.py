@@ -198,7 +198,7 @@ class GateNode(Node):
             return  # its last points grow stale, and the robot stops
         level_from_sensor = _level_from_base(odom_from_base) @ self._mounts[scan.frame].base_from_sensor
         points = points_of(level_from_sensor)
-        unseen = self._unseen(scan.frame, points, odom_from_base.to_se2(), level_from_sensor, field)
+        unseen = self._unseen(scan, points, odom_from_base.to_se2(), level_from_sensor, field)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
@@ -208,14 +208,16 @@ class GateNode(Node):
         elif self._rangers:
             self._ranges.add_points(scan.frame, odom_from_base.to_se2().transform(points[:, :2]))
 
-    def _unseen(self, frame: str, points: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView) -> F64:
+    def _unseen(
+        self, scan: LaserScan | PointCloud, points: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView
+    ) -> F64:
         """Return what was seen before and is in the scanner's blind zone now, float64 (N, 3) in the level base frame."""
         normals, offsets = self._edges
         if field.has_all_beyond(float(np.min(offsets - normals @ np.array(base_from_sensor.translation[:2])))):
             return np.empty((0, 3))  # its blind zone lies within the footprint
-        memory = self._memories.setdefault(frame, BlindMemory(self._radius, self._config.memory_travel))
-        others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != frame]
-        return memory.update(points, odom_from_base, base_from_sensor, field, others)
+        memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
+        others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != scan.frame]
+        return memory.update(points, odom_from_base, base_from_sensor, field, others, scan.stamp_ns * 1e-9)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""

@@ -1,7 +1,7 @@
 """Points that a scanner saw and cannot see any more: too near for it, below or above its rays, beside its sector.
 
 A scanner says nothing about its blind zone, and nothing is not free. So the gate keeps what was last seen there, carried along by
-odometry, until the scanner can see the place again, looks through it, or odometry has drifted too far to tell. Means of many
+odometry, until the scanner can see the place again, looks through it, who came by himself has gone, or odometry has drifted too far to tell. Means of many
 points are kept, not the points: their extremes would pile up scan by scan and grow every wall by the noise.
 """
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
+from ambler.safety.visitors import GONE, Visitors, is_seen_near
 
 F64 = NDArray[np.float64]
 Rays = tuple[F64, F64, F64]
@@ -74,6 +75,9 @@ class BlindMemory:
         self._max_travel = max_travel
         self._means_odom = np.empty((0, 3))
         self._seen_at = np.empty(0)
+        self._came = np.empty(0, np.bool_)
+        self._near_at = np.empty(0)
+        self._visitors = Visitors()
         self._travel = 0.0
         self._odom_from_base: SE2 | None = None
 
@@ -84,18 +88,27 @@ class BlindMemory:
         base_from_sensor: SE3,
         field: FieldOfView,
         others: Sequence[tuple[SE3, FieldOfView]] = (),
+        seconds: float = 0.0,
     ) -> F64:
         """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
-        columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved."""
+        columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved. `seconds` is the
+        time of the scan, from any beginning."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
         is_central = field.shrunk(*SOON).contains(rays)
         is_fading = ~is_central
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
+        if self._visitors.is_due(self._travel, seconds):
+            seen = odom_from_base.transform(points_base[:, :2])
+            self._visitors.take_down(np.concatenate((seen, self._means_odom[:, :2])), self._travel)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom), self._seen_at
+        near_at = self._near_at.copy()
+        near_at[self._came] = np.where(
+            is_seen_near(kept[self._came, :2], points_base[:, :2]), seconds, near_at[self._came]
+        )
         kept_rays = _rays(sensor_from_base, kept)
         sure = field.shrunk(*SLACK)
         looks_there = replace(field, range_min=0.0).contains(
@@ -105,12 +118,15 @@ class BlindMemory:
         is_kept &= ~(looks_there & _looked_through(kept_rays, rays))
         is_kept &= ~np.isin(_columns(kept), _columns(points_base[is_central]))  # at the rim, few may be left of a thing
         is_kept &= self._travel - seen_at < self._max_travel
-        kept, seen_at = kept[is_kept], seen_at[is_kept]
+        is_kept &= ~(self._came & (seconds - near_at > GONE))
+        kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
         fading = _column_means(points_base[is_fading], rays[0][is_fading], field.range_min + CUT)
         together = _moved(odom_from_base, np.concatenate((fading, kept)))
         first = np.unique(_columns(together), return_index=True)[1]
         self._means_odom = together[first]
         self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
+        self._came = np.concatenate((self._visitors.came(together[: len(fading), :2]), came))[first]
+        self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[first]
         return kept
 
     def _advance(self, odom_from_base: SE2) -> None:
