@@ -177,8 +177,8 @@ MAPPING = (
     PlantedFault(
         "the floor under a robot is known only where it is",
         "nodes/slam2d.py",
-        "around = (radius * np",
-        "around = (0.01 * np",
+        "around = (reach[:, None]",
+        "around = (0.01 * reach[:, None]",
         ("tests/slam2d/test_own_floor.py",),
     ),
     PlantedFault(

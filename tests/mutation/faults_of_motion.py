@@ -195,8 +195,8 @@ MOTION = (
     PlantedFault(
         "a robot whose drives all fail is never stuck",
         "missions/explore.py",
-        "if self._failures >= self.config.stuck_failures:",
-        "if self._failures >= 10 * self.config.stuck_failures:",
+        "if self._failures >= c.stuck_failures and",
+        "if self._failures >= 10 * c.stuck_failures and",
         EXPLORE,
     ),
     PlantedFault(
