@@ -17,7 +17,16 @@ from ambler.lio.start import LioInputError
 from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.perception.air_filter import AirFilterConfig
 from ambler.robots.catalog import robot_model
-from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, REGISTERED_VIEW, STATUS, TRAJECTORY, TRANSFORMS
+from ambler.runtime.topics import (
+    CLOUD,
+    IMU,
+    ODOMETRY,
+    REGISTERED_CLOUD,
+    REGISTERED_VIEW,
+    STATUS,
+    TRAJECTORY,
+    TRANSFORMS,
+)
 from ambler.sim.hand_rig import IMU_FRAME, LIDAR_FRAME
 from tests.hand_made_context import HandMadeContext
 from tests.lio.carried import walk

@@ -89,6 +89,7 @@ SLAM_POSE = _topic("slam_pose", m.PoseStamped, "/slam_pose", depth=50)
 SLAM_HEALTH = _topic("slam_health", m.SlamHealth, "/slam_health")
 GLASS = _topic("glass", m.GlassWalls, "/glass", "latched", 1)
 TRAJECTORY = _topic("trajectory", m.Path, "/trajectory", "latched", 1)
+MAP_CLOUD = _topic("map_cloud", m.PointCloud, "/overall_map", "latched", 1)
 # Localization in a known map
 LOCALIZED_POSE = _topic("localized_pose", m.Odometry, "/localized_pose", depth=50)
 SET_POSE = _topic("set_pose", m.PoseStamped, "/set_pose", depth=2)
