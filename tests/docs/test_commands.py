@@ -70,6 +70,7 @@ NOT_RUN = {
     "lio my_walk --map my_map/cloud.pcd --out my_place": OWN_FILES,
     "lio my_walk --map my_map/cloud.pcd --guess 1.5,-2,0,90 --out my_place": OWN_FILES,
     "lio my_walk --grid --out my_map": OWN_FILES,
+    "demo --robot go2 --world campus --drive built-in --fault dust@30": WHOLE_RUN,
     "bench odometry": "a minute of a drive; tests/studies measures a short one",
     "eval lio --kinds dust,smoke,rain --lidars mid_360 --seed draw": STUDY,
     "demo --robot go2 --world campus --drive route.yaml --map my_map/cloud.pcd": WHOLE_RUN,
