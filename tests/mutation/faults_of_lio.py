@@ -310,17 +310,17 @@ LIO = (
         AIR_FILTER,
     ),
     PlantedFault(
-        "dust changes what clear air draws",
+        "dust is as bright as paint",
         "sim/air.py",
-        'self._rng = named_generator(seed, f"air:{frame}")',
-        "self._rng = named_generator(seed, frame)",
+        "intensity[meets] = np.minimum(dim[meets], 0.2)",
+        "intensity[meets] = 0.5",
         AIR,
     ),
     PlantedFault(
-        "smoke has no upper end",
+        "smoke is met beyond its column",
         "sim/air.py",
-        "is_met = (half > 0.0) & (at < leaves) & (height > 0.0) & (height < SMOKE_HEIGHT)",
-        "is_met = (half > 0.0) & (at < leaves) & (height > 0.0)",
+        "is_met = (half > 0.0) & (at < leaves) & (height",
+        "is_met = (half > 0.0) & (height",
         AIR,
     ),
     PlantedFault(
@@ -331,13 +331,6 @@ LIO = (
         (
             "tests/lio/test_loop_closure.py::test_what_cannot_overlap_is_refused_before_it_is_matched_and_what_can_is_matched_as_ever",
         ),
-    ),
-    PlantedFault(
-        "a guess of the base is one of the LiDAR",
-        "nodes/cloud_localization.py",
-        "return None if map_from_base is None else map_from_base @ self._base_from_lidar",
-        "return map_from_base",
-        CLOUD_NODE,
     ),
     PlantedFault(
         "the cloud lies where the base was when it came",
