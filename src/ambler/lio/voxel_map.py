@@ -61,7 +61,7 @@ class VoxelMap:
             self._evict(center)
 
     def fit_planes(self, queries: F64) -> tuple[F64, NDArray[np.bool_]]:
-        """Return planes (n, d) float64 (M, 4) with n.x + d = 0 through the five points nearest to each query (M, 3), and where there is one; zeros where there is none."""
+        """Return planes (n, d) float64 (M, 4) with n.x + d = 0 through the five points nearest to each query (M, 3), and where there is one; what stands where there is none is finite and means nothing."""
         c = self.config
         planes, is_plane = np.zeros((len(queries), 4)), np.zeros(len(queries), np.bool_)
         kernels.fit_planes(
