@@ -13,9 +13,10 @@ from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.cli.main import main
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Odometry, PointCloud, VelocityCommand
+from ambler.core.messages import Odometry, PointCloud, Transforms, VelocityCommand
 from ambler.core.se2 import SE2
-from ambler.runtime.topics import CLOUD, IMU, TRUE_POSE, VELOCITY_COMMAND, VELOCITY_REQUEST, WHEEL_ODOMETRY
+from ambler.core.se3 import SE3
+from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS, TRUE_POSE, VELOCITY_COMMAND, VELOCITY_REQUEST, WHEEL_ODOMETRY
 from ambler.sim.world_file import load_world
 from ambler.wire.mcap_reader import read_recording, recorded_topics
 from ambler.wire.trajectory_files import read_tum_3d
@@ -177,3 +178,54 @@ def test_every_world_with_a_route_can_be_begun(world: str) -> None:
     assert scene.route.speed == 1.2
     assert scene.start.distance_to(SE2(*scene.route.points[0], 0.0)) == 0.0
     assert scene.route.length > 150.0
+
+
+DOWN_AGAIN = "frame: start\nspeed: 1.0\npoints: [[8.0, 0.3], [4.0, 0.0], [1.0, 0.2]]\n"
+TOP_OF_THE_RAMP = SE3.from_rpy(
+    (8.0, 0.3, 0.0), 0.0, 0.0, np.pi
+)  # of the base in the cloud, whose heading is that of the first drive
+
+
+@pytest.fixture(scope="module")
+def cloud(up_the_ramp: DriveRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("cloud") / "map"
+    assert main(["lio", str(up_the_ramp.folder.recording), "--out", str(out)]) == 0
+    return out / "cloud.pcd"
+
+
+def edges_of(run: DriveRun) -> list[tuple[int, SE3]]:
+    """Where odom was told to lie in the map, in the order of the recording."""
+    told = read_recording(run.folder.recording, [TRANSFORMS.ros_name])
+    edges = [e for r in told for e in r.decode_as(Transforms).transforms if e.parent == "map"]
+    return [(e.stamp_ns, e.parent_from_child) for e in edges]
+
+
+def test_with_a_saved_cloud_it_is_localized_while_it_drives_the_same_each_time(cloud: Path, tmp_path: Path) -> None:
+    """On another day, with other errors of the plate, the other way round and from elsewhere."""
+    options = replace(OPTIONS, seed=9, map_file=cloud)
+    route = route_file(tmp_path, DOWN_AGAIN)
+    runs = []
+    for name in ("one", "two"):
+        runs.append(DriveRun(options, drive_scene(options, route, None, TOP_OF_THE_RAMP), RunFolder(tmp_path / name)))
+        runs[-1].run(60.0)
+        runs[-1].close()
+    fields = judge_drive(runs[0]).fields
+    assert fields["place"] == "tracking"
+    assert fields["place_found_s"] < 4.0
+    assert fields["place_rms_m"] < 0.1
+    assert len(edges_of(runs[0])) > 50
+    assert edges_of(runs[0]) == edges_of(runs[1])
+
+
+def test_what_does_not_go_with_a_saved_cloud_is_refused(cloud: Path, tmp_path: Path) -> None:
+    route = route_file(tmp_path)
+    with pytest.raises(BadInputError, match="needs --map"):
+        drive_scene(OPTIONS, route, None, TOP_OF_THE_RAMP)
+    on_wheels = replace(OPTIONS, map_file=cloud, profile={"odometry_source": "wheels"})
+    with pytest.raises(BadInputError, match="odometry_source lidar"):
+        drive_scene(on_wheels, route, None)
+    cloud_cut = tmp_path / "cut.pcd"
+    cloud_cut.write_bytes(cloud.read_bytes()[:2000])
+    with pytest.raises(BadInputError, match="cut"):
+        drive_scene(replace(OPTIONS, map_file=cloud_cut), route, None)
+    assert main(["demo", "--map", str(cloud), "--no-view"]) == 2

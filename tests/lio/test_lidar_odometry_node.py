@@ -15,8 +15,18 @@ from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig, LoopConfig
 from ambler.lio.start import LioInputError
 from ambler.nodes.lidar_odometry import LidarOdometryNode
+from ambler.perception.air_filter import AirFilterConfig
 from ambler.robots.catalog import robot_model
-from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRAJECTORY, TRANSFORMS
+from ambler.runtime.topics import (
+    CLOUD,
+    IMU,
+    ODOMETRY,
+    REGISTERED_CLOUD,
+    REGISTERED_VIEW,
+    STATUS,
+    TRAJECTORY,
+    TRANSFORMS,
+)
 from ambler.sim.hand_rig import IMU_FRAME, LIDAR_FRAME
 from tests.hand_made_context import HandMadeContext
 from tests.lio.carried import walk
@@ -37,12 +47,17 @@ def robot() -> RobotModel:
 
 
 def driven(
-    scans: int, rate: float = 1.0, gap: range = range(0), config: LioConfig | None = None, closes_loops: bool = False
+    scans: int,
+    rate: float = 1.0,
+    gap: range = range(0),
+    config: LioConfig | None = None,
+    closes_loops: bool = False,
+    air: AirFilterConfig | None = None,
 ) -> HandMadeContext:
     """Play the walk; `rate` multiplies the gyroscope, clouds of `gap` hold nothing but noise far from everything."""
     _, recorded = walk()
     context = HandMadeContext()
-    context.start(LidarOdometryNode(robot(), config, closes_loops=closes_loops))
+    context.start(LidarOdometryNode(robot(), config, air, closes_loops=closes_loops))
     for number, scan in enumerate(recorded[:scans]):
         cloud = scan.cloud
         if number in gap:
@@ -62,7 +77,7 @@ def driven(
 
 def test_odometry_its_edge_and_the_registered_cloud_agree_with_the_walk() -> None:
     rig, recorded = walk()
-    context = driven(90)
+    context = driven(90, air=AirFilterConfig(is_used=False))
     odometry = context.messages(ODOMETRY)
     edges = [m.transforms[0] for m in context.messages(TRANSFORMS)]
     assert [(e.stamp_ns, e.parent_from_child) for e in edges] == [(m.stamp_ns, m.pose) for m in odometry]
@@ -80,6 +95,21 @@ def test_odometry_its_edge_and_the_registered_cloud_agree_with_the_walk() -> Non
     assert cloud.frame == "odom"
     assert cloud.points[-30:] == pytest.approx(end.transform(last_points), abs=0.1)
     assert len(cloud.points) == len(cloud.intensity) == len(scan.cloud.points)
+
+
+def test_the_registered_cloud_is_thin_for_viewers_and_without_dust_for_all() -> None:
+    _, recorded = walk()
+    context = driven(60)
+    whole, thin = context.messages(REGISTERED_CLOUD), context.messages(REGISTERED_VIEW)
+    sizes = {s.end_ns: len(s.cloud.points) for s in recorded}
+    assert min(len(cloud.points) / sizes[cloud.stamp_ns] for cloud in whole) > 0.93  # clear air
+    assert len(thin) == -(-len(whole) // 2)
+    view = thin[-1]
+    assert 100 < len(view.points) < 0.9 * len(whole[-1].points)
+    cells = np.floor(view.points.astype(np.float64) / 0.2)
+    assert len(np.unique(cells, axis=0)) == len(view.points)
+    assert REGISTERED_CLOUD.is_bulk
+    assert not REGISTERED_VIEW.is_bulk
 
 
 def test_a_gyroscope_in_degrees_ends_it_by_name() -> None:

@@ -19,7 +19,7 @@ from ambler.lio.keyframes import Keyframe, KeyframeBuilder
 from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.loop_match import error_of, match_keyframes, search_keyframes
 from ambler.lio.odometry import LidarInertialOdometry
-from ambler.registration.submap_match import prepare_cloud
+from ambler.registration.submap_match import match_clouds, prepare_cloud
 from tests.lio.carried import scans_of, walk
 
 F64 = NDArray[np.float64]
@@ -156,6 +156,26 @@ def test_another_place_is_refused() -> None:
         places.append(frame_of(np.vstack([*ground, *houses])))
     assert match_keyframes((places[0], places[0]), (0, 1), np.eye(4), LoopConfig()) is not None
     assert match_keyframes((places[0], places[1]), (0, 1), np.eye(4), LoopConfig()) is None
+
+
+def test_what_cannot_overlap_is_refused_before_it_is_matched_and_what_can_is_matched_as_ever() -> None:
+    """A storey above another one has walls at the same places; the height tells them apart."""
+    rng = np.random.default_rng(3)
+    floor = np.column_stack([rng.uniform(-12, 12, (9000, 2)), np.zeros(9000)])
+    walls = [
+        np.column_stack([rng.uniform(-12, 12, 3000), np.full(3000, y), rng.uniform(0, 2.6, 3000)]) for y in (-12.0, 9.0)
+    ]
+    walls += [w[:, [1, 0, 2]] for w in walls]
+    storey = prepare_cloud(np.concatenate([floor, *walls]), 0.3)
+    assert len(storey.few.points()) < 0.4 * len(storey.points)
+    near, far = np.eye(4), np.eye(4)
+    near[:3, 3], far[:3, 3] = (0.6, -0.4, 0.2), (0.0, 0.0, 3.4)
+    checked, unchecked = (match_clouds(storey, storey, near, 2.0, least) for least in (0.55, 0.0))
+    assert checked is not None
+    assert unchecked is not None
+    np.testing.assert_array_equal(checked.target_from_source, unchecked.target_from_source)
+    assert np.abs(checked.target_from_source - np.eye(4)).max() < 2e-3
+    assert match_clouds(storey, storey, far, 2.0, 0.55) is None
 
 
 def test_a_third_of_the_points_is_no_place_whatever_it_fits() -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from tests.mutation.planted import PlantedFault
 
+AIR_FILTER = ("tests/perception/test_air_filter.py",)
+AIR = ("tests/sim/test_air.py",)
+CLOUD_NODE = ("tests/lio/test_cloud_localization_node.py",)
 INERTIAL = ("tests/lio/test_inertial.py",)
 MAP = ("tests/lio/test_voxel_map.py",)
 ODOMETRY = ("tests/lio/test_odometry.py",)
@@ -169,8 +172,8 @@ LIO = (
     PlantedFault(
         "a match with few partners counts",
         "lio/loop_match.py",
-        "match.overlap < config.overlap_least or match.residual_m > config.residual_most",
-        "match.residual_m > config.residual_most",
+        "    match = match_clouds(",
+        "    config = replace(config, overlap_least=0.0)\n    match = match_clouds(",
         LOOPS,
     ),
     PlantedFault(
@@ -277,5 +280,70 @@ LIO = (
         'wrong = int(is_found) if way == "foreign" else follower.wrong',
         "wrong = follower.wrong",
         PLACES_STUDY,
+    ),
+    PlantedFault(
+        "leaves are smoke",
+        "kernels/air.py",
+        "is_dim_about = dim >= share * found",
+        "is_dim_about = True",
+        AIR_FILTER,
+    ),
+    PlantedFault(
+        "what a ring sees in the air lies on a plane",
+        "kernels/air.py",
+        "OFF = 0.1",
+        "OFF = -1.0",
+        AIR_FILTER,
+    ),
+    PlantedFault(
+        "dust that was met once is a thin pole",
+        "kernels/air.py",
+        "is_lasting[k] = count >= again",
+        "is_lasting[k] = True",
+        AIR_FILTER,
+    ),
+    PlantedFault(
+        "a flatly met floor has no neighbours",
+        "perception/air_filter.py",
+        "depth: float = 0.25",
+        "depth: float = 0.0",
+        AIR_FILTER,
+    ),
+    PlantedFault(
+        "dust is as bright as paint",
+        "sim/air.py",
+        "intensity[meets] = np.minimum(dim[meets], 0.2)",
+        "intensity[meets] = 0.5",
+        AIR,
+    ),
+    PlantedFault(
+        "smoke is met beyond its column",
+        "sim/air.py",
+        "is_met = (half > 0.0) & (at < leaves) & (height",
+        "is_met = (half > 0.0) & (height",
+        AIR,
+    ),
+    PlantedFault(
+        "another storey is matched all the same",
+        "registration/submap_match.py",
+        "if _overlap(target, sample, pose, reach) < overlap_least:",
+        "if overlap_least > 1.0:",
+        (
+            "tests/lio/test_loop_closure.py::test_what_cannot_overlap_is_refused_before_it_is_matched_and_what_can_is_matched_as_ever",
+        ),
+    ),
+    PlantedFault(
+        "the cloud lies where the base was when it came",
+        "nodes/cloud_localization.py",
+        "odom_from_lidar = odom_from_base @ self._base_from_lidar",
+        "odom_from_lidar = odom_from_base",
+        CLOUD_NODE,
+    ),
+    PlantedFault(
+        "a lost place is still told",
+        "lio/cloud_localizer.py",
+        "return CloudPose(result.stamp_ns, CloudState.LOST, None, None, match)",
+        "return CloudPose(result.stamp_ns, CloudState.LOST, result.map_from_imu, SE3(), match)",
+        CLOUD_NODE,
     ),
 )

@@ -37,6 +37,7 @@ from ambler.missions.navigate import NavigationConfig
 from ambler.nodes.docking import DockingNodeConfig
 from ambler.nodes.localization import LocalizationNodeConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
+from ambler.perception.air_filter import AirFilterConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.mover_tracker import MoverConfig
@@ -53,7 +54,7 @@ class RobotConfig:
     """Everything that a robot can be told, in every verb; the defaults come from `default_config`.
 
     `strategy`, `controller` and `localizer` choose one of those whose own sections stand below. `odometry_source` is wheels with a gyroscope (`odometry`), or a
-    LiDAR of many rings with an IMU (`lio`). `scanners` holds calibrated mounts and
+    LiDAR of many rings with an IMU (`lio`, without what floats in the `air`). `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -65,6 +66,7 @@ class RobotConfig:
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     lio: LioConfig = field(default_factory=LioConfig)
+    air: AirFilterConfig = field(default_factory=AirFilterConfig)
     localization: LocalizationNodeConfig = field(default_factory=LocalizationNodeConfig)
     tracker: GridTrackerConfig = field(default_factory=GridTrackerConfig)
     particles: ParticleFilterConfig = field(default_factory=ParticleFilterConfig)

@@ -1,4 +1,5 @@
-"""A drive: a simulated robot is driven along a route through a world with three dimensions, and everything is recorded.
+"""A drive: a simulated robot is driven along a route through a world with three dimensions, and everything is recorded. Without a saved cloud it maps
+while it is driven; with one it finds out where in it it is.
 
 Its recording holds clouds, inertial measurements, wheel odometry and the ground truth, for `ambler lio` and everybody else who maps.
 """
@@ -19,15 +20,19 @@ from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated_robot import simulated_nodes
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Contact, Odometry
+from ambler.core.messages import Contact, Odometry, Status, Transforms
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.evaluation.collisions import Collision, find_collisions, find_contacts
+from ambler.evaluation.spatial_error import spatial_error
+from ambler.lio.cloud_map import CloudMap
+from ambler.nodes.cloud_localization import CloudLocalizationNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.route_driver import RouteDriverNode
 from ambler.runtime.clock import SystemClock
-from ambler.runtime.topics import CONTACT, TRUE_POSE
+from ambler.runtime.node import Node
+from ambler.runtime.topics import CONTACT, ODOMETRY, STATUS, TRANSFORMS, TRUE_POSE
 from ambler.settings.profiles import as_values, save_resolved
 from ambler.sim.faults import Fault, FaultInjector
 from ambler.sim.rig_errors import as_built
@@ -55,11 +60,13 @@ class DriveScene:
     start: SE2
     route: Route
     faults: tuple[Fault, ...]
+    cloud_map: CloudMap | None = None
+    guess: SE3 | None = None
 
 
-def drive_scene(options: RunOptions, drive: str, speed: float | None) -> DriveScene:
+def drive_scene(options: RunOptions, drive: str, speed: float | None, guess: SE3 | None = None) -> DriveScene:
     """Load and check everything before anything runs; `drive` is a route file or `built-in`, `speed` (m/s) takes the place of the
-    route's. The robot starts at the route's first waypoint unless the options say where. Raises BadInputError with one sentence."""
+    route's; `guess` is where the base is in the saved cloud `options.map_file` at first. The robot starts at the route's first waypoint unless the options say where. Raises BadInputError with one sentence."""
     if options.is_apart:
         raise BadInputError("a drive along a route runs in this process: leave --apart out")
     robot = robot_named(options.robot)
@@ -82,7 +89,14 @@ def drive_scene(options: RunOptions, drive: str, speed: float | None) -> DriveSc
     faults = tuple(Fault.parse(text) for text in options.faults)
     FaultInjector(faults, world, robot.faulty_frames)
     config = robot_config(robot.model, {"odometry_source": "lidar", **options.profile}, has_map=False)
-    return DriveScene(robot, config, world, start, route, faults)
+    cloud_map = None
+    if options.map_file is not None:
+        if config.odometry_source != "lidar":
+            raise BadInputError("--map: localization in a saved cloud needs odometry_source lidar")
+        cloud_map = CloudMap.load(options.map_file, config.lio.localize.map)
+    elif guess is not None:
+        raise BadInputError("--guess says where in a saved cloud the robot is: it needs --map")
+    return DriveScene(robot, config, world, start, route, faults, cloud_map, guess)
 
 
 class DriveRun(Run):
@@ -96,7 +110,7 @@ class DriveRun(Run):
         world = World(scene.world, [BodySpec(ROBOT, robot, scene.start)], config)
         model = scene.robot.model
         nodes = simulated_nodes(world, ROBOT, described=model, has_map=False)
-        nodes += [*sensing_nodes(model, scene.config, closes_loops=True), GateNode(model, scene.config.gate)]
+        nodes += [*placing_nodes(model, scene.config, scene.cloud_map, scene.guess), GateNode(model, scene.config.gate)]
         has_legs = scene.robot.gait is not None
         route = scene.route
         driver = partial(RouteDriverNode, route.points, route.speed, model, scene.start, has_legs=has_legs)
@@ -108,6 +122,14 @@ class DriveRun(Run):
         super().__init__(folder, [self.robot], view, clock)
 
 
+def placing_nodes(robot: RobotModel, config: RobotConfig, cloud_map: CloudMap | None, guess: SE3 | None) -> list[Node]:
+    """Return what makes odometry and says where odom lies in the map: loop closure, or localization in a saved cloud."""
+    nodes = sensing_nodes(robot, config, closes_loops=cloud_map is None)
+    if cloud_map is None:
+        return nodes
+    return [*nodes, CloudLocalizationNode(robot, cloud_map, config.lio.localize, guess)]
+
+
 @dataclass(frozen=True, slots=True)
 class DriveVerdict:
     """The result of a drive: `fields` as they go into JSON."""
@@ -117,8 +139,9 @@ class DriveVerdict:
 
     @property
     def is_good(self) -> bool:
-        """Whether the route was driven to its end without a collision."""
-        return self.fields["ended"] == "succeeded" and not self.collisions
+        """Whether the route was driven to its end without a collision, and in a saved cloud with its place known at the end."""
+        is_placed = self.fields.get("place", "tracking") in ("found", "tracking")
+        return self.fields["ended"] == "succeeded" and not self.collisions and is_placed
 
 
 def judge_drive(run: DriveRun) -> DriveVerdict:
@@ -154,10 +177,41 @@ def judge_drive(run: DriveRun) -> DriveVerdict:
         "sim_seconds": run.run_seconds,
         "run_seconds": run.wall_seconds,
         "real_time_factor": run.run_seconds / run.wall_seconds,
+        **(_place_fields(run, stamps_ns, poses) if scene.cloud_map is not None else {}),
         "recording": str(run.folder.recording),
         "truth": str(truth_file),
     }
     return DriveVerdict(fields, collisions)
+
+
+def _place_fields(run: DriveRun, truth_ns: list[int], truth: list[SE3]) -> dict[str, Any]:
+    """Return when the robot found its place in the saved cloud, how it ended, and how far what it told bends the true way: where the cloud truly lies in the world nobody knows,
+    so the best rigid motion is taken out."""
+    state, found_ns = "NOT_FOUND", None
+    stamps_ns: list[int] = []
+    placed: list[SE3] = []
+    odometry: list[Odometry] = []
+    for recorded in read_recording(run.folder.recording, [STATUS.ros_name, ODOMETRY.ros_name, TRANSFORMS.ros_name]):
+        if recorded.topic == STATUS.ros_name:
+            code = recorded.decode_as(Status).code
+            state = code.removeprefix("CLOUD_") if code.startswith("CLOUD_") else state
+            if code == "CLOUD_FOUND" and found_ns is None:
+                found_ns = recorded.log_time_ns
+        elif recorded.topic == ODOMETRY.ros_name:
+            odometry.append(recorded.decode_as(Odometry))
+        else:
+            edges = [e for e in recorded.decode_as(Transforms).transforms if e.parent == "map" and e.child == "odom"]
+            if edges and odometry and (not stamps_ns or edges[0].stamp_ns > stamps_ns[-1]):
+                near = min(odometry[-200:], key=lambda o: abs(o.stamp_ns - edges[0].stamp_ns))
+                stamps_ns.append(edges[0].stamp_ns)
+                placed.append(edges[0].parent_from_child @ near.pose)
+    fields: dict[str, Any] = {"place": state.lower(), "place_found_s": None, "place_rms_m": None}
+    if found_ns is not None:
+        fields["place_found_s"] = 1e-9 * (found_ns - truth_ns[0])
+    if len(placed) > 2:
+        error = spatial_error(np.array(stamps_ns, np.int64), placed, np.array(truth_ns, np.int64), truth)
+        fields["place_rms_m"] = error.ate_rms_m
+    return fields
 
 
 def imu_mount(robot: RobotModel) -> SE3:

@@ -103,7 +103,7 @@ def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool 
     tells map -> odom, too, because nothing else does."""
     config.check_odometry(robot)
     has_lidar = config.odometry_source == "lidar"
-    odometry = LidarOdometryNode(robot, config.lio, closes_loops=closes_loops) if has_lidar else None
+    odometry = LidarOdometryNode(robot, config.lio, config.air, closes_loops=closes_loops) if has_lidar else None
     nodes: list[Node] = [odometry or OdometryNode(robot, WheelInertialOdometry(config.odometry))]
     if len(robot.scanners) > 1:
         nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))

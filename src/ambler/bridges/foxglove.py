@@ -66,7 +66,7 @@ class FoxgloveBridge:
     ) -> None:
         if not 0 <= port <= 65535:
             raise BadInputError(f"--port {port}: a port is a number from 0 (any free one) to 65535")
-        shown = tuple(table.all_topics() if topics is None else topics)
+        shown = tuple(t for t in (table.all_topics() if topics is None else topics) if not t.is_bulk)
         limits = rates_hz or {}
         self._outboxes = {topic.name: Outbox(topic, limits.get(topic.ros_name)) for topic in shown}
         self._memory = ViewMemory()

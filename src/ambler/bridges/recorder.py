@@ -1,4 +1,4 @@
-"""Records everything that the bus of one stack delivers, ground truth included: a tap of the executor, not a node.
+"""Records everything that the bus of one stack delivers but bulk, ground truth included: a tap of the executor, not a node.
 
 Messages are encoded and written on a thread of the recorder's own, in the order in which they came. In lockstep a full queue makes
 the run wait and nothing is lost; live (`is_lossy`) what does not fit is left out and counted. A recorder that fails stops recording,
@@ -63,6 +63,8 @@ class Recorder:
 
     def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
         """Take one message; `time_ns` is the executor's time of delivery, `writer` the node that published it."""
+        if topic.is_bulk:
+            return
         if self.failure is None and not self._conveyor.put((topic, message, time_ns, writer)):
             self.drops[topic.ros_name] = self.drops.get(topic.ros_name, 0) + 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from ambler.cli.run_options import add_dock_options, add_run_options, options_of, parse_pose
@@ -36,6 +37,15 @@ def add_parser(subparsers: Any) -> None:
         " route that the world brings along (campus, garage, tunnel and drawn sites have one)",
     )
     drive.add_argument("--speed", type=float, metavar="M/S", help="speed of the drive (default: the route's)")
+    drive.add_argument(
+        "--map",
+        type=Path,
+        metavar="CLOUD",
+        help="find the place in this saved cloud (.pcd, .ply) and follow it, instead of mapping; the robot is not told where it begins",
+    )
+    drive.add_argument(
+        "--guess", metavar="X,Y,Z,DEG", help="with --map: where in the cloud the base is at first, within 2 m and 30°"
+    )
     add_run_options(parser, world="office", robot="diff", time_limit=3600.0)
     add_dock_options(parser)
     parser.set_defaults(run=run)
@@ -51,6 +61,11 @@ def run(args: argparse.Namespace) -> int:
         return run_drive(args, options_of(args, ()))
     if args.speed is not None:
         raise BadInputError("--speed belongs to a drive along a route (--drive)")
+    for option, value in (("--map", args.map), ("--guess", args.guess)):
+        if value is not None:
+            raise BadInputError(
+                f"{option} belongs to a drive along a route (--drive): an exploration makes its own map"
+            )
     steps: list[Step] = [ExploreStep()]
     for text in args.then:
         kind, colon, name = text.partition(":")

@@ -13,10 +13,14 @@ from ambler.cli.study_options import add_study_options, conduct_study, seeds_of,
 def add_parser(subparsers: Any) -> None:
     """Add the sub-verb."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "lio", help="LiDAR-inertial odometry at drawn sites: loops, halls, a tunnel, equal corridors, shaken, at rest"
+        "lio",
+        help="LiDAR-inertial odometry at drawn sites: loops, halls, a tunnel, equal corridors, shaken, at rest, in dust, rain and smoke",
     )
     parser.add_argument(
-        "--kinds", default="site", metavar="A,B", help="of site, hall, tunnel, twins, shaken, rest (default: site)"
+        "--kinds",
+        default="site",
+        metavar="A,B",
+        help="of site, hall, tunnel, twins, shaken, rest, dust, rain, smoke (default: site)",
     )
     parser.add_argument(
         "--lidars", default="vlp_16,mid_360,os_64", metavar="A,B", help="of vlp_16, mid_360, os_64 (default: all)"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ambler.evaluation.spatial_error import SpatialError
     from ambler.lio.config import LioConfig
     from ambler.lio.offline import OfflineLio
+    from ambler.perception.air_filter import AirFilterConfig
     from ambler.recordings.cloud_folder import CloudFolder
     from ambler.recordings.cloud_recording import CloudRecording
 
@@ -94,7 +95,8 @@ def run(args: argparse.Namespace) -> int:
         return lio_localize.run(args)
     if args.guess is not None:
         raise BadInputError("--guess needs --map")
-    config = _config(args, recorded_config(profile_of(args)[0]).lio)
+    robot_config = recorded_config(profile_of(args)[0])
+    config = _config(args, robot_config.lio)
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
     if args.peer and (args.truth is None or not is_installed()):
@@ -106,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
     recording, mount, notes = _opened(args, config)
     cpu = time.process_time()
-    result = _map(recording, config, mount, args.cell)
+    result = _map(recording, config, mount, args.cell, robot_config.air)
     cpu_seconds = time.process_time() - cpu
     notes = (*notes, result.note)
     error, failure = None, ""
@@ -165,7 +167,7 @@ def _opened(args: argparse.Namespace, config: LioConfig) -> tuple[Recording, SE3
     from ambler.recordings.cloud_folder import open_cloud_folder
     from ambler.recordings.cloud_recording import NONE, CloudChoices, open_cloud_recording
 
-    warm_up(["inertial", "voxel_map"])
+    warm_up(["air", "inertial", "voxel_map"])
     path: Path = args.recording
     has_bag = not path.is_dir() or any(f.suffix in (".bag", ".mcap", ".db3", ".zstd") for f in path.iterdir())
     recording: Recording
@@ -198,14 +200,15 @@ def _opened(args: argparse.Namespace, config: LioConfig) -> tuple[Recording, SE3
     return recording, mount, notes
 
 
-def _map(recording: Recording, config: LioConfig, mount: SE3, cell: float) -> OfflineLio:
+def _map(recording: Recording, config: LioConfig, mount: SE3, cell: float, air: AirFilterConfig) -> OfflineLio:
     """Run with a progress bar and the time that is left."""
     from ambler.cli.scan_progress import scan_progress
     from ambler.lio.offline import run_offline
+    from ambler.perception.air_filter import AirFilter
 
     base = imu_from_base(recording, mount)
     with scan_progress("mapping", recording.clouds) as on_scan:
-        return run_offline(recording.scans(), config, mount, base, cell=cell, on_scan=on_scan)
+        return run_offline(recording.scans(), config, mount, base, cell=cell, on_scan=on_scan, air=AirFilter(air))
 
 
 def imu_from_base(recording: Recording, mount: SE3) -> SE3 | None:
@@ -268,6 +271,7 @@ def _fields(result: OfflineLio, cpu_seconds: float) -> dict[str, Any]:
         "loop_closures": len(result.links),
         "is_converged": result.is_converged,
         "loop_cpu_seconds": result.loop_seconds,
+        "false_ratio": result.false_ratio,
         "points": len(result.cloud),
         "map_memory_mb": result.map_mb,
     }

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ambler.lio.cloud_map import CloudMap
     from ambler.lio.config import LioConfig
     from ambler.lio.localize_offline import LocalizedLio
+    from ambler.perception.air_filter import AirFilter
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -37,11 +38,13 @@ def run(args: argparse.Namespace) -> int:
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
     from ambler.lio.cloud_map import CloudMap
+    from ambler.perception.air_filter import AirFilter
     from ambler.wire.trajectory_files import read_tum_3d
 
     if args.peer:
         raise BadInputError("--peer compares maps: not with --map")
-    config = _config(args, recorded_config(profile_of(args)[0]).lio)
+    robot_config = recorded_config(profile_of(args)[0])
+    config = _config(args, robot_config.lio)
     guess = parse_guess(args.guess)
     if args.out.exists() and not args.out.is_dir():
         raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
@@ -50,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     begin, cpu = time.perf_counter(), time.process_time()
     cloud_map = CloudMap.load(args.map, config.localize.map)
     recording, mount, notes = _opened(args, config)
-    result = _localized(recording, cloud_map, config, mount, guess)
+    result = _localized(recording, cloud_map, config, mount, guess, AirFilter(robot_config.air))
     fields = _fields(result) | {"map_points": len(cloud_map.points), "cpu_seconds": time.process_time() - cpu}
     if args.truth is not None:
         fields |= _against_truth(args.truth, result)
@@ -81,7 +84,9 @@ def parse_guess(text: str | None) -> SE3 | None:
     return SE3.from_rpy((x, y, z), 0.0, 0.0, math.radians(yaw))
 
 
-def _localized(recording: Any, cloud_map: CloudMap, config: LioConfig, mount: SE3, guess: SE3 | None) -> LocalizedLio:
+def _localized(
+    recording: Any, cloud_map: CloudMap, config: LioConfig, mount: SE3, guess: SE3 | None, air: AirFilter
+) -> LocalizedLio:
     """Run with a progress bar and the time that is left."""
     from ambler.cli.lio import imu_from_base
     from ambler.cli.scan_progress import scan_progress
@@ -91,7 +96,9 @@ def _localized(recording: Any, cloud_map: CloudMap, config: LioConfig, mount: SE
     warm_up(["cloud_search", "relocalization", "branch_bound"])
     base = imu_from_base(recording, mount)
     with scan_progress("localizing", recording.clouds) as on_scan:
-        return localize_offline(recording.scans(), cloud_map, config, mount, base, guess=guess, on_scan=on_scan)
+        return localize_offline(
+            recording.scans(), cloud_map, config, mount, base, guess=guess, on_scan=on_scan, air=air
+        )
 
 
 def _fields(result: LocalizedLio) -> dict[str, Any]:

@@ -21,6 +21,7 @@ def run_drive(args: argparse.Namespace, options: RunOptions) -> int:
     from ambler.apps.run_folder import RunFolder
     from ambler.apps.run_report import print_result
     from ambler.bridges.foxglove_front import check_port
+    from ambler.cli.lio_localize import parse_guess
     from ambler.cli.run_options import check_outputs, is_attended
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
@@ -30,7 +31,7 @@ def run_drive(args: argparse.Namespace, options: RunOptions) -> int:
         check_port(options.host, options.port)
     with Stages() as stages:
         stages.begin(f"reading the world {options.world}")
-        scene = drive_scene(options, args.drive, args.speed)
+        scene = drive_scene(options, args.drive, args.speed, parse_guess(args.guess))
     check_outputs(args.json, args.out)
     warm_up(imported_kernel_modules())
     folder = RunFolder.new(args.out, f"drive-{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
+from ambler.core.messages import PointCloud
 from ambler.core.movers import Movers
 from ambler.core.se2 import SE2
 
@@ -64,4 +66,17 @@ class MoverAware(Protocol):
 
     def set_movers(self, movers: Movers) -> None:
         """Take the movers of now, in the odom frame, before `compute_command`."""
+        ...
+
+
+class CloudFilter(Protocol):
+    """Says which returns of a scanner's clouds come from surfaces; it remembers the clouds before, so each scanner needs its own."""
+
+    def keep(
+        self,
+        cloud: PointCloud,
+        asked: NDArray[np.int64],
+        place: Callable[[NDArray[np.int64]], NDArray[np.floating]],
+    ) -> NDArray[np.bool_]:
+        """Return which of the points `asked` (M,) are kept, bool (M,). `place` returns where points of some numbers (K,) lie in a frame that stands still, (K, 3)."""
         ...

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import Imu, Odometry, PointCloud
+from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3, Vector3
 from ambler.kernels import inertial as k
 from ambler.lio.carry import CarriedState, FilterEstimate
@@ -31,24 +32,33 @@ RATE_BANDWIDTH = 100.0  # Hz of the gyroscope's noise in a single rate
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registered:
-    """A scan's `result`, the filter's `estimate` after it, and all its `points` float32 (N, 3) in the filter's map."""
+    """A scan's `result`, the filter's `estimate` after it, and its `points` float32 (N, 3) in the filter's map with their `numbers` int64 (N,) in the cloud."""
 
     scan: CloudScan
     result: LioResult
     estimate: FilterEstimate
     points: NDArray[np.float32]
+    numbers: NDArray[np.int64]
 
 
 class BaseOdometry:
     """Feed it measurements in the order of their arrival; what `scans` yields goes through `register` and then to `take`, one after the other.
 
-    `imu_from_lidar` and `imu_from_base` are the mounts. Odometry ends when no scan has fitted for `config.coast_most` seconds.
+    `imu_from_lidar` and `imu_from_base` are the mounts. Odometry ends when no scan has fitted for `config.coast_most` seconds. `airs` take what floats in the air out
+    of the few points that are registered, and out of the whole clouds for others.
     """
 
-    def __init__(self, config: LioConfig, imu_from_lidar: SE3, imu_from_base: SE3) -> None:
+    def __init__(
+        self,
+        config: LioConfig,
+        imu_from_lidar: SE3,
+        imu_from_base: SE3,
+        airs: tuple[CloudFilter, CloudFilter] | None = None,
+    ) -> None:
         self.config = config
         wheels = imu_from_base if config.wheels.is_used else None
-        self._filter = LidarInertialOdometry(config, imu_from_lidar, wheels)
+        self._filter = LidarInertialOdometry(config, imu_from_lidar, wheels, airs[0] if airs else None)
+        self._air = airs[1] if airs else None
         self._joiner = ScanJoiner(waits_for_odometry=False, held_most=HELD_MOST)
         self._carried = CarriedState(config.imu)
         mount = imu_from_base.matrix()
@@ -79,7 +89,10 @@ class BaseOdometry:
         state = self._filter.state.copy()
         stamp_ns = result.stamp_ns + round(state.clock * 1e9)
         estimate = FilterEstimate(stamp_ns, state, self._filter.covariance.copy(), self._filter.start.scale)
-        return Registered(scan, result, estimate, self._filter.registered(scan.cloud))
+        points, numbers = self._filter.registered(scan.cloud), np.arange(len(scan.cloud.points))
+        if self._air is not None:
+            numbers = numbers[self._air.keep(scan.cloud, numbers, lambda wanted: points[wanted])]
+        return Registered(scan, result, estimate, points[numbers], numbers)
 
     def take(self, registered: Registered) -> None:
         """Go on from what a scan gave."""

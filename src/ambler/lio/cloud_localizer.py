@@ -17,8 +17,7 @@ from ambler.lio.cloud_map import CloudMap
 from ambler.lio.cloud_match import CloudMatch, apart, between, judge, register, turned
 from ambler.lio.cloud_relocalizer import CloudRelocalizer, CloudState
 from ambler.lio.config import CloudLocalizerConfig, CloudTrackerConfig
-from ambler.lio.health import LioResult
-from ambler.lio.sight import Sight
+from ambler.lio.sight import LaidScan, Sight
 
 F64 = NDArray[np.float64]
 START_SIGMAS = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.1])  # rad and m: what a registration is off by at first
@@ -47,7 +46,7 @@ class CloudLocalizer:
         self._tracker: CloudTracker | None = None
         self._was_found = False
 
-    def update(self, result: LioResult) -> CloudPose:
+    def update(self, result: LaidScan) -> CloudPose:
         """Look for the place, or follow it; lost, it is looked for in the whole map again."""
         if self._tracker is None:
             search = self._relocalizer.update(result)
@@ -69,6 +68,16 @@ class CloudLocalizer:
         shown = self._tracker.map_from_odom
         return CloudPose(result.stamp_ns, CloudState.TRACKING, shown @ result.map_from_imu, shown, match)
 
+    @property
+    def is_tracking(self) -> bool:
+        """Whether the place is known: then a scan takes milliseconds, while a search takes seconds."""
+        return self._tracker is not None
+
+    def search_again(self, guess: SE3 | None) -> None:
+        """Forget the place and look for it anew; `guess` is map_from_imu at the next scan."""
+        self._tracker = None
+        self._relocalizer = self._looking(guess)
+
     def _looking(self, guess: SE3 | None) -> CloudRelocalizer:
         return CloudRelocalizer(self.map, self.config.relocalizer, self.config.match, guess)
 
@@ -76,9 +85,7 @@ class CloudLocalizer:
 class CloudTracker:
     """Follows map_from_odom. The state is the pose of `local` (see `Sight`) in the map with a covariance of rotation and translation on the right."""
 
-    def __init__(
-        self, cloud_map: CloudMap, config: CloudLocalizerConfig, map_from_odom: SE3, result: LioResult
-    ) -> None:
+    def __init__(self, cloud_map: CloudMap, config: CloudLocalizerConfig, map_from_odom: SE3, result: LaidScan) -> None:
         self._map, self._match = cloud_map, config.match
         self.config: CloudTrackerConfig = config.tracker
         self._sight = Sight(config.match, self.config.scans)
@@ -93,7 +100,7 @@ class CloudTracker:
         """Whether too many registrations in a row have failed."""
         return self._misses >= self.config.misses_most
 
-    def update(self, result: LioResult) -> CloudMatch | None:
+    def update(self, result: LaidScan) -> CloudMatch | None:
         """Carry the estimate on, register where it is time to, and let what is told follow; returns the registration."""
         self._sight.add(result)
         self._carry(result)
@@ -104,7 +111,7 @@ class CloudTracker:
         self._follow(result)
         return match
 
-    def _carry(self, result: LioResult) -> None:
+    def _carry(self, result: LaidScan) -> None:
         """Let the covariance grow by what the odometry may have drifted; `local` moves with the IMU, and so do its errors."""
         c, here = self.config, np.array(result.map_from_imu.translation)
         step, seconds = here - self._at, 1e-9 * (result.stamp_ns - self._last_ns)
@@ -138,7 +145,7 @@ class CloudTracker:
         self._estimate = corrected @ local.odom_from_local.inverse()
         return match
 
-    def _follow(self, result: LioResult) -> None:
+    def _follow(self, result: LaidScan) -> None:
         """Move what is told towards the estimate, where the sensor is: far from the odometry's origin a small turn is a long way."""
         place = SE3(result.map_from_imu.translation)
         share = 1.0 - math.exp(-self._dt / self.config.smooth)

@@ -20,8 +20,7 @@ from ambler.kernels import relocalization as kernel
 from ambler.lio.cloud_map import CloudMap
 from ambler.lio.cloud_match import CloudMatch, apart, judge, register, tilt_of
 from ambler.lio.config import CloudMatchConfig, CloudRelocalizerConfig
-from ambler.lio.health import LioResult
-from ambler.lio.sight import LocalCloud, Sight
+from ambler.lio.sight import LaidScan, LocalCloud, Sight
 
 F64 = NDArray[np.float64]
 SECTORS = 8
@@ -71,7 +70,7 @@ class CloudRelocalizer:
         self._next_ns = 0
         self._fresh = 0
 
-    def update(self, result: LioResult) -> CloudSearch:
+    def update(self, result: LaidScan) -> CloudSearch:
         """Gather, search where it is time to, and say how far that has come."""
         self._sight.add(result)
         self._fresh += 1
@@ -110,7 +109,7 @@ class CloudRelocalizer:
             found.append(match)
         return tuple(sorted(found, key=lambda m: -m.quality))
 
-    def _is_due(self, result: LioResult) -> bool:
+    def _is_due(self, result: LaidScan) -> bool:
         if result.stamp_ns < self._next_ns:
             return False
         if self._guess is not None or self._map_from_odom is None:

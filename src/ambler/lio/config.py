@@ -287,6 +287,15 @@ class CloudGridConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ViewConfig:
+    """The registered cloud that is recorded and shown, beside the whole one for the robot's own nodes: one point per cell of `cell` metres (0: all) of every `every`-th scan.
+    Whole clouds make recordings twice as large, 6 MB/s; a replay computes them again."""
+
+    cell: float = 0.2
+    every: int = 2
+
+
+@dataclass(frozen=True, slots=True)
 class LioConfig:
     """The whole filter. `imu_from_lidar` is (x, y, z, roll, pitch, yaw) in metres and radians, None: from the recording, else the identity.
 
@@ -306,6 +315,7 @@ class LioConfig:
     loops: LoopConfig = field(default_factory=LoopConfig)
     localize: CloudLocalizerConfig = field(default_factory=CloudLocalizerConfig)
     grid: CloudGridConfig = field(default_factory=CloudGridConfig)
+    view: ViewConfig = field(default_factory=ViewConfig)
     imu_from_lidar: tuple[float, float, float, float, float, float] | None = None
     lidar_clock: float = 0.0
     estimates_mount: bool = False

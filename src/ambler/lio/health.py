@@ -16,7 +16,7 @@ F64 = NDArray[np.float64]
 class Health:
     """How well a scan fitted: `points` were tried, `inliers` lay on planes, `residual_m` from them (RMS; None: no plane), the update moved the
     prediction by `innovation_*`. `weakest`: see `Degeneracy`; `frozen_*` float64 (K, 3) are directions that were left to the inertial measurements,
-    in the map and in the IMU. `imu_gap`: longest time between two samples, s."""
+    in the map and in the IMU. `imu_gap`: longest time between two samples, s. `false_ratio`: share of the points that floated in the air and were left out before."""
 
     points: int
     inliers: int
@@ -31,6 +31,7 @@ class Health:
     is_lost: bool
     is_at_rest: bool = False
     is_biased: bool = False
+    false_ratio: float = 0.0
 
     @property
     def inlier_ratio(self) -> float:

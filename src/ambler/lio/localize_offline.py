@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
+from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.lio.cloud_localizer import CloudLocalizer, CloudPose
 from ambler.lio.cloud_map import CloudMap
@@ -63,9 +64,10 @@ def localize_offline(
     *,
     guess: SE3 | None = None,
     on_scan: Callable[[], None] | None = None,
+    air: CloudFilter | None = None,
 ) -> LocalizedLio:
     """Localize all scans; `guess` is map_from_imu at the first pose. Raises as `run_offline` does."""
-    odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base)
+    odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base, air)
     localizer = CloudLocalizer(cloud_map, config.localize, guess)
     told: list[tuple[CloudPose, float]] = []
     count, cut = 0, ""

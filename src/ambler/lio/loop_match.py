@@ -49,8 +49,13 @@ def match_keyframes(
 ) -> Closure | None:
     """Match a later keyframe to an earlier one from a guess of earlier_from_later (4, 4); None: it is not the same place, or one cannot tell."""
     earlier, later = frames
-    match = match_clouds(earlier.cloud, later.cloud, guess, config.reach)
-    if not match.converged or match.overlap < config.overlap_least or match.residual_m > config.residual_most:
+    match = match_clouds(earlier.cloud, later.cloud, guess, config.reach, config.overlap_least)
+    if (
+        match is None
+        or not match.converged
+        or match.overlap < config.overlap_least
+        or match.residual_m > config.residual_most
+    ):
         return None
     weak = find_degeneracy(match.information, match.pairs, DegeneracyConfig(share_least=config.share_least))
     if len(weak.translation) > 1 or len(weak.rotation) > 0:

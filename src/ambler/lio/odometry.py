@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import PointCloud
+from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
@@ -34,11 +35,15 @@ START_INSERTS = 10  # scans that build the first map even at rest: the rings of 
 class LidarInertialOdometry:
     """Give it scans with the inertial measurements since the one before; it returns where the IMU is in a level map that begins there.
 
-    `imu_from_lidar` is the LiDAR's mount unless the configuration names one; `imu_from_base` is needed for wheel odometry only.
+    `imu_from_lidar` is the LiDAR's mount unless the configuration names one; `imu_from_base` is needed for wheel odometry only. `air` takes out what floats.
     """
 
     def __init__(
-        self, config: LioConfig | None = None, imu_from_lidar: SE3 | None = None, imu_from_base: SE3 | None = None
+        self,
+        config: LioConfig | None = None,
+        imu_from_lidar: SE3 | None = None,
+        imu_from_base: SE3 | None = None,
+        air: CloudFilter | None = None,
     ) -> None:
         self.config = config or LioConfig()
         if self.config.imu_from_lidar is not None:
@@ -49,7 +54,8 @@ class LidarInertialOdometry:
         self.covariance = np.zeros((k.EXTRA + self.config.extras,) * 2)
         self.map = VoxelMap(self.config.map)
         self.start: Start | None = None
-        self._imu_from_base = imu_from_base
+        self._imu_from_base, self._air = imu_from_base, air
+        self._false_ratio = 0.0
         self._imu = InertialBuffer()
         self._time = 0.0
         self._voxel = self.config.scan.voxel
@@ -81,7 +87,7 @@ class LidarInertialOdometry:
             return None
         samples = self._samples(end)
         prior = self._propagate(samples)  # eqs. (5)-(8)
-        points, ranges, times = self._thin_out(scan.cloud)
+        points, ranges, times = self._thin_out(scan.cloud, prior)
         points_imu = self._compensate(points, times)  # eq. (9)
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
         health = self._health(prior, state, weak, sums, len(points), iterations)
@@ -116,8 +122,7 @@ class LidarInertialOdometry:
 
     def registered(self, cloud: PointCloud) -> NDArray[np.float32]:
         """Return all points of the scan that was taken last in the map, each from where the LiDAR was at its time, float32 (N, 3)."""
-        times = self._imu.seconds(cloud.stamp_ns) + cloud.time.astype(np.float64) + self.state.clock
-        points_imu = self._compensate(cloud.points, times)
+        points_imu = self._compensate(cloud.points, self._times(cloud, np.arange(len(cloud.points))))
         return np.asarray(self._place(points_imu), np.float32)
 
     def _up(self) -> tuple[F64, float]:
@@ -214,26 +219,42 @@ class LidarInertialOdometry:
         )
         return prior
 
-    def _thin_out(self, cloud: PointCloud) -> tuple[NDArray[np.float32], F64, F64]:
-        """Return one point per cell (M, 3), their ranges and times; the cell adapts to the number that is wanted."""
+    def _thin_out(self, cloud: PointCloud, prior: FilterState) -> tuple[NDArray[np.float32], F64, F64]:
+        """Return one point per cell (M, 3), their ranges and times, without what floats in the air; the cell adapts to the number that is wanted."""
         c = self.config.scan
-        points, late = cloud.points, cloud.time
-        if c.decimation > 1:
-            points, late = points[:: c.decimation], late[:: c.decimation]
-        squares = np.einsum("ij,ij->i", points, points)
-        inside = (squares > c.range_min**2) & (squares < c.range_max**2) & np.isfinite(late)
-        if not inside.all():
-            points, late, squares = points[inside], late[inside], squares[inside]
-        size = 1 << max(4, (2 * len(points)).bit_length())
+        squares = np.einsum("ij,ij->i", cloud.points, cloud.points)
+        inside = (squares > c.range_min**2) & (squares < c.range_max**2) & np.isfinite(cloud.time)
+        numbers = np.flatnonzero(inside)[:: c.decimation]
+        size = 1 << max(4, (2 * len(numbers)).bit_length())
         if len(self._scratch) < size:
             self._scratch = np.empty(size, np.int64)
-        chosen = np.empty(len(points), np.int64)
-        count = voxel_kernels.thin_out(np.ascontiguousarray(points), self._voxel, self._scratch[:size], chosen)
-        chosen = chosen[:count]
-        if count:
-            self._voxel = float(np.clip(self._voxel * np.sqrt(count / c.points_wanted), c.voxel_min, c.voxel_max))
-        times = self._imu.seconds(cloud.stamp_ns) + late[chosen].astype(np.float64) + self.state.clock
-        return points[chosen], np.sqrt(squares[chosen].astype(np.float64)), times
+        chosen = np.empty(len(numbers), np.int64)
+        points = np.ascontiguousarray(cloud.points[numbers])
+        count = voxel_kernels.thin_out(points, self._voxel, self._scratch[:size], chosen)
+        numbers = self._without_air(cloud, numbers[chosen[:count]], prior)
+        if len(numbers):
+            self._voxel = float(
+                np.clip(self._voxel * np.sqrt(len(numbers) / c.points_wanted), c.voxel_min, c.voxel_max)
+            )
+        return cloud.points[numbers], np.sqrt(squares[numbers].astype(np.float64)), self._times(cloud, numbers)
+
+    def _without_air(self, cloud: PointCloud, numbers: NDArray[np.int64], prior: FilterState) -> NDArray[np.int64]:
+        """Return those of the chosen points that do not float in the air; where they were before is known by the prediction."""
+        if self._air is None:
+            return numbers
+
+        def place(wanted: NDArray[np.int64]) -> F64:
+            points_imu = self._compensate(cloud.points[wanted], self._times(cloud, wanted))
+            out = np.empty_like(points_imu)
+            k.place_points(points_imu, prior.rotation, prior.position, out)
+            return out
+
+        kept = numbers[self._air.keep(cloud, numbers, place)]
+        self._false_ratio = 1.0 - len(kept) / max(len(numbers), 1)
+        return kept
+
+    def _times(self, cloud: PointCloud, numbers: NDArray[np.int64]) -> F64:
+        return self._imu.seconds(cloud.stamp_ns) + cloud.time[numbers].astype(np.float64) + self.state.clock
 
     def _compensate(self, points: NDArray[np.float32], times: F64) -> F64:
         """Return points in the IMU's frame at the end of the scan, each moved by what was between."""
@@ -363,6 +384,7 @@ class LidarInertialOdometry:
             iterations=iterations,
             imu_gap=self._gap,
             is_lost=inliers < self.config.inliers_least and self._inserts >= START_INSERTS,
+            false_ratio=self._false_ratio,
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
+from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
@@ -22,6 +23,7 @@ from ambler.lio.odometry import LidarInertialOdometry
 from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
+DUSTY = 0.08  # share of points taken out that is worth a warning: grass and far floor lose 0.05
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 
 
@@ -29,7 +31,7 @@ LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
     cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
-    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end."""
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `false_ratio` the share of the points that floated in the air."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -55,6 +57,7 @@ class OfflineLio:
     loop_seconds: float
     imu_from_lidar: SE3
     cut: str = ""
+    false_ratio: float = 0.0
 
     @property
     def path_length(self) -> float:
@@ -83,6 +86,10 @@ class OfflineLio:
             out.append(f"no loop closure in {self.path_length:.0f} m: the map's drift is uncorrected")
         if not self.is_converged:
             out.append("the pose graph did not converge: the corrected map is not to be trusted")
+        if self.false_ratio > DUSTY:
+            out.append(
+                f"{100.0 * self.false_ratio:.0f} % of the points floated in the air (dust, smoke, rain) and were left out"
+            )
         if self.gaps:
             out.append(f"{self.gaps} gaps between inertial measurements")
         if self.residual_m is not None and self.residual_m < 0.004:
@@ -100,13 +107,14 @@ def run_offline(
     *,
     cell: float = 0.1,
     on_scan: Callable[[], None] | None = None,
+    air: CloudFilter | None = None,
 ) -> OfflineLio:
-    """Map all scans; the cloud keeps one point per cell of `cell` metres. `on_scan` is called after each.
+    """Map all scans; the cloud keeps one point per cell of `cell` metres. `on_scan` is called after each; `air` takes out what floats.
 
     Raises LioInputError when the measurements cannot be what they are said to be, BadInputError when nothing could be mapped.
     """
     config = offline_config(config)
-    odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base)
+    odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base, air)
     loops = LoopClosure(config)
     layers = _Layers(cell, config.loops.keyframe_m)
     results: list[tuple[LioResult, float]] = []
@@ -163,6 +171,7 @@ def run_offline(
         loop_seconds=loop_seconds,
         imu_from_lidar=results[-1][0].imu_from_lidar,
         cut=cut,
+        false_ratio=float(np.mean([h.false_ratio for h in health])),
     )
 
 

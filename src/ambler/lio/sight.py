@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import small_gicp
@@ -17,11 +18,32 @@ from ambler.core.se3 import SE3
 from ambler.kernels.cloud_search import WALL
 from ambler.lio.cloud_map import kinds_of
 from ambler.lio.config import CloudMatchConfig, VoxelMapConfig
-from ambler.lio.health import LioResult
 from ambler.lio.voxel_map import VoxelMap
 
 F64 = NDArray[np.float64]
 VOXELS = 1 << 15
+
+
+class LaidScan(Protocol):
+    """What localization looks at: a scan's points (M, 3) in the frame of the sensor, and where that is in a level frame that stands still; a LioResult is one."""
+
+    @property
+    def stamp_ns(self) -> int: ...
+
+    @property
+    def map_from_imu(self) -> SE3: ...
+
+    @property
+    def points_imu(self) -> F64: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenScan:
+    """A scan that somebody else has registered."""
+
+    stamp_ns: int
+    map_from_imu: SE3
+    points_imu: F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +75,7 @@ class Sight:
     def __len__(self) -> int:
         return len(self._scans)
 
-    def add(self, result: LioResult) -> None:
+    def add(self, result: LaidScan) -> None:
         """Add a scan where the odometry places it."""
         points = result.points_imu
         near = np.einsum("ij,ij->i", points, points) < self.config.range_most**2

@@ -61,9 +61,9 @@ class VoxelMap:
             self._evict(center)
 
     def fit_planes(self, queries: F64) -> tuple[F64, NDArray[np.bool_]]:
-        """Return planes (n, d) float64 (M, 4) with n.x + d = 0 through the five points nearest to each query (M, 3), and where there is one."""
+        """Return planes (n, d) float64 (M, 4) with n.x + d = 0 through the five points nearest to each query (M, 3), and where there is one; what stands where there is none is finite and means nothing."""
         c = self.config
-        planes, is_plane = np.empty((len(queries), 4)), np.empty(len(queries), np.bool_)
+        planes, is_plane = np.zeros((len(queries), 4)), np.zeros(len(queries), np.bool_)
         kernels.fit_planes(
             *(*self._table, self._counts, self._points, c.voxel, queries, kernels.OFFSETS, c.cells_visited),
             *(c.reach, c.thickness, c.flatness, planes, is_plane),

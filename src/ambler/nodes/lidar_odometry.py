@@ -18,9 +18,21 @@ from ambler.lio.config import LioConfig
 from ambler.lio.doctor import StartExamination
 from ambler.lio.health import LioResult
 from ambler.lio.loop_closure import LoopClosure
+from ambler.lio.thin_cloud import thinned
+from ambler.perception.air_filter import AirFilter, AirFilterConfig
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.node import Node, Topics, WorkKind
-from ambler.runtime.topics import CLOUD, IMU, ODOMETRY, REGISTERED_CLOUD, STATUS, TRAJECTORY, TRANSFORMS, WHEEL_ODOMETRY
+from ambler.runtime.topics import (
+    CLOUD,
+    IMU,
+    ODOMETRY,
+    REGISTERED_CLOUD,
+    REGISTERED_VIEW,
+    STATUS,
+    TRAJECTORY,
+    TRANSFORMS,
+    WHEEL_ODOMETRY,
+)
 
 REGISTRATION = 0.02  # simulated seconds that a scan takes in the background
 EXAMINATION = 1.0
@@ -48,14 +60,21 @@ class LidarOdometryNode(Node):
     name = "odometry"
     inputs = (CLOUD, IMU)
     optional_inputs: Topics = (WHEEL_ODOMETRY,)
-    outputs: Topics = (ODOMETRY, TRANSFORMS, REGISTERED_CLOUD, STATUS)
+    outputs: Topics = (ODOMETRY, TRANSFORMS, REGISTERED_CLOUD, REGISTERED_VIEW, STATUS)
     latency = 5e-4
 
-    def __init__(self, robot: RobotModel, config: LioConfig | None = None, *, closes_loops: bool = False) -> None:
+    def __init__(
+        self,
+        robot: RobotModel,
+        config: LioConfig | None = None,
+        air: AirFilterConfig | None = None,
+        *,
+        closes_loops: bool = False,
+    ) -> None:
         config = config or LioConfig()
         self._loops = LoopClosure(config) if closes_loops and config.loops.is_used else None
         self._map_from_odom = SE3()
-        self._scans = self._closures = 0
+        self._scans = self._closures = self._clouds = 0
         if self._loops is not None:
             self.outputs = (*type(self).outputs, TRAJECTORY)
         mounts = {mount.kind: mount for mount in reversed(robot.sensors)}
@@ -64,7 +83,9 @@ class LidarOdometryNode(Node):
         self._lidar, self._imu = mounts[SensorKind.CLOUD], mounts[SensorKind.IMU]
         imu_from_base = self._imu.base_from_sensor.inverse()
         imu_from_lidar = imu_from_base @ self._lidar.base_from_sensor
-        self._odometry = BaseOdometry(config, imu_from_lidar, imu_from_base)
+        airs = AirFilter(air), AirFilter(air)
+        self._odometry = BaseOdometry(config, imu_from_lidar, imu_from_base, airs)
+        self._view = config.view
         self._examination = StartExamination(config, imu_from_lidar)
         self._is_registering = self._is_examining = False
         self._state = ""
@@ -135,11 +156,15 @@ class LidarOdometryNode(Node):
         self._closures = closed.closures
 
     def _tell_cloud(self, registered: Registered) -> None:
-        scan = registered.scan
-        points = self._odometry.in_odom(registered.points)
+        """Publish the whole cloud for the robot's own nodes, and now and then a thin one for recordings and people."""
+        scan, numbers = registered.scan, registered.numbers
+        points, cloud = self._odometry.in_odom(registered.points), scan.cloud
         late = np.zeros(len(points), np.float32)
-        cloud = scan.cloud
-        self.ctx.publish(REGISTERED_CLOUD, PointCloud(scan.end_ns, "odom", points, cloud.intensity, late, cloud.ring))
+        whole = PointCloud(scan.end_ns, "odom", points, cloud.intensity[numbers], late, cloud.ring[numbers])
+        self.ctx.publish(REGISTERED_CLOUD, whole)
+        if self._clouds % max(1, self._view.every) == 0:
+            self.ctx.publish(REGISTERED_VIEW, thinned(whole, self._view.cell))
+        self._clouds += 1
 
     def _tell_state(self, registered: Registered) -> None:
         """Say once what has changed, with the numbers of the scan that changed it."""

@@ -21,17 +21,22 @@ PASSES = (
 JUDGED = 0.25  # share of the reach within which a point has a partner at the end
 STILL = (2e-4, 2e-5)  # m and rad of a step that ends a pass; small_gicp's own angle, 0.1 degrees, is 5 cm at 30 m
 LEAST = 1e-3  # m; robust deviations below which all pairs count
+SAMPLE = 1500  # points that tell how much overlaps
+COARSER = 2.0  # times the cell, of the points of the first pass: a quarter as many
+FEW_LEAST = 2000  # of them; with less all lead
+DOUBT = 0.8  # of the overlap that is asked at the end: less, after the first pass, never becomes enough
 OUTLIER = 3.0  # robust standard deviations of a residual beyond which a pair says nothing of directions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedCloud:
-    """`points` float64 (M, 3), one per cell, with unit `normals` (M, 3), ready to be matched."""
+    """`points` float64 (M, 3), one per cell, with unit `normals` (M, 3), ready to be matched; `few` are fewer, which lead the first pass."""
 
     points: F64
     normals: F64
     cloud: small_gicp.PointCloud
     tree: small_gicp.KdTree
+    few: small_gicp.PointCloud
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,23 +57,38 @@ def prepare_cloud(points: NDArray[np.floating], cell: float) -> PreparedCloud:
     cloud, tree = small_gicp.preprocess_points(
         np.ascontiguousarray(points, np.float64), downsampling_resolution=cell, num_neighbors=NEIGHBORS
     )
-    return PreparedCloud(
-        np.ascontiguousarray(cloud.points()[:, :3]), np.ascontiguousarray(cloud.normals()[:, :3]), cloud, tree
-    )
+    thin = np.ascontiguousarray(cloud.points()[:, :3])
+    few, _ = small_gicp.preprocess_points(thin, downsampling_resolution=COARSER * cell, num_neighbors=NEIGHBORS)
+    if few.size() < FEW_LEAST:
+        few = cloud
+    return PreparedCloud(thin, np.ascontiguousarray(cloud.normals()[:, :3]), cloud, tree, few)
 
 
-def match_clouds(target: PreparedCloud, source: PreparedCloud, guess: F64, reach: float) -> CloudMatch:
-    """Match from a guess of target_from_source (4, 4); points within `reach` metres are paired first, nearer ones then."""
+def match_clouds(
+    target: PreparedCloud, source: PreparedCloud, guess: F64, reach: float, overlap_least: float = 0.0
+) -> CloudMatch | None:
+    """Match from a guess of target_from_source (4, 4); points within `reach` metres are paired first, nearer ones then.
+
+    None: a sample of the source shows that less than `overlap_least` will overlap, before the guess is refined or after a pass of few points.
+    """
     pose, converged = guess, False
+    sample = source.points[:: max(1, len(source.points) // SAMPLE)]
+    if _overlap(target, sample, pose, reach) < overlap_least:
+        return None
     for share in PASSES:
+        moving = source.cloud if share < 1.0 else source.few
         result = small_gicp.align(
-            *(target.cloud, source.cloud, target.tree, pose),
+            *(target.cloud, moving, target.tree, pose),
             max_correspondence_distance=share * reach,
             max_iterations=60,
             translation_epsilon=STILL[0],
             rotation_epsilon=STILL[1],
         )
-        pose, converged = np.asarray(result.T_target_source), bool(result.converged)
+        # From the optimum itself no step leads on, and small_gicp calls that not converged.
+        stays = converged and bool(np.abs(np.asarray(result.T_target_source) - pose).max() < STILL[1])
+        pose, converged = np.asarray(result.T_target_source), bool(result.converged) or stays
+        if _overlap(target, sample, pose, JUDGED * reach) < DOUBT * overlap_least:
+            return None
     placed = source.points @ pose[:3, :3].T + pose[:3, 3]
     nearest, squares = target.tree.batch_nearest_neighbor_search(placed)
     is_near = np.asarray(squares) < (JUDGED * reach) ** 2
@@ -82,3 +102,9 @@ def match_clouds(target: PreparedCloud, source: PreparedCloud, guess: F64, reach
     local = normals[counts] @ pose[:3, :3]
     rows = np.concatenate([local, np.cross(source.points[is_near][counts], local)], axis=1)
     return CloudMatch(pose, rows.T @ rows, float(is_near.mean()), sigma, int(counts.sum()), converged)
+
+
+def _overlap(target: PreparedCloud, points: F64, pose: F64, within: float) -> float:
+    """Return the share of the points (N, 3) that have one of the target within some metres."""
+    _, squares = target.tree.batch_nearest_neighbor_search(points @ pose[:3, :3].T + pose[:3, 3])
+    return float(np.mean(np.asarray(squares) < within**2))

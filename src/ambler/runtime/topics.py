@@ -16,7 +16,8 @@ Delivery = Literal["latest", "queue", "latched"]
 class Topic(Generic[M]):
     """A typed stream; `instance` tells several devices of one kind apart (`of`). `max_age` is the age in seconds after which the newest message must not be used (None: never stale).
 
-    A topic has one writer unless `has_many_writers`; `is_truth` marks the simulator's ground truth.
+    A topic has one writer unless `has_many_writers`; `is_truth` marks the simulator's ground truth; `is_bulk` what is for the nodes of the robot only, neither recorded nor
+    shown, because a replay computes it again.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Topic(Generic[M]):
     max_age: float | None = None
     is_truth: bool = False
     has_many_writers: bool = False
+    is_bulk: bool = False
     instance: str = ""
 
     def of(self, instance: str) -> Topic[M]:
@@ -52,8 +54,9 @@ def _topic(
     max_age: float | None = None,
     is_truth: bool = False,
     has_many_writers: bool = False,
+    is_bulk: bool = False,
 ) -> Topic[M]:
-    topic = Topic(name, message_type, ros_name, delivery, depth, max_age, is_truth, has_many_writers)
+    topic = Topic(name, message_type, ros_name, delivery, depth, max_age, is_truth, has_many_writers, is_bulk)
     _TABLE[name] = topic
     return topic
 
@@ -69,7 +72,8 @@ CLOUD = _topic("cloud", m.PointCloud, "/points", max_age=0.5)
 IMU = _topic("imu", m.Imu, "/imu", depth=200, max_age=0.2)
 WHEEL_ODOMETRY = _topic("wheel_odometry", m.Odometry, "/wheel_odom", depth=100, max_age=0.3)
 ODOMETRY = _topic("odometry", m.Odometry, "/odom", depth=100, max_age=0.3)
-REGISTERED_CLOUD = _topic("registered_cloud", m.PointCloud, "/registered_scan", depth=2, max_age=0.5)
+REGISTERED_CLOUD = _topic("registered_cloud", m.PointCloud, "/registered_scan", depth=2, max_age=0.5, is_bulk=True)
+REGISTERED_VIEW = _topic("registered_view", m.PointCloud, "/registered_view", depth=2, max_age=0.5)
 IMAGE = _topic("image", m.Image, "/camera/image", depth=2, max_age=0.5)
 CAMERA_INFO = _topic("camera_info", m.CameraInfo, "/camera/camera_info", "latched", 1)
 BATTERY = _topic("battery", m.BatteryState, "/battery_state", depth=10, max_age=2.0)
@@ -85,6 +89,7 @@ SLAM_POSE = _topic("slam_pose", m.PoseStamped, "/slam_pose", depth=50)
 SLAM_HEALTH = _topic("slam_health", m.SlamHealth, "/slam_health")
 GLASS = _topic("glass", m.GlassWalls, "/glass", "latched", 1)
 TRAJECTORY = _topic("trajectory", m.Path, "/trajectory", "latched", 1)
+MAP_CLOUD = _topic("map_cloud", m.PointCloud, "/overall_map", "latched", 1)
 # Localization in a known map
 LOCALIZED_POSE = _topic("localized_pose", m.Odometry, "/localized_pose", depth=50)
 SET_POSE = _topic("set_pose", m.PoseStamped, "/set_pose", depth=2)

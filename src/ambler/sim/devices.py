@@ -176,7 +176,8 @@ class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
         sensor, body, first_ns = self._sensor, self._body, elapsed_ns - self._sweep_ns
         stamp_ns = now_ns - self._sweep_ns - round(self._spec.clock * 1e9)
         movers = self._world.movers_around(body, self._spec.sweep_time)
-        sensor.sweep(*body.knots(self.frame, first_ns), movers, 1e-9 * first_ns)
+        airs = body.faults.airs(elapsed_ns * 1e-9)
+        sensor.sweep(*body.knots(self.frame, first_ns), movers, 1e-9 * first_ns, airs)
         is_flat = len(self._spec.elevations) == 1
         measured = sensor.to_scan(stamp_ns) if is_flat else sensor.to_cloud(stamp_ns)
         sent = body.faults.pass_on(measured, elapsed_ns * 1e-9)

@@ -14,6 +14,9 @@ occlusion        a board hides half of a dock's first marker
 marker_missing   a dock's first marker is not there
 unmarked         docks have lost all that they are recognized by: no markers, no V shape, dull reflectors; from the start to the end
 no_power         docks have contact but no current
+dust             dust goes along with the robot: so many per cent of a scanner's returns are false (`dust@30`, 30 without a number)
+smoke            a column of smoke, 2.4 m wide and 3 m high, stands at `smoke@X,Y` (metres, in the frame of the world's start; 4 m ahead without)
+rain             drops all around, as `dust@15` (10 % without a number)
 glass            two panels of wall become glass, which light passes and robots do not; from the start to the end of the run
 """
 
@@ -30,6 +33,7 @@ import numpy as np
 from ambler.core.errors import BadInputError
 from ambler.core.messages import LaserScan, PointCloud, Range
 from ambler.core.se2 import SE2
+from ambler.sim.air import Air, Airborne
 from ambler.sim.dock_body import without_marks
 from ambler.sim.sensors import named_generator
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
@@ -44,6 +48,7 @@ START_ROOM = 1.6  # metres that everybody keeps from the start pose
 PANEL = (1.6, 2.0)  # width and height of a glass panel
 PANELS = 2
 FAULT_PERSON = "passer_"
+SMOKE_AHEAD = [4.0, 0.0]  # metres from the world's start
 
 
 class FaultKind(enum.Enum):
@@ -56,6 +61,9 @@ class FaultKind(enum.Enum):
     PEOPLE = "people"
     DOOR = "door"
     GLASS = "glass"
+    DUST = "dust"
+    SMOKE = "smoke"
+    RAIN = "rain"
     LIGHT = "light"
     SHADOW = "shadow"
     BLUR = "blur"
@@ -66,7 +74,9 @@ class FaultKind(enum.Enum):
 
 
 OF_SCANNERS = (FaultKind.SCANNER_DROPOUT, FaultKind.SCANNER_STUCK, FaultKind.DELAYED_STAMPS)
-TARGETED = (*OF_SCANNERS, FaultKind.DOOR, FaultKind.PEOPLE)
+OF_AIR = (FaultKind.DUST, FaultKind.SMOKE, FaultKind.RAIN)
+TARGETED = (*OF_SCANNERS, *OF_AIR, FaultKind.DOOR, FaultKind.PEOPLE)
+SHARE_OF = {FaultKind.DUST: 0.3, FaultKind.RAIN: 0.1}
 LASTING = (FaultKind.GLASS, FaultKind.UNMARKED)
 OF_WORLD = (FaultKind.PEOPLE, FaultKind.DOOR, FaultKind.GLASS, FaultKind.UNMARKED, FaultKind.NO_POWER)
 Measurement = LaserScan | PointCloud | Range
@@ -105,6 +115,8 @@ class Fault:
             raise BadInputError(f"fault {text!r}: {name} lasts from the start to the end, without times")
         if kind is FaultKind.PEOPLE:
             numbers_of_people(target)
+        if kind in OF_AIR:
+            air_of(kind, target, SE2())
         return cls(kind, begin, end, target)
 
     def is_on(self, seconds: float) -> bool:
@@ -121,6 +133,7 @@ class FaultInjector:
         self._frames = tuple(frames)
         self._doors = {f: find_door(world, f.target).name for f in faults if f.kind is FaultKind.DOOR}
         self._last: dict[str, Measurement] = {}
+        self._airs = [(f, air_of(f.kind, f.target, world.start)) for f in faults if f.kind in OF_AIR]
         self._targets = {f: self._frames_of(f) for f in faults if f.kind in OF_SCANNERS}
 
     @property
@@ -151,6 +164,10 @@ class FaultInjector:
             return replace(message, stamp_ns=message.stamp_ns + round(STAMP_DELAY * 1e9)), STAMP_DELAY
         return message, 0.0
 
+    def airs(self, seconds: float) -> tuple[Air, ...]:
+        """Return what floats in the air now."""
+        return tuple(air for fault, air in self._airs if fault.is_on(seconds))
+
     def is_on(self, kind: FaultKind, seconds: float) -> bool:
         """Tell whether a fault of this kind holds now."""
         return any(f.kind is kind and f.is_on(seconds) for f in self._faults)
@@ -179,6 +196,22 @@ def numbers_of_people(target: str) -> tuple[int, int]:
     if unyielding > people:
         raise BadInputError(f"fault people@{target}: only {people} people can be told not to yield")
     return people, unyielding
+
+
+def air_of(kind: FaultKind, target: str, start: SE2) -> Air:
+    """Return what a fault of the air means: `target` is per cent of the returns, or for smoke `X,Y` in the frame of `start`; raises BadInputError."""
+    try:
+        values = [float(text) for text in target.split(",")] if target else []
+    except ValueError:
+        values = [math.nan]
+    wanted = 2 if kind is FaultKind.SMOKE else 1
+    if values and (len(values) != wanted or not all(map(math.isfinite, values))):
+        form = "smoke@X,Y, metres from the start" if wanted == 2 else f"{kind.value}@N, per cent of the returns"
+        raise BadInputError(f"fault {kind.value}@{target}: {form}")
+    if kind is FaultKind.SMOKE:
+        x, y = start.transform(np.array([values or SMOKE_AHEAD])).tolist()[0]
+        return Air(Airborne.SMOKE, columns=((x, y),))
+    return Air(Airborne(kind.value), 0.01 * values[0] if values else SHARE_OF[kind])
 
 
 def find_door(world: WorldSpec, name: str) -> Door:

@@ -7,13 +7,14 @@ clock runs a little late.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import Imu, Odometry, PointCloud
 from ambler.core.se3 import SE3
+from ambler.sim.air import Air
 from ambler.sim.hand_path import HandPath
 from ambler.sim.imu import ImuSensor
 from ambler.sim.lidar import LidarSensor
@@ -32,13 +33,15 @@ NOMINAL_MOUNT = SE3.from_rpy((0.03, 0.01, 0.08), 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class RigScan:
-    """A cloud, the inertial measurements and wheel odometry since the cloud before and one beyond its end, and the true pose of the IMU in the world at its last point's time."""
+    """A cloud, the inertial measurements and wheel odometry since the cloud before and one beyond its end, and the true pose of the IMU in the world at its last point's time.
+    `is_false` bool (M,): which points come from what floats in the air."""
 
     cloud: PointCloud
     imu: tuple[Imu, ...]
     odometry: tuple[Odometry, ...]
     end_ns: int
     world_from_imu: SE3
+    is_false: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
 
 
 class HandRig:
@@ -53,13 +56,14 @@ class HandRig:
         imu: ImuSpec = MEMS_IMU_200,
         errors: RigErrors | None = None,
         wheels: bool = False,
+        airs: tuple[Air, ...] = (),
     ) -> None:
         flaw = draw_flaw(seed, errors or RigErrors())
         self.told_mount = NOMINAL_MOUNT
         self.mount = NOMINAL_MOUNT @ flaw.drawn_from_built
         self.clock = flaw.clock
         """Seconds that the LiDAR's stamps lie behind the true times of its points."""
-        self.path, self.lidar = path, lidar
+        self.path, self.lidar, self.airs = path, lidar, airs
         self.scene = build_scene(world)
         self._sensor = LidarSensor(lidar, LIDAR_FRAME, self.scene, seed)
         self._imu_spec, self._seed = imu, seed
@@ -86,7 +90,8 @@ class HandRig:
                 ahead = next(measured, None)
                 if taken >= end_ns:
                     break
-            yield RigScan(cloud, tuple(imu), self._odometry(end_ns), end_ns, self.pose_at(end_ns))
+            is_false = self._sensor.is_false
+            yield RigScan(cloud, tuple(imu), self._odometry(end_ns), end_ns, self.pose_at(end_ns), is_false)
 
     def _cloud(self, first: float) -> PointCloud:
         """Cast the sweep that truly begins `clock` seconds after what its stamp says."""
@@ -94,7 +99,7 @@ class HandRig:
         knots = np.arange(0.0, self.lidar.sweep_time + 2.0 * KNOT, KNOT)
         positions, quaternions = self.path.poses(begin + knots)
         mounted, turned = _mounted(positions, quaternions, self.mount)
-        self._sensor.sweep(knots, mounted, turned, first=first)
+        self._sensor.sweep(knots, mounted, turned, first=first, airs=self.airs)
         return self._sensor.to_cloud(BEGIN_NS + round(first * 1e9))
 
     def _inertial(self) -> Iterator[Imu]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.kernels import raycast
+from ambler.sim.air import Air, SpoiledSweep, false_in_order
 from ambler.sim.rosette import rosette
 from ambler.sim.scene import RayScene
 from ambler.sim.sensors import LidarSpec, named_generator
@@ -27,6 +30,8 @@ class LidarSensor:
         self._directions = spec.directions()
         self._times = spec.column_times
         shape = self._directions.shape[:2]
+        self._spoiled = SpoiledSweep(seed, frame)
+        self._is_false = np.zeros(shape, np.bool_)
         self._distance, self._cosine, self._intensity, self._measured, self._normals, self._uniforms = (
             np.zeros(shape, np.float32) for _ in range(6)
         )
@@ -38,10 +43,11 @@ class LidarSensor:
         quaternions: F64,
         movers: Movers = NO_MOVERS,
         first: float = 0.0,
+        airs: Sequence[Air] = (),
     ) -> None:
         """Cast one turn; the sensor's poses in the world at `times` (seconds after the first column) are its knots, `movers` are
         where they are at the first column. `first`: seconds from the switching on to the first column, which a pattern that does not
-        repeat depends on."""
+        repeat depends on; `airs`: what floats."""
         scene, spec = self._scene, self.spec
         if spec.wanders:
             self._directions = rosette(first, spec)
@@ -58,6 +64,20 @@ class LidarSensor:
             *(spec.grazing_cosine, spec.grazing_dropout, spec.mixed, spec.mixed_min, spec.mixed_max),
             *(spec.range_min, spec.range_max, self._measured),
         )
+        self._is_false[:] = False
+        for air in airs:
+            self._is_false |= self._spoiled.spoil(
+                air,
+                (self._distance, self._measured, self._intensity),
+                (self._times, self._directions),
+                (times, positions, quaternions),
+                spec.range_min,
+            )
+
+    @property
+    def is_false(self) -> NDArray[np.bool_]:
+        """Which points of the last cloud come from what floats, bool (M,)."""
+        return false_in_order(self._measured, self._is_false)
 
     def to_scan(self, stamp_ns: int) -> LaserScan:
         """Return the last turn of a single-ring scanner."""

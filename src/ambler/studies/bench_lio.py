@@ -12,6 +12,7 @@ from itertools import islice
 
 from ambler.lio.config import LioConfig
 from ambler.lio.odometry import LidarInertialOdometry
+from ambler.perception.air_filter import AirFilter
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.sim.hand_path import HandPath
 from ambler.sim.hand_rig import HandRig
@@ -33,7 +34,7 @@ def measure(seed: int, scans: int, *, peer: bool = True) -> dict[str, float | No
     site = draw_hall(seed, LENGTH)
     for name, spec in SCANNERS.items():
         rig = HandRig(site.world, HandPath(site.way), spec, seed)
-        odometry = LidarInertialOdometry(LioConfig(), rig.told_mount)
+        odometry = LidarInertialOdometry(LioConfig(), rig.told_mount, None, AirFilter())
         kiss = KissIcp(0.5, spec.range_max) if peer and is_installed() else None
         ours, points = [], []
         for scan in islice(rig.scans(), FIRST + scans):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ambler.apps.config import recorded_config
 from ambler.bridges.recorder import Recorder
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Transforms, TransformStamped
+from ambler.core.messages import PointCloud, Transforms, TransformStamped
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import SpatialError, best_motion, spatial_error
 from ambler.lio.config import LioConfig
@@ -29,8 +29,10 @@ from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.loop_match import Closure, error_of
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.lio.offline import offline_config
+from ambler.perception.air_filter import AirFilter, AirFilterConfig
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
+from ambler.sim.air import Air, Airborne
 from ambler.sim.hand_path import Burst, HandPath, Sway
 from ambler.sim.hand_rig import BEGIN_NS, IMU_FRAME, LIDAR_FRAME, LIDARS, HandRig, RigScan
 from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel, draw_twins
@@ -40,8 +42,13 @@ from ambler.studies.study_settings import DEFAULTS, StudySettings
 from ambler.wire.trajectory_files import write_tum_3d
 
 F64 = NDArray[np.float64]
-KINDS = ("site", "hall", "tunnel", "twins", "shaken", "rest")
+AIRS = {"dust": Airborne.DUST, "rain": Airborne.RAIN, "smoke": Airborne.SMOKE}
+KINDS = ("site", "hall", "tunnel", "twins", "shaken", "rest", *AIRS)
 LENGTHS = (70.0, 1000.0)  # metres of loops outdoors, drawn evenly in their logarithm
+AIR_LENGTHS = (100.0, 200.0)
+FALSE_SHARE = 0.3  # of the returns, in dust and rain
+SMOKE_STEP, SMOKE_ASIDE = 12.0, (2.5, 5.0)  # metres along the way from one column of smoke to the next, and beside it
+WORSE_MOST = 1.5  # times the error in clear air
 HALL_LENGTHS, TUNNEL_LENGTHS, TWIN_LENGTHS = (60.0, 150.0), (100.0, 250.0), (100.0, 300.0)
 REST_SECONDS = 600.0
 RATE = math.radians(1000.0)  # rad/s of the bursts
@@ -98,13 +105,32 @@ def make_rig(case: LioCase) -> HandRig:
             for k, axis in enumerate(axes)
         ]
         path = replace(path, bursts=tuple(bursts))
-    return HandRig(site.world, path, LIDARS[case.lidar], case.seed, wheels=case.kind == "tunnel")
+    airs = (_air(case, site, rng),) if case.kind in AIRS else ()
+    return HandRig(site.world, path, LIDARS[case.lidar], case.seed, wheels=case.kind == "tunnel", airs=airs)
+
+
+def _air(case: LioCase, site: Site, rng: np.random.Generator) -> Air:
+    """Return what floats: dust or rain around the scanner, or columns of smoke on both sides of the way."""
+    kind = AIRS[case.kind]
+    if kind is not Airborne.SMOKE:
+        return Air(kind, FALSE_SHARE)
+    path = HandPath(site.way, is_closed=site.is_closed)
+    places = path.places(np.arange(6.0, path.length, SMOKE_STEP))
+    ahead = np.gradient(places[:, :2], axis=0)
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]]) / np.linalg.norm(ahead, axis=1)[:, None]
+    aside = rng.uniform(*SMOKE_ASIDE, len(places)) * rng.choice((-1.0, 1.0), len(places))
+    columns = tuple((x, y) for x, y in (places[:, :2] + aside[:, None] * left).tolist())
+    return Air(kind, columns=columns, base=float(places[:, 2].min()) - 1.5)
 
 
 def _place(case: LioCase, rng: np.random.Generator) -> tuple[float, Site]:
-    low, high = {"site": LENGTHS, "hall": HALL_LENGTHS, "tunnel": TUNNEL_LENGTHS, "twins": TWIN_LENGTHS}.get(
-        case.kind, (60.0, 90.0)
-    )
+    low, high = {
+        "site": LENGTHS,
+        "hall": HALL_LENGTHS,
+        "tunnel": TUNNEL_LENGTHS,
+        "twins": TWIN_LENGTHS,
+        **dict.fromkeys(AIRS, AIR_LENGTHS),
+    }.get(case.kind, (60.0, 90.0))
     drawn = float(np.exp(rng.uniform(math.log(low), math.log(high))))
     length = drawn if case.length is None else case.length
     draw = {"hall": draw_hall, "tunnel": draw_tunnel, "twins": draw_twins, "shaken": draw_hall}.get(
@@ -123,7 +149,8 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     rig = make_rig(case)
     config = offline_config(recorded_config(case.settings.profile).lio)
     loops = LoopClosure(config)
-    odometry = LidarInertialOdometry(config, rig.told_mount, SE3() if case.kind == "tunnel" else None)
+    air = _JudgedFilter(recorded_config(case.settings.profile).air)
+    odometry = LidarInertialOdometry(config, rig.told_mount, SE3() if case.kind == "tunnel" else None, air)
     peer = KissIcp(config.scan.range_min, rig.lidar.range_max) if case.peer else None
     results: list[LioResult] = []
     truth, peers, update_ms, points = [], [], [], []
@@ -132,6 +159,7 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
         begin = time.process_time()
         result = odometry.update(CloudScan(scan.cloud, scan.imu, scan.odometry))
         update_ms.append(1e3 * (time.process_time() - begin))
+        air.judge(scan.is_false)
         points.append(len(scan.cloud.points))
         if peer is not None:
             peers.append(peer.update(scan.cloud) @ rig.mount.inverse())
@@ -147,6 +175,9 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     error = spatial_error(stamps, [r.map_from_imu for r in results], stamps, truth_poses)
     fields = _judged(case, config, results, error, truth_poses)
     fields |= _closed(case, rig, loops, results, truth_poses)
+    fields |= air.fields()
+    if case.kind in AIRS:
+        fields |= _beside_clear_air(case, config, error)
     if case.kind not in POINT_OR_LINE:
         fields |= _surfaces(rig, odometry.map.points(), [r.map_from_imu for r in results], truth_poses)
     if peer is not None:
@@ -169,6 +200,65 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
         "loop_cpu_seconds": loop_seconds,
         **fields,
     }
+
+
+class _JudgedFilter:
+    """The filter of the air, and how often it was right: of the points that the odometry asks about, how many were false, found and lost."""
+
+    def __init__(self, config: AirFilterConfig) -> None:
+        self._filter = AirFilter(config)
+        self._asked, self._kept = np.zeros(0, np.int64), np.zeros(0, np.bool_)
+        self._counts = np.zeros(4, np.int64)  # true, of them lost, false, of them found
+
+    def keep(
+        self, cloud: PointCloud, asked: NDArray[np.int64], place: Callable[[NDArray[np.int64]], NDArray[np.floating]]
+    ) -> NDArray[np.bool_]:
+        self._asked, self._kept = asked, self._filter.keep(cloud, asked, place)
+        return self._kept
+
+    def judge(self, is_false: NDArray[np.bool_]) -> None:
+        """Compare the last answer with the truth, of all points of the cloud."""
+        false, gone = is_false[self._asked], ~self._kept
+        self._counts += [np.sum(~false), np.sum(gone & ~false), np.sum(false), np.sum(gone & false)]
+        self._asked, self._kept = self._asked[:0], self._kept[:0]
+
+    def fields(self) -> dict[str, Any]:
+        true, lost, false, found = self._counts.tolist()
+        return {
+            "false_point_ratio": false / max(true + false, 1),
+            "false_found_ratio": found / false if false else None,
+            "true_lost_ratio": lost / max(true, 1),
+        }
+
+
+def _beside_clear_air(case: LioCase, config: LioConfig, error: SpatialError) -> dict[str, Any]:
+    """Walk the same way in clear air, and in this air without the filter; how much worse the error is than in clear air."""
+    shares: list[float] = []
+    clear_rig = make_rig(case)
+    clear_rig.airs = ()
+    clear = _plain_run(clear_rig, config, AirFilter(), None)
+    raw = _plain_run(make_rig(case), config, None, shares)
+    return {
+        "clear_start_rms_m": clear.start_rms_m,
+        "unfiltered_start_rms_m": raw.start_rms_m,
+        "false_return_ratio": float(np.mean(shares)),
+        "ratio_vs_clear": error.start_rms_m / clear.start_rms_m,
+        "unfiltered_ratio_vs_clear": raw.start_rms_m / clear.start_rms_m,
+        "is_met": error.start_rms_m <= WORSE_MOST * clear.start_rms_m,
+    }
+
+
+def _plain_run(rig: HandRig, config: LioConfig, air: AirFilter | None, shares: list[float] | None) -> SpatialError:
+    odometry = LidarInertialOdometry(config, rig.told_mount, None, air)
+    told = []
+    for scan in rig.scans():
+        if shares is not None:
+            shares.append(float(scan.is_false.mean()))
+        result = odometry.update(CloudScan(scan.cloud, scan.imu, scan.odometry))
+        if result is not None:
+            told.append((result.stamp_ns, result.map_from_imu, scan.world_from_imu))
+    stamps = np.array([stamp for stamp, _, _ in told], np.int64)
+    return spatial_error(stamps, [pose for _, pose, _ in told], stamps, [true for _, _, true in told])
 
 
 def _recorded(case: LioCase, rig: HandRig, folder: Path) -> Iterator[RigScan]:
@@ -216,7 +306,7 @@ def _judged(
         "rest": error.start_max_m <= REST_MOST,
         "tunnel": fields["end_pct"] <= TUNNEL_MOST and fields["degenerate"] > 0,
         "twins": fields["lost"] == 0,  # what counts there is that nothing is closed falsely
-    }.get(case.kind, share <= SHARE_MOST[case.lidar])
+    }.get(case.kind, share <= SHARE_MOST[case.lidar])  # in dust, smoke and rain: beside clear air
     return fields
 
 
@@ -314,6 +404,11 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 "closed_max_m",
                 "closed_ate_rms_m",
                 "closed_surface_rms_m",
+                "ratio_vs_clear",
+                "unfiltered_ratio_vs_clear",
+                "false_return_ratio",
+                "false_found_ratio",
+                "true_lost_ratio",
                 "closed_stray_ratio",
                 "loop_cpu_seconds",
             ),
@@ -328,7 +423,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             values = [r[what] for r in own if r.get(what) is not None and math.isfinite(r[what])]
             if values:
                 fields[f"{kind}.{lidar}.{what}_median"] = statistics.median(values)
-                fields[f"{kind}.{lidar}.{what}_worst"] = max(values)
+                fields[f"{kind}.{lidar}.{what}_worst"] = (min if what == "false_found_ratio" else max)(values)
         fields[f"{kind}.{lidar}.closures"] = sum(r.get("closures", 0) for r in own)
         fields[f"{kind}.{lidar}.false_closures"] = sum(r.get("false_closures", 0) for r in own)
         fields[f"{kind}.{lidar}.runs"] = len(own)

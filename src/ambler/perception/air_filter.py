@@ -1,0 +1,119 @@
+"""Takes the returns of dust, smoke and rain out of clouds: what is dim, near, and stands for no surface.
+
+A return is doubted when it is dim beside the rest of its cloud and near. Doubt ends where its neighbours in the same cloud lie on a plane or a line with it
+(the floor far ahead, a wire); where they lie all about it and are bright, they are leaves, where they are dim, smoke. A return without neighbours is kept when its
+place was hit in other clouds, too: a thin pole stays, dust blows on. After the intensity and density filters for snow and dust in the literature (LIOR, DSOR).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.messages import PointCloud
+from ambler.kernels import air as kernel
+
+F64 = NDArray[np.float64]
+SAMPLE = 4000  # returns from which brightness and the distance of beams are told
+AROUND = 1.2  # times the greatest range that is judged: so far out neighbours may lie
+PATCH = math.radians(6.0)  # edge of the patches that tell how much of the sphere a scanner sees
+
+
+@dataclass(frozen=True, slots=True)
+class AirFilterConfig:
+    """`dim`: share of the brightness that a quarter of the returns exceed, below which a return is doubted (dust 0.05, a wall met at 80° 0.2).
+    `range_most` m: farther out so little light comes from nothing but surfaces. `depth` (share of the range that neighbours may be before or behind: the floor, met flatly), `thickness` m (noise of three standard deviations), `share` of the neighbours: what
+    makes a surface. A place is a cube of `cell` m, and lasts when `again` of the 15 clouds before hit it."""
+
+    is_used: bool = True
+    dim: float = 0.25
+    range_most: float = 15.0
+    depth: float = 0.25
+    thickness: float = 0.04
+    share: float = 0.6
+    cell: float = 0.1
+    again: int = 3
+    places_most: int = 1 << 16
+
+
+class AirFilter:
+    """Give it every cloud of one scanner in the order of time."""
+
+    def __init__(self, config: AirFilterConfig | None = None) -> None:
+        self.config = c = config or AirFilterConfig()
+        self._scan = 0
+        self._table = (
+            np.full(c.places_most, -1, np.int64),
+            np.zeros(c.places_most, np.uint16),
+            np.zeros(c.places_most, np.int64),
+        )
+
+    def keep(
+        self,
+        cloud: PointCloud,
+        asked: NDArray[np.int64],
+        place: Callable[[NDArray[np.int64]], NDArray[np.floating]],
+    ) -> NDArray[np.bool_]:
+        """Return which of the points `asked` (M,) are kept, bool (M,). `place` returns where points of some numbers (K,) lie in a frame that stands still, (K, 3)."""
+        kept = np.ones(len(asked), np.bool_)
+        self._scan += 1
+        if not self.config.is_used or len(cloud.points) < kernel.LEAST:
+            return kept
+        limit = self._limit(cloud)
+        dim = np.flatnonzero(cloud.intensity[asked] < limit)
+        points = cloud.points[asked[dim]]
+        squares = np.einsum("ij,ij->i", points, points)
+        doubted = dim[(squares < self.config.range_most**2) & (squares > 0.0)]
+        if len(doubted) == 0:
+            return kept
+        verdicts = self._judge(cloud, limit, asked[doubted])
+        kept[doubted[verdicts == kernel.CLOUDY]] = False
+        lonely = doubted[verdicts == kernel.LONELY]
+        if len(lonely):
+            kept[lonely] = self._lasts(np.asarray(place(asked[lonely]), np.float64))
+        return kept
+
+    def _limit(self, cloud: PointCloud) -> float:
+        """Return the intensity below which a return is dim beside the others: infinite, where a scanner does not tell brightness."""
+        sample = cloud.intensity[:: max(1, len(cloud.intensity) // SAMPLE)]
+        low, high = np.percentile(sample, (5.0, 75.0))
+        return float(self.config.dim * high) if high > low else math.inf
+
+    def _judge(self, cloud: PointCloud, limit: float, doubted: NDArray[np.int64]) -> NDArray[np.uint8]:
+        c = self.config
+        near = np.flatnonzero(np.einsum("ij,ij->i", cloud.points, cloud.points) < (AROUND * c.range_most) ** 2)
+        points = np.ascontiguousarray(cloud.points[near], np.float32)
+        # Where brightness is not told, smoke and leaves are the same.
+        is_dim = (cloud.intensity[near] < limit) & math.isfinite(limit)
+        spacing = _spacing(cloud.points)
+        columns = min(max(math.ceil(2.0 * math.pi / (kernel.EDGE * spacing)), 16), 2048)
+        rows = min(max(math.ceil(2.0 / (kernel.EDGE * spacing)), 8), 1024)
+        cell_of, order = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+        begins = np.empty(columns * rows + 1, np.int64)
+        kernel.sort_cells(points, columns, rows, cell_of, begins, order)
+        verdicts = np.empty(len(doubted), np.uint8)
+        kernel.judge(
+            *(points, is_dim, np.searchsorted(near, doubted), columns, rows, cell_of, begins, order),
+            *(spacing, c.depth, c.thickness, c.share, verdicts),
+        )
+        return verdicts
+
+    def _lasts(self, places: F64) -> NDArray[np.bool_]:
+        is_lasting = np.empty(len(places), np.bool_)
+        kernel.remember(*self._table, self._scan, places, self.config.cell, self.config.again, is_lasting)
+        return is_lasting
+
+
+def _spacing(points: NDArray[np.float32]) -> float:
+    """Return the mean angle (rad) between a scanner's beams: that of as many patches as returns on the part of the sphere in which there are any."""
+    sample = points[:: max(1, len(points) // SAMPLE)].astype(np.float64)
+    columns, rows = round(2.0 * math.pi / PATCH), round(2.0 / PATCH)
+    ranges = np.maximum(np.linalg.norm(sample, axis=1), 1e-6)
+    column = ((np.arctan2(sample[:, 1], sample[:, 0]) / (2.0 * math.pi) + 0.5) * (columns - 1)).astype(np.int64)
+    row = ((0.5 * sample[:, 2] / ranges + 0.5) * (rows - 1)).astype(np.int64)
+    seen = len(np.unique(row * columns + column))
+    return math.sqrt(seen * 4.0 * math.pi / (columns * rows) / len(points))
