@@ -3,7 +3,7 @@
 `field` is the clearance of `kernels.level_contour`; coordinates are (y, x) in cells. A line is clear while the bilinear clearance stays
 above `least`; sphere tracing jumps by what the clearance allows. Nodes are float64 (N, 8): y, x, direction back (y, x) and on (y, x)
 along the contour, floor, and whether it is a corner at all (a path can end a leg there only where the leg is taut). Edges lie in slots
-[node, k]: `neighbor` int32, `weight` float32 (metres, metres of it through unknown), `state` uint8 (votes, tests, open now, kind).
+[node, k]: `neighbor` int32, `weight` float32 (metres, and the price in metres of what is unknown along it), `state` uint8 (votes, tests, open now, kind).
 """
 
 import heapq
@@ -91,16 +91,15 @@ def is_open(field, y0, x0, y1, x1):
 
 
 @jit
-def unknown_along(known, y0, x0, y1, x1):
-    """Return how many cells' lengths of a line inside the grid lie in cells that are not known."""
+def sum_along(values, y0, x0, y1, x1):
+    """Return the integral of uint8 values [iy, ix] along a line inside the grid, in values times cells."""
     length = np.hypot(y1 - y0, x1 - x0)
     n = max(1, int(np.ceil(length)))
-    dark = 0
+    total = 0
     for k in range(n):
         share = (k + 0.5) / n
-        if known[int(y0 + (y1 - y0) * share + 0.5), int(x0 + (x1 - x0) * share + 0.5)] == 0:
-            dark += 1
-    return dark * length / n
+        total += values[int(y0 + (y1 - y0) * share + 0.5), int(x0 + (x1 - x0) * share + 0.5)]
+    return total * length / n
 
 
 @jit
@@ -154,7 +153,7 @@ def _drop(neighbor, weight, state, degree, i, j):
 
 
 @jit
-def add_edge(nodes, neighbor, weight, state, degree, known, i, j, kind, resolution):
+def add_edge(nodes, neighbor, weight, state, degree, price, i, j, kind, resolution):
     """Join two nodes, or change the kind of their edge; returns False when a node has no slot left."""
     k = slot_of(neighbor, degree, i, j)
     if k >= 0:
@@ -166,8 +165,8 @@ def add_edge(nodes, neighbor, weight, state, degree, known, i, j, kind, resoluti
     y0, x0, y1, x1 = nodes[i, Y], nodes[i, X], nodes[j, Y], nodes[j, X]
     metres = np.hypot(y1 - y0, x1 - x0) * resolution
     dark = 0.0
-    if nodes[i, FLOOR] == nodes[j, FLOOR] and is_inside(known, y0, x0) and is_inside(known, y1, x1):
-        dark = unknown_along(known, y0, x0, y1, x1) * resolution
+    if nodes[i, FLOOR] == nodes[j, FLOOR] and is_inside(price, y0, x0) and is_inside(price, y1, x1):
+        dark = sum_along(price, y0, x0, y1, x1) * resolution / UNIT
     _put(neighbor, weight, state, degree, i, j, metres, dark, kind)
     _put(neighbor, weight, state, degree, j, i, metres, dark, kind)
     return True
@@ -182,7 +181,7 @@ def drop_node(neighbor, weight, state, degree, i):
 
 
 @jit
-def connect(nodes, is_alive, neighbor, weight, state, degree, field, known, ids, is_new, reach, least, slack, resolution):
+def connect(nodes, is_alive, neighbor, weight, state, degree, field, price, ids, is_new, reach, least, slack, resolution):
     """Join the nodes `ids` with all nodes of their floor within `reach` cells that they see along a line that is taut at both ends. Pairs of two
     new nodes are looked at once. Returns False when a node has no slot left; what was joined stays."""
     n = len(nodes)
@@ -201,14 +200,28 @@ def connect(nodes, is_alive, neighbor, weight, state, degree, field, known, ids,
                 continue
             if slot_of(neighbor, degree, i, j) >= 0:
                 continue
-            if not add_edge(nodes, neighbor, weight, state, degree, known, i, j, SIGHT, resolution):
+            if not add_edge(nodes, neighbor, weight, state, degree, price, i, j, SIGHT, resolution):
                 return False
     return True
 
 
 @jit
-def _is_dirty(dirty, tile, y0, x0, y1, x1):
+def _bounds(dirty, tile):
+    """Return the box of cells (y0, y1, x0, x1) around all dirty tiles."""
+    ty0, ty1, tx0, tx1 = dirty.shape[0], 0, dirty.shape[1], 0
+    for iy in range(dirty.shape[0]):
+        for ix in range(dirty.shape[1]):
+            if dirty[iy, ix]:
+                ty0, ty1, tx0, tx1 = min(ty0, iy), max(ty1, iy + 1), min(tx0, ix), max(tx1, ix + 1)
+    return float(ty0 * tile), float(ty1 * tile), float(tx0 * tile), float(tx1 * tile)
+
+
+@jit
+def _is_dirty(dirty, bounds, tile, y0, x0, y1, x1):
     """Say whether a line passes a dirty tile; tiles beside dirty ones are dirty, too, so that steps of a tile suffice."""
+    ty0, ty1, tx0, tx1 = bounds
+    if max(y0, y1) < ty0 or min(y0, y1) >= ty1 or max(x0, x1) < tx0 or min(x0, x1) >= tx1:
+        return False
     n = int(max(abs(y1 - y0), abs(x1 - x0)) / tile) + 1
     for k in range(n + 1):
         share = k / n
@@ -226,11 +239,12 @@ def _seen(votes, tests, result, out):
 
 
 @jit
-def retest(nodes, is_alive, neighbor, weight, state, degree, field, known, floor, dirty, tile, least, resolution):
+def retest(nodes, is_alive, neighbor, weight, state, degree, field, price, floor, dirty, tile, least, resolution):
     """Test the edges of a floor that pass a dirty tile again: each result is a vote. Edges of sight that were closed in all tests of the pool are
     dropped. Returns how many were tested."""
     tested = 0
     pool = np.empty(2, np.int64)
+    bounds = _bounds(dirty, tile)
     for i in range(len(nodes)):
         if not is_alive[i] or nodes[i, FLOOR] != floor:
             continue
@@ -241,7 +255,7 @@ def retest(nodes, is_alive, neighbor, weight, state, degree, field, known, floor
             if j < i or nodes[j, FLOOR] != floor:
                 continue
             y0, x0, y1, x1 = nodes[i, Y], nodes[i, X], nodes[j, Y], nodes[j, X]
-            if not _is_dirty(dirty, tile, y0, x0, y1, x1):
+            if not _is_dirty(dirty, bounds, tile, y0, x0, y1, x1):
                 continue
             tested += 1
             a, b = k - 1, slot_of(neighbor, degree, j, i)
@@ -257,19 +271,20 @@ def retest(nodes, is_alive, neighbor, weight, state, degree, field, known, floor
             state[i, a, TESTS] = state[j, b, TESTS] = pool[1]
             state[i, a, OPEN] = state[j, b, OPEN] = int(result)
             if result:
-                dark = unknown_along(known, y0, x0, y1, x1) * resolution
+                dark = sum_along(price, y0, x0, y1, x1) * resolution / UNIT
                 weight[i, a, 1] = weight[j, b, 1] = dark
     return tested
 
 
 @jit
 def reconnect(
-    nodes, is_alive, neighbor, weight, state, degree, field, known, floor, freed, tile, first, last, reach, least, slack,
+    nodes, is_alive, neighbor, weight, state, degree, field, price, floor, freed, tile, first, last, reach, least, slack,
     resolution,
 ):
     """Join what `connect` would join among nodes first ... last - 1 and all after them, where the line passes a freed tile. Returns False when a
     node has no slot left."""
     n = len(nodes)
+    bounds = _bounds(freed, tile)
     for i in range(first, min(last, n)):
         if not is_alive[i] or nodes[i, FLOOR] != floor:
             continue
@@ -282,11 +297,11 @@ def reconnect(
                 continue
             if not is_taut(nodes[i], dy, dx, slack) or not is_taut(nodes[j], dy, dx, slack):
                 continue
-            if not _is_dirty(freed, tile, y0, x0, nodes[j, Y], nodes[j, X]):
+            if not _is_dirty(freed, bounds, tile, y0, x0, nodes[j, Y], nodes[j, X]):
                 continue
-            if not sees(field, nodes[i], nodes[j], least) or slot_of(neighbor, degree, i, j) >= 0:
+            if slot_of(neighbor, degree, i, j) >= 0 or not sees(field, nodes[i], nodes[j], least):
                 continue
-            if not add_edge(nodes, neighbor, weight, state, degree, known, i, j, SIGHT, resolution):
+            if not add_edge(nodes, neighbor, weight, state, degree, price, i, j, SIGHT, resolution):
                 return False
     return True
 
@@ -330,33 +345,39 @@ def _is_voted(state):
 
 
 @jit
-def sight_costs(nodes, is_alive, field, known, floor, y, x, factor, slack, resolution, out):
-    """Write the cost of the straight way from a point to every node (inf: not seen, or not taut there); `factor` weighs unknown cells, inf
-    forbids them."""
+def sight_costs(nodes, is_alive, field, price, floor, y, x, heading, turning, slack, resolution, out):
+    """Write the cost of the straight way from a point to every node (inf: not seen, or not taut there); a radian of turning away from the
+    heading first costs `turning` metres."""
     for i in range(len(nodes)):
         out[i] = np.inf
         if not is_alive[i] or nodes[i, FLOOR] != floor:
             continue
         dy, dx = nodes[i, Y] - y, nodes[i, X] - x
         if is_taut(nodes[i], dy, dx, slack):
-            out[i] = leg_cost(field, known, y, x, nodes[i, Y], nodes[i, X], factor, resolution)
+            out[i] = leg_cost(field, price, y, x, nodes[i, Y], nodes[i, X], resolution)
+            out[i] += turning * turned(heading, dy, dx)
 
 
 @jit
-def leg_cost(field, known, y0, x0, y1, x1, factor, resolution):
-    """Return the cost (m) of a straight leg that touches no forbidden cell, inf when it does."""
+def turned(heading, dy, dx):
+    """Return the angle (0 ... pi) between a heading and a direction."""
+    if dy == 0.0 and dx == 0.0:
+        return 0.0
+    off = np.arctan2(dy, dx) - heading
+    return abs(np.arctan2(np.sin(off), np.cos(off)))
+
+
+@jit
+def leg_cost(field, price, y0, x0, y1, x1, resolution):
+    """Return the cost (m) of a straight leg that touches no forbidden cell, inf when it does: its length and what is unknown along it."""
     if not is_open(field, y0, x0, y1, x1):
         return np.inf
-    metres = np.hypot(y1 - y0, x1 - x0) * resolution
-    dark = unknown_along(known, y0, x0, y1, x1) * resolution
-    if dark > 0.0:
-        metres += (factor - 1.0) * dark
-    return metres
+    return np.hypot(y1 - y0, x1 - x0) * resolution + sum_along(price, y0, x0, y1, x1) * resolution / UNIT
 
 
 @jit
 def search(
-    nodes, is_alive, neighbor, weight, state, degree, start_costs, field, known, floor, gy, gx, factor, needs_votes, slack,
+    nodes, is_alive, neighbor, weight, state, degree, start_costs, field, price, floor, gy, gx, needs_votes, slack,
     resolution, parent,
 ):
     """Search the least cost from a start, whose ways to the nodes are `start_costs`, to the goal (gy, gx) on a floor: A* with the straight
@@ -383,17 +404,14 @@ def search(
         is_done[i] = True
         if nodes[i, FLOOR] == floor and best[i] + np.hypot(nodes[i, Y] - gy, nodes[i, X] - gx) * resolution < total:
             if is_taut(nodes[i], gy - nodes[i, Y], gx - nodes[i, X], slack):
-                end = best[i] + leg_cost(field, known, gy, gx, nodes[i, Y], nodes[i, X], factor, resolution)
+                end = best[i] + leg_cost(field, price, gy, gx, nodes[i, Y], nodes[i, X], resolution)
                 if end < total:
                     total, last = end, i
         for k in range(degree[i]):
             j = np.int64(neighbor[i, k])
             if is_done[j] or not state[i, k, OPEN] or (needs_votes and not _is_voted(state[i, k])):
                 continue
-            step = float(weight[i, k, 0])
-            if weight[i, k, 1] > 0.0:
-                step += (factor - 1.0) * weight[i, k, 1]
-            there = best[i] + step
+            there = best[i] + float(weight[i, k, 0]) + float(weight[i, k, 1])
             if there < best[j]:
                 best[j] = there
                 parent[j] = i
@@ -464,17 +482,18 @@ def warm_up() -> None:
     nodes[:, :2] = [[1.0, 1.0], [1.0, 6.0], [6.0, 6.0]]
     neighbor, degree = np.zeros((n, slots), np.int32), np.zeros(n, np.int32)
     weight, state = np.zeros((n, slots, 2), np.float32), np.zeros((n, slots, 4), np.uint8)
-    field, known = np.full((8, 8), 255, np.uint8), np.ones((8, 8), np.uint8)
+    field, price = np.full((8, 8), 255, np.uint8), np.ones((8, 8), np.uint8)
+    known = price
     ids, is_new = np.arange(2), np.zeros(n, np.bool_)
     graph = (nodes, is_alive, neighbor, weight, state, degree)
-    connect(*graph, field, known, ids, is_new, 100.0, 1.0, 0.1, 0.05)
-    add_edge(nodes, neighbor, weight, state, degree, known, 0, 2, TRAJECTORY, 0.05)
-    retest(*graph, field, known, 0.0, np.ones((1, 1), np.uint8), 16, 1.0, 0.05)
-    reconnect(*graph, field, known, 0.0, np.ones((1, 1), np.uint8), 16, 0, n, 100.0, 1.0, 0.1, 0.05)
+    connect(*graph, field, price, ids, is_new, 100.0, 1.0, 0.1, 0.05)
+    add_edge(nodes, neighbor, weight, state, degree, price, 0, 2, TRAJECTORY, 0.05)
+    retest(*graph, field, price, 0.0, np.ones((1, 1), np.uint8), 16, 1.0, 0.05)
+    reconnect(*graph, field, price, 0.0, np.ones((1, 1), np.uint8), 16, 0, n, 100.0, 1.0, 0.1, 0.05)
     match_corners(nodes[:2], nodes, np.arange(n), 2.0, np.empty(2, np.int64))
     costs, parent = np.zeros(n), np.zeros(n, np.int32)
-    sight_costs(nodes, is_alive, field, known, 0.0, 2.0, 2.0, 1.0, 0.1, 0.05, costs)
-    search(*graph, costs, field, known, 0.0, 5.0, 5.0, 1.0, True, 0.1, 0.05, parent)
+    sight_costs(nodes, is_alive, field, price, 0.0, 2.0, 2.0, 0.0, 0.3, 0.1, 0.05, costs)
+    search(*graph, costs, field, price, 0.0, 5.0, 5.0, True, 0.1, 0.05, parent)
     drop_node(neighbor, weight, state, degree, 1)
     points = np.array([[1.0, 1.0], [3.0, 3.0], [5.0, 1.0]])
     extend(field, points, 1.0, 6.0, 1, 1.0)

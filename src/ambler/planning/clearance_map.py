@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,16 @@ _TABLE = 255 - np.minimum(255, np.floor(16.0 * np.sqrt(np.arange(CAP * CAP + 2))
 _TABLE[-1] = 0
 
 
+@dataclass(frozen=True, slots=True)
+class UnknownPrice:
+    """What a metre through unknown cells costs more than one through free ones: `unknown` metres, and `doubt` more where obstacles leave no room for a
+    disc of `gap` metres: what hides between a cupboard and its wall is rarely a way on."""
+
+    unknown: float = 0.0
+    doubt: float = 0.0
+    gap: float = 0.5
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
     """Where a floor changed: `boxes` (y0, y1, x0, x1) around cells that became forbidden or stopped being so, `dirty` uint8 tiles in which
@@ -39,9 +50,13 @@ class Changes:
 
 
 class ClearanceMap:
-    """`spec`, `cells` uint8 [iy, ix] of UNKNOWN, FREE, FORBIDDEN, `known` uint8 and `field` uint8 (clearance in sixteenths of a cell)."""
+    """`spec`, `cells` uint8 [iy, ix] of UNKNOWN, FREE, FORBIDDEN, `known` uint8, `field` uint8 (clearance in sixteenths of a cell) and
+    `price` uint8 (sixteenths of a metre per metre)."""
 
-    def __init__(self) -> None:
+    def __init__(self, price: UnknownPrice | None = None) -> None:
+        self._price = price or UnknownPrice()
+        self._filled: U8 = np.zeros((0, 0), np.uint8)
+        self.price: U8 = np.zeros((0, 0), np.uint8)
         self.spec: GridSpec | None = None
         self.cells: U8 = np.zeros((0, 0), np.uint8)
         self.known: U8 = np.zeros((0, 0), np.uint8)
@@ -50,19 +65,53 @@ class ClearanceMap:
 
     def update(self, spec: GridSpec, cells: U8) -> Changes:
         """Take new cells of the whole grid; it may have grown, or have another resolution, which starts afresh."""
-        before = self._on_grid(spec)
-        self.spec, self.cells = spec, cells
+        self.set_grid(spec)
+        return self.update_box(cells, (0, spec.height, 0, spec.width))
+
+    def update_box(self, cells: U8, box: Box) -> Changes:
+        """Take new cells (y1 - y0, x1 - x0) of a box (y0, y1, x0, x1) of the grid."""
+        assert self.spec is not None
+        spec, (y0, y1, x0, x1) = self.spec, box
+        part = (slice(y0, y1), slice(x0, x1))
+        before = self.cells[part]
         was, now = before == FORBIDDEN, cells == FORBIDDEN
-        differs = was != now
-        forbidding = _tiles(differs)
-        freed = _tiles(was & ~now)
-        dirty = forbidding | _tiles((before == UNKNOWN) != (cells == UNKNOWN))
-        self.known = np.ascontiguousarray(cells != UNKNOWN).view(np.uint8)
-        boxes = tuple(_tight(differs, box) for box in _boxes(forbidding))
-        self._obstacles = np.where(now, LETHAL, 0).astype(np.uint8)
-        for y0, y1, x0, x1 in boxes:
-            self._measure(max(0, y0 - CAP), min(spec.height, y1 + CAP), max(0, x0 - CAP), min(spec.width, x1 + CAP))
-        return Changes(boxes, _widened(dirty), _widened(freed))
+        differs, freed = was != now, was & ~now
+        other = differs | ((before == UNKNOWN) != (cells == UNKNOWN))
+        self.cells[part] = cells
+        self.known[part] = cells != UNKNOWN
+        self._obstacles[part] = np.where(now, LETHAL, 0)
+        forbidding = _tiles(differs, box, spec)
+        boxes = tuple(_tight(differs, tiles, box) for tiles in _boxes(forbidding))
+        for changed in boxes:
+            self._measure(*grown(changed, CAP, spec))
+        self._set_price(box, boxes)
+        return Changes(boxes, _widened(_tiles(other, box, spec)), _widened(_tiles(freed, box, spec)))
+
+    def _set_price(self, box: Box, boxes: Sequence[Box]) -> None:
+        """Set the price of unknown cells; where obstacles changed, look anew for what is too narrow for the disc (an opening of what is free)."""
+        c, spec = self._price, self.spec
+        assert spec is not None
+        if c.unknown == 0.0 and c.doubt == 0.0:
+            return
+        reach = min(CAP - 1, round(c.gap / spec.resolution))
+        for changed in boxes if c.doubt else ():
+            self._fill(grown(changed, CAP + reach, spec), reach)
+        for y0, y1, x0, x1 in (box, *(grown(changed, CAP + reach, spec) for changed in boxes)):
+            price = np.minimum(255, np.round(16.0 * (c.unknown + c.doubt * self._filled[y0:y1, x0:x1])))
+            self.price[y0:y1, x0:x1] = np.where(self.cells[y0:y1, x0:x1] == UNKNOWN, price, 0)
+
+    def _fill(self, box: Box, reach: int) -> None:
+        """Mark the cells of a box that no free disc of `reach` cells holds."""
+        assert self.spec is not None
+        wide = grown(box, reach, self.spec)
+        centres = np.where(self.field[wide[0] : wide[1], wide[2] : wide[3]] > 16 * reach, LETHAL, 0).astype(np.uint8)
+        opened = np.empty_like(centres)
+        table = np.ones(reach * reach + 2, np.uint8)
+        table[-1] = 0
+        inflate(centres, 0, centres.shape[0], 0, centres.shape[1], reach, table, opened)
+        y0, y1, x0, x1 = box
+        rows, columns = slice(y0 - wide[0], y1 - wide[0]), slice(x0 - wide[2], x1 - wide[2])
+        self._filled[y0:y1, x0:x1] = opened[rows, columns] == 0
 
     def _measure(self, y0: int, y1: int, x0: int, x1: int) -> None:
         """Compute the clearance in a box."""
@@ -71,24 +120,24 @@ class ClearanceMap:
         inflate(self._obstacles, y0, y1, x0, x1, CAP, _TABLE, inflated)
         np.subtract(255, inflated[y0:y1, x0:x1], out=inflated[y0:y1, x0:x1])
 
-    def _on_grid(self, spec: GridSpec) -> U8:
-        """Return the last cells on a new grid, unknown where they did not reach; what is kept is moved with them."""
+    def set_grid(self, spec: GridSpec) -> None:
+        """Lay what is known on another grid: unknown where it did not reach. Another resolution, or one that leaves out what was known, starts
+        afresh."""
         old = self.spec
         if old == spec:
-            return self.cells
-        cells, field = np.full(spec.shape, UNKNOWN, np.uint8), np.full(spec.shape, 255, np.uint8)
+            return
+        names = {"cells": UNKNOWN, "known": 0, "field": 255, "price": 0, "_obstacles": 0, "_filled": 0}
+        new = {name: np.full(spec.shape, value, np.uint8) for name, value in names.items()}
+        new["price"][:] = min(255, round(16.0 * self._price.unknown))
         if old is not None and old.resolution == spec.resolution and _is_aligned(old, spec):
             dy, dx = old.offset_in(spec)
-            y0, y1 = max(0, dy), min(spec.height, dy + old.height)
-            x0, x1 = max(0, dx), min(spec.width, dx + old.width)
-            if y1 > y0 and x1 > x0:
-                part = (slice(y0 - dy, y1 - dy), slice(x0 - dx, x1 - dx))
-                cells[y0:y1, x0:x1], field[y0:y1, x0:x1] = self.cells[part], self.field[part]
-                lost = (old.height * old.width) - (y1 - y0) * (x1 - x0)
-                if lost and (self.cells == FORBIDDEN).any():  # what lay outside no longer counts for the clearance inside
-                    cells[:], field[:] = UNKNOWN, 255
-        self.field = field
-        return cells
+            if dy >= 0 and dx >= 0 and dy + old.height <= spec.height and dx + old.width <= spec.width:
+                part = (slice(dy, dy + old.height), slice(dx, dx + old.width))
+                for name, array in new.items():
+                    array[part] = getattr(self, name)
+        for name, array in new.items():
+            setattr(self, name, array)
+        self.spec = spec
 
 
 def _is_aligned(a: GridSpec, b: GridSpec) -> bool:
@@ -96,14 +145,12 @@ def _is_aligned(a: GridSpec, b: GridSpec) -> bool:
     return abs(dy - round(dy)) < 1e-3 and abs(dx - round(dx)) < 1e-3
 
 
-def _tiles(mask: NDArray[np.bool_]) -> U8:
-    """Return which tiles hold a marked cell, uint8."""
-    height, width = mask.shape
-    rows = np.arange(0, height, TILE)
-    columns = np.arange(0, width, TILE)
-    if height == 0 or width == 0:
-        return np.zeros((0, 0), np.uint8)
-    return np.logical_or.reduceat(np.logical_or.reduceat(mask, rows, 0), columns, 1).astype(np.uint8)
+def _tiles(mask: NDArray[np.bool_], box: Box, spec: GridSpec) -> U8:
+    """Return which tiles of a grid hold a marked cell of a box of it, uint8."""
+    out = np.zeros((-(-spec.height // TILE), -(-spec.width // TILE)), np.uint8)
+    rows, columns = np.nonzero(mask)
+    out[(rows + box[0]) // TILE, (columns + box[2]) // TILE] = 1
+    return out
 
 
 def _widened(tiles: U8) -> U8:
@@ -140,9 +187,16 @@ def _boxes(tiles: U8) -> list[Box]:
     return boxes
 
 
-def _tight(mask: NDArray[np.bool_], tiles: Box) -> Box:
-    """Return the box of the marked cells within a box of tiles."""
-    y0, x0 = tiles[0] * TILE, tiles[2] * TILE
-    part = mask[y0 : tiles[1] * TILE, x0 : tiles[3] * TILE]
+def grown(box: Box, by: int, spec: GridSpec) -> Box:
+    """Return a box with `by` cells more on each side, within the grid."""
+    y0, y1, x0, x1 = box
+    return max(0, y0 - by), min(spec.height, y1 + by), max(0, x0 - by), min(spec.width, x1 + by)
+
+
+def _tight(mask: NDArray[np.bool_], tiles: Box, box: Box) -> Box:
+    """Return the box of the marked cells within a box of tiles; `mask` is of the box of cells."""
+    y0, x0 = max(0, tiles[0] * TILE - box[0]), max(0, tiles[2] * TILE - box[2])
+    part = mask[y0 : tiles[1] * TILE - box[0], x0 : tiles[3] * TILE - box[2]]
     rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
+    y0, x0 = y0 + box[0], x0 + box[2]
     return y0 + int(rows[0]), y0 + int(rows[-1]) + 1, x0 + int(columns[0]), x0 + int(columns[-1]) + 1

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ambler.core.grid import GridSpec
 from ambler.kernels import level_contour
 from ambler.kernels import visibility as kernels
-from ambler.planning.clearance_map import Box, Changes, ClearanceMap
+from ambler.planning.clearance_map import TILE, Box, Changes, ClearanceMap, UnknownPrice, grown
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -25,6 +25,7 @@ U8 = NDArray[np.uint8]
 
 CORNER, GAP, DRIVEN = 0, 1, 2
 UNIT = 16.0
+Curve = tuple[F64, bool]  # points (y, x) in cells, and whether it closes
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,15 +95,14 @@ class VisibilityGraph:
     """Feed `update` with the cells of a floor, `drive` with where the robot is; `search` finds ways. Floors are numbered from 0; positions in
     metres, in the frame of the grids, with the height of their floor."""
 
-    def __init__(self, config: VisibilityGraphConfig | None = None) -> None:
+    def __init__(self, config: VisibilityGraphConfig | None = None, price: UnknownPrice | None = None) -> None:
         self.config = config or VisibilityGraphConfig()
-        self.floors: list[ClearanceMap] = [ClearanceMap()]
-        self.polygons: dict[int, list[F64]] = {}
+        self._price = price
+        self.floors: list[ClearanceMap] = [ClearanceMap(price)]
         self._a = _arrays(64, 32)
-        self._next_ident = 0
-        self._pending: dict[int, tuple[U8, int]] = {}
-        self._last_driven: int | None = None
-        self._before: tuple[int, float, float, float] | None = None
+        self.next_ident = 0
+        self.pending: dict[int, tuple[U8, int]] = {}
+        self.track: tuple[int | None, tuple[int, float, float, float] | None] = (None, None)
 
     # What it holds
 
@@ -123,38 +123,65 @@ class VisibilityGraph:
         slots = np.arange(a.neighbor.shape[1]) < a.degree[:, None]
         return int(((a.state[:, :, kernels.OPEN] > 0) & slots & a.is_alive[:, None]).sum()) // 2
 
+    def restore(self, nodes: int, slots: int) -> _Arrays:
+        """Begin anew with room for so many nodes and slots; returns the arrays, to be filled with what was saved."""
+        self._a = _arrays(nodes, slots)
+        return self._a
+
+    def contours(self) -> tuple[NDArray[np.float32], ...]:
+        """Return the simplified contours of all floors, float32 (N, 3) each in metres; those that close end where they begin."""
+        out = []
+        for number, ground in enumerate(self.floors):
+            if ground.spec is None:
+                continue
+            here = self._a.is_alive & (self._a.nodes[:, kernels.FLOOR] == number)
+            height = float(self._a.place[here, 2].mean()) if here.any() else 0.0
+            for curve, is_closed in self._curves(ground, (0, ground.spec.height, 0, ground.spec.width)):
+                line = np.vstack((curve, curve[:1])) if is_closed else curve
+                x, y = (ground.spec.origin_x, ground.spec.origin_y)
+                r = ground.spec.resolution
+                rows = np.stack((x + (line[:, 1] + 0.5) * r, y + (line[:, 0] + 0.5) * r, np.full(len(line), height)), 1)
+                out.append(rows.astype(np.float32))
+        return tuple(out)
+
     def floor(self, number: int) -> ClearanceMap:
         """Return what is known of a floor, which begins to exist."""
         while len(self.floors) <= number:
-            self.floors.append(ClearanceMap())
+            self.floors.append(ClearanceMap(self._price))
         return self.floors[number]
 
     # Updates
 
     def update(self, spec: GridSpec, cells: U8, floor: int = 0, height: float = 0.0) -> Updated:
         """Take the cells of a floor at a height (m): uint8 [iy, ix] of clearance_map.UNKNOWN, FREE, FORBIDDEN."""
+        return self.update_box(spec, cells, (0, spec.height, 0, spec.width), floor, height)
+
+    def update_box(self, spec: GridSpec, cells: U8, box: Box, floor: int = 0, height: float = 0.0) -> Updated:
+        """Take the cells of a box (y0, y1, x0, x1) of the grid of a floor; what was known of the rest stays."""
         ground = self.floor(floor)
-        old = ground.spec
-        changes = ground.update(spec, cells)
-        if old != spec:
+        if ground.spec != spec:
+            ground.set_grid(spec)
             self._place_in_cells(floor, spec)
-            self._pending.pop(floor, None)
+            self.pending.pop(floor, None)
+        changes = ground.update_box(cells, box)
         if changes.is_empty:
             self._refresh(floor, ground, changes)
             return Updated()
         tested = kernels.retest(
-            *self._a.graph, ground.field, ground.known, floor, changes.dirty, 32, self.config.least, spec.resolution
+            *self._a.graph, ground.field, ground.price, floor, changes.dirty, TILE, self.config.least, spec.resolution
         )
-        found, moved, removed, corners = [], 0, 0, 0
-        for box in changes.boxes:
-            local = self._corners(ground, box)
+        found, moved, removed, corners, seen = [], 0, 0, 0, []
+        for changed in changes.boxes:
+            curves = self._curves(ground, grown(changed, self.config.context, spec))
+            local = self._corners(ground, curves, changed)
             corners += len(local)
-            new, moved_here, removed_here = self._take(local, ground, floor, height, box)
+            seen.append((grown(changed, self.config.context, spec), curves))
+            new, moved_here, removed_here = self._take(local, ground, floor, height, changed)
             found += new
             moved, removed = moved + moved_here, removed + removed_here
         self._join(np.array(sorted(set(found)), np.int64), ground, floor)
-        if changes.boxes:
-            self._follow_contours(floor, ground, changes)
+        for near, curves in seen:
+            self._follow_contours(floor, ground, near, curves)
         self._refresh(floor, ground, changes)
         return Updated(corners, len(found) - moved, moved, removed, int(tested))
 
@@ -165,7 +192,7 @@ class VisibilityGraph:
         a.nodes[mine, kernels.X] = (a.place[mine, 0] - spec.origin_x) / spec.resolution - 0.5
         a.nodes[mine, kernels.Y] = (a.place[mine, 1] - spec.origin_y) / spec.resolution - 0.5
 
-    def _curves(self, ground: ClearanceMap, box: Box) -> list[tuple[F64, bool]]:
+    def _curves(self, ground: ClearanceMap, box: Box) -> list[Curve]:
         """Return the simplified curves (y, x) of the level within a box, and whether each closes."""
         y0, y1, x0, x1 = box
         level = self.config.level * UNIT + 0.25  # between two values, so that no cell lies on it
@@ -187,18 +214,17 @@ class VisibilityGraph:
             curves.append((curve[keep], bool(closed[k])))
         return curves
 
-    def _corners(self, ground: ClearanceMap, box: Box) -> F64:
+    def _corners(self, ground: ClearanceMap, curves: list[Curve], box: Box) -> F64:
         """Return the corners that the contours have where a box of cells changed, and gaps too narrow for contours, (M, 8) as nodes."""
         assert ground.spec is not None
-        y0, y1, x0, x1 = _grown(box, self.config.context, ground.spec)
         found = []
-        for curve, is_closed in self._curves(ground, (y0, y1, x0, x1)):
+        for curve, is_closed in curves:
             out = np.empty((len(curve), 6))
             count = level_contour.corners(curve, is_closed, self.config.least_turn, out)
             rows = np.zeros((count, 8))
             rows[:, :6], rows[:, kernels.IS_CORNER] = out[:count], 1.0
             found.append(rows)
-        near = _grown(box, 8, ground.spec)
+        near = grown(box, 8, ground.spec)
         cells = np.empty((512, 2), np.int64)
         count = level_contour.narrow_cells(
             ground.field, self.config.level * UNIT + 0.25, self.config.least * UNIT, *near, cells
@@ -217,7 +243,7 @@ class VisibilityGraph:
         many were removed."""
         a, c = self._a, self.config
         assert ground.spec is not None
-        y0, y1, x0, x1 = _grown(box, 8, ground.spec)
+        y0, y1, x0, x1 = grown(box, 8, ground.spec)
         at = a.nodes
         mine = a.is_alive & (at[:, kernels.FLOOR] == floor) & (a.kind != DRIVEN)
         mine &= (at[:, 0] >= y0) & (at[:, 0] < y1) & (at[:, 1] >= x0) & (at[:, 1] < x1)
@@ -264,7 +290,7 @@ class VisibilityGraph:
         is_new = np.zeros(len(self._a.nodes), np.bool_)
         is_new[ids] = True
         while not kernels.connect(
-            *(*self._a.graph, ground.field, ground.known, ids, is_new),
+            *(*self._a.graph, ground.field, ground.price, ids, is_new),
             *(c.reach / resolution, c.least, c.slack, resolution),
         ):
             self._widen()
@@ -273,8 +299,8 @@ class VisibilityGraph:
         """Join nodes that see each other since something was freed; what the limit leaves is done by the next updates."""
         assert ground.spec is not None
         freed, first = changes.freed, 0
-        if floor in self._pending:
-            older, done = self._pending[floor]
+        if floor in self.pending:
+            older, done = self.pending[floor]
             if freed.any():
                 freed = older | freed
             else:
@@ -284,28 +310,24 @@ class VisibilityGraph:
         c, resolution, n = self.config, ground.spec.resolution, len(self._a.nodes)
         last = n if c.refresh is None else min(n, first + c.refresh)
         while not kernels.reconnect(
-            *(*self._a.graph, ground.field, ground.known, floor, freed, 32, first, last),
+            *(*self._a.graph, ground.field, ground.price, floor, freed, TILE, first, last),
             *(c.reach / resolution, c.least, c.slack, resolution),
         ):
             self._widen()
         if last < n:
-            self._pending[floor] = (freed, last)
+            self.pending[floor] = (freed, last)
         else:
-            self._pending.pop(floor, None)
+            self.pending.pop(floor, None)
 
-    def _follow_contours(self, floor: int, ground: ClearanceMap, changes: Changes) -> None:
+    def _follow_contours(self, floor: int, ground: ClearanceMap, near: Box, curves: list[Curve]) -> None:
         """Join nodes that follow each other along a contour near what changed."""
-        assert ground.spec is not None
         a = self._a
-        for box in changes.boxes:
-            near = _grown(box, self.config.context, ground.spec)
-            mine = np.flatnonzero(a.is_alive & (a.nodes[:, kernels.FLOOR] == floor) & (a.kind == CORNER))
-            at = a.nodes[mine, :2]
-            inside = (at[:, 0] >= near[0]) & (at[:, 0] < near[1]) & (at[:, 1] >= near[2]) & (at[:, 1] < near[3])
-            mine, at = mine[inside], at[inside]
-            if len(mine) < 2:
-                continue
-            for curve, is_closed in self._curves(ground, near):
+        mine = np.flatnonzero(a.is_alive & (a.nodes[:, kernels.FLOOR] == floor) & (a.kind == CORNER))
+        at = a.nodes[mine, :2]
+        inside = (at[:, 0] >= near[0]) & (at[:, 0] < near[1]) & (at[:, 1] >= near[2]) & (at[:, 1] < near[3])
+        mine, at = mine[inside], at[inside]
+        if len(mine) >= 2:
+            for curve, is_closed in curves:
                 self._join_along(curve, is_closed, mine, at, ground)
 
     def _join_along(self, curve: F64, is_closed: bool, mine: I64, at: F64, ground: ClearanceMap) -> None:
@@ -330,7 +352,7 @@ class VisibilityGraph:
         while True:
             a = self._a
             if kernels.add_edge(
-                a.nodes, a.neighbor, a.weight, a.state, a.degree, ground.known, i, j, kind, ground.spec.resolution
+                a.nodes, a.neighbor, a.weight, a.state, a.degree, ground.price, i, j, kind, ground.spec.resolution
             ):
                 return
             self._widen()
@@ -342,19 +364,20 @@ class VisibilityGraph:
         ground = self.floor(floor)
         if ground.spec is None:
             return
-        last, before = self._last_driven, self._before
+        last, before = self.track
+        here = (floor, x, y, height)
         if last is not None and not self._a.is_alive[last]:
             last = None
         if last is not None and self._sees(last, x, y, floor):
-            self._before = (floor, x, y, height)
+            self.track = (last, here)
             return
-        where = (floor, x, y, height) if last is None or before is None else before
-        self._bridge_to(where, last)
+        where = here if last is None or before is None else before
+        node = self._bridge_to(where, last)
         if last is not None and where[0] != floor:  # the way leads to another floor: both ends of the step are nodes
-            self._bridge_to((floor, x, y, height), self._last_driven)
-        self._before = (floor, x, y, height)
+            node = self._bridge_to(here, node)
+        self.track = (node, here)
 
-    def _bridge_to(self, where: tuple[int, float, float, float], last: int | None) -> None:
+    def _bridge_to(self, where: tuple[int, float, float, float], last: int | None) -> int:
         floor, x, y, height = where
         ground = self.floor(floor)
         assert ground.spec is not None
@@ -364,7 +387,7 @@ class VisibilityGraph:
         self._join(np.array([node]), ground, floor)
         if last is not None:
             self._edge(last, node, kernels.TRAJECTORY, ground)
-        self._last_driven = node
+        return node
 
     def _sees(self, node: int, x: float, y: float, floor: int) -> bool:
         ground, at = self.floor(floor), self._a.nodes[node]
@@ -392,13 +415,14 @@ class VisibilityGraph:
         start: tuple[float, float],
         goal: tuple[float, float],
         *,
-        factor: float = 1.0,
+        heading: float = 0.0,
+        turning: float = 0.0,
         needs_votes: bool = True,
         floor: int = 0,
         goal_floor: int | None = None,
     ) -> tuple[F64, float] | None:
-        """Return the corners (N, 2) in metres of the least-cost way and its cost (m), None when the graph holds none. A metre through unknown cells
-        costs `factor`; inf: none is entered."""
+        """Return the corners (N, 2) in metres of the least-cost way and its cost (m), None when the graph holds none. A radian of turning from
+        `heading` at the start costs `turning` metres. Without `needs_votes` every edge counts that is open now."""
         last_floor = floor if goal_floor is None else goal_floor
         here, there = self.floor(floor), self.floor(last_floor)
         if here.spec is None or there.spec is None:
@@ -407,17 +431,18 @@ class VisibilityGraph:
         sy, sx = self._cell(here.spec, *start)
         gy, gx = self._cell(there.spec, *goal)
         if floor == last_floor:
-            direct = kernels.leg_cost(here.field, here.known, sy, sx, gy, gx, factor, resolution)
-            if direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9:
+            direct = kernels.leg_cost(here.field, here.price, sy, sx, gy, gx, resolution)
+            if direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9:  # nothing can be shorter, and it turns towards the goal
                 return np.array([start, goal]), float(direct)
         else:
             direct = np.inf
+        direct += turning * float(kernels.turned(heading, gy - sy, gx - sx))
         costs, parent = np.empty(len(a.nodes)), np.empty(len(a.nodes), np.int32)
         kernels.sight_costs(
-            a.nodes, a.is_alive, here.field, here.known, floor, sy, sx, factor, c.slack, resolution, costs
+            a.nodes, a.is_alive, here.field, here.price, floor, sy, sx, heading, turning, c.slack, resolution, costs
         )
         node, cost = kernels.search(
-            *(*a.graph, costs, there.field, there.known, last_floor, gy, gx, factor, needs_votes, c.slack, resolution),
+            *(*a.graph, costs, there.field, there.price, last_floor, gy, gx, needs_votes, c.slack, resolution),
             parent,
         )
         if node < 0 or direct <= cost:
@@ -426,7 +451,10 @@ class VisibilityGraph:
         while node >= 0:
             way.append(a.place[node, :2])
             node = int(parent[node])
-        return np.array([start, *way[::-1], goal]), float(cost)
+        points = np.array([start, *way[::-1], goal])
+        is_new = np.hypot(*np.diff(points, axis=0).T) > 1e-9
+        is_new[-1] |= not is_new.any()
+        return points[np.concatenate(([True], is_new))], float(cost)
 
     # Nodes
 
@@ -450,9 +478,9 @@ class VisibilityGraph:
         a.nodes[node] = row
         a.nodes[node, kernels.FLOOR] = floor
         a.is_alive[node], a.degree[node] = True, 0
-        a.ident[node], a.kind[node], a.missed[node], a.seen[node] = self._next_ident, kind, 0, 1
+        a.ident[node], a.kind[node], a.missed[node], a.seen[node] = self.next_ident, kind, 0, 1
         a.place[node] = (*self._metres(spec, row), height)
-        self._next_ident += 1
+        self.next_ident += 1
         return node
 
     def _remove(self, node: int) -> None:
@@ -476,7 +504,3 @@ def _copied(a: _Arrays, nodes: int, slots: int) -> _Arrays:
         getattr(out, name)[:n, :k] = getattr(a, name)
     return out
 
-
-def _grown(box: Box, by: int, spec: GridSpec) -> Box:
-    y0, y1, x0, x1 = box
-    return max(0, y0 - by), min(spec.height, y1 + by), max(0, x0 - by), min(spec.width, x1 + by)

@@ -1,7 +1,7 @@
 """The global planner on a dynamic visibility graph, for known and unknown ground alike.
 
 The costs that it is given update the graph where they differ from the last ones. A way through unknown ground is attempted when it is worth it: a metre
-of it costs `unknown_factor`. A way that was begun is kept while no other one is clearly better. The goal counts as unreachable only when
+of it costs more than one over known ground, above all where obstacles leave little room for a way on, and so does turning round. A way that was begun is kept while no other one is clearly better. The goal counts as unreachable only when
 no unknown ground is left that the robot can get to.
 """
 
@@ -21,7 +21,7 @@ from ambler.core.se2 import SE2
 from ambler.kernels import any_angle
 from ambler.kernels import graph_search as grid_kernels
 from ambler.kernels import visibility as kernels
-from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN
+from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, UnknownPrice
 from ambler.planning.escape import find_escape
 from ambler.planning.unknown import with_surroundings
 from ambler.planning.visibility_graph import VisibilityGraph, VisibilityGraphConfig
@@ -42,7 +42,7 @@ class PlanStatus(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class VisibilityConfig:
-    """Cells of cost >= `lethal_from` are forbidden; unknown ones too, unless allowed: then a metre of them costs `unknown_factor`, and the map is
+    """Cells of cost >= `lethal_from` are forbidden; unknown ones too, unless allowed: then they cost what `price` says, and the map is
     laid in `margin` metres of unknown ground. A way is kept while no other is cheaper by `hysteresis` of it. Inner points of a path
     move away from what is near, up to `clearance` metres beyond what is forbidden. `goal_tolerance` (m) limits how far a substitute of an occupied goal may
     lie, `escape_radius` (m) how far a start on a forbidden cell from a free one. A piece of unknown ground counts as attempted when
@@ -50,7 +50,8 @@ class VisibilityConfig:
 
     lethal_from: int = COST_INSCRIBED
     is_unknown_allowed: bool = False
-    unknown_factor: float = 1.0
+    price: UnknownPrice = field(default_factory=lambda: UnknownPrice(0.5, 3.0))
+    turning: float = 0.5  # m/rad
     margin: float = 10.0
     hysteresis: float = 0.1
     clearance: float = 0.3
@@ -61,9 +62,9 @@ class VisibilityConfig:
     graph: VisibilityGraphConfig = field(default_factory=VisibilityGraphConfig)
 
     def __post_init__(self) -> None:
-        if self.unknown_factor < 1.0 or not 0.0 <= self.hysteresis < 1.0 or self.spacing <= 0.0:
+        if min(self.price.unknown, self.price.doubt, self.turning) < 0.0 or not 0.0 <= self.hysteresis < 1.0 or self.spacing <= 0.0:
             raise BadInputError(
-                "visibility: unknown_factor must be at least 1, hysteresis lie in 0 ... 1, spacing be positive"
+                "visibility: prices must not be negative, hysteresis must lie in 0 ... 1, spacing be positive"
             )
 
 
@@ -72,10 +73,11 @@ class VisibilityPlanner:
 
     def __init__(self, config: VisibilityConfig | None = None) -> None:
         self.config = config or VisibilityConfig()
-        self.graph = VisibilityGraph(self.config.graph)
+        self.graph = VisibilityGraph(self.config.graph, self.config.price if self.config.is_unknown_allowed else None)
         self.status = PlanStatus.PLANNING
         self._goal: SE2 | None = None
         self._way: F64 = np.zeros((0, 2))
+        self._heading = 0.0
         self._target: tuple[float, float] | None = None
         self._attempted: list[tuple[float, float]] = []
 
@@ -100,14 +102,15 @@ class VisibilityPlanner:
         self.graph.drive(*begin)
         end = (goal.x, goal.y)
         is_goal_free = cells[spec.cell_of(*end)] != FORBIDDEN
+        self._heading = float(start.yaw)
         way = self._to_goal(spec, begin, end) if is_goal_free else None
         if way is None:
             end, way = self._to_substitute(spec, begin, goal, is_goal_free=is_goal_free)
         self._way = way
         dark = self._dark(spec, way)
-        self.status = PlanStatus.ATTEMPTING if dark > 0.0 or way is None else PlanStatus.FREE_PATH
+        self.status = PlanStatus.ATTEMPTING if dark > 1e-6 or way is None else PlanStatus.FREE_PATH
         points = np.vstack((escape[:-1], self._extended(spec, way))) if escape else self._extended(spec, way)
-        cost = float(np.hypot(*np.diff(points, axis=0).T).sum()) + (c.unknown_factor - 1.0) * dark
+        cost = self._cost(spec, way)
         away = math.hypot(end[0] - goal.x, end[1] - goal.y)
         return PlanResult(any_angle.to_poses(np.ascontiguousarray(points), float(goal.yaw), c.spacing), cost, away)
 
@@ -119,15 +122,12 @@ class VisibilityPlanner:
             return
         self._goal, self._way, self._target, self._attempted = goal, np.zeros((0, 2)), None, []
 
-    def _factor(self) -> float:
-        return self.config.unknown_factor if self.config.is_unknown_allowed else math.inf
-
     def _to_goal(self, spec: GridSpec, begin: tuple[float, float], end: tuple[float, float]) -> F64 | None:
         """Return the corners of the way to a free goal, None when what is known shuts it off."""
-        factor = self._factor()
-        found = self.graph.search(begin, end, factor=factor)
+        turn = {"heading": self._heading, "turning": self.config.turning}
+        found = self.graph.search(begin, end, **turn)
         if found is None:
-            found = self.graph.search(begin, end, factor=factor, needs_votes=False)
+            found = self.graph.search(begin, end, **turn, needs_votes=False)
         if found is None:
             found = self._cell_by_cell(spec, begin, end)
         if found is None:
@@ -147,12 +147,18 @@ class VisibilityPlanner:
         if first is None or not all(math.isfinite(cost) for cost in costs[first:]):
             return None
         left = np.vstack(([begin], way[first:]))
-        return left, self._leg(spec, begin, way[first]) + sum(costs[first:])
+        return left, self._cost(spec, left)
+
+    def _cost(self, spec: GridSpec, way: F64) -> float:
+        """Return what the search says that a way costs (m): its length, what is unknown along it, and the turn with which it begins."""
+        step = way[1] - way[0]
+        turn = kernels.turned(self._heading, float(step[1]), float(step[0]))
+        return sum(self._leg(spec, a, b) for a, b in zip(way[:-1], way[1:], strict=True)) + self.config.turning * turn
 
     def _leg(self, spec: GridSpec, a: F64 | tuple[float, float], b: F64 | tuple[float, float]) -> float:
         ground, r = self.graph.floor(0), spec.resolution
         ends = [(v - o) / r - 0.5 for p in (a, b) for v, o in ((p[1], spec.origin_y), (p[0], spec.origin_x))]
-        return float(kernels.leg_cost(ground.field, ground.known, *ends, self._factor(), r))
+        return float(kernels.leg_cost(ground.field, ground.price, *ends, r))
 
     def _cell_by_cell(
         self, spec: GridSpec, begin: tuple[float, float], end: tuple[float, float]
@@ -160,11 +166,11 @@ class VisibilityPlanner:
         """Search the cells themselves, for ways too narrow for contours; what is found joins the graph. None proves that there is no way."""
         cells = self.graph.floor(0).cells
         weights = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
-        dark = round(50 * self.config.unknown_factor)
-        weights[1:-1, 1:-1] = np.array([dark, 50, 0], np.uint16)[cells]
+        price = 50 + (50 * self.graph.floor(0).price.astype(np.uint16)) // 16
+        weights[1:-1, 1:-1] = np.where(cells == FORBIDDEN, 0, price)
         state, cost = np.zeros(weights.shape, np.uint8), np.full(weights.shape, 2**60, np.int64)
         (sy, sx), (gy, gx) = spec.cell_of(*begin), spec.cell_of(*end)
-        found = grid_kernels.search(weights, sy + 1, sx + 1, gy + 1, gx + 1, 50, dark, cost, state)
+        found = grid_kernels.search(weights, sy + 1, sx + 1, gy + 1, gx + 1, 50, int(price.max()), cost, state)
         if found != grid_kernels.REACHED:
             return None
         points = grid_kernels.path_points(state, gy + 1, gx + 1)
@@ -175,8 +181,7 @@ class VisibilityPlanner:
         metres = ((points + offset) * spec.resolution)[:, ::-1]
         if len(metres) > 2:
             self.graph.add_way(metres[1:-1])
-        length = float(np.hypot(*np.diff(metres, axis=0).T).sum())
-        return metres, length + (self.config.unknown_factor - 1.0) * self._dark(spec, metres)
+        return metres, self._cost(spec, metres)
 
     # When there is no way
 
@@ -268,7 +273,7 @@ class VisibilityPlanner:
         ground, r = self.graph.floor(0), spec.resolution
         cells = ((way - [spec.origin_x, spec.origin_y]) / r - 0.5)[:, ::-1]
         return sum(
-            float(kernels.unknown_along(ground.known, *a, *b)) * r for a, b in zip(cells[:-1], cells[1:], strict=True)
+            (float(np.hypot(*(b - a))) - float(kernels.sum_along(ground.known, *a, *b))) * r for a, b in zip(cells[:-1], cells[1:], strict=True)
         )
 
 

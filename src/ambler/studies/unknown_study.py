@@ -87,7 +87,7 @@ def unknown_cases(
 def draw_goal(kind: str, robot_name: str, seed: int, *, is_dead_end: bool) -> tuple[str, tuple[float, float], float]:
     """Return the first place of a kind from a seed on that has such a goal, the goal (x, y in the frame of its start), and the true way to it."""
     robot = robot_named(robot_name)
-    for name in (f"{kind}-{seed + 1_000_000 * again}" for again in range(20)):
+    for name in (f"{kind}-{seed + 1_000_000 * again}" for again in range(40)):
         radius = robot.model.circumscribed_radius + MARGIN
         spec, reachable = reachable_cells(load_world(name).from_start(), radius, RESOLUTION, robot.sensor_height)
         ways = distance_field(np.where(reachable, 0, COST_LETHAL).astype(np.uint8), spec, SE2())
