@@ -25,8 +25,8 @@ BLOCK = 64  # cells by which a floor grows
 @dataclass(frozen=True, slots=True)
 class TerrainConfig:
     """Cells of `resolution` m. Points higher than `free_height` above the ground are obstacles; cells within `radius` of one are forbidden (the
-    robot's, with what it keeps). Ground within half of `floor_height` of the robot's belongs to its floor. A hit counts `hit`, a pass -1, between
-    `-limit` and `limit`; from `occupied` on a cell is an obstacle."""
+    robot's, with what it keeps). Ground within half of `floor_height` of the robot's belongs to its floor. A hit counts `hit`, a pass -1, up to `limit` and down to
+    where one hit is enough; from `occupied` on a cell is an obstacle."""
 
     resolution: float = 0.1
     free_height: float = 0.15
@@ -71,7 +71,7 @@ class Floor:
         is_passed[own[len(hits) :, 0], own[len(hits) :, 1]] = True
         c, part = self.config, self.counts[y0:y1, x0:x1]
         change = np.where(is_hit, c.hit, np.where(is_passed, -1, 0))
-        part[:] = np.clip(part + change, -c.limit, c.limit)
+        part[:] = np.clip(part + change, c.occupied - c.hit, c.limit)
         self.is_seen[y0:y1, x0:x1] |= is_hit | is_passed
         r = c.radius_cells
         return (
