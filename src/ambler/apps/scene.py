@@ -66,7 +66,7 @@ class RunOptions:
     @property
     def makes_map(self) -> bool:
         """Whether the robot begins without a map."""
-        return self.is_unknown or bool(self.steps) and isinstance(self.steps[0], ExploreStep)
+        return self.is_unknown or (bool(self.steps) and isinstance(self.steps[0], ExploreStep))
 
     @property
     def docks_wanted(self) -> tuple[str, ...]:
@@ -137,9 +137,7 @@ def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
 
 
 def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2) -> RobotConfig:
-    config = robot_config(
-        robot, options.profile, has_map=not options.makes_map, is_unknown=options.is_unknown
-    )
+    config = robot_config(robot, options.profile, has_map=not options.makes_map, is_unknown=options.is_unknown)
     if not options.makes_map:
         config.check_localizer()
         config = with_map_bend(config, options.map_file)

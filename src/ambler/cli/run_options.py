@@ -94,11 +94,11 @@ def add_unknown_options(parser: argparse.ArgumentParser) -> None:
     """Add what concerns drives without a map, and the choice of the planner."""
     unknown = parser.add_argument_group("the planner, and places without a map")
     unknown.add_argument(
-        "--unknown", action="store_true", help="there is no map: the robot makes one as it drives and plans through what it has not seen"
+        "--unknown",
+        action="store_true",
+        help="there is no map: the robot makes one as it drives and plans through what it has not seen",
     )
-    unknown.add_argument(
-        "--planner", choices=("grid", "visibility_graph"), help="the global planner (default: grid)"
-    )
+    unknown.add_argument("--planner", choices=("grid", "visibility_graph"), help="the global planner (default: grid)")
 
 
 def add_dock_options(parser: argparse.ArgumentParser) -> None:

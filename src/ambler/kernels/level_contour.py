@@ -150,7 +150,9 @@ def simplify(points, is_closed, tolerance, keep):
     if is_closed:
         first = 0
         for k in range(n):  # a start that does not depend on where the tracing began
-            if points[k, 0] < points[first, 0] or (points[k, 0] == points[first, 0] and points[k, 1] < points[first, 1]):
+            if points[k, 0] < points[first, 0] or (
+                points[k, 0] == points[first, 0] and points[k, 1] < points[first, 1]
+            ):
                 first = k
         far, best = first, -1.0
         for k in range(n):

@@ -17,6 +17,7 @@ VOTES, TESTS, OPEN, KIND = range(4)
 SIGHT, CONTOUR, TRAJECTORY = range(3)
 POOL = 8  # tests that an edge remembers
 UNIT = 16.0
+HALF_CELL = 0.75  # cells; half the diagonal of a cell, and what a sixteenth rounds away
 STEP = 0.25  # cells; the least step of a sight line: the clearance dips by no more than half of it in between
 SURE = 1.4  # cells of clearance from which no cell corner can be touched
 FINE = 0.1  # cells; the step where the cells themselves are looked at
@@ -65,7 +66,14 @@ def is_clear(field, y0, x0, y1, x1, least):
     along_x = (x1 - x0) / length if length > 0.0 else 0.0
     at = 0.0
     while True:
-        free = clearance(field, y0 + along_y * at, x0 + along_x * at)
+        y, x = y0 + along_y * at, x0 + along_x * at
+        jump = field[int(y + 0.5), int(x + 0.5)] / UNIT - HALF_CELL - least
+        if jump > 1.0:  # one look at the nearest cell is enough
+            if at + jump >= length:
+                return True
+            at += jump
+            continue
+        free = clearance(field, y, x)
         if free < least:
             return False
         if at >= length:
@@ -109,8 +117,12 @@ def is_taut(node, dy, dx, slack):
         return True
     back = dx * node[BACK_Y] - dy * node[BACK_X]
     on = dx * node[ON_Y] - dy * node[ON_X]
-    length = np.hypot(dy, dx) * slack
-    return (back >= -length and on >= -length) or (back <= length and on <= length)
+    least = slack * slack * (dy * dy + dx * dx)
+    is_small = back * back <= least
+    is_low = on * on <= least
+    return ((back >= 0.0 or is_small) and (on >= 0.0 or is_low)) or (
+        (back <= 0.0 or is_small) and (on <= 0.0 or is_low)
+    )
 
 
 @jit
@@ -181,7 +193,9 @@ def drop_node(neighbor, weight, state, degree, i):
 
 
 @jit
-def connect(nodes, is_alive, neighbor, weight, state, degree, field, price, ids, is_new, reach, least, slack, resolution):
+def connect(
+    nodes, is_alive, neighbor, weight, state, degree, field, price, ids, is_new, reach, least, slack, resolution
+):
     """Join the nodes `ids` with all nodes of their floor within `reach` cells that they see along a line that is taut at both ends. Pairs of two
     new nodes are looked at once. Returns False when a node has no slot left; what was joined stays."""
     n = len(nodes)
@@ -278,7 +292,22 @@ def retest(nodes, is_alive, neighbor, weight, state, degree, field, price, floor
 
 @jit
 def reconnect(
-    nodes, is_alive, neighbor, weight, state, degree, field, price, floor, freed, tile, first, last, reach, least, slack,
+    nodes,
+    is_alive,
+    neighbor,
+    weight,
+    state,
+    degree,
+    field,
+    price,
+    floor,
+    freed,
+    tile,
+    first,
+    last,
+    reach,
+    least,
+    slack,
     resolution,
 ):
     """Join what `connect` would join among nodes first ... last - 1 and all after them, where the line passes a freed tile. Returns False when a
@@ -377,8 +406,22 @@ def leg_cost(field, price, y0, x0, y1, x1, resolution):
 
 @jit
 def search(
-    nodes, is_alive, neighbor, weight, state, degree, start_costs, field, price, floor, gy, gx, needs_votes, slack,
-    resolution, parent,
+    nodes,
+    is_alive,
+    neighbor,
+    weight,
+    state,
+    degree,
+    start_costs,
+    field,
+    price,
+    floor,
+    gy,
+    gx,
+    needs_votes,
+    slack,
+    resolution,
+    parent,
 ):
     """Search the least cost from a start, whose ways to the nodes are `start_costs`, to the goal (gy, gx) on a floor: A* with the straight
     distance. Sight of the goal is looked for from the nodes that are expanded. Returns (last node, cost); the node is -1 when there is
@@ -402,13 +445,14 @@ def search(
         if is_done[i]:
             continue
         is_done[i] = True
-        if nodes[i, FLOOR] == floor and best[i] + np.hypot(nodes[i, Y] - gy, nodes[i, X] - gx) * resolution < total:
-            if is_taut(nodes[i], gy - nodes[i, Y], gx - nodes[i, X], slack):
-                end = best[i] + leg_cost(field, price, gy, gx, nodes[i, Y], nodes[i, X], resolution)
-                if end < total:
-                    total, last = end, i
+        dy, dx = gy - nodes[i, Y], gx - nodes[i, X]
+        is_near = nodes[i, FLOOR] == floor and best[i] + np.hypot(dy, dx) * resolution < total
+        if is_near and is_taut(nodes[i], dy, dx, slack):
+            end = best[i] + leg_cost(field, price, gy, gx, nodes[i, Y], nodes[i, X], resolution)
+            if end < total:
+                total, last = end, i
         for k in range(degree[i]):
-            j = np.int64(neighbor[i, k])
+            j = int(neighbor[i, k]) + 0  # 64 bits wide, as the other numbers of nodes in the heap
             if is_done[j] or not state[i, k, OPEN] or (needs_votes and not _is_voted(state[i, k])):
                 continue
             there = best[i] + float(weight[i, k, 0]) + float(weight[i, k, 1])

@@ -58,7 +58,7 @@ def from_arrays(
         before = arrays["before"].tolist()
         graph.next_ident = int(arrays["counters"][0])
         track = (int(before[0]), *before[1:]) if before else None
-        graph.track = (None if last < 0 else last, track)  # type: ignore[assignment]
+        graph.track = (None if last < 0 else last, track)
         for k in sorted(int(name[5:].split(".")[0]) for name in arrays if name.endswith(".cells")):
             cells, spec = arrays[f"floor{k}.cells"], arrays[f"floor{k}.spec"].tolist()
             graph.floor(k).update(GridSpec(spec[0], cells.shape[1], cells.shape[0], spec[1], spec[2]), cells)

@@ -101,14 +101,11 @@ class Floor:
         low, high = points.min(axis=0) - step, points.max(axis=0) + step
         old = self.spec
         if old.width:
-            low = np.minimum(low, [old.origin_x, old.origin_y])
-            high = np.maximum(
-                high, [old.origin_x + old.width * old.resolution, old.origin_y + old.height * old.resolution]
-            )
-            inside = points.min(axis=0) >= [old.origin_x, old.origin_y]
-            size = np.array([old.width, old.height]) * old.resolution
-            if inside.all() and (points.max(axis=0) < [old.origin_x, old.origin_y] + size).all():
+            origin = np.array([old.origin_x, old.origin_y])
+            end = origin + np.array([old.width, old.height]) * old.resolution
+            if (points.min(axis=0) >= origin).all() and (points.max(axis=0) < end).all():
                 return
+            low, high = np.minimum(low, origin), np.maximum(high, end)
         first, last = np.floor(low / step + 1e-9).astype(int), np.ceil(high / step - 1e-9).astype(int)
         width, height = ((last - first) * BLOCK).tolist()
         spec = GridSpec(self.config.resolution, width, height, *(first * step).tolist())

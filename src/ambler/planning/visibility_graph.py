@@ -9,6 +9,7 @@ is used while most of its last tests found it open. What is blocked now is never
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,7 +34,7 @@ class VisibilityGraphConfig:
     """Lengths are in cells of the grid unless they say otherwise: corners lie `level` away from what is forbidden and edges keep `least`,
     so that a polygon may be simplified by their difference (`tolerance`). `reach` (m) is the longest edge of sight. A corner confirms a node within `match` and
     moves it when it is more than `moved` away; `misses` updates in a row that look for a node in vain remove it. `refresh` limits how many nodes
-    an update joins anew where something was freed (None: all)."""
+    an update joins anew where something was freed, and with far ones (None: all); then a way may be longer for some updates, never wrong."""
 
     # A cell's corner lies 0.71 from its centre; what interpolation (0.15) and the step of sight lines (0.125) can miss is added
     least: float = 1.0
@@ -46,6 +47,9 @@ class VisibilityGraphConfig:
     moved: float = 0.75
     misses: int = 3
     refresh: int | None = None
+    near: float = (
+        7.5  # metres within which a new node is joined at once where `refresh` limits the work; far ones follow in turn
+    )
     context: int = 24  # cells around a change in which contours are followed, so that their corners come out the same
 
 
@@ -75,7 +79,9 @@ def _arrays(nodes: int, slots: int) -> _Arrays:
     return _Arrays(
         *(np.zeros((nodes, 8)), np.zeros(nodes, np.bool_), np.zeros((nodes, slots), np.int32)),
         *(np.zeros((nodes, slots, 2), np.float32), np.zeros((nodes, slots, 4), np.uint8), np.zeros(nodes, np.int32)),
-        *(np.zeros(nodes, np.int64), np.zeros(nodes, np.uint8), np.zeros(nodes, np.uint8), np.zeros(nodes, np.int64)),
+        np.zeros(nodes, np.int64),
+        *(np.zeros(nodes, np.uint8), np.zeros(nodes, np.uint8)),
+        np.zeros(nodes, np.int64),
         np.zeros((nodes, 3)),
     )
 
@@ -102,6 +108,7 @@ class VisibilityGraph:
         self._a = _arrays(64, 32)
         self.next_ident = 0
         self.pending: dict[int, tuple[U8, int]] = {}
+        self.waiting: list[int] = []  # nodes that are yet to be joined with far ones
         self.track: tuple[int | None, tuple[int, float, float, float] | None] = (None, None)
 
     # What it holds
@@ -265,7 +272,9 @@ class VisibilityGraph:
                 a.place[node, :2] = self._metres(ground.spec, row)
                 changed.append(node)
                 moved += 1
-        return changed, moved, self._miss(np.setdiff1d(candidates, out), ground)
+        is_met = np.zeros(len(self._a.nodes), np.bool_)
+        is_met[out[out >= 0]] = True
+        return changed, moved, self._miss(candidates[~is_met[candidates]], ground)
 
     def _miss(self, nodes: I64, ground: ClearanceMap) -> int:
         """Take votes from nodes that no corner confirmed; those within an obstacle, or missed too often, go."""
@@ -274,30 +283,39 @@ class VisibilityGraph:
             a.missed[node] += 1
             y, x = a.nodes[node, :2]
             is_buried = (
-                not kernels.is_inside(ground.field, y, x)
-                or kernels.clearance(ground.field, y, x) < self.config.least
+                not kernels.is_inside(ground.field, y, x) or kernels.clearance(ground.field, y, x) < self.config.least
             )
             if is_buried or a.missed[node] >= self.config.misses:
                 self._remove(node)
                 removed += 1
         return removed
 
-    def _join(self, ids: I64, ground: ClearanceMap, floor: int) -> None:
+    def _join(self, ids: I64, ground: ClearanceMap, floor: int, *, is_far: bool = False) -> None:
         if len(ids) == 0:
             return
         assert ground.spec is not None
         c, resolution = self.config, ground.spec.resolution
         is_new = np.zeros(len(self._a.nodes), np.bool_)
         is_new[ids] = True
+        reach = c.reach
+        if c.refresh is not None and not is_far:
+            reach = min(c.near, c.reach)
+            self.waiting = (self.waiting + ids.tolist())[-len(self._a.nodes) :]
         while not kernels.connect(
             *(*self._a.graph, ground.field, ground.price, ids, is_new),
-            *(c.reach / resolution, c.least, c.slack, resolution),
+            *(reach / resolution, c.least, c.slack, resolution),
         ):
             self._widen()
 
     def _refresh(self, floor: int, ground: ClearanceMap, changes: Changes) -> None:
         """Join nodes that see each other since something was freed; what the limit leaves is done by the next updates."""
         assert ground.spec is not None
+        if self.waiting and self.config.refresh is not None:
+            share = max(1, self.config.refresh // 4)
+            turn, self.waiting = self.waiting[:share], self.waiting[share:]
+            a = self._a
+            mine = [n for n in turn if a.is_alive[n] and a.nodes[n, kernels.FLOOR] == floor]
+            self._join(np.array(sorted(set(mine)), np.int64), ground, floor, is_far=True)
         freed, first = changes.freed, 0
         if floor in self.pending:
             older, done = self.pending[floor]
@@ -343,8 +361,11 @@ class VisibilityGraph:
             if max(far[k], far[m]) > self.config.match**2 or nearest[k] == nearest[m]:
                 continue
             i, j = int(mine[nearest[k]]), int(mine[nearest[m]])
-            line = (*self._a.nodes[i, :2], *self._a.nodes[j, :2])
-            if kernels.is_clear(ground.field, *line, self.config.least):
+            a, b = self._a.nodes[i], self._a.nodes[j]
+            k_old = kernels.slot_of(self._a.neighbor, self._a.degree, i, j)
+            if k_old >= 0 and self._a.state[i, k_old, kernels.KIND] == kernels.CONTOUR:
+                continue
+            if kernels.is_clear(ground.field, a[0], a[1], b[0], b[1], self.config.least):
                 self._edge(i, j, kernels.CONTOUR, ground)
 
     def _edge(self, i: int, j: int, kind: int, ground: ClearanceMap) -> None:
@@ -405,7 +426,7 @@ class VisibilityGraph:
             row[kernels.Y], row[kernels.X] = self._cell(ground.spec, x, y)
             nodes.append(self._add(row, floor, height, DRIVEN))
         self._join(np.array(nodes, np.int64), ground, floor)
-        for i, j in zip(nodes[:-1], nodes[1:], strict=True):
+        for i, j in itertools.pairwise(nodes):
             self._edge(i, j, kernels.TRAJECTORY, ground)
 
     # The search
@@ -432,7 +453,9 @@ class VisibilityGraph:
         gy, gx = self._cell(there.spec, *goal)
         if floor == last_floor:
             direct = kernels.leg_cost(here.field, here.price, sy, sx, gy, gx, resolution)
-            if direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9:  # nothing can be shorter, and it turns towards the goal
+            if (
+                direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9
+            ):  # nothing can be shorter, and it turns towards the goal
                 return np.array([start, goal]), float(direct)
         else:
             direct = np.inf
@@ -503,4 +526,3 @@ def _copied(a: _Arrays, nodes: int, slots: int) -> _Arrays:
     for name in ("neighbor", "weight", "state"):
         getattr(out, name)[:n, :k] = getattr(a, name)
     return out
-

@@ -111,7 +111,14 @@ def run_case(case: UnknownCase, out: Path) -> dict[str, Any]:
     folder = RunFolder.new(out, case.label)
     step = NavigateStep(SE2(*case.goal, 0.0), TOLERANCE, math.pi)
     options = RunOptions(
-        (step,), case.world, case.robot, case.seed, is_unknown=True, physics=case.physics, port=None, time_limit=TIME_LIMIT
+        (step,),
+        case.world,
+        case.robot,
+        case.seed,
+        is_unknown=True,
+        physics=case.physics,
+        port=None,
+        time_limit=TIME_LIMIT,
     )
     settings = StudySettings(merge(case.settings.profile, {"global_planner": case.planner}), case.settings.faults)
     run = SimulatedRun(settings.applied_to(options), folder)
