@@ -56,6 +56,11 @@ class GlobalPlannerNode(Node):
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
         self.optional_inputs = (STATIC_TRANSFORMS, *optional)
 
+    @property
+    def planner(self) -> GlobalPlanner:
+        """The planner behind it."""
+        return self._planner
+
     def start(self) -> None:
         """Subscribe and serve."""
         self.ctx.subscribe(MAP, self._on_map)
