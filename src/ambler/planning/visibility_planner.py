@@ -31,7 +31,7 @@ from ambler.planning.visibility_graph import VisibilityGraph, VisibilityGraphCon
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
-INT32_LIMIT = 2**31 - 2**22
+NEUTRAL = 50  # the weight of a cell that costs nothing, as the grid planner's
 
 
 class PlanStatus(enum.Enum):
@@ -47,7 +47,7 @@ class PlanStatus(enum.Enum):
 class VisibilityConfig:
     """Cells of cost >= `lethal_from` are forbidden; unknown ones too, unless allowed: then they cost what `price` says, and the map is
     laid in `margin` metres of unknown ground. A way is kept while no other is cheaper by `hysteresis` of it. Inner points of a path
-    move away from what is near, up to `clearance` metres beyond what is forbidden. `goal_tolerance` (m) limits how far a substitute of an occupied goal may
+    move away from what is near, up to `clearance` metres beyond what is forbidden, and the path is eased to where the costs, times `factor`, are lower. `goal_tolerance` (m) limits how far a substitute of an occupied goal may
     lie, `escape_radius` (m) how far a start on a forbidden cell from a free one. A piece of unknown ground counts as attempted when
     the robot came within `attempted` metres of it. The path's points lie at most `spacing` (m) apart."""
 
@@ -58,6 +58,8 @@ class VisibilityConfig:
     margin: float = 10.0
     hysteresis: float = 0.2  # of 0.1 and 0.2, in 16 drawn offices and flats: 0.2 leads there 2 % sooner
     clearance: float = 0.3
+    # Of 0, 0.2 and the grid planner's 0.8, in 20 drawn places: 0.2 keeps most of the shorter ways, and the controller gets through doors
+    factor: float = 0.2
     goal_tolerance: float = math.inf
     escape_radius: float = 0.6
     attempted: float = 1.0
@@ -82,6 +84,7 @@ class VisibilityPlanner:
         self.config = config or VisibilityConfig()
         self.graph = VisibilityGraph(self.config.graph, self.config.price if self.config.is_unknown_allowed else None)
         self.status = PlanStatus.PLANNING
+        self._table = self._table_of(self.config)
         self._goal: SE2 | None = None
         self._way: F64 = np.zeros((0, 2))
         self._heading = 0.0
@@ -116,7 +119,8 @@ class VisibilityPlanner:
         self._way = way
         dark = self._dark(spec, way)
         self.status = PlanStatus.ATTEMPTING if dark > 1e-6 or way is None else PlanStatus.FREE_PATH
-        points = np.vstack((escape[:-1], self._extended(spec, way))) if escape else self._extended(spec, way)
+        drawn = self._eased(costs, spec, self._extended(spec, way))
+        points = np.vstack((escape[:-1], drawn)) if escape else drawn
         cost = self._cost(spec, way)
         away = math.hypot(end[0] - goal.x, end[1] - goal.y)
         return PlanResult(any_angle.to_poses(np.ascontiguousarray(points), float(goal.yaw), c.spacing), cost, away)
@@ -279,6 +283,28 @@ class VisibilityPlanner:
         out = (cells[:, ::-1] + 0.5) * spec.resolution + origin
         out[0], out[-1] = way[0], way[-1]
         return np.asarray(out, np.float64)
+
+    def _eased(self, costs: U8, spec: GridSpec, way: F64) -> F64:
+        """Return the way as it is driven: moved to where costs are lower, through doors in their middle. It passes everything on the same side."""
+        if self.config.factor == 0.0 or len(way) < 2:
+            return way
+        weights = np.zeros((spec.height + 2, spec.width + 2), np.uint16)
+        grid_kernels.weigh(np.ascontiguousarray(costs), self._table, weights)
+        offset = np.array([spec.origin_y, spec.origin_x]) / spec.resolution - 1.0
+        points = any_angle.divided(np.ascontiguousarray(way[:, ::-1] / spec.resolution - offset), 1.0)
+        if len(points) < 3:
+            return way
+        points = any_angle.any_angle(weights, points, NEUTRAL, 8.0, 10, 200)
+        out = ((points + offset) * spec.resolution)[:, ::-1]
+        out[0], out[-1] = way[0], way[-1]
+        return np.asarray(out, np.float64)
+
+    def _table_of(self, config: VisibilityConfig) -> NDArray[np.uint16]:
+        """Return the weight of each cost, uint16 (256,), 0 for those that are forbidden."""
+        weights = np.rint(NEUTRAL + config.factor * np.arange(256))
+        weights[config.lethal_from :] = 0
+        weights[COST_UNKNOWN] = NEUTRAL if config.is_unknown_allowed else 0
+        return weights.astype(np.uint16)
 
     def _dark(self, spec: GridSpec, way: F64) -> float:
         """Return how many metres of a way lie in unknown cells."""
