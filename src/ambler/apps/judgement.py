@@ -68,10 +68,8 @@ def judge(
         "text": run.text_of(robot) or None,
     }
     if robot.options.is_unknown:
-        fields |= {
-            "planner": robot.config.global_planner,
-            "ate_rms_m": None if trajectory is None else trajectory.ate_rms_m,
-        }
+        error = trajectory.ate_rms_m if trajectory is not None else None
+        fields |= {"planner": robot.config.global_planner, "ate_rms_m": error}
     elif robot.options.makes_map:
         fields |= _exploration(robot, record, quality, trajectory)
         fields["recovery_time_ratio"] = record.recovery_seconds / run.run_seconds if run.run_seconds > 0.0 else 0.0

@@ -304,7 +304,7 @@ class VisibilityPlanner:
         weights = np.rint(NEUTRAL + config.factor * np.arange(256))
         weights[config.lethal_from :] = 0
         weights[COST_UNKNOWN] = NEUTRAL if config.is_unknown_allowed else 0
-        return weights.astype(np.uint16)
+        return np.asarray(weights, np.uint16)
 
     def _dark(self, spec: GridSpec, way: F64) -> float:
         """Return how many metres of a way lie in unknown cells."""
