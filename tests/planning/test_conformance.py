@@ -180,3 +180,14 @@ def test_a_goal_beyond_the_map_is_planned_to_where_unknown_ground_is_allowed(mak
     far = make(is_unknown_allowed=True).plan(np.zeros(SPEC.shape, np.uint8), SPEC, SE2(0.0, 1.0), goal)
     np.testing.assert_allclose(far.path[-1, :2], [goal.x, goal.y])
     assert far.goal_distance == 0.0
+
+
+def test_a_slanted_passage_two_cells_wide_is_found_where_it_is_the_only_way(make: Make) -> None:
+    costs = np.zeros(SPEC.shape, np.uint8)
+    costs[:, 80:121] = 254
+    for k in range(41):
+        row = 60 + k // 2
+        costs[row : row + 2, 80 + k] = 0
+    result = make().plan(costs, SPEC, SE2(0.0, 1.0), SE2(5.0, 1.0))
+    assert result.goal_distance == 0.0
+    assert costs_under(costs, SPEC, result.path).max() < 253
