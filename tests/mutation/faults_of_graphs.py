@@ -24,13 +24,6 @@ GRAPHS = (
         GRAPH,
     ),
     PlantedFault(
-        "a leg may leave a corner to its wrong side",
-        "planning/visibility_graph.py",
-        "    slack: float = 0.1 ",
-        "    slack: float = -0.3 ",
-        GRAPH,
-    ),
-    PlantedFault(
         "the clearance is measured only where obstacles changed",
         "planning/clearance_map.py",
         "self._measure(*grown(changed, CAP, spec))",

@@ -159,6 +159,23 @@ def test_many_small_updates_come_to_the_same_sight_as_one_of_everything() -> Non
             assert a[1] == pytest.approx(b[1], rel=0.01, abs=0.05)
 
 
+def test_corners_that_a_wall_hid_from_each_other_are_joined_when_it_goes() -> None:
+    cells = np.full(SPEC.shape, FREE, np.uint8)
+    cells[60:140, 60:64] = cells[60:140, 170:174] = FORBIDDEN
+    walled = cells.copy()
+    walled[:, 115:119] = FORBIDDEN
+    graph, fresh = VisibilityGraph(), VisibilityGraph()
+    graph.update(SPEC, walled)
+    start, goal = SPEC.center_of(100, 50), SPEC.center_of(100, 184)
+    assert graph.search(start, goal) is None
+    graph.update(SPEC, cells)
+    fresh.update(SPEC, cells)
+    found, wanted = graph.search(start, goal), fresh.search(start, goal)
+    assert found is not None
+    assert wanted is not None
+    assert found[1] == pytest.approx(wanted[1], rel=0.005)
+
+
 def test_contours_lie_on_their_level_and_clearance_is_exact() -> None:
     _, cells = blocks(1)
     ground = ClearanceMap()
