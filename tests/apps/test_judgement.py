@@ -79,11 +79,12 @@ def judged(
     folder = RunFolder(root)
     record(folder.recording, contacts or [], slam_error)
     robot = SimpleNamespace(
+        stack=SimpleNamespace(node=lambda name: None),
         folder=folder,
         model=robot_named("amr_omni").model,
         scene=SimpleNamespace(world=WORLD),
         world_from_map=WORLD_FROM_MAP,
-        options=SimpleNamespace(is_apart=False, robot="amr_omni", makes_map=True, docks_wanted=True),
+        options=SimpleNamespace(is_apart=False, robot="amr_omni", makes_map=True, is_unknown=False, docks_wanted=True),
         steps=tuple(end.step for end in ends),
         end=SimpleNamespace(ends=ends),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tests.mutation.faults_of_drives import DRIVES
+from tests.mutation.faults_of_graphs import GRAPHS
 from tests.mutation.faults_of_lio import LIO
 from tests.mutation.faults_of_localization import LOCALIZATION
 from tests.mutation.faults_of_mapping import MAPPING
@@ -13,4 +14,6 @@ from tests.mutation.faults_of_safety import SAFETY
 from tests.mutation.faults_of_sensors import SENSORS
 from tests.mutation.planted import PlantedFault
 
-FAULTS: tuple[PlantedFault, ...] = METRICS + SENSORS + LOCALIZATION + MAPPING + LIO + SAFETY + MOTION + PLACES + DRIVES
+FAULTS: tuple[PlantedFault, ...] = (
+    METRICS + SENSORS + LOCALIZATION + MAPPING + LIO + SAFETY + MOTION + PLACES + DRIVES + GRAPHS
+)

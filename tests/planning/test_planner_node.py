@@ -15,8 +15,9 @@ from ambler.core.se3 import SE3
 from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.planning.grid_planner import GridPlanner
+from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanRequest
-from ambler.runtime.topics import MAP, TRANSFORMS
+from ambler.runtime.topics import MAP, TRANSFORMS, VISIBILITY_GRAPH
 
 FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
 ROBOT = RobotModel("test", DriveKind.DIFFERENTIAL, FOOTPRINT, VelocityLimits())
@@ -112,3 +113,24 @@ def test_the_costmap_follows_the_map_at_most_twice_a_second() -> None:
     assert len(context.delayed) == 2
     context.handlers[CLEAR_GLOBAL_COSTMAP.name](Nothing())
     assert context.published[-1].stamp_ns == 900_000_000
+
+
+def test_a_planner_with_a_graph_shows_it_now_and_then() -> None:
+    node = GlobalPlannerNode(GlobalCostmap(GlobalCostmapConfig(), ROBOT), VisibilityPlanner(), period=0.5)
+    assert VISIBILITY_GRAPH in node.outputs
+    assert VISIBILITY_GRAPH not in GlobalPlannerNode(GlobalCostmap(GlobalCostmapConfig(), ROBOT), GridPlanner()).outputs
+    context = FakeContext()
+    shown: list[Any] = []
+    context.publish = lambda topic, message: shown.append(message) if topic is VISIBILITY_GRAPH else None  # type: ignore[method-assign]
+    node.ctx = context  # type: ignore[assignment]
+    node.start()
+    cells = np.zeros(SPEC.shape, np.int8)
+    cells[:40, 50] = 100
+    context.callbacks[MAP.name](OccupancyGrid(1, "map", SPEC, cells))
+    locate(context, SE2(0.2, 0.1, 0.0))
+    for second in (0, 1, 2, 3):
+        context.now_ns = second * 10**9
+        context.handlers[COMPUTE_PATH.name](PlanRequest(SE2(3.0, 0.1)))
+    assert len(shown) == 2
+    assert len(shown[0].contours) >= 1
+    assert len(shown[0].nodes) > 0

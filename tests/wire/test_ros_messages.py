@@ -263,6 +263,25 @@ def test_frontiers_become_markers_with_their_reason():
         decode(m.Frontiers, encode(message))
 
 
+def test_a_visibility_graph_is_lines_and_points_packed_as_rosbags_does():
+    nodes = np.array([[0, 0, 0], [1, 2, 0.5], [3, 1, 0]], np.float32)
+    edges = np.stack((nodes[:2], nodes[1:]), axis=1)
+    contour = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0]], np.float32)
+    kinds = np.array([0, 2, 0], np.uint8), np.array([0, 1], np.uint8)
+    message = m.VisibilityGraphView(5, "map", nodes, kinds[0], edges, kinds[1], (contour,))
+    codec = codec_of(m.VisibilityGraphView)
+    raw = encode(message)
+    assert raw == bytes(STORE.serialize_cdr(codec.to_ros(message), codec.ros_type))
+    markers = STORE.deserialize_cdr(raw, codec.ros_type).markers
+    names = [(k.ns, k.type, len(k.points)) for k in markers[1:]]
+    assert names == [
+        *(("contours", 5, 6), ("sight", 5, 2), ("along_contours", 5, 2)),
+        *(("corners", 8, 2), ("driven", 8, 1)),
+    ]
+    assert [(p.x, p.y, p.z) for p in markers[2].points] == [(0.0, 0.0, 0.0), (1.0, 2.0, 0.5)]
+    assert [(p.x, p.y) for p in markers[1].points] == [(0, 0), (1, 0), (1, 0), (1, 1), (1, 1), (0, 0)]
+
+
 def test_clouds_of_other_drivers_are_read_by_field_name():
     field, cloud = record_class("sensor_msgs/msg/PointField"), record_class("sensor_msgs/msg/PointCloud2")
     header = record_class("std_msgs/msg/Header")(record_class("builtin_interfaces/msg/Time")(1, 5), "velodyne")

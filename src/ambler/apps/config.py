@@ -44,6 +44,7 @@ from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig, default_planar
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.planning.grid_planner import PlannerConfig
+from ambler.planning.visibility_planner import VisibilityConfig
 from ambler.safety.config import GateConfig
 from ambler.settings.profiles import as_values, build, merge
 from ambler.slam2d.config import FrontEndConfig, LoopConfig, Slam2dConfig
@@ -53,12 +54,14 @@ from ambler.slam2d.config import FrontEndConfig, LoopConfig, Slam2dConfig
 class RobotConfig:
     """Everything that a robot can be told, in every verb; the defaults come from `default_config`.
 
-    `strategy`, `controller` and `localizer` choose one of those whose own sections stand below. `odometry_source` is wheels with a gyroscope (`odometry`), or a
+    `strategy`, `controller`, `localizer` and `global_planner` (`planner` or `visibility`) choose one of those whose own sections stand below.
+    `odometry_source` is wheels with a gyroscope (`odometry`), or a
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`). `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
     strategy: Literal["tour", "nearest", "greedy"] = "tour"
+    global_planner: Literal["grid", "visibility_graph"] = "grid"
     controller: Controller = "rollout"
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
@@ -75,6 +78,7 @@ class RobotConfig:
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     local_costmap: LocalCostmapConfig = field(default_factory=LocalCostmapConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     navigation: NavigationConfig = field(default_factory=NavigationConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
     pursuit: PursuitConfig = field(default_factory=PursuitConfig)
@@ -177,11 +181,23 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         rollout=RolloutConfig(padding=PADDING),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
+        visibility=VisibilityConfig(escape_radius=robot.circumscribed_radius + 0.1),
         explore=ExploreConfig(yaw_tolerance=math.pi) if looks_around(robot) else ExploreConfig(),
         survey=replace(
             SurveyConfig.from_robot(robot, turning_cost(robot, inflation)),
             fence=FenceConfig(structure_reach=SEEN_WELL * planar.range_max),
         ),
+    )
+
+
+def unknown_ground(config: RobotConfig) -> RobotConfig:
+    """Return a configuration for drives to goals in a place of which there is no map: both planners may attempt unknown ground, and a way that
+    people block is waited for as in a known map."""
+    return replace(
+        config,
+        planner=replace(config.planner, is_unknown_allowed=True),
+        visibility=replace(config.visibility, is_unknown_allowed=True),
+        navigation=replace(config.navigation, blocked_patience=KNOWN_MAP_PATIENCE),
     )
 
 
@@ -191,9 +207,12 @@ def recorded_config(profile: Mapping[str, Any]) -> RobotConfig:
     return build(RobotConfig, merge(as_values(RobotConfig()), profile))
 
 
-def robot_config(robot: RobotModel, profile: Mapping[str, Any], *, has_map: bool = False) -> RobotConfig:
+def robot_config(
+    robot: RobotModel, profile: Mapping[str, Any], *, has_map: bool = False, is_unknown: bool = False
+) -> RobotConfig:
     """Return the defaults for a robot with a profile laid over them; raises BadInputError that names the key, or a scanner that the robot
-    does not have."""
-    config = build(RobotConfig, merge(as_values(default_config(robot, has_map=has_map)), profile))
+    does not have. `is_unknown`: it drives to goals in a place of which there is no map."""
+    default = default_config(robot, has_map=has_map)
+    config = build(RobotConfig, merge(as_values(unknown_ground(default) if is_unknown else default), profile))
     calibrated_robot(robot, config.scanners)
     return config

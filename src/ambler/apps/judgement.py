@@ -67,7 +67,10 @@ def judge(
         "ended": run.ended_of(robot),
         "text": run.text_of(robot) or None,
     }
-    if robot.options.makes_map:
+    if robot.options.is_unknown:
+        error = trajectory.ate_rms_m if trajectory is not None else None
+        fields |= {"planner": robot.config.global_planner, "ate_rms_m": error}
+    elif robot.options.makes_map:
         fields |= _exploration(robot, record, quality, trajectory)
         fields["recovery_time_ratio"] = record.recovery_seconds / run.run_seconds if run.run_seconds > 0.0 else 0.0
     else:

@@ -134,7 +134,7 @@ def _nodes(saved: dict[str, Any], folder: RunFolder, out: Path) -> list[Node]:
 def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[OperatorNode, list[Any]]:
     """Return the operator, and the list of what is called when its program ends."""
     steps: tuple[Step, ...] = steps_from_values(saved["steps"])
-    makes_map = bool(steps) and isinstance(steps[0], ExploreStep)
+    makes_map = bool(saved["run"].get("is_unknown")) or (bool(steps) and isinstance(steps[0], ExploreStep))
     saves_glass = any(node.name == "glass_mapper" for node in nodes)
     config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
     if makes_map:

@@ -43,6 +43,7 @@ from ambler.perception.merger import MergerConfig
 from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, with_clock_offsets
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner
+from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.runtime.node import Node
 from ambler.sim.sim_robot import SimRobot
 
@@ -117,7 +118,7 @@ def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
 
 def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
     """What judges echoes, global planner, controller and navigator."""
-    global_planner = parts.global_planner or GridPlanner(config.planner)
+    global_planner = parts.global_planner or _global_planner(config)
     controller = parts.local_planner or local_planner(config.controller, robot, config.rollout, config.pursuit)
     wide = GlobalCostmap(config.global_costmap, robot, (*global_layers(config.global_costmap), *parts.global_layers))
     near = LocalCostmap(config.local_costmap, robot, (*local_layers(config.local_costmap), *parts.local_layers))
@@ -133,6 +134,12 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
         ),
         NavigatorNode(config.navigation),
     ]
+
+
+def _global_planner(config: RobotConfig) -> GlobalPlanner:
+    if config.global_planner == "visibility_graph":
+        return VisibilityPlanner(config.visibility)
+    return GridPlanner(config.planner)
 
 
 def _strategy(config: RobotConfig, distances: DistanceField) -> Strategy:

@@ -15,12 +15,17 @@ from ambler.apps.judgement import Verdict, is_good, true_pose_at
 from ambler.apps.simulated import SimulatedRobot
 from ambler.core.messages import Frontier
 from ambler.evaluation.curves import draw_errors, draw_speed, worst_mark
-from ambler.evaluation.pictures import Mark, draw_map_with_trajectory, draw_overlay, draw_series
+from ambler.evaluation.pictures import Mark, draw_graph, draw_map_with_trajectory, draw_overlay, draw_series
 from ambler.evaluation.report import Picture, Table, collision_table, frontier_table, write_report
 from ambler.evaluation.results import machine_class
 from ambler.evaluation.trajectory import TrajectoryError
+from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.steps import ExploreStep, NavigateStep, Step, TaskStep, name_of
+from ambler.planning.graph_state import to_arrays
+from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.wire.glass_files import SUFFIX, load_glass
+from ambler.wire.graph_files import SUFFIX as SUFFIX_OF_GRAPHS
+from ambler.wire.graph_files import save_graph
 from ambler.wire.map_files import load_map
 
 
@@ -91,7 +96,7 @@ def _title(step: Step) -> str:
 
 def _pictures(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
     folder, record = robot.folder, verdict.record
-    pictures = _map_picture(robot, verdict, frontiers)
+    pictures = _map_picture(robot, verdict, frontiers) + _graph_picture(robot, verdict)
     if verdict.quality is not None:
         path = draw_overlay(verdict.quality, folder.root / "overlay.png")
         pictures.append(Picture("Walls of the true map (red) and of the built map (blue), thinned and aligned", path))
@@ -124,6 +129,19 @@ def _map_picture(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Front
     draw_map_with_trajectory(path, spec, occupancy, paths, frontiers, glass, _marks(robot, verdict))
     what = "The map as it was built" if robot.options.makes_map else "The known map"
     return [Picture(f"{what}, with the estimated and the true path, the largest error and what was hit", path)]
+
+
+def _graph_picture(robot: SimulatedRobot, verdict: Verdict) -> list[Picture]:
+    """The visibility graph of a planner that has one, over the map, beside it as a file; none when there is no map."""
+    folder, node = robot.folder, robot.stack.node("planner")
+    stem = folder.map_stem if robot.options.makes_map else folder.known_map_stem
+    planner = node.planner if isinstance(node, GlobalPlannerNode) else None
+    if not isinstance(planner, VisibilityPlanner) or not stem.with_suffix(".yaml").exists():
+        return []
+    save_graph(folder.root / f"graph{SUFFIX_OF_GRAPHS}", to_arrays(planner.graph))
+    path = folder.root / "graph.png"
+    draw_graph(path, *load_map(stem.with_suffix(".yaml")), planner.view(0, "map"), verdict.record.true_poses)
+    return [Picture("The visibility graph as the last plan left it, and the true path", path)]
 
 
 def _marks(robot: SimulatedRobot, verdict: Verdict) -> list[Mark]:

@@ -32,7 +32,7 @@ DOCKING_STEPS = (DockStep, UndockStep, TeachStep)
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What to run. A program that begins with exploring makes its map; any other drives in a known one: `map_file`, or None: drawn from
+    """What to run. A program that begins with exploring makes its map, and so does one in an unknown place (`is_unknown`), whose goals are in the frame of the robot's start; any other drives in a known one: `map_file`, or None: drawn from
     the world's plan. `start` is in that map's frame, whose origin is the world's own start; `starts_docked` names a dock to start in
     instead. A robot that `is_lost` is not told where it starts, and `may_turn` to find out. `docks_file` None: the docks are those of
     the world's plan; `camera_file` replaces the calibration that the camera tells. `port` None shows nothing; `time_limit` is in seconds
@@ -50,6 +50,7 @@ class RunOptions:
     camera_file: Path | None = None
     is_lost: bool = False
     may_turn: bool = False
+    is_unknown: bool = False
     is_realtime: bool = False
     is_apart: bool = False
     is_perfect: bool = False
@@ -65,7 +66,7 @@ class RunOptions:
     @property
     def makes_map(self) -> bool:
         """Whether the robot begins without a map."""
-        return bool(self.steps) and isinstance(self.steps[0], ExploreStep)
+        return self.is_unknown or (bool(self.steps) and isinstance(self.steps[0], ExploreStep))
 
     @property
     def docks_wanted(self) -> tuple[str, ...]:
@@ -136,7 +137,7 @@ def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
 
 
 def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2) -> RobotConfig:
-    config = robot_config(robot, options.profile, has_map=not options.makes_map)
+    config = robot_config(robot, options.profile, has_map=not options.makes_map, is_unknown=options.is_unknown)
     if not options.makes_map:
         config.check_localizer()
         config = with_map_bend(config, options.map_file)
@@ -169,6 +170,8 @@ def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None
         dock_of_world(world, options.imperfections.dock)
     if not steps and options.port is None:
         raise BadInputError("there is nothing to do: no step, and no view from which somebody could click a goal")
+    if options.is_unknown and (options.is_lost or any(not isinstance(step, NavigateStep) for step in steps)):
+        raise BadInputError("in an unknown place a robot drives to goals, and its start is where it stands")
     if any(isinstance(step, ExploreStep) for step in steps[1:]) or (options.makes_map and options.map_file is not None):
         raise BadInputError("exploring comes first and makes its own map")
     if not options.docks_wanted:

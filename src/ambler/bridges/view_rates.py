@@ -23,6 +23,7 @@ RATES_HZ: Mapping[type[m.Message], float] = {
     m.OccupancyGrid: 1.0,
     m.CostGrid: 2.0,
     m.Frontiers: 2.0,
+    m.VisibilityGraphView: 1.0,
     m.Path: 10.0,
     m.LaserScan: 10.0,
 }

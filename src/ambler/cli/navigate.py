@@ -1,11 +1,18 @@
-"""`ambler navigate`: a simulated robot finds out where it is in a saved map and drives to goals."""
+"""`ambler navigate`: a simulated robot finds out where it is in a saved map and drives to goals, or does so where there is no map."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from ambler.cli.run_options import POSE, add_known_map_options, add_run_options, options_of, parse_pose
+from ambler.cli.run_options import (
+    POSE,
+    add_known_map_options,
+    add_run_options,
+    add_unknown_options,
+    options_of,
+    parse_pose,
+)
 from ambler.cli.simulated_run import run_program
 
 
@@ -14,9 +21,12 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "navigate", help="a simulated robot localizes itself in a known map and drives to goals"
     )
-    parser.add_argument("goals", nargs="*", metavar=POSE, help="goals in the map frame, metres and degrees")
+    parser.add_argument(
+        "goals", nargs="*", metavar=POSE, help="goals in the map frame (--unknown: from the start), metres and degrees"
+    )
     add_run_options(parser, world="office", robot="amr_omni", time_limit=900.0)
     add_known_map_options(parser)
+    add_unknown_options(parser)
     parser.set_defaults(run=run)
 
 

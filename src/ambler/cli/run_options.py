@@ -90,6 +90,17 @@ def add_known_map_options(parser: argparse.ArgumentParser) -> None:
     known.add_argument("--may-turn", action="store_true", help="it may turn in place to find out")
 
 
+def add_unknown_options(parser: argparse.ArgumentParser) -> None:
+    """Add what concerns drives without a map, and the choice of the planner."""
+    unknown = parser.add_argument_group("the planner, and places without a map")
+    unknown.add_argument(
+        "--unknown",
+        action="store_true",
+        help="there is no map: the robot makes one as it drives and plans through what it has not seen",
+    )
+    unknown.add_argument("--planner", choices=("grid", "visibility_graph"), help="the global planner (default: grid)")
+
+
 def add_dock_options(parser: argparse.ArgumentParser) -> None:
     """Add what concerns docks."""
     docks = parser.add_argument_group("the docks")
@@ -136,6 +147,7 @@ def options_of(args: argparse.Namespace, steps: tuple[Step, ...], starts_docked:
         camera_file=named.get("camera"),
         is_lost=named.get("lost", False),
         may_turn=named.get("may_turn", False),
+        is_unknown=named.get("unknown", False),
         is_realtime=args.realtime,
         is_apart=args.apart,
         is_perfect=args.perfect,
@@ -163,6 +175,8 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
     named = vars(args)
     if named.get("strategy"):
         profile = merge(profile, {"strategy": args.strategy})
+    if named.get("planner"):
+        profile = merge(profile, {"global_planner": args.planner})
     if named.get("localizer"):
         profile = merge(profile, {"localizer": args.localizer})
     if named.get("source"):

@@ -317,6 +317,20 @@ class Polygon(Message):
     points: F32
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class VisibilityGraphView(Message):
+    """A visibility graph for people to see: `nodes` float32 (N, 3) with `node_kinds` uint8 (0 corner, 1 gap, 2 driven), `edges` float32 (E, 2, 3) with `edge_kinds`
+    uint8 (0 sight, 1 contour, 2 trajectory), and `contours`, each float32 (M, 3)."""
+
+    stamp_ns: int
+    frame: str
+    nodes: F32
+    node_kinds: NDArray[np.uint8]
+    edges: F32
+    edge_kinds: NDArray[np.uint8]
+    contours: tuple[F32, ...]
+
+
 class FrontierState(enum.IntEnum):
     """What the explorer thinks of a frontier."""
 

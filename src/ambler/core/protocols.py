@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
-from ambler.core.messages import PointCloud
+from ambler.core.messages import PointCloud, VisibilityGraphView
 from ambler.core.movers import Movers
 from ambler.core.se2 import SE2
 
@@ -29,6 +29,15 @@ class GlobalPlanner(Protocol):
 
     def plan(self, costs: NDArray[np.uint8], spec: GridSpec, start: SE2, goal: SE2) -> PlanResult:
         """Return a path from start to goal or the nearest reachable cell; raises a PlanningError subclass."""
+        ...
+
+
+@runtime_checkable
+class DrawsGraph(Protocol):
+    """A planner that has a graph to show."""
+
+    def view(self, stamp_ns: int, frame: str) -> VisibilityGraphView:
+        """Return the graph as people are shown it, in the frame of the last plan."""
         ...
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
-from ambler.core.messages import Frontier, FrontierState
+from ambler.core.messages import Frontier, FrontierState, VisibilityGraphView
 from ambler.evaluation.map_quality import BLUE, BOTH, FREE_UP_TO, OCCUPIED_FROM, RED, MapQuality
 
 matplotlib.use("Agg")
@@ -89,6 +89,30 @@ def draw_map_with_trajectory(
     axes.set_xlim(x0, x1)
     axes.set_ylim(y0, y1)
     _draw_marks(axes, marks)
+    _dress_map(axes)
+    return save_figure(figure, path)
+
+
+def draw_graph(
+    path: Path, spec: GridSpec, occupancy: NDArray[np.int8], graph: VisibilityGraphView, trajectory: F64 | None = None
+) -> Path:
+    """Draw a visibility graph over the map that it was planned on: contours, edges by kind, nodes, and the path that was driven, float64 (N, 2 or 3)."""
+    from matplotlib.collections import LineCollection
+
+    x0, x1, y0, y1 = known_box(spec, occupancy)
+    figure, axes = _figure_for(x1 - x0, y1 - y0)
+    _draw_cells(axes, spec, occupancy)
+    kinds = (("sight", COLOURS[5], 0.25), ("along a contour", COLOURS[1], 0.9), ("driven", COLOURS[2], 1.2))
+    for kind, (label, colour, width) in enumerate(kinds):
+        lines = graph.edges[graph.edge_kinds == kind][:, :, :2]
+        axes.add_collection(LineCollection(list(lines), colors=colour, linewidths=width, label=label, zorder=3 + kind))
+    corners = graph.nodes[graph.node_kinds < 2]
+    axes.plot(corners[:, 0], corners[:, 1], ".", ms=2.5, color=COLOURS[4], label="corner", zorder=6)
+    if trajectory is not None and len(trajectory):
+        axes.plot(trajectory[:, 0], trajectory[:, 1], color=COLOURS[3], lw=1.8, label="path", zorder=7)
+        axes.plot(*trajectory[0, :2], "o", ms=8, mfc="white", mec=COLOURS[3], mew=2, zorder=9)
+    axes.set_xlim(x0, x1)
+    axes.set_ylim(y0, y1)
     _dress_map(axes)
     return save_figure(figure, path)
 

@@ -8,18 +8,20 @@ from typing import Any
 
 from ambler.core.errors import NoValidPathError
 from ambler.core.messages import CostGrid, Message, OccupancyGrid, Path
-from ambler.core.protocols import GlobalPlanner
+from ambler.core.protocols import DrawsGraph, GlobalPlanner
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.layer import Moment
 from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.map_frames import MapFrames
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanReply, PlanRequest
-from ambler.runtime.topics import GLOBAL_COSTMAP, MAP, STATIC_TRANSFORMS, TRANSFORMS
+from ambler.runtime.topics import GLOBAL_COSTMAP, MAP, STATIC_TRANSFORMS, TRANSFORMS, VISIBILITY_GRAPH
+
+GRAPH_PERIOD = 2.0  # seconds between two pictures of a planner's graph: thousands of lines
 
 
 class GlobalPlannerNode(Node):
-    """Publishes GLOBAL_COSTMAP when the map or what lies over it has changed, at most once per `period` seconds; serves COMPUTE_PATH (a
+    """Publishes VISIBILITY_GRAPH with the paths of a planner that has one, and GLOBAL_COSTMAP when the map or what lies over it has changed, at most once per `period` seconds; serves COMPUTE_PATH (a
     PlanningError or TransformError reaches the caller) and CLEAR_GLOBAL_COSTMAP.
 
     `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway.
@@ -45,11 +47,19 @@ class GlobalPlannerNode(Node):
         self._drawn_map: OccupancyGrid | None = None
         self._is_waiting = False
         self._published_ns: int | None = None
+        self._drawn_ns: int | None = None
+        if isinstance(planner, DrawsGraph):
+            self.outputs = (GLOBAL_COSTMAP, VISIBILITY_GRAPH)
         self._layer_inputs = (*usual_inputs(costmap.layers), *layer_inputs)
         required = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
         self.inputs = (MAP, TRANSFORMS, *required)
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
         self.optional_inputs = (STATIC_TRANSFORMS, *optional)
+
+    @property
+    def planner(self) -> GlobalPlanner:
+        """The planner behind it."""
+        return self._planner
 
     def start(self) -> None:
         """Subscribe and serve."""
@@ -110,7 +120,17 @@ class GlobalPlannerNode(Node):
         map_from_base = self._frames.newest_map_from_base()
         result = self._planner.plan(self._costmap.costs, self._costmap.spec, map_from_base, request.map_from_goal)
         path = Path(self._map.stamp_ns, self._map.frame, result.path)
+        self._draw(self._map)
         return PlanReply(path, result.cost, result.goal_distance)
+
+    def _draw(self, newest: OccupancyGrid) -> None:
+        """Publish the planner's graph, if it has one, at most once per `GRAPH_PERIOD`."""
+        now = self.ctx.now_ns
+        if not isinstance(self._planner, DrawsGraph):
+            return
+        if self._drawn_ns is None or now - self._drawn_ns >= GRAPH_PERIOD * 1e9:
+            self._drawn_ns = now
+            self.ctx.publish(VISIBILITY_GRAPH, self._planner.view(newest.stamp_ns, newest.frame))
 
     def _clear(self, request: Nothing) -> Nothing:
         self._costmap.clear()

@@ -26,6 +26,7 @@ from ambler.core.se2 import SE2
 from ambler.kernels import any_angle
 from ambler.kernels import graph_search as kernels
 from ambler.planning.escape import find_escape
+from ambler.planning.unknown import with_surroundings
 
 Cell = tuple[int, int]
 CellPath = NDArray[np.int64]
@@ -44,6 +45,7 @@ class PlannerConfig:
     factor: float = 0.8
     lethal_from: int = COST_INSCRIBED
     is_unknown_allowed: bool = False
+    margin: float = 10.0  # metres of unknown ground that the map is laid in, where unknown cells are allowed
     goal_tolerance: float = math.inf
     escape_radius: float = 0.6
     spacing: float = 0.05
@@ -71,6 +73,8 @@ class GridPlanner:
         on a forbidden cell leaves it by the cheapest way. Raises StartOutsideMapError, GoalOutsideMapError, StartOccupiedError
         (nothing free within the escape radius) or NoValidPathError.
         """
+        if self.config.is_unknown_allowed and costs.shape == spec.shape:
+            costs, spec = with_surroundings(costs, spec, [(start.x, start.y), (goal.x, goal.y)], self.config.margin)
         start_cell, goal_cell = self._cells(costs, spec, start, goal)
         self._weigh(costs)
         escape = find_escape(costs, self._weights, start_cell, self.config.escape_radius / spec.resolution)

@@ -1,4 +1,5 @@
-"""Frontiers as visualization_msgs/MarkerArray: cells as points, the goal as an arrow, the reason as text, coloured by state.
+"""Frontiers and visibility graphs as visualization_msgs/MarkerArray: cells as points, goals as arrows, reasons as text, edges as lines,
+coloured by state or kind.
 
 Thousands of cells are written as arrays; `frontiers_to_ros` is the slow twin that the tests compare with, byte by byte.
 """
@@ -29,7 +30,7 @@ _CompressedImage = record_class("sensor_msgs/msg/CompressedImage")
 _Point = record_class("geometry_msgs/msg/Point")
 _Vector3 = record_class("geometry_msgs/msg/Vector3")
 
-_ARROW, _POINTS, _TEXT = 0, 8, 9
+_ARROW, _LINES, _POINTS, _TEXT = 0, 5, 8, 9
 _ADD, _DELETE_ALL = 0, 3
 _CELL_SIZE = 0.05
 _TEXT_HEIGHT = 0.25
@@ -40,6 +41,10 @@ _COLORS = {
     m.FrontierState.TOO_SMALL: (0.6, 0.6, 0.6),
     m.FrontierState.OUTSIDE_BOUNDARY: (0.7, 0.3, 0.8),
 }
+Color = tuple[float, float, float]
+_WHITE = (1.0, 1.0, 1.0)
+_NODE_COLORS = (("corners", (0.9, 0.3, 0.1)), ("gaps", (0.7, 0.3, 0.8)), ("driven", (0.1, 0.9, 0.2)))
+_EDGE_COLORS = (("sight", (0.2, 0.7, 0.9)), ("along_contours", (1.0, 0.7, 0.1)), ("trajectory", (0.1, 0.9, 0.2)))
 _IDENTITY = SE3()
 
 _NO_LIFETIME = _Duration(0, 0)
@@ -58,7 +63,7 @@ class _Shape:
     namespace: str
     index: int
     kind: int
-    state: m.FrontierState
+    color: Color
     action: int = _ADD
     pose: SE3 = _IDENTITY
     scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -70,24 +75,26 @@ def _shapes(message: m.Frontiers) -> Iterator[_Shape]:
     """Yield the markers: the first deletes those of the map before; then all cells of one state in one marker; then the goal and
     the reason of each frontier that is more than dust, that of the target in a namespace of its own: a hundred reasons at once cover
     the rooms, so the layout shows the target's alone."""
-    yield _Shape("", 0, _POINTS, m.FrontierState.OPEN, action=_DELETE_ALL)
+    yield _Shape("", 0, _POINTS, _COLORS[m.FrontierState.OPEN], action=_DELETE_ALL)
     for state in m.FrontierState:
         cells = [f.cells for f in message.frontiers if f.state == state]
         if cells:
             flat = np.concatenate(cells)
             points = np.zeros((len(flat), 3))
             points[:, :2] = flat
-            yield _Shape("cells", int(state), _POINTS, state, scale=(_CELL_SIZE, _CELL_SIZE, 0.0), points=points)
+            yield _Shape(
+                "cells", int(state), _POINTS, _COLORS[state], scale=(_CELL_SIZE, _CELL_SIZE, 0.0), points=points
+            )
     for index, frontier in enumerate(message.frontiers):
         if frontier.state == m.FrontierState.TOO_SMALL:
             continue
         if frontier.goal is not None:
             pose = SE3.from_se2(SE2(*frontier.goal))
-            yield _Shape("goal", index, _ARROW, frontier.state, pose=pose, scale=(0.4, 0.08, 0.08))
+            yield _Shape("goal", index, _ARROW, _COLORS[frontier.state], pose=pose, scale=(0.4, 0.08, 0.08))
         pose = SE3((*frontier.centroid, 0.5))
         size = (0.0, 0.0, _TEXT_HEIGHT)
         namespace = "target" if frontier.state == m.FrontierState.TARGET else "reason"
-        yield _Shape(namespace, index, _TEXT, frontier.state, pose=pose, scale=size, text=_label(frontier))
+        yield _Shape(namespace, index, _TEXT, _COLORS[frontier.state], pose=pose, scale=size, text=_label(frontier))
 
 
 def _label(frontier: m.Frontier) -> str:
@@ -116,23 +123,49 @@ class _CdrWriter:
             self.out += raw
 
 
+def _graph_shapes(message: m.VisibilityGraphView) -> Iterator[_Shape]:
+    """Yield the markers of a graph: the first deletes those of the graph before; then contours, edges and nodes, one marker for each kind."""
+    yield _Shape("", 0, _POINTS, _WHITE, action=_DELETE_ALL)
+    lines = [np.repeat(line, 2, axis=0)[1:-1] for line in message.contours if len(line) > 1]
+    if lines:
+        yield _Shape(
+            "contours", 0, _LINES, _WHITE, scale=(0.03, 0.0, 0.0), points=np.concatenate(lines).astype(np.float64)
+        )
+    for kind, (name, color) in enumerate(_EDGE_COLORS):
+        ends = message.edges[message.edge_kinds == kind].reshape(-1, 3)
+        if len(ends):
+            yield _Shape(name, 0, _LINES, color, scale=(0.01, 0.0, 0.0), points=ends.astype(np.float64))
+    for kind, (name, color) in enumerate(_NODE_COLORS):
+        nodes = message.nodes[message.node_kinds == kind]
+        if len(nodes):
+            yield _Shape(name, 0, _POINTS, color, scale=(0.08, 0.08, 0.0), points=nodes.astype(np.float64))
+
+
 def encode_frontiers(message: m.Frontiers) -> bytes:
     """Return the marker array as CDR."""
+    return _encode(message, list(_shapes(message)))
+
+
+def encode_visibility_graph(message: m.VisibilityGraphView) -> bytes:
+    """Return the marker array as CDR."""
+    return _encode(message, list(_graph_shapes(message)))
+
+
+def _encode(message: m.Frontiers | m.VisibilityGraphView, shapes: list[_Shape]) -> bytes:
     writer = _CdrWriter()
-    shapes = list(_shapes(message))
     writer.put(4, "I", len(shapes))
     for shape in shapes:
         _put_marker(writer, message, shape)
     return b"\x00\x01\x00\x00" + bytes(writer.out)
 
 
-def _put_marker(writer: _CdrWriter, message: m.Frontiers, shape: _Shape) -> None:
+def _put_marker(writer: _CdrWriter, message: m.Frontiers | m.VisibilityGraphView, shape: _Shape) -> None:
     w, x, y, z = shape.pose.rotation
     writer.put(4, "iI", *divmod(message.stamp_ns, NANOSECONDS))
     writer.put_text(message.frame, shape.namespace)
     writer.put(4, "3i", shape.index, shape.kind, shape.action)
     writer.put(8, "10d", *shape.pose.translation, x, y, z, w, *shape.scale)
-    writer.put(4, "4f2iB", *_COLORS[shape.state], 1.0, 0, 0, 0)  # colour, lifetime, not frame-locked
+    writer.put(4, "4f2iB", *shape.color, 1.0, 0, 0, 0)  # colour, lifetime, not frame-locked
     writer.put(4, "I", len(shape.points))
     if len(shape.points):
         writer.put(8, "")
@@ -153,6 +186,12 @@ def frontiers_to_ros(message: m.Frontiers) -> Any:
     return _MarkerArray([_marker_to_ros(header, shape) for shape in _shapes(message)])
 
 
+def visibility_graph_to_ros(message: m.VisibilityGraphView) -> Any:
+    """Build the marker array of a graph as records of the type store."""
+    header = header_to_ros(message.stamp_ns, message.frame)
+    return _MarkerArray([_marker_to_ros(header, shape) for shape in _graph_shapes(message)])
+
+
 def _marker_to_ros(header: Any, shape: _Shape) -> Any:
     return _Marker(
         header,
@@ -162,7 +201,7 @@ def _marker_to_ros(header: Any, shape: _Shape) -> Any:
         shape.action,
         pose_to_ros(shape.pose),
         _Vector3(*shape.scale),
-        _Color(*_COLORS[shape.state], 1.0),
+        _Color(*shape.color, 1.0),
         _NO_LIFETIME,
         False,
         [_Point(*point) for point in shape.points.tolist()],

@@ -1,0 +1,406 @@
+"""The dynamic visibility graph against brute force, and what it must never do: cross an obstacle, forget a way home, give up before all is tried."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from ambler.core.errors import BadInputError, NoValidPathError
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.kernels import level_contour
+from ambler.kernels import visibility as kernels
+from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, ClearanceMap, UnknownPrice
+from ambler.planning.graph_state import floors_from_arrays, floors_to_arrays, from_arrays, to_arrays, view_of
+from ambler.planning.terrain_floors import TerrainConfig, TerrainFloors
+from ambler.planning.visibility_graph import VisibilityGraph
+from ambler.planning.visibility_planner import PlanStatus, VisibilityConfig, VisibilityPlanner
+from ambler.studies.planner_worlds import inflated
+from ambler.wire.graph_files import load_graph, save_graph
+
+SPEC = GridSpec(0.05, 240, 200, -6.0, -5.0)
+Rectangle = tuple[int, int, int, int]  # y0, y1, x0, x1 in cells
+
+
+def blocks(seed: int, count: int = 12) -> tuple[list[Rectangle], np.ndarray]:
+    """Return random blocks that overlap or lie 30 cm apart, and the cells that they make, uint8."""
+    rng = np.random.default_rng(seed)
+    drawn: list[Rectangle] = []
+    for y, x, h, w in rng.integers([8, 8, 6, 6], [160, 200, 34, 34], (4 * count, 4)).tolist():
+        new = (y, y + h, x, x + w)
+        if len(drawn) < count and all(gap(new, other) < 0 or gap(new, other) >= 6 for other in drawn):
+            drawn.append(new)
+    cells = np.full(SPEC.shape, FREE, np.uint8)
+    for y0, y1, x0, x1 in drawn:
+        cells[y0:y1, x0:x1] = FORBIDDEN
+    return drawn, cells
+
+
+def gap(a: Rectangle, b: Rectangle) -> int:
+    """Return how many cells lie between two blocks along the axis on which they are further apart; negative when they overlap."""
+    return max(a[0] - b[1], b[0] - a[1], a[2] - b[3], b[2] - a[3])
+
+
+def passes(a: np.ndarray, b: np.ndarray, rectangle: Rectangle) -> bool:
+    """Say whether a segment of points (y, x), in cell borders, passes through the inside of a rectangle (Liang and Barsky's clipping)."""
+    first, last = 0.0, 1.0
+    for axis, (low, high) in enumerate((rectangle[:2], rectangle[2:])):
+        d = b[axis] - a[axis]
+        if abs(d) < 1e-12:
+            if not low + 1e-9 < a[axis] < high - 1e-9:
+                return False
+            continue
+        t = sorted(((low - a[axis]) / d, (high - a[axis]) / d))
+        first, last = max(first, t[0]), min(last, t[1])
+    return last - first > 1e-9
+
+
+def shortest(rectangles: list[Rectangle], start: np.ndarray, goal: np.ndarray) -> float:
+    """Return the length (cells) of the shortest way among rectangles: all their corners, all pairs, Dijkstra."""
+    points = [start, goal]
+    points += [np.array([y, x], float) for y0, y1, x0, x1 in rectangles for y in (y0, y1) for x in (x0, x1)]
+    graph = np.zeros((len(points), len(points)))
+    for i, j in itertools.combinations(range(len(points)), 2):
+        if not any(passes(points[i], points[j], r) for r in rectangles):
+            graph[i, j] = max(1e-9, float(np.hypot(*(points[i] - points[j]))))
+    return float(dijkstra(csr_array(graph), directed=False, indices=0)[1])
+
+
+def borders(x: float, y: float) -> np.ndarray:
+    return np.array([(y - SPEC.origin_y) / SPEC.resolution, (x - SPEC.origin_x) / SPEC.resolution])
+
+
+def free_places(cells: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    found = np.argwhere(cells != FORBIDDEN)
+    return SPEC.centers_of(found[rng.integers(len(found), size=count)])
+
+
+def length_of(path: np.ndarray) -> float:
+    return float(np.hypot(*np.diff(path[:, :2], axis=0).T).sum())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_paths_are_as_short_as_brute_force_finds(seed: int) -> None:
+    """Corners are passed at 1.6 cells, of which the last 0.6 are what simplifying may take: 8 cm more at each of the few corners."""
+    rectangles, cells = blocks(seed)
+    graph = VisibilityGraph()
+    graph.update(SPEC, cells)
+    places = free_places(cells, np.random.default_rng(seed), 24)
+    compared = 0
+    for start, goal in zip(places[::2], places[1::2], strict=True):
+        true = shortest(rectangles, borders(*start), borders(*goal)) * SPEC.resolution
+        found = graph.search(tuple(start), tuple(goal))
+        if not math.isfinite(true):
+            assert found is None
+            continue
+        assert found is not None
+        bends = len(found[0]) - 2
+        assert length_of(found[0]) == pytest.approx(found[1])
+        assert true - 0.01 <= found[1] <= true * 1.005 + 0.08 * bends
+        compared += 1
+    assert compared >= 8
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_edge_and_no_path_touches_what_is_forbidden_after_many_changes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    _, cells = blocks(seed)
+    graph = VisibilityGraph()
+    for _ in range(8):
+        y, x = rng.integers(0, 180, 2)
+        cells[y : y + 14, x : x + 14] = rng.choice([FREE, FORBIDDEN, UNKNOWN])
+        graph.update(SPEC, cells)
+        places = free_places(cells, rng, 12)
+        for start, goal in zip(places[::2], places[1::2], strict=True):
+            found = graph.search(tuple(start), tuple(goal))
+            if found is not None:
+                assert not touches(cells, found[0])
+    for edge in view_of(graph, 0, "map").edges.astype(float):
+        assert not touches(cells, edge[:, :2])
+
+
+def touches(cells: np.ndarray, corners: np.ndarray) -> bool:
+    """Say whether a polyline enters a forbidden cell, looked at every millimetre."""
+    for a, b in itertools.pairwise(corners):
+        n = max(2, math.ceil(float(np.hypot(*(b - a))) / 0.001))
+        at = SPEC.cells_of(a + (b - a) * np.linspace(0.0, 1.0, n)[:, None])
+        if (cells[at[:, 0], at[:, 1]] == FORBIDDEN).any():
+            return True
+    return False
+
+
+def test_many_small_updates_come_to_the_same_sight_as_one_of_everything() -> None:
+    rng = np.random.default_rng(3)
+    _, cells = blocks(3)
+    graph = VisibilityGraph()
+    graph.update(SPEC, cells)
+    for _ in range(12):
+        y, x = rng.integers(0, 180, 2)
+        kept = cells[y : y + 9, x : x + 9].copy()
+        cells[y : y + 9, x : x + 9] = FORBIDDEN
+        graph.update(SPEC, cells)
+        cells[y : y + 9, x : x + 9] = kept
+        graph.update(SPEC, cells)
+    fresh = VisibilityGraph()
+    fresh.update(SPEC, cells)
+    np.testing.assert_array_equal(graph.floor(0).field, fresh.floor(0).field)
+    places = free_places(cells, rng, 40)
+    for start, goal in zip(places[::2], places[1::2], strict=True):
+        a = graph.search(tuple(start), tuple(goal), needs_votes=False)
+        b = fresh.search(tuple(start), tuple(goal))
+        assert (a is None) == (b is None)
+        if a is not None and b is not None:
+            assert a[1] == pytest.approx(b[1], rel=0.01, abs=0.05)
+
+
+def test_corners_that_a_wall_hid_from_each_other_are_joined_when_it_goes() -> None:
+    cells = np.full(SPEC.shape, FREE, np.uint8)
+    cells[60:140, 60:64] = cells[60:140, 170:174] = FORBIDDEN
+    walled = cells.copy()
+    walled[:, 115:119] = FORBIDDEN
+    graph, fresh = VisibilityGraph(), VisibilityGraph()
+    graph.update(SPEC, walled)
+    start, goal = SPEC.center_of(100, 50), SPEC.center_of(100, 184)
+    assert graph.search(start, goal) is None
+    graph.update(SPEC, cells)
+    fresh.update(SPEC, cells)
+    found, wanted = graph.search(start, goal), fresh.search(start, goal)
+    assert found is not None
+    assert wanted is not None
+    assert found[1] == pytest.approx(wanted[1], rel=0.005)
+
+
+def test_contours_lie_on_their_level_and_clearance_is_exact() -> None:
+    _, cells = blocks(1)
+    ground = ClearanceMap()
+    ground.update(SPEC, cells)
+    hits = np.argwhere(cells == FORBIDDEN)
+    rng = np.random.default_rng(0)
+    for y, x in rng.integers([0, 0], SPEC.shape, (200, 2)):
+        true = np.hypot(*(hits - [y, x]).T).min()
+        assert ground.field[y, x] == min(255, math.floor(16 * true)) or true > 15.0
+    points, starts, closed = np.empty((20000, 2)), np.empty(500, np.int64), np.empty(500, np.bool_)
+    count = level_contour.trace(ground.field, 26.0, 0, SPEC.height, 0, SPEC.width, points, starts, closed)
+    assert count > 3
+    for y, x in points[: starts[count]]:
+        assert kernels.clearance(ground.field, y, x) == pytest.approx(26.0 / 16.0, abs=1e-6)
+
+
+# Observations: votes, people, floors
+
+
+def wall_scene(*, is_door_open: bool) -> np.ndarray:
+    """Return a local occupancy grid with a wall across, and a door in it."""
+    grid = np.zeros((120, 160), np.int8)
+    grid[:2], grid[-2:], grid[:, :2], grid[:, -2:] = 100, 100, 100, 100
+    grid[:, 79:81] = 100
+    if is_door_open:
+        grid[52:68, 79:81] = 0
+    return grid
+
+
+LOCAL = GridSpec(0.1, 160, 120, -8.0, -6.0)
+ROBOT = (-4.0, 0.0, 0.0)
+
+
+def test_votes_remove_a_door_that_closes_and_bring_it_back() -> None:
+    floors = TerrainFloors(VisibilityGraph())
+    for _ in range(3):
+        floors.observe_grid(LOCAL, wall_scene(is_door_open=True), ROBOT)
+    graph = floors.graph
+    assert graph.search((-4.0, 0.0), (4.0, 0.0)) is not None
+    for _ in range(10):
+        floors.observe_grid(LOCAL, wall_scene(is_door_open=False), ROBOT)
+        assert graph.search((-4.0, 0.0), (4.0, 0.0), needs_votes=False) is None  # at once: what is blocked is blocked
+    through = [e for e in view_of(graph, 0, "map").edges if e[0, 0] * e[1, 0] < 0.0 and abs(e[:, 1]).max() < 6.0]
+    assert not through
+    for _ in range(10):
+        floors.observe_grid(LOCAL, wall_scene(is_door_open=True), ROBOT)
+    assert graph.search((-4.0, 0.0), (4.0, 0.0)) is not None
+
+
+def test_somebody_who_passed_is_forgotten_and_a_flicker_does_not_open_a_wall() -> None:
+    floors = TerrainFloors(VisibilityGraph())
+    empty = np.zeros((120, 160), np.int8)
+    person = empty.copy()
+    person[58:63, 78:83] = 100
+    floors.observe_grid(LOCAL, empty, ROBOT)
+    floors.observe_grid(LOCAL, person, ROBOT)
+    found = floors.graph.search((-4.0, 0.0), (4.0, 0.0))
+    assert found is not None
+    assert found[1] > 8.05
+    for _ in range(3):
+        floors.observe_grid(LOCAL, empty, ROBOT)
+    found = floors.graph.search((-4.0, 0.0), (4.0, 0.0))
+    assert found is not None
+    assert found[1] == pytest.approx(8.0)
+    wall = wall_scene(is_door_open=False)
+    for _ in range(4):
+        floors.observe_grid(LOCAL, wall, ROBOT)
+    floors.observe_grid(LOCAL, empty, ROBOT)
+    assert floors.graph.search((-4.0, 0.0), (4.0, 0.0), needs_votes=False) is None
+
+
+def terrain(ground: float, obstacle_at: tuple[float, float] | None = None) -> np.ndarray:
+    """Return a terrain cloud (N, 4) of a floor at a height, 12 m wide, with a post of 1 m."""
+    x, y = np.meshgrid(np.arange(-6.0, 6.0, 0.1), np.arange(-6.0, 6.0, 0.1))
+    flat = np.stack([x.ravel(), y.ravel(), np.full(x.size, ground), np.zeros(x.size)], 1)
+    if obstacle_at is None:
+        return flat
+    z = np.arange(0.2, 1.0, 0.1)
+    post = np.array([[*obstacle_at, ground + h, h] for h in z])
+    return np.vstack((flat, post))
+
+
+def test_floors_above_each_other_are_kept_apart_and_joined_by_the_way_that_was_driven() -> None:
+    floors = TerrainFloors(VisibilityGraph(), TerrainConfig())
+    floors.observe_cloud(terrain(0.0, (0.0, 0.0)), (-3.0, 0.0, 0.0))
+    for height in np.arange(0.0, 3.3, 0.3):  # up a ramp in the corner
+        floors.observe_cloud(terrain(float(height)), (5.0, 5.0, float(height)))
+    floors.observe_cloud(terrain(3.0), (-3.0, 0.0, 3.0))
+    graph = floors.graph
+    assert len(floors.floors) >= 2
+    top = floors.floor_at(3.0)
+    below = graph.search((-3.0, 0.0), (3.0, 0.0))
+    above = graph.search((-3.0, 0.0), (3.0, 0.0), floor=top)
+    assert below is not None
+    assert above is not None
+    assert above[1] == pytest.approx(6.0) or above[1] < below[1]
+    up = graph.search((-3.0, 0.0), (-3.0, 1.0), floor=0, goal_floor=top)
+    assert up is not None
+    assert up[1] > 15.0  # to the ramp and back
+
+
+# Unknown ground
+
+
+def unknown_costs(known: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    return np.where(known, truth, 255).astype(np.uint8)
+
+
+def test_unreachable_is_never_said_while_a_frontier_is_left() -> None:
+    """A goal in a closed cell of a building: the robot is sent to every piece of unknown ground before it is told that there is no way."""
+    truth = np.zeros(SPEC.shape, np.uint8)
+    truth[:3], truth[-3:], truth[:, :3], truth[:, -3:] = 254, 254, 254, 254
+    truth[60:140, 60:64] = truth[60:140, 116:120] = truth[60:64, 60:120] = truth[136:140, 60:120] = 254
+    goal = SE2(*SPEC.center_of(100, 90))
+    planner = VisibilityPlanner(VisibilityConfig(is_unknown_allowed=True))
+    known = np.zeros(SPEC.shape, np.bool_)
+    place = SPEC.center_of(30, 30)
+    for _ in range(300):
+        see(known, truth, place)
+        costs = inflated(unknown_costs(known, truth), inscribed=0.2)
+        try:
+            result = planner.plan(costs, SPEC, SE2(*place), goal)
+        except NoValidPathError:
+            break
+        assert planner.status is not PlanStatus.UNREACHABLE
+        for x, y in result.path[:12, :2].tolist():  # half a metre, but not through walls
+            if truth[SPEC.cell_of(x, y)]:
+                break
+            place = (x, y)
+    else:
+        pytest.fail("it never came to an end")
+    assert planner.status is PlanStatus.UNREACHABLE
+    reached = np.zeros(SPEC.shape, np.uint8)
+    ground = ClearanceMap()
+    ground.update(SPEC, np.where(costs == 255, UNKNOWN, np.where(costs >= 253, FORBIDDEN, FREE)).astype(np.uint8))
+    assert kernels.flood(ground.field, ground.known, *SPEC.cell_of(*place), reached) == 0
+
+
+def see(known: np.ndarray, truth: np.ndarray, place: tuple[float, float], reach: int = 70) -> None:
+    """Mark what a robot sees from a place: along rays, up to the first obstacle."""
+    iy, ix = SPEC.cell_of(*place)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False):
+        for d in range(reach):
+            y, x = round(iy + d * math.sin(angle)), round(ix + d * math.cos(angle))
+            if not SPEC.contains_cell(y, x):
+                break
+            known[y, x] = True
+            if truth[y, x]:
+                break
+
+
+def test_a_way_that_was_begun_is_kept_while_the_other_is_hardly_better() -> None:
+    truth = np.zeros(SPEC.shape, np.uint8)
+    truth[60:140, 118:122] = 254
+    planner = VisibilityPlanner(VisibilityConfig(is_unknown_allowed=True, turning=0.0))
+    goal = SE2(*SPEC.center_of(100, 200))
+    first = planner.plan(truth, SPEC, SE2(*SPEC.center_of(101, 40)), goal)
+    side = np.sign(first.path[len(first.path) // 2, 1] - goal.y)
+    for row in (99, 98, 100, 102, 103, 97):
+        again = planner.plan(truth, SPEC, SE2(*SPEC.center_of(row, 44)), goal)
+        assert np.sign(again.path[len(again.path) // 2, 1] - goal.y) == side
+
+
+def test_what_hides_behind_a_cupboard_costs_more_than_open_unknown_ground() -> None:
+    cells = np.full(SPEC.shape, UNKNOWN, np.uint8)
+    cells[100:104, 60:120] = FORBIDDEN
+    cells[112:116, 60:120] = FORBIDDEN
+    ground = ClearanceMap(UnknownPrice(0.5, 3.0))
+    ground.update(SPEC, cells)
+    assert ground.price[108, 90] == 16 * 3.5
+    assert ground.price[160, 90] == 16 * 0.5
+    fresh = ClearanceMap(UnknownPrice(0.5, 3.0))
+    for row in range(0, SPEC.height, 40):
+        partial = np.full(SPEC.shape, UNKNOWN, np.uint8)
+        partial[: row + 40] = cells[: row + 40]
+        fresh.update(SPEC, partial)
+    np.testing.assert_array_equal(fresh.price, ground.price)
+
+
+# What is kept and shown
+
+
+def test_a_graph_is_saved_and_loaded_without_loss_and_goes_on_alike(tmp_path: Path) -> None:
+    floors = TerrainFloors(VisibilityGraph())
+    for k in range(4):
+        floors.observe_grid(LOCAL, wall_scene(is_door_open=k % 2 == 0), ROBOT)
+    floors.observe_cloud(terrain(3.0, (1.0, 1.0)), (0.0, 0.0, 3.0))
+    arrays = floors_to_arrays(floors)
+    path = tmp_path / "site.vgraph"
+    save_graph(path, arrays)
+    loaded = load_graph(path)
+    assert sorted(loaded) == sorted(arrays)
+    for name, array in arrays.items():
+        assert loaded[name].dtype == array.dtype
+        np.testing.assert_array_equal(loaded[name], array)
+    other = floors_from_arrays(loaded)
+    for one in (floors, other):
+        one.observe_grid(LOCAL, wall_scene(is_door_open=True), ROBOT)
+    after, again = floors_to_arrays(floors), floors_to_arrays(other)
+    for name, array in after.items():
+        np.testing.assert_array_equal(again[name], array, err_msg=name)
+
+
+def test_graphs_that_lack_something_are_refused() -> None:
+    graph = VisibilityGraph()
+    graph.update(SPEC, blocks(0)[1])
+    arrays = to_arrays(graph)
+    for name in ("nodes", "state", "counters"):
+        with pytest.raises(BadInputError, match="visibility graph"):
+            from_arrays({key: value for key, value in arrays.items() if key != name})
+    with pytest.raises(BadInputError, match="visibility graph"):
+        from_arrays({**arrays, "place": arrays["place"][:3]})
+
+
+def test_the_same_observations_give_the_same_graph() -> None:
+    def made() -> dict[str, np.ndarray]:
+        floors = TerrainFloors(VisibilityGraph())
+        rng = np.random.default_rng(5)
+        for _ in range(6):
+            grid = wall_scene(is_door_open=True)
+            y, x = rng.integers(10, 100, 2)
+            grid[y : y + 6, x : x + 6] = 100
+            floors.observe_grid(LOCAL, grid, ROBOT)
+        return floors_to_arrays(floors)
+
+    one, two = made(), made()
+    for name, array in one.items():
+        np.testing.assert_array_equal(array, two[name], err_msg=name)
