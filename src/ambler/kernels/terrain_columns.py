@@ -114,8 +114,7 @@ def insert(points, origin, base, now, limits, first, size, ground, voxels, mask,
         row = int((t - ROW_LOW) / ROW)
         if t >= ROW_LOW and row < ROWS:
             d = direction(dx, dy)
-            if away < image[d, row]:
-                image[d, row] = away
+            image[d, row] = min(image[d, row], away)
         u, v = x - x0, y - y0
         if not (u >= 0.0 and v >= 0.0 and u < reach and v < reach):
             continue

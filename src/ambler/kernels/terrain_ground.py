@@ -71,9 +71,9 @@ def grow_ground(lows, base, first, size, seed_radius, climb, slack, tilt, gap_mo
                 continue
             qy, qx = wrapped(oy + jy, m), wrapped(ox + jx, m)
             low = lows[qy, qx]
-            if state[qy, qx] == 1 or (state[qy, qx] == 2 and (low != low or wide > gap[qy, qx])):
+            if state[qy, qx] == 1 or (state[qy, qx] == 2 and (math.isnan(low) or wide > gap[qy, qx])):
                 continue
-            if low == low:
+            if not math.isnan(low):
                 off = low - z
                 if state[py, px] == 1:
                     is_ground = abs(off) <= climb
@@ -109,7 +109,7 @@ def _slopes_down_to(lows, ox, oy, jx, jy, k, cell, low, off, width, slack):
     if fx < 0 or fy < 0 or fx >= m or fy >= m:
         return False
     far = lows[wrapped(oy + fy, m), wrapped(ox + fx, m)]
-    if far != far:
+    if math.isnan(far):
         return False
     rise = (far - low) / (3.0 * cell)
     if abs(rise) > 0.6 or rise * off <= 0.0:
@@ -127,9 +127,9 @@ def _seen(ground, state, qy, qx, m):
 @jit_ieee
 def _lesser(a, b):
     """The smaller of two slopes of one sign, 0 for two signs; where one is not known the other."""
-    if a != a:
-        return 0.0 if b != b else b
-    if b != b:
+    if math.isnan(a):
+        return 0.0 if math.isnan(b) else b
+    if math.isnan(b):
         return a
     if a * b <= 0.0:
         return 0.0
@@ -151,11 +151,11 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
     if beyond < 0.0 and -beyond > fall:
         fall = -beyond
     most = 0.0
-    if beside == beside:
+    if not math.isnan(beside):
         most = h - beside - fall * cell
-    if over_two == over_two:
+    if not math.isnan(over_two):
         most = max(most, over_two - fall * 2.0 * cell - 0.015)
-    if three_on == three_on:
+    if not math.isnan(three_on):
         most = max(most, h - three_on - fall * 3.0 * cell - 0.03)
     return most
 
@@ -200,7 +200,7 @@ def judge_ground(ground, state, returns, first, size, step, steep, slopes, exces
                     behind2 = _sure(ground, state, returns, y - 2 * axis, x - 2 * (1 - axis), m)
                 slopes[axis, y, x] = _lesser((ahead - h) / cell, (h - behind) / cell)
                 rise = (ahead2 - behind2) / (4.0 * cell)
-                wide += rise * rise if rise == rise else 0.0
+                wide += rise * rise if not math.isnan(rise) else 0.0
                 ahead3 = _sure(ground, state, returns, y + 3 * axis, x + 3 * (1 - axis), m) if at + 3 < m else np.nan
                 behind3 = _sure(ground, state, returns, y - 3 * axis, x - 3 * (1 - axis), m) if at >= 3 else np.nan
                 ahead4 = _sure(ground, state, returns, y + 4 * axis, x + 4 * (1 - axis), m) if at + 4 < m else np.nan
@@ -296,7 +296,7 @@ def find_drops(lows, ground, state, origin, first, size, turn, step_out, depth, 
                 continue
             if not is_hidden:
                 is_hidden, edge_y, edge_x, through, below = True, y, x, 0, 0
-            if low == low:
+            if not math.isnan(low):
                 off = expected - low
                 is_lower = off > depth + 0.02 * (r - near_r) and r - near_r <= hidden_most + cell
                 if is_lower and below == 0:
@@ -337,12 +337,12 @@ def mark_edges(evidence, wanted, excess, step, classes):
         for y in range(1, m - 1):
             for x in range(1, m - 1):
                 kind = classes[y, x]
-                if kind != DROP and kind != OBSTACLE:
+                if kind not in (DROP, OBSTACLE):
                     continue
                 for dy in range(-1, 2):
                     for dx in range(-1, 2):
                         beside = classes[y + dy, x + dx]
-                        if beside != GROUND and beside != UNKNOWN:
+                        if beside not in (GROUND, UNKNOWN):
                             continue
                         if kind == DROP and 3 * evidence[y + dy, x + dx] >= wanted:
                             classes[y + dy, x + dx] = JOINED_DROP
@@ -359,7 +359,7 @@ def mark_edges(evidence, wanted, excess, step, classes):
     for y in range(m):
         for x in range(m):
             kind = classes[y, x]
-            if kind != DROP and kind != OBSTACLE:
+            if kind not in (DROP, OBSTACLE):
                 continue
             for k in range(4):
                 dy, dx = (k > 0) * 1, (1 if k < 2 else 0) if k < 3 else -1
@@ -403,8 +403,7 @@ def _column_low(voxels, mask, iy, ix):
     while m != 0:
         b = lowest_bit(m)
         m &= ~(np.uint32(1) << np.uint32(b))
-        if voxels[iy, ix, b, Z] < low:
-            low = voxels[iy, ix, b, Z]
+        low = min(low, voxels[iy, ix, b, Z])
     return low if low < np.inf else np.nan
 
 
@@ -422,9 +421,9 @@ def find_stairs(ground, state, first, size, voxels, mask, classes):
                 continue
             gx = (_seen(ground, state, y, x + 2, m) - _seen(ground, state, y, x - 2, m)) / (4.0 * cell)
             gy = (_seen(ground, state, y + 2, x, m) - _seen(ground, state, y - 2, x, m)) / (4.0 * cell)
-            if gx != gx and gy != gy:
+            if math.isnan(gx) and math.isnan(gy):
                 continue
-            gx, gy = (gx if gx == gx else 0.0), (gy if gy == gy else 0.0)
+            gx, gy = (0.0 if math.isnan(gx) else gx), (0.0 if math.isnan(gy) else gy)
             rise = math.sqrt(gx * gx + gy * gy)
             if not 0.3 < rise < 1.1:
                 continue
@@ -440,7 +439,7 @@ def find_stairs(ground, state, first, size, voxels, mask, classes):
                 if not (0 <= ix - first[0] < n and 0 <= iy - first[1] < n):
                     continue
                 z = _column_low(voxels, mask, iy % n, ix % n)
-                if z != z:
+                if math.isnan(z):
                     continue
                 if not begun:
                     begun, level, tread = True, z, 1
@@ -459,8 +458,9 @@ def find_stairs(ground, state, first, size, voxels, mask, classes):
 
 
 @jit_ieee
-def gather(ground, state, gap, slopes, excess, depths, classes, first, size, limits, voxels, mask, out):
-    """Write the terrain as points with their height above the ground, float32 (N, 4); returns how many.
+def gather(ground, state, gap, slopes, excess, depths, classes, first, size, limits, voxels, mask, out, kinds):
+    """Write the terrain as points with their height above the ground, float32 (N, 4), and what they are, `kinds` uint8
+    (N,): the class of a cell, 0 for a voxel; returns how many.
 
     A cell of ground is a point in its middle: what is not crossable there (step, drop, rise over 0.8 m) stands in the place of 0. Voxels
     from `limits[0]` to `limits[1]` metres above the ground under them are points of their own. `limits[2]`: 1 when stairs are no
@@ -491,10 +491,11 @@ def gather(ground, state, gap, slopes, excess, depths, classes, first, size, lim
                     value = low_most * 0.5
                 else:
                     value = min(max(0.0, np.float64(excess[y, x])), low_most * 0.99)
-                out[count, 0], out[count, 1], out[count, 2] = px, py, g if g == g else 0.0
+                out[count, 0], out[count, 1], out[count, 2] = px, py, g if not math.isnan(g) else 0.0
                 out[count, 3] = value
+                kinds[count] = kind
                 count += 1
-            if g != g:
+            if math.isnan(g):
                 continue
             least = low_most if state[y, x] == 1 else low_most + slack + tilt * gap[y, x] * cell
             for q in range(4):
@@ -518,6 +519,7 @@ def gather(ground, state, gap, slopes, excess, depths, classes, first, size, lim
                     if (is_stairs and h < 0.3) or count >= out.shape[0]:
                         continue
                     out[count, 0], out[count, 1], out[count, 2], out[count, 3] = px + ex, py + ey, z, h
+                    kinds[count] = UNKNOWN
                     count += 1
                     if classes[y, x] != DROP:
                         classes[y, x] = OBSTACLE
@@ -543,4 +545,19 @@ def warm_up() -> None:
     mark_edges(evidence, 6, excess, 0.08, classes)
     find_stairs(ground, state, first, 0.1, voxels, mask, classes)
     limits, out = np.array([0.08, 1.0, 0.0, 0.1, 0.07]), np.empty((m * m, 4), np.float32)
-    gather(ground, state, gap, slopes, excess, depths, classes, first, 0.1, limits, voxels, mask, out)
+    gather(
+        ground,
+        state,
+        gap,
+        slopes,
+        excess,
+        depths,
+        classes,
+        first,
+        0.1,
+        limits,
+        voxels,
+        mask,
+        out,
+        np.empty(m * m, np.uint8),
+    )

@@ -40,12 +40,13 @@ class Ground(IntEnum):
 class Terrain:
     """What is known around the robot, in the odom frame: `classes` uint8 [iy, ix] of `Ground`, `heights` float32 [iy, ix] of the ground
     (NaN: not known; of unseen cells what is carried over to them), and `points` float32 (N, 4): x, y, z and height above the ground, which of
-    what cannot be crossed is at least the configured step."""
+    what cannot be crossed is at least the configured step; `kinds` uint8 (N,): the `Ground` of a point that stands for a cell, 0 for a voxel."""
 
     spec: GridSpec
     classes: NDArray[np.uint8]
     heights: F32
     points: F32
+    kinds: NDArray[np.uint8]
 
 
 class TerrainAnalysis:
@@ -130,14 +131,14 @@ class TerrainAnalysis:
     def terrain(self) -> Terrain:
         """Return what is known after the last update."""
         c, m = self.config, self.config.columns // 2
-        out = np.empty((c.points_most, 4), np.float32)
+        out, kinds = np.empty((c.points_most, 4), np.float32), np.empty(c.points_most, np.uint8)
         limits = np.array([c.step, c.clearance, float(c.climbs_stairs), c.slack, c.tilt])
         count = kernels.gather(
             *(self._ground, self._state, self._gap, self._slopes, self._excess, self._depths, self._classes),
-            *(self._first, c.voxel, limits, self._voxels, self._mask, out),
+            *(self._first, c.voxel, limits, self._voxels, self._mask, out, kinds),
         )
         cx, cy = (self._first // 2).tolist()
         rows, cols = (cy + np.arange(m)) % m, (cx + np.arange(m)) % m
         spec = GridSpec(c.cell, m, m, cx * c.cell, cy * c.cell)
         of_window = np.ix_(rows, cols)
-        return Terrain(spec, self._classes[of_window], self._ground[of_window], out[:count])
+        return Terrain(spec, self._classes[of_window], self._ground[of_window], out[:count], kinds[:count])

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorKind
 
-
 WIDE_COLUMNS = 200  # of 0.2 m: 40 m
 
 
