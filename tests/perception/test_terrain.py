@@ -13,7 +13,7 @@ from ambler.kernels import terrain_columns as columns
 from ambler.perception.terrain import Ground, Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
 from ambler.robots.spatial_robots import go2, mecanum
-from tests.perception.ground import LEVEL, Rover, along_x, made, obstacles, ramp, slab
+from ambler.studies.made_ground import LEVEL, Rover, along_x, made, obstacles, ramp, slab
 
 ROBOTS = {"mecanum": mecanum().model, "go2": go2().model}
 FLOOR = slab(-20.0, 20.0, -20.0, 20.0)

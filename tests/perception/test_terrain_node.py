@@ -14,8 +14,8 @@ from ambler.nodes.terrain import TerrainNode
 from ambler.perception.terrain_config import TerrainConfig
 from ambler.robots.spatial_robots import mecanum
 from ambler.runtime.topics import ODOMETRY, REGISTERED_CLOUD, TERRAIN_MAP, TERRAIN_MAP_EXT
+from ambler.studies.made_ground import LEVEL, Rover, made, slab
 from tests.hand_made_context import HandMadeContext
-from tests.perception.ground import LEVEL, Rover, made, slab
 
 ROBOT = mecanum().model
 BEGIN_NS = 1_000_000_000

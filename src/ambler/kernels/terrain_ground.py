@@ -14,7 +14,7 @@ from ambler.kernels.terrain_columns import BINS, COUNT, DIRECTIONS, QUARTER, ROW
 
 UNKNOWN, GROUND, OBSTACLE, DROP, STEEP, STAIRS = 0, 1, 2, 3, 4, 5
 JOINED_DROP, JOINED_STEP = 8, 9  # only within `mark_edges`
-CLOSED = 5  # cells of a hole in an edge that are closed: no robot is as narrow as that
+CLOSED = 6  # cells of a hole in an edge that are closed: no robot is as narrow as that
 EVIDENCE_MOST = 12
 SURE = 7.0  # returns from which on the height of a cell is sure to some centimetres
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
@@ -161,20 +161,42 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
 
 
 @jit_ieee
-def _sure(ground, state, returns, qy, qx, m):
-    """Return the height of ground of which enough returns tell, else NaN."""
-    y, x = wrapped(qy, m), wrapped(qx, m)
-    return np.float64(ground[y, x]) if state[y, x] == 1 and returns[y, x] >= SURE else np.nan
+def _unroll(ground, state, returns, first, sure):
+    """Write the heights of ground of which enough returns tell into `sure` (m + 8, m + 8) as the window lies, NaN elsewhere and in a rim of four."""
+    m = ground.shape[0]
+    ox, oy = (first[0] // 2) % m, (first[1] // 2) % m
+    sure[:, :] = np.nan
+    for ly in range(m):
+        y = wrapped(oy + ly, m)
+        for lx in range(m):
+            x = wrapped(ox + lx, m)
+            if state[y, x] == 1 and returns[y, x] >= SURE:
+                sure[ly + 4, lx + 4] = ground[y, x]
+    # A single cell below or above all of its neighbours is a beam between two surfaces, not a step.
+    for ly in range(4, m + 4):
+        for lx in range(4, m + 4):
+            h = sure[ly, lx]
+            if math.isnan(h):
+                continue
+            low, high, count = np.inf, -np.inf, 0
+            for k in range(4):
+                z = sure[ly + (k == 0) - (k == 1), lx + (k == 2) - (k == 3)]
+                if not math.isnan(z):
+                    low, high, count = min(low, z), max(high, z), count + 1
+            if count >= 3:
+                sure[ly, lx] = min(max(h, low), high)
 
 
 @jit_ieee
-def judge_ground(ground, state, returns, first, size, step, steep, slopes, excess, classes):
+def judge_ground(ground, state, returns, first, size, step, steep, sure, slopes, excess, classes):
     """Find slopes, steps and steep ground. `slopes` float32 (2, m, m): rise per metre along x and y; `excess` float32 (m, m): how much higher a cell
-    is than one beside it, or behind a single unseen one, than its own and the other's slope explain; `classes` uint8 (m, m)."""
+    is than one at most three away, beyond what its own and the other's slope explain; `classes` uint8 (m, m). `sure` float32
+    (m + 8, m + 8) is room to work in."""
     m = ground.shape[0]
     cell = 2.0 * size
     cx0, cy0 = first[0] // 2, first[1] // 2
     ox, oy = cx0 % m, cy0 % m
+    _unroll(ground, state, returns, first, sure)
     for ly in range(m):
         for lx in range(m):
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
@@ -184,53 +206,47 @@ def judge_ground(ground, state, returns, first, size, step, steep, slopes, exces
             if state[y, x] != 1:
                 continue
             classes[y, x] = GROUND
-            h = np.float64(ground[y, x])
-            wide = 0.0
-            most = 0.0
+            py, px = ly + 4, lx + 4
+            is_sure = returns[y, x] >= SURE
+            h = np.float64(sure[py, px]) if is_sure else np.float64(ground[y, x])
+            wide = most = 0.0
             for axis in range(2):
-                at = lx if axis == 0 else ly
-                ahead = behind = ahead2 = behind2 = np.nan
-                if at + 1 < m:
-                    ahead = _sure(ground, state, returns, y + axis, x + 1 - axis, m)
-                if at >= 1:
-                    behind = _sure(ground, state, returns, y - axis, x - 1 + axis, m)
-                if at + 2 < m:
-                    ahead2 = _sure(ground, state, returns, y + 2 * axis, x + 2 * (1 - axis), m)
-                if at >= 2:
-                    behind2 = _sure(ground, state, returns, y - 2 * axis, x - 2 * (1 - axis), m)
+                dy, dx = axis, 1 - axis
+                ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
+                ahead2, behind2 = np.float64(sure[py + 2 * dy, px + 2 * dx]), np.float64(sure[py - 2 * dy, px - 2 * dx])
                 slopes[axis, y, x] = _lesser((ahead - h) / cell, (h - behind) / cell)
                 rise = (ahead2 - behind2) / (4.0 * cell)
                 wide += rise * rise if not math.isnan(rise) else 0.0
-                ahead3 = _sure(ground, state, returns, y + 3 * axis, x + 3 * (1 - axis), m) if at + 3 < m else np.nan
-                behind3 = _sure(ground, state, returns, y - 3 * axis, x - 3 * (1 - axis), m) if at >= 3 else np.nan
-                ahead4 = _sure(ground, state, returns, y + 4 * axis, x + 4 * (1 - axis), m) if at + 4 < m else np.nan
-                behind4 = _sure(ground, state, returns, y - 4 * axis, x - 4 * (1 - axis), m) if at >= 4 else np.nan
+                if not is_sure:
+                    continue
+                ahead3, behind3 = np.float64(sure[py + 3 * dy, px + 3 * dx]), np.float64(sure[py - 3 * dy, px - 3 * dx])
+                ahead4, behind4 = np.float64(sure[py + 4 * dy, px + 4 * dx]), np.float64(sure[py - 4 * dy, px - 4 * dx])
                 most = max(most, _step_down(h, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell))
                 most = max(most, _step_down(h, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell))
-            if returns[y, x] < SURE:
-                most = 0.0
             excess[y, x] = most
             if wide > steep * steep:
                 classes[y, x] = STEEP
-    # A step is longer than a cell: a single one is noise.
+    # A step is longer than two cells: fewer are noise.
     for ly in range(1, m - 1):
         for lx in range(1, m - 1):
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             if not excess[y, x] > step:
                 continue
-            is_alone = True
+            others = 0
             for dy in range(-1, 2):
                 for dx in range(-1, 2):
                     if (dy != 0 or dx != 0) and excess[wrapped(y + dy, m), wrapped(x + dx, m)] > 0.6 * step:
-                        is_alone = False
-            if is_alone:
+                        others += 1
+            if others < 2:
                 excess[y, x] = 0.5 * step
             else:
                 classes[y, x] = OBSTACLE
 
 
 @jit_ieee
-def find_drops(lows, ground, state, origin, first, size, turn, step_out, depth, hidden_most, image, evidence, depths):
+def find_drops(
+    lows, returns, ground, state, origin, first, size, turn, step_out, depth, hidden_most, image, evidence, depths
+):
     """March outwards from the sensor over seen ground and find where it ends above something lower.
 
     The ground before the end is continued by its slope. It ends in a drop where what is seen next, within `hidden_most` metres, lies
@@ -258,7 +274,7 @@ def find_drops(lows, ground, state, origin, first, size, turn, step_out, depth, 
         uy /= norm
         known = 0  # cells of the run of seen ground
         run_z = run_r = near_z = near_r = mid_z = mid_r = 0.0
-        edge_y = edge_x = last_y = last_x = -1
+        edge_y = edge_x = last_y = last_x = before_y = before_x = just_y = just_x = -1
         is_hidden = False
         through = below = 0
         r = 2.0 * cell
@@ -273,13 +289,16 @@ def find_drops(lows, ground, state, origin, first, size, turn, step_out, depth, 
             last_y, last_x = ly, lx
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             low = np.float64(lows[y, x])
+            if returns[y, x] < 0.6 * SURE and not math.isnan(low):
+                continue  # neither here nor there
             rise = (near_z - run_z) / (near_r - run_r) if known >= 3 and near_r > run_r + 0.3 else 0.0
             expected = near_z + rise * (r - near_r)
             if state[y, x] == 1 and not (known >= 3 and low < expected - depth):
                 if is_hidden:
-                    if abs(low - expected) < depth and evidence[edge_y, edge_x] > 0:
+                    if abs(low - expected) >= depth:
+                        known = 0
+                    elif evidence[edge_y, edge_x] > 0:
                         evidence[edge_y, edge_x] -= 1  # it goes on as it was
-                    known = 0
                     is_hidden = False
                 # The run remembers where it was 0.8 to 1.6 m before: shorter ones have no slope to go by.
                 if known == 0:
@@ -288,9 +307,12 @@ def find_drops(lows, ground, state, origin, first, size, turn, step_out, depth, 
                     run_z, run_r, mid_z, mid_r = mid_z, mid_r, low, r
                 near_z, near_r = low, r
                 known += 1
-                if evidence[y, x] > 0 and d & 6 == 0:  # few: many directions run along an edge
-                    evidence[y, x] -= 1
+                # Where it goes on as ground for two cells more there is no drop; few directions say so, for many run along an edge.
+                if before_y >= 0 and evidence[before_y, before_x] > 0 and d & 6 == 0:
+                    evidence[before_y, before_x] -= 1
+                before_y, before_x, just_y, just_x = just_y, just_x, y, x
                 continue
+            before_y = before_x = just_y = just_x = -1
             if known < 3:
                 known = 0
                 continue
@@ -298,7 +320,7 @@ def find_drops(lows, ground, state, origin, first, size, turn, step_out, depth, 
                 is_hidden, edge_y, edge_x, through, below = True, y, x, 0, 0
             if not math.isnan(low):
                 off = expected - low
-                is_lower = off > depth + 0.02 * (r - near_r) and r - near_r <= hidden_most + cell
+                is_lower = off > depth + 0.015 * (r - near_r) and r - near_r <= hidden_most + cell
                 if is_lower and below == 0:
                     below = 1  # one cell may be noise
                     continue
@@ -361,9 +383,10 @@ def mark_edges(evidence, wanted, excess, step, classes):
             kind = classes[y, x]
             if kind not in (DROP, OBSTACLE):
                 continue
-            for k in range(4):
-                dy, dx = (k > 0) * 1, (1 if k < 2 else 0) if k < 3 else -1
-                _close(y, x, dy, dx, kind, evidence, excess, step, classes)
+            for dy in range(CLOSED + 1):
+                for dx in range(-CLOSED if dy > 0 else 2, CLOSED + 1):
+                    if max(dy, abs(dx)) > 1:
+                        _close(y, x, dy, dx, kind, evidence, excess, step, classes)
     for y in range(m):
         for x in range(m):
             if classes[y, x] == JOINED_DROP:
@@ -374,25 +397,26 @@ def mark_edges(evidence, wanted, excess, step, classes):
 
 @jit_ieee
 def _close(y, x, dy, dx, kind, evidence, excess, step, classes):
-    """Close the hole in an edge along a row, column or diagonal, up to CLOSED cells long, unless level ground is seen in it."""
+    """Close the hole in an edge between a cell and that (dy, dx) away if both are marked, unless half of it is seen to be level ground."""
     m = classes.shape[0]
-    for k in range(2, CLOSED + 2):
-        jy, jx = y + k * dy, x + k * dx
-        if jy >= m or jx < 0 or jx >= m:
-            return
-        if classes[jy, jx] != kind:
-            continue
-        for i in range(1, k):
-            qy, qx = y + i * dy, x + i * dx
-            if classes[qy, qx] == GROUND and excess[qy, qx] < 0.1 * step and evidence[qy, qx] == 0:
-                return
-        for i in range(1, k):
-            qy, qx = y + i * dy, x + i * dx
-            if classes[qy, qx] == GROUND or (kind == DROP and classes[qy, qx] == UNKNOWN):
+    if y + dy >= m or x + dx < 0 or x + dx >= m or classes[y + dy, x + dx] != kind:
+        return
+    count = max(dy, abs(dx))
+    level = 0
+    for is_filling in range(2):
+        for i in range(1, count):
+            qy, qx = y + (2 * i * dy + count) // (2 * count), x + (2 * i * dx + count) // (2 * count)
+            if classes[qy, qx] == kind or classes[qy, qx] >= JOINED_DROP:
+                continue
+            is_level = classes[qy, qx] == GROUND and excess[qy, qx] < 0.2 * step and evidence[qy, qx] == 0
+            if is_filling == 0:
+                level += 1 if is_level else 0
+                if 2 * level > count:
+                    return
+            elif (classes[qy, qx] == GROUND and not is_level) or (kind == DROP and classes[qy, qx] == UNKNOWN):
                 classes[qy, qx] = JOINED_DROP if kind == DROP else JOINED_STEP
                 if kind == OBSTACLE:
                     excess[qy, qx] = max(np.float64(excess[qy, qx]), 1.01 * step)
-        return
 
 
 @jit_ieee
@@ -539,9 +563,11 @@ def warm_up() -> None:
     grow_ground(lows, base, first, 0.1, 0.3, 0.2, 0.1, 0.07, 10, ground, state, gap, queue, later)
     slopes, excess, depths = np.empty((2, m, m), np.float32), np.empty((m, m), np.float32), np.zeros((m, m), np.float32)
     classes, evidence = np.empty((m, m), np.uint8), np.zeros((m, m), np.uint8)
-    judge_ground(ground, state, lows, first, 0.1, 0.08, 0.4, slopes, excess, classes)
+    judge_ground(
+        ground, state, lows, first, 0.1, 0.08, 0.4, np.empty((m + 8, m + 8), np.float32), slopes, excess, classes
+    )
     image = np.full((DIRECTIONS, ROWS), np.inf, np.float32)
-    find_drops(lows, ground, state, base, first, 0.1, 0, 0.1, 0.06, 1.5, image, evidence, depths)
+    find_drops(lows, lows, ground, state, base, first, 0.1, 0, 0.1, 0.06, 1.5, image, evidence, depths)
     mark_edges(evidence, 6, excess, 0.08, classes)
     find_stairs(ground, state, first, 0.1, voxels, mask, classes)
     limits, out = np.array([0.08, 1.0, 0.0, 0.1, 0.07]), np.empty((m * m, 4), np.float32)

@@ -63,7 +63,7 @@ class TerrainAnalysis:
         self._lows, self._returns, self._ground, self._excess, self._depths = (
             np.full((m, m), np.nan, np.float32) for _ in range(5)
         )
-        self._slopes = np.zeros((2, m, m), np.float32)
+        self._slopes, self._sure = np.zeros((2, m, m), np.float32), np.zeros((m + 8, m + 8), np.float32)
         self._state, self._classes, self._evidence, self._touched = (np.zeros((m, m), np.uint8) for _ in range(4))
         self._gap = np.zeros((m, m), np.int32)
         self._queue, self._later = np.zeros(2 * m * m, np.int32), np.zeros(m * m, np.int32)
@@ -119,11 +119,20 @@ class TerrainAnalysis:
         work = (self._ground, self._state, self._gap, self._queue, self._later)
         kernels.grow_ground(self._lows, base, *place, c.own_radius, *growth, *work)
         seen = (self._ground, self._state)
-        judged = (self._slopes, self._excess, self._classes)
+        judged = (self._sure, self._slopes, self._excess, self._classes)
         kernels.judge_ground(*seen, self._returns, *place, c.step, math.tan(c.steep), *judged)
         hidden = (MARCH * c.cell / 0.2, c.drop, c.hidden * c.cell / 0.2)
         kernels.find_drops(
-            self._lows, *seen, origin, *place, self._turn & 1, *hidden, self._image, self._evidence, self._depths
+            self._lows,
+            self._returns,
+            *seen,
+            origin,
+            *place,
+            self._turn & 1,
+            *hidden,
+            self._image,
+            self._evidence,
+            self._depths,
         )
         kernels.mark_edges(self._evidence, c.evidence, self._excess, c.step, self._classes)
         kernels.find_stairs(*seen, *place, self._voxels, self._mask, self._classes)

@@ -24,7 +24,7 @@ class TerrainConfig:
     own_radius      metres around the base within which points are the robot's own
     climbs_stairs   whether stairs are ground
     drop            how much lower ground must lie behind an edge to be a drop: 8 cm less the noise of the slope before it
-    hidden          metres behind an edge that a drop may hide: 8 cm hide 0.9 m at 7 m from a LiDAR 0.62 m high, 1.3 m at 10 m
+    hidden          metres behind an edge that a drop may hide: 8 cm hide 0.9 m at 7 m from a LiDAR 0.62 m high, 20 cm 2.3 m
     evidence        count from which a drop is believed: two for each scan that shows it, less one for each that shows ground there
     decay           seconds after which what was not seen again is forgotten, counted only while its column is seen: where nothing is seen,
                     as close to a level LiDAR, the ground stays known
@@ -47,7 +47,7 @@ class TerrainConfig:
     own_radius: float = 0.45
     climbs_stairs: bool = False
     drop: float = 0.055
-    hidden: float = 1.6
+    hidden: float = 3.0
     evidence: int = 6
     decay: float = 1.5
     margin: float = 0.25

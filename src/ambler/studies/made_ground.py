@@ -22,9 +22,16 @@ F32 = NDArray[np.float32]
 
 
 def slab(x0: float, x1: float, y0: float = -15.0, y1: float = 15.0, top: float = 0.0, bottom: float = -LEVEL) -> Solid:
-    """Return a box between two heights over the ground."""
+    """Return a box between two heights over the ground, its sides along the axes."""
     place = SE2(0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0)
     return Solid("slab", Shape.BOX, place, x1 - x0, y1 - y0, LEVEL + bottom, LEVEL + top)
+
+
+def half_plane(x: float, angle: float, top: float, *, is_beyond: bool) -> Solid:
+    """Return level ground before or beyond a line across the x axis at `x`, which an edge at right angles has turned by `angle` (rad)."""
+    size, side = 40.0, 1.0 if is_beyond else -1.0
+    place = SE2(x, 0.0, angle) @ SE2(side * 0.5 * size, 0.0, 0.0)
+    return Solid("ground", Shape.BOX, place, size, size, 0.0, LEVEL + top)
 
 
 def ramp(x0: float, length: float, angle: float, width: float = 8.0) -> tuple[TriangleMesh, Solid]:
@@ -37,6 +44,7 @@ def ramp(x0: float, length: float, angle: float, width: float = 8.0) -> tuple[Tr
 
 
 def made(*solids: Solid, meshes: tuple[TriangleMesh, ...] = (), ceiling: float = math.inf) -> WorldSpec:
+    """Return a world of these solids and meshes."""
     return WorldSpec("made", solids, SE2(), meshes=meshes, ceiling=ceiling)
 
 
