@@ -178,13 +178,11 @@ def _unroll(ground, state, returns, first, sure):
             h = sure[ly, lx]
             if math.isnan(h):
                 continue
-            low, high, count = np.inf, -np.inf, 0
-            for k in range(4):
-                z = sure[ly + (k == 0) - (k == 1), lx + (k == 2) - (k == 3)]
-                if not math.isnan(z):
-                    low, high, count = min(low, z), max(high, z), count + 1
-            if count >= 3:
-                sure[ly, lx] = min(max(h, low), high)
+            a, b, c, d = sure[ly + 1, lx], sure[ly - 1, lx], sure[ly, lx + 1], sure[ly, lx - 1]
+            if math.isnan(a + b + c + d):
+                continue
+            low, high = min(a, b, c, d), max(a, b, c, d)
+            sure[ly, lx] = min(max(h, low), high)
 
 
 @jit_ieee
@@ -289,10 +287,10 @@ def find_drops(
             last_y, last_x = ly, lx
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             low = np.float64(lows[y, x])
-            if returns[y, x] < 0.6 * SURE and not math.isnan(low):
-                continue  # neither here nor there
             rise = (near_z - run_z) / (near_r - run_r) if known >= 3 and near_r > run_r + 0.3 else 0.0
             expected = near_z + rise * (r - near_r)
+            if returns[y, x] < 0.6 * SURE and not (known >= 3 and low < expected - depth) and not math.isnan(low):
+                continue  # too little is known of it
             if state[y, x] == 1 and not (known >= 3 and low < expected - depth):
                 if is_hidden:
                     if abs(low - expected) >= depth:
