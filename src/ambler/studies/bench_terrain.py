@@ -17,7 +17,7 @@ from ambler.sim.solids import WorldSpec
 from ambler.studies.made_ground import LEVEL, Rover, made, slab
 from ambler.studies.timing import elapsed_ms
 
-BAR_MS = 1.0  # each: update of 10 m, scoring of primitives with 1000 points
+BAR_MS = 1.0  # the near update, median
 UNCOUNTED = 10
 
 
