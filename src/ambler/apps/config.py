@@ -63,7 +63,7 @@ class RobotConfig:
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
     odometry_source: Literal["wheels", "lidar"] = "wheels"
-    terrain: Literal["auto", "on", "off"] = "auto"
+    terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
     ground: TerrainConfig = field(default_factory=TerrainConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
@@ -99,7 +99,7 @@ class RobotConfig:
     def uses_terrain(self, robot: RobotModel) -> bool:
         """Say whether the ground is analysed: `auto` means on robots whose odometry registers clouds."""
         return bool(robot.clouds) and (
-            self.terrain == "on" or (self.terrain == "auto" and self.odometry_source == "lidar")
+            self.terrain == "always" or (self.terrain == "auto" and self.odometry_source == "lidar")
         )
 
     def make_localizer(self, surfaces: SurfaceMap, seed: int = 0) -> Localizer:
@@ -114,8 +114,8 @@ class RobotConfig:
     def check_odometry(self, robot: RobotModel) -> None:
         """Raise BadInputError when the chosen odometry lacks what it needs, before anything runs."""
         kinds = {mount.kind for mount in robot.sensors}
-        if self.terrain == "on" and self.odometry_source != "lidar":
-            raise BadInputError("terrain on: needs registered clouds, which only odometry_source lidar gives")
+        if self.terrain == "always" and self.odometry_source != "lidar":
+            raise BadInputError("terrain always: needs registered clouds, which only odometry_source lidar gives")
         if self.odometry_source == "lidar" and not {SensorKind.CLOUD, SensorKind.IMU} <= kinds:
             raise BadInputError(
                 f"odometry_source lidar: {robot.name} needs a LiDAR that gives clouds, and an IMU (spot has both)"
