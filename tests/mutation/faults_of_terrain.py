@@ -68,10 +68,10 @@ TERRAIN = (
         LAYER,
     ),
     PlantedFault(
-        "the terrain of the sensor's frame is told as that of odometry",
+        "the wide terrain is told twice as often",
         "nodes/terrain.py",
-        "poses = (odom_from_base, odom_from_base @ self._mount.base_from_sensor)",
-        "poses = (odom_from_base @ self._mount.base_from_sensor, odom_from_base)",
+        "if self._count % (2 * WIDE_EVERY) == 0:",
+        "if self._count % WIDE_EVERY == 0:",
         NODE,
     ),
 )

@@ -45,6 +45,9 @@ def test_both_terrains_are_told_with_heights_above_the_ground() -> None:
     assert (len(near), len(wide)) == (6, 2)
     box = near[-1].points[near[-1].intensity > 0.08]
     assert near[-1].frame == "odom"
+    ground = near[-1].points[near[-1].ring == 1]
+    assert len(ground) > 500
+    assert np.abs(np.median(ground[:, 2])) < 0.02
     assert np.allclose(np.median(box[:, 0]), 4.0, atol=0.3)
     assert float(box[:, 2].max()) < 0.45
     assert np.ptp(wide[-1].points[:, 0]) > np.ptp(near[-1].points[:, 0])
