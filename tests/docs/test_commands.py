@@ -100,6 +100,9 @@ NOT_RUN = {
     "eval exploration --worlds office --processes 4": STUDY,
     "eval exploration --worlds lab_empty --runs 40 --cluster tcp://127.0.0.1:8786": STUDY,
     "eval glass --json glass.json": STUDY,
+    "eval ground --seed draw --runs 10 --json ground.json": STUDY,
+    "bench terrain --runs 200 --json terrain.json": "tests/studies/test_ground_study.py measures a few clouds",
+    "demo --robot mecanum --world campus --drive built-in": WHOLE_RUN,
     "bench posegraph": DATA,
     "bench exploration": DATA,
 }

@@ -15,6 +15,7 @@ from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig, LoopConfig
 from ambler.lio.start import LioInputError
 from ambler.nodes.lidar_odometry import LidarOdometryNode
+from ambler.nodes.terrain import TerrainNode
 from ambler.perception.air_filter import AirFilterConfig
 from ambler.robots.catalog import robot_model
 from ambler.runtime.topics import (
@@ -160,4 +161,6 @@ def test_a_robot_without_such_sensors_is_refused_before_anything_runs() -> None:
 def test_the_source_is_chosen_by_the_configuration() -> None:
     spot = robot_model("spot")
     nodes = sensing_nodes(spot, replace(default_config(spot), odometry_source="lidar"))
-    assert [type(node) for node in nodes] == [LidarOdometryNode]
+    assert [type(node) for node in nodes] == [LidarOdometryNode, TerrainNode]
+    plain = sensing_nodes(spot, replace(default_config(spot), odometry_source="lidar", terrain="never"))
+    assert [type(node) for node in plain] == [LidarOdometryNode]

@@ -43,6 +43,7 @@ from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig, default_planar
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
+from ambler.perception.terrain_config import TerrainConfig
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.planning.visibility_planner import VisibilityConfig
 from ambler.safety.config import GateConfig
@@ -56,7 +57,8 @@ class RobotConfig:
 
     `strategy`, `controller`, `localizer` and `global_planner` (`planner` or `visibility`) choose one of those whose own sections stand below.
     `odometry_source` is wheels with a gyroscope (`odometry`), or a
-    LiDAR of many rings with an IMU (`lio`, without what floats in the `air`). `scanners` holds calibrated mounts and
+    LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
+    is the floor of the local costmap. `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -66,6 +68,8 @@ class RobotConfig:
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
     odometry_source: Literal["wheels", "lidar"] = "wheels"
+    terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
+    ground: TerrainConfig = field(default_factory=TerrainConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     lio: LioConfig = field(default_factory=LioConfig)
@@ -99,6 +103,12 @@ class RobotConfig:
         """Say whether glass is looked for: `auto` means on robots with ultrasonic transducers."""
         return bool(robot.scanners) and (self.glass == "on" or (self.glass == "auto" and bool(robot.rangers)))
 
+    def uses_terrain(self, robot: RobotModel) -> bool:
+        """Say whether the ground is analysed: `auto` means on robots whose odometry registers clouds."""
+        return bool(robot.clouds) and (
+            self.terrain == "always" or (self.terrain == "auto" and self.odometry_source == "lidar")
+        )
+
     def make_localizer(self, surfaces: SurfaceMap, seed: int = 0) -> Localizer:
         """Build the chosen localizer for a map; `seed` is that of the particles. Raises BadInputError for reflectors without positions."""
         if self.localizer == "tracker":
@@ -111,6 +121,8 @@ class RobotConfig:
     def check_odometry(self, robot: RobotModel) -> None:
         """Raise BadInputError when the chosen odometry lacks what it needs, before anything runs."""
         kinds = {mount.kind for mount in robot.sensors}
+        if self.terrain == "always" and self.odometry_source != "lidar":
+            raise BadInputError("terrain always: needs registered clouds, which only odometry_source lidar gives")
         if self.odometry_source == "lidar" and not {SensorKind.CLOUD, SensorKind.IMU} <= kinds:
             raise BadInputError(
                 f"odometry_source lidar: {robot.name} needs a LiDAR that gives clouds, and an IMU (spot has both)"
@@ -175,6 +187,7 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         ),
         localization=LocalizationNodeConfig(source="points", planar=planar) if uses_cloud else LocalizationNodeConfig(),
         particles=ParticleFilterConfig(drive=robot.drive),
+        ground=TerrainConfig().for_robot(robot),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
         global_costmap=GlobalCostmapConfig(inflation=inflation),
         navigation=NavigationConfig(blocked_patience=KNOWN_MAP_PATIENCE) if has_map else NavigationConfig(),

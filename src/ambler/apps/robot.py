@@ -19,6 +19,7 @@ from ambler.core.robot import RobotModel
 from ambler.costmap.global_costmap import GlobalCostmap, global_layers
 from ambler.costmap.layer import Layer
 from ambler.costmap.local_costmap import LocalCostmap, local_layers
+from ambler.costmap.terrain_layer import TerrainLayer, TerrainLayerConfig
 from ambler.docking.database import DockDatabase
 from ambler.exploration.strategies import NearestStrategy, Strategy
 from ambler.exploration.survey import DistanceField, FrontierSurvey
@@ -39,6 +40,7 @@ from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
+from ambler.nodes.terrain import TerrainNode
 from ambler.perception.merger import MergerConfig
 from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, with_clock_offsets
 from ambler.planning.distance import distance_field
@@ -106,6 +108,8 @@ def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool 
     has_lidar = config.odometry_source == "lidar"
     odometry = LidarOdometryNode(robot, config.lio, config.air, closes_loops=closes_loops) if has_lidar else None
     nodes: list[Node] = [odometry or OdometryNode(robot, WheelInertialOdometry(config.odometry))]
+    if config.uses_terrain(robot):
+        nodes.append(TerrainNode(robot, config.ground))
     if len(robot.scanners) > 1:
         nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
     return nodes
@@ -121,7 +125,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
     global_planner = parts.global_planner or _global_planner(config)
     controller = parts.local_planner or local_planner(config.controller, robot, config.rollout, config.pursuit)
     wide = GlobalCostmap(config.global_costmap, robot, (*global_layers(config.global_costmap), *parts.global_layers))
-    near = LocalCostmap(config.local_costmap, robot, (*local_layers(config.local_costmap), *parts.local_layers))
+    near = LocalCostmap(config.local_costmap, robot, (*_near_layers(robot, config), *parts.local_layers))
     echoes = [EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []
     return [
         *echoes,
@@ -140,6 +144,15 @@ def _global_planner(config: RobotConfig) -> GlobalPlanner:
     if config.global_planner == "visibility_graph":
         return VisibilityPlanner(config.visibility)
     return GridPlanner(config.planner)
+
+
+def _near_layers(robot: RobotModel, config: RobotConfig) -> tuple[Layer, ...]:
+    """Return the layers of the local costmap; where the terrain is analysed it is the floor."""
+    seen, *others = local_layers(config.local_costmap)
+    if not config.uses_terrain(robot):
+        return (seen, *others)
+    ground = config.ground
+    return (seen, TerrainLayer(TerrainLayerConfig(ground.step, voxel=ground.voxel, cell=ground.cell)), *others)
 
 
 def _strategy(config: RobotConfig, distances: DistanceField) -> Strategy:

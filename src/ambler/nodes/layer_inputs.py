@@ -10,14 +10,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from ambler.core.errors import StaleInputError, TransformError
-from ambler.core.messages import GlassWalls, JudgedEcho, Message, Path
+from ambler.core.messages import GlassWalls, JudgedEcho, Message, Path, PointCloud
 from ambler.core.se2 import SE2
 from ambler.costmap.blocked_layer import BlockedLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.layer import Frames, Layer
 from ambler.costmap.range_layer import RangeCone, RangeLayer
-from ambler.runtime.topics import BLOCKED, ECHOES, GLASS, Topic
+from ambler.costmap.terrain_layer import TerrainLayer
+from ambler.runtime.topics import BLOCKED, ECHOES, GLASS, TERRAIN_MAP, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -39,7 +42,7 @@ class LayerInput(Generic[M]):
 
 
 def usual_inputs(layers: Sequence[Layer], *, needs_echoes: bool = False) -> tuple[LayerInput[Any], ...]:
-    """Return the inputs of those layers that this package knows: echoes for cones, glass for glass, blocked ways."""
+    """Return the inputs of those layers that this package knows: echoes for cones, glass for glass, blocked ways, terrain."""
     inputs: list[LayerInput[Any]] = []
     for layer in layers:
         if isinstance(layer, RangeLayer):
@@ -48,6 +51,8 @@ def usual_inputs(layers: Sequence[Layer], *, needs_echoes: bool = False) -> tupl
             inputs.append(LayerInput(GLASS, _glass_feed(layer)))
         elif isinstance(layer, BlockedLayer):
             inputs.append(LayerInput(BLOCKED, _blocked_feed(layer)))
+        elif isinstance(layer, TerrainLayer):
+            inputs.append(LayerInput(TERRAIN_MAP, _terrain_feed(layer), is_required=True))
     return tuple(inputs)
 
 
@@ -76,5 +81,15 @@ def _glass_feed(layer: GlassLayer) -> Callable[[GlassWalls, Frames], None]:
 def _blocked_feed(layer: BlockedLayer) -> Callable[[Path, Frames], None]:
     def feed(places: Path, frames: Frames) -> None:
         layer.set_points(places.poses[:, :2])
+
+    return feed
+
+
+def _terrain_feed(layer: TerrainLayer) -> Callable[[PointCloud, Frames], None]:
+    def feed(terrain: PointCloud, frames: Frames) -> None:
+        points = frames.costmap_from(terrain.frame, terrain.stamp_ns).transform(
+            terrain.points[:, :2].astype(np.float64)
+        )
+        layer.set_terrain(points, terrain.intensity, terrain.ring > 0)
 
     return feed

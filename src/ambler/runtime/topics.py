@@ -74,6 +74,8 @@ WHEEL_ODOMETRY = _topic("wheel_odometry", m.Odometry, "/wheel_odom", depth=100, 
 ODOMETRY = _topic("odometry", m.Odometry, "/odom", depth=100, max_age=0.3)
 REGISTERED_CLOUD = _topic("registered_cloud", m.PointCloud, "/registered_scan", depth=2, max_age=0.5, is_bulk=True)
 REGISTERED_VIEW = _topic("registered_view", m.PointCloud, "/registered_view", depth=2, max_age=0.5)
+TERRAIN_MAP = _topic("terrain_map", m.PointCloud, "/terrain_map", depth=2, max_age=1.0)
+TERRAIN_MAP_EXT = _topic("terrain_map_ext", m.PointCloud, "/terrain_map_ext", depth=2, max_age=3.0)
 IMAGE = _topic("image", m.Image, "/camera/image", depth=2, max_age=0.5)
 CAMERA_INFO = _topic("camera_info", m.CameraInfo, "/camera/camera_info", "latched", 1)
 BATTERY = _topic("battery", m.BatteryState, "/battery_state", depth=10, max_age=2.0)

@@ -1,0 +1,223 @@
+"""The terrain analysis on made ground, seen by a simulated Mid-360: what is ground, what is not, and that errors of the mount change nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.errors import BadInputError
+from ambler.core.se3 import SE3
+from ambler.kernels import terrain_columns as columns
+from ambler.perception.terrain import Ground, Terrain, TerrainAnalysis
+from ambler.perception.terrain_config import TerrainConfig, wide
+from ambler.robots.spatial_robots import go2, mecanum
+from ambler.studies.made_ground import LEVEL, Rover, along_x, made, obstacles, ramp, slab
+
+ROBOTS = {"mecanum": mecanum().model, "go2": go2().model}
+FLOOR = slab(-20.0, 20.0, -20.0, 20.0)
+FALSE_MOST = 0.001  # of the points of a flat floor
+
+
+def config(robot: str = "mecanum") -> TerrainConfig:
+    return TerrainConfig().for_robot(ROBOTS[robot])
+
+
+def seen(robot: str, *solids: object, until: float = 4.5, **more: object) -> Terrain:
+    rover = Rover(made(*solids, **more), ROBOTS[robot], 1)  # type: ignore[arg-type]
+    return rover.feed(TerrainAnalysis(config(robot)), along_x(0.0, until))
+
+
+def within(terrain: Terrain, x0: float, x1: float, y: float = 2.0) -> np.ndarray:
+    """Return the obstacle points between two lines across the way."""
+    found = obstacles(terrain, config().step)
+    return found[(found[:, 0] > x0) & (found[:, 0] < x1) & (np.abs(found[:, 1]) < y)]
+
+
+def widest_gap(points: np.ndarray, y: float = 1.9) -> float:
+    """Return the widest opening across the way from -y to y that the voxels of points leave, metres."""
+    at = np.sort(np.concatenate([points[:, 1], [-y, y]]))
+    return float(np.diff(at).max()) - config().voxel
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("roll", [-3.0, 3.0])
+@pytest.mark.parametrize("pitch", [-3.0, 3.0])
+@pytest.mark.parametrize("height", [-0.05, 0.05])
+def test_a_flat_floor_has_no_obstacles_whatever_the_mount_is_off_by(
+    robot: str, roll: float, pitch: float, height: float
+) -> None:
+    error = SE3.from_rpy((0.0, 0.0, height), math.radians(roll), math.radians(pitch), 0.0)
+    for is_odom_tilted in (False, True):
+        rover = Rover(made(FLOOR), ROBOTS[robot], 2, error, tilts_odom=is_odom_tilted)
+        terrain = rover.feed(TerrainAnalysis(config(robot)), along_x(0.0, 2.4))
+        assert len(terrain.points) > 1000
+        assert len(obstacles(terrain, config().step)) <= FALSE_MOST * len(terrain.points)
+
+
+@pytest.mark.parametrize(("robot", "depth"), [("mecanum", 0.08), ("mecanum", 0.3), ("mecanum", 0.99), ("go2", 0.1)])
+def test_a_drop_is_seen_before_the_robot_is_near(robot: str, depth: float) -> None:
+    solids = (slab(-20.0, 8.0), slab(8.0, 20.0, top=-depth)) if depth < LEVEL - 0.02 else (slab(-20.0, 8.0),)
+    edge = within(seen(robot, *solids, until=6.4), 7.7, 8.9)
+    assert widest_gap(edge) < 2.0 * ROBOTS[robot].inscribed_radius
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_kerb_is_an_obstacle_and_what_lies_behind_it_is_ground(robot: str) -> None:
+    terrain = seen(robot, FLOOR, slab(8.0, 20.0, top=0.12), until=6.4)
+    assert widest_gap(within(terrain, 7.7, 8.5)) < 2.0 * ROBOTS[robot].inscribed_radius
+    assert len(within(terrain, 9.0, 12.0)) <= 2  # of some 500 points, seen from afar
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_slope_of_15_degrees_is_ground_and_one_of_28_is_not(robot: str) -> None:
+    for angle, is_free in ((15.0, True), (28.0, False)):
+        mesh, top = ramp(6.0, 8.0, math.radians(angle))
+        terrain = seen(robot, FLOOR, top, meshes=(mesh,), until=5.0)
+        blocked = within(terrain, 5.8, 10.0, 3.0)
+        assert len(blocked) == 0 if is_free else len(blocked) > 100
+
+
+def test_ceilings_and_upper_floors_are_left_out() -> None:
+    upper = slab(2.0, 8.0, -6.0, 6.0, top=2.7, bottom=2.5)
+    terrain = seen("mecanum", FLOOR, upper, ceiling=LEVEL + 3.6, until=3.0)
+    assert float(terrain.points[:, 2].max()) < 0.2
+    assert len(obstacles(terrain, config().step)) <= 2
+
+
+def test_what_hangs_lower_than_the_robot_is_an_obstacle_and_what_hangs_higher_is_not() -> None:
+    for bottom, is_obstacle in ((0.5, True), (0.85, False)):
+        board = slab(6.0, 6.4, -1.0, 1.0, top=bottom + 0.06, bottom=bottom)
+        terrain = seen("mecanum", FLOOR, board)
+        assert (len(within(terrain, 5.8, 6.6)) > 10) is is_obstacle
+
+
+def test_the_floor_below_a_table_stays_ground() -> None:
+    terrain = seen("mecanum", FLOOR, slab(8.0, 9.0, -0.5, 0.5, top=0.6, bottom=0.55), until=3.0)
+    heights = terrain.heights[terrain.spec.cell_of(8.5, 0.0)]
+    assert abs(float(heights)) < 0.05
+
+
+def test_who_walks_away_is_forgotten() -> None:
+    room = (FLOOR, slab(6.0, 6.3, -6.0, 6.0, top=2.0), slab(-6.3, -6.0, -6.0, 6.0, top=2.0))
+    person = slab(3.0, 3.5, -0.25, 0.25, top=1.7)
+    analysis, here = TerrainAnalysis(config()), [(0.0, 0.0, 0.0, 0.0)]
+    there = Rover(made(*room, person), ROBOTS["mecanum"], 3).feed(analysis, here * 10)
+    assert len(within(there, 2.8, 3.7, 0.5)) > 10
+    later = Rover(made(*room), ROBOTS["mecanum"], 3)
+    later._count = 10
+    gone = later.feed(analysis, here * 25)
+    assert len(within(gone, 2.8, 3.7, 0.5)) == 0
+    assert len(within(gone, 5.8, 6.4)) > 100
+
+
+def stairs() -> tuple[object, ...]:
+    steps = [slab(6.0 + 0.3 * k, 6.3 + 0.3 * k, -2.0, 2.0, top=0.17 * (k + 1)) for k in range(8)]
+    return (FLOOR, *steps, slab(8.4, 12.0, -2.0, 2.0, top=0.17 * 8))
+
+
+def test_stairs_are_recognized_and_crossed_only_by_who_climbs() -> None:
+    terrain = seen("go2", *stairs(), until=4.8)
+    is_stairs = terrain.classes == Ground.STAIRS
+    places = terrain.spec.centers_of(np.argwhere(is_stairs))
+    assert len(places) >= 8
+    assert ((places[:, 0] > 5.7) & (places[:, 0] < 8.8)).all()
+    assert widest_gap(within(terrain, 5.7, 8.4)) < 0.45
+    mesh, top = ramp(6.0, 4.0, math.radians(28.0))
+    assert (seen("go2", FLOOR, top, meshes=(mesh,), until=4.8).classes == Ground.STAIRS).sum() < 3
+
+
+def test_moving_the_world_by_whole_cells_moves_the_terrain_with_it() -> None:
+    rover = Rover(made(FLOOR, slab(5.0, 6.0, 1.0, 2.0, top=0.5)), ROBOTS["mecanum"], 4)
+    scans = [rover.scan(SE3((x, 0.07, LEVEL))) for x in np.arange(0.05, 1.0, 0.1).tolist()]
+    terrains = []
+    for shift in (0.0, 51.2, -76.8):
+        analysis, by = TerrainAnalysis(config()), SE3((shift, -shift, 0.0))
+        for points, stamp_ns, base, sensor in scans:
+            moved = np.asarray(by.transform(points.astype(np.float64)), np.float32)
+            analysis.update(moved, stamp_ns, by @ base, by @ sensor, rover.elevation)
+        terrains.append(analysis.terrain())
+    for other in terrains[1:]:
+        assert np.mean(other.classes != terrains[0].classes) < 0.01  # points at the edge of a voxel fall to either side
+
+
+def test_what_lies_behind_is_forgotten_with_the_window() -> None:
+    rover = Rover(made(FLOOR, slab(3.0, 3.5, 1.0, 1.5, top=0.5)), ROBOTS["mecanum"], 5)
+    analysis = TerrainAnalysis(config())
+    first = rover.feed(analysis, along_x(0.0, 1.0))
+    assert len(within(first, 2.8, 3.7)) > 0
+    far = rover.feed(analysis, [(40.0, 0.0, 0.0, 0.0)] * 3)
+    assert far.spec.origin_x == pytest.approx(40.0 - 7.2, abs=0.2)
+    assert len(obstacles(far, config().step)) == 0
+
+
+def test_same_clouds_give_the_same_terrain() -> None:
+    first, second = (seen("mecanum", FLOOR, slab(5.0, 6.0, 1.0, 2.0, top=0.5), until=1.0) for _ in range(2))
+    assert np.array_equal(first.points, second.points)
+    assert np.array_equal(first.classes, second.classes)
+
+
+def test_a_wide_window_reaches_as_far_again() -> None:
+    rover = Rover(made(FLOOR, slab(11.0, 12.0, -1.0, 1.0, top=0.6)), ROBOTS["mecanum"], 6)
+    terrain = rover.feed(TerrainAnalysis(wide(config())), along_x(0.0, 1.6))
+    assert terrain.spec.resolution * terrain.spec.width == pytest.approx(40.0)
+    assert len(within(terrain, 10.8, 12.2)) > 0
+
+
+def test_bad_input_is_named() -> None:
+    analysis = TerrainAnalysis(config())
+    with pytest.raises(BadInputError, match="shape"):
+        analysis.update(np.zeros((4, 2), np.float32), 0, SE3(), SE3())
+    with pytest.raises(BadInputError, match="even number"):
+        TerrainConfig(columns=7)
+    with pytest.raises(BadInputError, match="step"):
+        TerrainConfig(step=0.0)
+
+
+def test_the_image_holds_the_nearest_return_of_each_direction() -> None:
+    rng = np.random.default_rng(7)
+    points = rng.uniform(-6.0, 6.0, (3000, 3)) * [1.0, 1.0, 0.2]
+    image, origin = _image_of(points.astype(np.float32))
+    slow = np.full_like(image, np.inf)
+    for x, y, z in points.astype(np.float32).astype(np.float64) - origin:
+        away = math.hypot(x, y)
+        row = (z / away - columns.ROW_LOW) / columns.ROW
+        share = abs(y) / (abs(x) + abs(y))
+        quarter = (0 if x >= 0 else 1) if y >= 0 else (2 if x < 0 else 3)
+        turned = quarter + (share if quarter in (0, 2) else 1.0 - share)
+        column = min(columns.DIRECTIONS - 1, int(turned * columns.QUARTER))
+        if row >= 0.0 and int(row) < columns.ROWS:
+            slow[column, int(row)] = min(slow[column, int(row)], away)
+    assert np.allclose(image[np.isfinite(image)], slow[np.isfinite(image)], rtol=1e-5)
+    assert np.array_equal(np.isfinite(image), np.isfinite(slow))
+
+
+def _image_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    n = 16
+    voxels, mask = np.zeros((n, n, columns.BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    newest = np.full((n, n), -1e9, np.float32)
+    ground, touched = np.full((n // 2, n // 2), np.nan, np.float32), np.zeros((n // 2, n // 2), np.uint8)
+    image, origin = np.empty((columns.DIRECTIONS, columns.ROWS), np.float32), np.array([0.1, -0.2, 0.3])
+    limits = np.array([50.0, 0.1, 50.0, 0.1, 0.1])
+    store = (np.zeros(2, np.int64), 0.1, ground, voxels, mask, newest, image, touched)
+    columns.insert(points, origin, np.zeros(3), 0.0, limits, *store)
+    return image, origin
+
+
+def test_the_low_of_a_cell_is_a_quartile_of_returns() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(200):
+        count = int(rng.integers(1, 10))
+        heights, counts = rng.uniform(0.0, 0.5, count), rng.integers(1, 6, count).astype(np.float64)
+        lift = 0.15
+        sure = heights[counts >= 2.0]
+        wanted = math.nan
+        if len(sure):
+            kept = (heights >= sure.min()) & (heights <= sure.min() + lift)
+            if counts[kept].sum() >= columns.RETURNS:
+                order = np.argsort(heights[kept])
+                below = np.cumsum(counts[kept][order])
+                wanted = heights[kept][order][np.searchsorted(below, 0.25 * below[-1])]
+        found, _ = columns.quantile_of_lowest(heights.copy(), counts.copy(), count, lift)
+        assert found == pytest.approx(wanted, nan_ok=True)

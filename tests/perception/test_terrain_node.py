@@ -1,0 +1,63 @@
+"""The terrain node: what it tells is what the analysis says, in the frame of the odometry; clouds without odometry are left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ambler.core.errors import BadInputError
+from ambler.core.messages import Odometry, PointCloud
+from ambler.core.se3 import SE3
+from ambler.nodes.terrain import TerrainNode
+from ambler.perception.terrain_config import TerrainConfig
+from ambler.robots.spatial_robots import mecanum
+from ambler.runtime.topics import ODOMETRY, REGISTERED_CLOUD, TERRAIN_MAP, TERRAIN_MAP_EXT
+from ambler.studies.made_ground import LEVEL, Rover, made, slab
+from tests.hand_made_context import HandMadeContext
+
+ROBOT = mecanum().model
+BEGIN_NS = 1_000_000_000
+
+
+def told(scans: int, *, has_odometry: bool = True) -> HandMadeContext:
+    rover = Rover(made(slab(-20.0, 20.0, -20.0, 20.0), slab(4.0, 4.5, -1.0, 1.0, top=0.4)), ROBOT, 1)
+    context = HandMadeContext()
+    context.start(TerrainNode(ROBOT, TerrainConfig().for_robot(ROBOT)))
+    for k in range(scans):
+        points, stamp_ns, base, _ = rover.scan(SE3((0.05 * k, 0.0, LEVEL)))
+        stamp_ns += BEGIN_NS
+        if has_odometry:
+            zero = (0.0, 0.0, 0.0)
+            for at in (stamp_ns - 50_000_000, stamp_ns, stamp_ns + 5_000_000):
+                none = np.zeros((6, 6))
+                context.callbacks[ODOMETRY.name](Odometry(at, "odom", "base", base, zero, zero, none, none))
+        flat = np.zeros(len(points), np.float32)
+        cloud = PointCloud(stamp_ns, "odom", points, flat, flat, np.zeros(len(points), np.uint16))
+        context.callbacks[REGISTERED_CLOUD.name](cloud)
+    return context
+
+
+def test_both_terrains_are_told_with_heights_above_the_ground() -> None:
+    context = told(12)
+    near, wide = context.messages(TERRAIN_MAP), context.messages(TERRAIN_MAP_EXT)
+    assert (len(near), len(wide)) == (6, 2)
+    box = near[-1].points[near[-1].intensity > 0.08]
+    assert near[-1].frame == "odom"
+    ground = near[-1].points[near[-1].ring == 1]
+    assert len(ground) > 500
+    assert np.abs(np.median(ground[:, 2])) < 0.02
+    assert np.allclose(np.median(box[:, 0]), 4.0, atol=0.3)
+    assert float(box[:, 2].max()) < 0.45
+    assert np.ptp(wide[-1].points[:, 0]) > np.ptp(near[-1].points[:, 0])
+    assert set(np.unique(near[-1].ring)) <= {0, 1, 2, 3, 4, 5}
+
+
+def test_clouds_of_moments_without_odometry_are_left_out() -> None:
+    assert told(4, has_odometry=False).published == []
+
+
+def test_a_robot_without_clouds_is_refused() -> None:
+    with pytest.raises(BadInputError, match="clouds"):
+        TerrainNode(replace(ROBOT, sensors=()), TerrainConfig())
