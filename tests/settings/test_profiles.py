@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -21,6 +22,11 @@ class Outer:
     inner: Inner = field(default_factory=Inner)
     name: str = "x"
     gains: tuple[float, float] = (1.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Worded:
+    glass: Literal["auto", "on", "off"] = "auto"
 
 
 def test_defaults_work() -> None:
@@ -55,6 +61,11 @@ def test_assignments_and_merge() -> None:
     assert build(Outer, over) == Outer(Inner(2.0, 0.3))
     with pytest.raises(BadInputError, match="name=value"):
         parse_assignment("speed")
+
+
+@pytest.mark.parametrize(("text", "wanted"), [("glass=on", "on"), ("glass=off", "off"), ("glass=auto", "auto")])
+def test_words_that_yaml_takes_for_booleans_are_words(text: str, wanted: str) -> None:
+    assert build(Worded, parse_assignment(text)).glass == wanted
 
 
 def test_a_resolved_file_builds_the_same_configuration(tmp_path: Path) -> None:

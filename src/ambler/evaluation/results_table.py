@@ -496,6 +496,64 @@ ROWS: Sequence[Row] = (
         ),
     ),
     Row(
+        "LiDAR-inertial odometry with 30 % of the returns false: dust and rain; standing smoke (drawn sites, simulated)",
+        "error ≤ 1.5 × that in clear air",
+        "lio_air.json",
+        "dust {dust_mid_360_ratio_vs_clear_worst:.2f} and {dust_vlp_16_ratio_vs_clear_worst:.2f}, rain {rain_mid_360_ratio_vs_clear_worst:.2f} and "
+        "{rain_vlp_16_ratio_vs_clear_worst:.2f}; smoke, {smoke_mid_360_false_return_ratio_worst:.0%} false: {smoke_mid_360_ratio_vs_clear_worst:.2f} and "
+        "{smoke_vlp_16_ratio_vs_clear_worst:.2f} (Mid-360 and VLP-16, worst)",
+        _at_most(
+            dust_mid_360_ratio_vs_clear_worst=1.5,
+            dust_vlp_16_ratio_vs_clear_worst=1.5,
+            rain_mid_360_ratio_vs_clear_worst=1.5,
+            rain_vlp_16_ratio_vs_clear_worst=1.5,
+        ),
+    ),
+    Row(
+        "LiDAR-inertial odometry of `go2` on `campus`, Mid-360 at 10 Hz: share of one core",
+        "≤ 15 %",
+        "bench_odometry.json",
+        "{odometry_ratio:.1%}; recordings {recording_mb_per_s:.1f} MB/s",
+        _at_most(odometry_ratio=0.15),
+    ),
+    Row(
+        "ground on drawn sites, mounts off by 5 cm and 3° (simulated)",
+        "≤ 0.1 % false on flat floor; drops ≥ 8 cm seen at ≥ 1.5 m; kerbs of 12 cm never open, slopes of 15° free",
+        "ground.json",
+        "false {mecanum_false_ratio:.2%} and {go2_false_ratio:.2%}; drops {mecanum_drop_good} and {go2_drop_good} of {mecanum_drop_runs}, from "
+        "{mecanum_drop_seen_at_least_m:.1f} m; kerbs {mecanum_kerb_good} and {go2_kerb_good}, slopes {mecanum_slope_good} and {go2_slope_good} "
+        "of {mecanum_slope_runs} (`mecanum`, `go2`)",
+        _all(
+            _at_most(mecanum_false_ratio=0.001, go2_false_ratio=0.001),
+            _at_least(mecanum_drop_good=10, go2_drop_good=10, mecanum_kerb_good=10, mecanum_slope_good=10),
+        ),
+    ),
+    Row(
+        "terrain within 10 m, 20k points of a Mid-360, one core",
+        "≤ 1.0 ms",
+        "bench_terrain.json",
+        "{near_update_ms:.2f} ms (95 %: {near_update_p95_ms:.2f}); its cloud {near_terrain_ms:.2f} ms",
+        _at_most(near_update_ms=1.0),
+    ),
+    Row(
+        "visibility graph of 2000 nodes: update and search",
+        "≤ 3 ms each, ≤ 20 % of a core",
+        "bench_far.json",
+        "{nodes} nodes: {update_median_ms:.2f} ms (95 %: {update_p95_ms:.2f}) and {search_median_ms:.2f} ms ({search_p95_ms:.2f}); {core_share_pct:.1f} % of a core",
+        _at_most(update_median_ms=3.0, search_median_ms=3.0, core_share_pct=20.0),
+    ),
+    Row(
+        "goals in unknown offices and flats, drawn, `diff`: visibility graph beside the grid planner in the same run",
+        "all reached; time ≤ 1.0 ×, ≤ 0.9 × with dead ends; ≤ 1 reversal per 50 m",
+        "unknown.json",
+        "{visibility_graph_reached} of {visibility_graph_runs} (grid {grid_reached}), {visibility_graph_collisions} collisions; {ratio_vs_grid:.2f} ×, "
+        "{dead_end_ratio_vs_grid:.2f} ×; {visibility_graph_reversals_per_50m:.2f} reversals (grid {grid_reversals_per_50m:.2f})",
+        _all(
+            _at_least(visibility_graph_reached=20),
+            _at_most(ratio_vs_grid=1.0, dead_end_ratio_vs_grid=0.9, visibility_graph_reversals_per_50m=1.0),
+        ),
+    ),
+    Row(
         "LiDAR-inertial odometry beside kiss-icp on the same scans, drawn halls, VLP-16 (simulated)",
         "≤ 0.5 of its error in 10",
         "lio_peer_hall.json",

@@ -133,6 +133,8 @@ def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]
                 name: _radians(member, inner, f"{where}{key}.{name}.") if isinstance(inner, Mapping) else inner
                 for name, inner in value.items()
             }
+        elif isinstance(value, bool) and {"on", "off"} <= set(get_args(hints[key])):
+            out[key] = "on" if value else "off"  # YAML reads these words as booleans
         else:
             out[key] = value
     return out
