@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.studies.unknown_study import meets_bars, summarize, unknown_cases, unknown_study
 
     settings, seeds = study_settings(args, "global_planner"), seeds_of(args)
+    settings.check(["lab_empty"], [args.robot])  # places are not drawn yet
     kinds = [kind for kind in args.kinds.split(",") if kind]
     physics: Any = "kinematic" if args.kinematic else "contact"
     cases = unknown_cases(kinds, args.robot, seeds, physics, settings)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.apps.config import recorded_config
 from ambler.core.robot import RobotModel
 from ambler.core.se3 import SE3
 from ambler.evaluation.proportions import wilson_interval
@@ -26,6 +27,7 @@ from ambler.sim.sensors import named_generator
 from ambler.sim.solids import WorldSpec
 from ambler.studies.made_ground import Rover, half_plane, made, ramp, slab
 from ambler.studies.study import Study
+from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 ROBOTS = {"mecanum": mecanum, "go2": go2}
 KINDS = ("flat", "drop", "kerb", "slope")
@@ -44,6 +46,7 @@ class GroundCase:
     seed: int
     robot: str
     kind: str
+    settings: StudySettings = DEFAULTS
 
     @property
     def label(self) -> str:
@@ -51,9 +54,10 @@ class GroundCase:
         return f"{self.robot}-{self.kind}-{self.seed}"
 
 
-def ground_study(seeds: Sequence[int]) -> Study[GroundCase]:
-    """Return the study of all robots and kinds of ground for these seeds."""
-    cases = [GroundCase(seed, robot, kind) for seed in seeds for robot in ROBOTS for kind in KINDS]
+def ground_study(seeds: Sequence[int], settings: StudySettings = DEFAULTS) -> Study[GroundCase]:
+    """Return the study of all robots and kinds of ground for these seeds; raises BadInputError for settings that no robot takes."""
+    recorded_config(settings.profile)
+    cases = [GroundCase(seed, robot, kind, settings) for seed in seeds for robot in ROBOTS for kind in KINDS]
     return Study("ground", cases, run_case, _line)
 
 
@@ -64,7 +68,7 @@ def run_case(case: GroundCase, folder: Path) -> dict[str, Any]:
     world, edge, angle, drawn = _draw(case.kind, rng)
     height, roll, pitch = (float(rng.uniform(-most, most)) for most in (HEIGHT_OFF, ANGLE_OFF, ANGLE_OFF))
     rover = Rover(world, model, case.seed, SE3.from_rpy((0.0, 0.0, height), roll, pitch, 0.0))
-    config = TerrainConfig().for_robot(model)
+    config = recorded_config(case.settings.profile).ground.for_robot(model)
     analysis = TerrainAnalysis(config)
     y = float(rng.uniform(-0.5, 0.5))
     front = float(model.footprint[:, 0].max())
