@@ -93,7 +93,8 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     operator, finish = _operator(saved, nodes, out)
     stack = Stack([*nodes, RecordedServicesNode(), operator], external=_inputs([*nodes, operator]))
     names = frozenset(node.name for node in stack.nodes)
-    outputs = [topic.ros_name for topic in dict.fromkeys(t for node in stack.nodes for t in node.outputs)]
+    written = dict.fromkeys(t for node in stack.nodes for t in node.outputs)
+    outputs = [topic.ros_name for topic in written if not topic.is_bulk]  # what is for nodes only was not recorded
     comparison = ReplayComparison(read_recording(folder.recording, outputs), outputs)
     poses: list[tuple[int, PoseStamped | Odometry]] = []
     first_ns, last_ns = _span(folder.recording)
@@ -107,7 +108,8 @@ def replay_run(root: Path, out: Path | None = None, rate: float | None = None) -
     finish.append(stop_at_the_end)
 
     def watch(topic: Topic[Any], message: Message, time_ns: int, writer: str) -> None:
-        comparison.on_message(topic, message, time_ns, writer)
+        if not topic.is_bulk:
+            comparison.on_message(topic, message, time_ns, writer)
         if topic in (SLAM_POSE, LOCALIZED_POSE) and isinstance(message, PoseStamped | Odometry):
             poses.append((message.stamp_ns, message))
 
