@@ -68,7 +68,7 @@ def test_it_is_much_better_than_the_legs(run: SimulatedRun) -> None:
 def test_it_replays_to_the_same_bits(run: SimulatedRun, tmp_path: Path) -> None:
     comparison = replay_run(run.folder.root, tmp_path).comparison
     assert comparison.is_equal, str(comparison)
-    assert {"/odom", "/registered_scan", "/slam_pose"} <= {t.topic for t in comparison.topics}
+    assert {"/odom", "/registered_view", "/slam_pose"} <= {t.topic for t in comparison.topics}
 
 
 def test_it_explores_live_too(tmp_path: Path) -> None:
