@@ -150,6 +150,13 @@ SAFETY = (
         MEMORY,
     ),
     PlantedFault(
+        "a robot with a blind side forgets who stands there",
+        "safety/blind_memory.py",
+        "return bool(is_seen.all())",
+        "return True",
+        MEMORY,
+    ),
+    PlantedFault(
         "what a robot drove up to counts as a visitor",
         "safety/visitors.py",
         "MOVED = 0.15",

@@ -7,8 +7,10 @@ import pytest
 
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.safety.blind_memory import BlindMemory, FieldOfView
+from ambler.robots.catalog import robot_model
+from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
 from ambler.safety.points import patch_means
+from ambler.safety.visitors import rim_of
 
 MOUNT = SE3((0.0, 0.0, 0.8))
 PUCK = FieldOfView(0.4, elevation=(-math.radians(15), math.radians(15)))
@@ -192,3 +194,15 @@ def test_what_a_robot_drove_up_to_is_held_however_long_nothing_is_seen_of_it() -
         now += 0.05
         kept = memory.update(around_corner(post, pose, 0.02), pose, CORNER, SIDE, (), now)
     assert len(kept) > 0
+
+
+def test_only_a_robot_that_looks_all_around_may_forget_visitors() -> None:
+    robot = robot_model("amr_omni")
+    rim = rim_of(robot.footprint)
+    planar = [(m.base_from_sensor, FieldOfView(0.05, m.azimuth)) for m in robot.scanners]
+    assert see_all_around(rim, planar)
+    front_right, front_left, rear_left = planar
+    assert see_all_around(rim, [front_right, rear_left]), "two at opposite corners"
+    for left in ([front_right, front_left], [front_left, rear_left], [front_right]):
+        assert not see_all_around(rim, left), "anybody may stand where nothing looks"
+    assert not see_all_around(rim, [(SE3((0.0, 0.0, 0.5)), PUCK)]), "below the lowest ring somebody may crouch"

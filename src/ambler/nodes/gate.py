@@ -53,11 +53,12 @@ from ambler.runtime.topics import (
     VELOCITY_REQUEST,
 )
 from ambler.safety.approach_permit import ApproachPermit
-from ambler.safety.blind_memory import BlindMemory, FieldOfView
+from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
 from ambler.safety.config import GateConfig
 from ambler.safety.gate import GateStep, VelocityGate
 from ambler.safety.points import F64, patch_means, points_of_cloud, points_of_scan
 from ambler.safety.stuck_scan import StuckScan
+from ambler.safety.visitors import rim_of
 
 PERIOD = 0.02
 STATUS_PERIOD_NS = 1_000_000_000
@@ -108,6 +109,7 @@ class GateNode(Node):
         self._rangers = robot.rangers
         self._known = (*self._planar, *self._clouds, *self._rangers)
         self._fields: dict[str, FieldOfView] = {}
+        self._rim = rim_of(robot.footprint)
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
         ring = sorted(self._rangers, key=lambda m: m.base_from_sensor.to_se2().yaw)
@@ -217,7 +219,9 @@ class GateNode(Node):
             return np.empty((0, 3))  # its blind zone lies within the footprint
         memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
         others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != scan.frame]
-        return memory.update(points, odom_from_base, base_from_sensor, field, others, scan.stamp_ns * 1e-9)
+        all_scanners = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items()]
+        seconds = scan.stamp_ns * 1e-9 if see_all_around(self._rim, all_scanners) else 0.0
+        return memory.update(points, odom_from_base, base_from_sensor, field, others, seconds)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""

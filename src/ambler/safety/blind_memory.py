@@ -136,6 +136,18 @@ class BlindMemory:
             self._travel += last.distance_to(odom_from_base) + turn * self._radius
 
 
+def see_all_around(rim: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> bool:
+    """Whether planar scanners (mount, field of view) together look at every point of a rim (N, 2) around the robot, base frame. Then what they
+    cannot see is narrower than the rim, and nobody is hidden there whole; of a cloud's scanner this is never known, because he may crouch."""
+    is_seen = np.zeros(len(rim), np.bool_)
+    for base_from_sensor, field in scanners:
+        if field.elevation[1] - field.elevation[0] < 2.0 * math.pi:
+            return False
+        level = np.column_stack((rim, np.full(len(rim), base_from_sensor.translation[2])))
+        is_seen |= field.contains(_rays(base_from_sensor.inverse(), level))
+    return bool(is_seen.all())
+
+
 def _moved(pose: SE2, points: F64) -> F64:
     """Move points (N, 3) by a planar pose; z stays."""
     return np.column_stack((pose.transform(points[:, :2]), points[:, 2]))

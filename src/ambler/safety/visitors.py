@@ -1,7 +1,8 @@
 """Who came to a robot that stood, and has left again: of what a scanner cannot see, only that may be forgotten without being looked through.
 
 What the robot itself drove up to stays where it is. What appeared beside it while it stood moves by itself; when for some time nothing at
-all is seen around its place, it has gone. Without this, somebody who once touched the side of a robot would hold it for ever.
+all is seen around its place, it has gone. Without this, somebody who once touched the side of a robot would hold it for ever. It holds only
+where scanners look all around (`blind_memory.see_all_around`): behind a robot that does not see backwards anybody may stand.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ MOVED = 0.15  # metres of the outermost corner by which what was taken down is o
 CELL = 0.1  # metres; side of the cells that are compared
 NEAR = 0.3  # metres around a remembered point: who stands there is wider than what a scanner cannot see of him
 GONE = 2.0  # seconds without a return within that
+RIM = 0.15  # metres around the robot that its scanners must look at, all of it: nobody is narrower
 ROW = 1_000_003
 
 
@@ -51,6 +53,16 @@ class Visitors:
             for dx in (-1, 0, 1):
                 stood |= np.isin(cells + dy * ROW + dx, self._cells)
         return ~stood
+
+
+def rim_of(footprint: F64) -> F64:
+    """Return points (N, 2) `RIM` metres outside a convex, counter-clockwise footprint (M, 2): along its sides and beyond its corners."""
+    edge = np.roll(footprint, -1, axis=0) - footprint
+    normals = np.column_stack((edge[:, 1], -edge[:, 0])) / np.hypot(*edge.T)[:, None]
+    share = np.linspace(0.0, 1.0, 25)[:, None, None]
+    sides = (footprint + share * edge + RIM * normals).reshape(-1, 2)
+    outward = normals + np.roll(normals, 1, axis=0)
+    return np.concatenate((sides, footprint + RIM * outward / np.hypot(*outward.T)[:, None]))
 
 
 def is_seen_near(places: F64, returns: F64) -> Flags:
