@@ -192,8 +192,8 @@ SENSORS = (
     PlantedFault(
         "the robot of a real site is told where its camera really sits",
         "apps/simulated.py",
-        "simulated_nodes(world, FIRST, camera, parts.devices, scene.robot.model)",
-        "simulated_nodes(world, FIRST, camera, parts.devices)",
+        "parts.devices, model, has_map=has_map)",
+        "parts.devices, None, has_map=has_map)",
         TOLD,
     ),
     PlantedFault(

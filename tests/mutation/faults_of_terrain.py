@@ -6,6 +6,8 @@ from tests.mutation.planted import PlantedFault
 
 GROUND = ("tests/perception/test_terrain.py",)
 LAYER = ("tests/costmap/test_terrain_layer.py",)
+MAP = ("tests/perception/test_ground_map.py",)
+WALK = ("tests/safety/test_floor_walk.py",)
 NODE = ("tests/perception/test_terrain_node.py",)
 
 TERRAIN = (
@@ -73,5 +75,91 @@ TERRAIN = (
         "if self._count % (2 * WIDE_EVERY) == 0:",
         "if self._count % WIDE_EVERY == 0:",
         NODE,
+    ),
+    PlantedFault(
+        "obstacles weigh no more than ground",
+        "kernels/ground_map.py",
+        "GROUND_MOST, OBSTACLE_MOST = 4, -6",
+        "GROUND_MOST, OBSTACLE_MOST = 4, -1",
+        ("tests/perception/test_ground_map.py::test_what_left_is_free_again_after_some_looks_and_not_after_one", *MAP),
+    ),
+    PlantedFault(
+        "what is assumed stays",
+        "kernels/ground_map.py",
+        "                was = UNKNOWN\n",
+        "                was = ASSUMED\n",
+        (
+            "tests/perception/test_ground_map.py::test_ground_too_near_for_a_level_lidar_is_assumed_until_the_robot_is_away",
+        ),
+    ),
+    PlantedFault(
+        "ground is assumed behind walls",
+        "kernels/ground_map.py",
+        "                    is_open = False\n",
+        "                    is_open = True\n",
+        ("tests/perception/test_ground_map.py::test_nothing_is_assumed_behind_a_wall",),
+    ),
+    PlantedFault(
+        "roofs are ground",
+        "perception/ground_map.py",
+        "kernels.keep_joined(",
+        "(lambda *_: None)(",
+        ("tests/perception/test_ground_map.py::test_a_roof_beside_the_ground_is_no_ground",),
+    ),
+    PlantedFault(
+        "an upper deck is drawn over the lower one",
+        "kernels/ground_map.py",
+        "if kind != 0 and not is_other:",
+        "if kind != 0:",
+        ("tests/perception/test_ground_map.py::test_some_ground_of_another_level_does_not_change_this_one",),
+    ),
+    PlantedFault(
+        "another level is looked for on this one",
+        "perception/ground_map.py",
+        "out[inner][beyond & ~known & (its != kernels.UNKNOWN)] = OCC_OCCUPIED",
+        "pass",
+        ("tests/perception/test_ground_map.py::test_what_another_level_knows_beyond_shared_ground_is_closed",),
+    ),
+    PlantedFault(
+        "the gate's floor creeps up walls",
+        "kernels/floor_walk.py",
+        "least = min(least, low - slope * far + TOLERANCE)",
+        "least = low - slope * far + TOLERANCE",
+        WALK,
+    ),
+    PlantedFault(
+        "the gate's floor rises by any slope",
+        "kernels/floor_walk.py",
+        "if far - last <= gap:",
+        "if True:",
+        WALK,
+    ),
+    PlantedFault(
+        "the floor inside walls counts as reached",
+        "sim/reachable_ground.py",
+        "        _hollow_out(solid, spec, heights)",
+        "        pass",
+        ("tests/sim/test_reachable_ground.py", "tests/evaluation/test_site_quality.py"),
+    ),
+    PlantedFault(
+        "ground at any height covers a site",
+        "evaluation/site_quality.py",
+        "(occupancy[iy, ix] == OCC_FREE) & same",
+        "(occupancy[iy, ix] == OCC_FREE)",
+        ("tests/evaluation/test_site_quality.py::test_ground_of_another_level_and_ground_behind_walls_do_not_count",),
+    ),
+    PlantedFault(
+        "every surface of a site is seen",
+        "evaluation/site_quality.py",
+        "surface_coverage=_share(is_seen)",
+        "surface_coverage=1.0",
+        ("tests/evaluation/test_site_quality.py::test_what_is_missing_counts",),
+    ),
+    PlantedFault(
+        "the robot never goes back to a level",
+        "missions/explore.py",
+        "return {k for k in open_on if",
+        "return {k for k in () if",
+        ("tests/missions/test_explore_levels.py",),
     ),
 )

@@ -74,6 +74,15 @@ def glass_walls(draw):
 
 
 @st.composite
+def ground_levels(draw):
+    n = draw(st.integers(0, 4))
+    ends = draw(arrays(np.uint32, (n, 2), elements=st.integers(0, 9))).astype(np.float64)
+    poses = draw(arrays(np.float64, (n, 3), elements=float64s))
+    passages = np.column_stack((ends, poses))
+    return m.GroundLevels(draw(stamps), draw(words), draw(st.integers(0, 9)), draw(st.integers(0, 9)), passages)
+
+
+@st.composite
 def camera_infos(draw):
     frame, size, number = draw(words), st.integers(1, 4000), st.floats(-1e4, 1e4)
     distortion = draw(st.sampled_from([5, 8]).flatmap(lambda n: st.tuples(*[number] * n)))
@@ -107,6 +116,7 @@ MESSAGES = {
     m.PoseStamped: st.builds(m.PoseStamped, stamps, words, poses),
     m.PointStamped: st.builds(m.PointStamped, stamps, words, vectors),
     m.Polygon: st.builds(m.Polygon, stamps, words, any_float32(st.tuples(st.integers(0, 9), st.just(3)))),
+    m.GroundLevels: ground_levels(),
     m.SlamHealth: st.builds(
         m.SlamHealth,
         stamps,

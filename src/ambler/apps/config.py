@@ -40,6 +40,7 @@ from ambler.nodes.slam2d import Slam2dNodeConfig
 from ambler.perception.air_filter import AirFilterConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
+from ambler.perception.ground_map import GroundMapConfig
 from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig, default_planar
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
@@ -58,7 +59,8 @@ class RobotConfig:
     `strategy`, `controller`, `localizer` and `global_planner` (`planner` or `visibility`) choose one of those whose own sections stand below.
     `odometry_source` is wheels with a gyroscope (`odometry`), or a
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
-    is the floor of the local costmap. `scanners` holds calibrated mounts and
+    is the floor of the local costmap. `mapping`: a robot that explores makes its map of planar `scans` (`slam2d`), on a level floor, or of the
+    `ground` that its terrain analysis sees (`ground_map`), on slopes and levels above one another. `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -69,7 +71,9 @@ class RobotConfig:
     glass: Literal["auto", "on", "off"] = "auto"
     odometry_source: Literal["wheels", "lidar"] = "wheels"
     terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
+    mapping: Literal["scans", "ground"] = "scans"
     ground: TerrainConfig = field(default_factory=TerrainConfig)
+    ground_map: GroundMapConfig = field(default_factory=GroundMapConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     lio: LioConfig = field(default_factory=LioConfig)
@@ -109,6 +113,12 @@ class RobotConfig:
             self.terrain == "always" or (self.terrain == "auto" and self.odometry_source == "lidar")
         )
 
+    def gate_for(self, robot: RobotModel) -> GateConfig:
+        """Return the gate's numbers: where the terrain is analysed, slopes that it takes are floor for the gate too, unless it is told of others."""
+        if self.gate.slope > 0.0 or not self.uses_terrain(robot):
+            return self.gate
+        return replace(self.gate, slope=math.tan(self.ground.steep))
+
     def make_localizer(self, surfaces: SurfaceMap, seed: int = 0) -> Localizer:
         """Build the chosen localizer for a map; `seed` is that of the particles. Raises BadInputError for reflectors without positions."""
         if self.localizer == "tracker":
@@ -120,10 +130,13 @@ class RobotConfig:
 
     def check_odometry(self, robot: RobotModel) -> None:
         """Raise BadInputError when the chosen odometry lacks what it needs, before anything runs."""
-        kinds = {mount.kind for mount in robot.sensors}
         if self.terrain == "always" and self.odometry_source != "lidar":
             raise BadInputError("terrain always: needs registered clouds, which only odometry_source lidar gives")
-        if self.odometry_source == "lidar" and not {SensorKind.CLOUD, SensorKind.IMU} <= kinds:
+        if self.mapping == "ground" and not self.uses_terrain(robot):
+            raise BadInputError(
+                "mapping ground: needs the terrain analysis, so odometry_source lidar and not terrain never"
+            )
+        if self.odometry_source == "lidar" and not can_map_ground(robot):
             raise BadInputError(
                 f"odometry_source lidar: {robot.name} needs a LiDAR that gives clouds, and an IMU (spot has both)"
             )
@@ -153,6 +166,7 @@ SEEN_WELL = (
     0.75  # of a scanner's range: from there many beams still meet a wall, and the robot may be that far from one
 )
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
+TURNING_MOST = 0.25  # metres
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 
 
@@ -203,6 +217,26 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
     )
 
 
+GROUND_PROFILE = {"odometry_source": "lidar", "mapping": "ground"}
+"""What a robot is told where the ground is not level."""
+
+
+def can_map_ground(robot: RobotModel) -> bool:
+    """Whether a robot has what a map of ground needs."""
+    return {SensorKind.CLOUD, SensorKind.IMU} <= {mount.kind for mount in robot.sensors}
+
+
+def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
+    """Return a configuration for sites: the planner leaves out gaps in which the robot could not turn, up to `TURNING_MOST` on either side. Between two parked cars
+    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to."""
+    room = min(TURNING_MOST, robot.circumscribed_radius - robot.inscribed_radius + PADDING)
+    inflation = replace(
+        config.global_costmap.inflation, inscribed_radius=robot.inscribed_radius + max(room, 2.0 * PADDING)
+    )
+    survey = replace(config.survey, roomy_cost=turning_cost(robot, inflation))
+    return replace(config, global_costmap=replace(config.global_costmap, inflation=inflation), survey=survey)
+
+
 def unknown_ground(config: RobotConfig) -> RobotConfig:
     """Return a configuration for drives to goals in a place of which there is no map: both planners may attempt unknown ground, and a way that
     people block is waited for as in a known map."""
@@ -226,6 +260,8 @@ def robot_config(
     """Return the defaults for a robot with a profile laid over them; raises BadInputError that names the key, or a scanner that the robot
     does not have. `is_unknown`: it drives to goals in a place of which there is no map."""
     default = default_config(robot, has_map=has_map)
+    if profile.get("mapping") == "ground":
+        default = on_ground(default, robot)
     config = build(RobotConfig, merge(as_values(unknown_ground(default) if is_unknown else default), profile))
     calibrated_robot(robot, config.scanners)
     return config

@@ -110,7 +110,10 @@ class DriveRun(Run):
         world = World(scene.world, [BodySpec(ROBOT, robot, scene.start)], config)
         model = scene.robot.model
         nodes = simulated_nodes(world, ROBOT, described=model, has_map=False)
-        nodes += [*placing_nodes(model, scene.config, scene.cloud_map, scene.guess), GateNode(model, scene.config.gate)]
+        nodes += [
+            *placing_nodes(model, scene.config, scene.cloud_map, scene.guess),
+            GateNode(model, scene.config.gate_for(model)),
+        ]
         has_legs = scene.robot.gait is not None
         route = scene.route
         driver = partial(RouteDriverNode, route.points, route.speed, model, scene.start, has_legs=has_legs)

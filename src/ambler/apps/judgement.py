@@ -12,6 +12,7 @@ import numpy as np
 
 from ambler.apps.docks import dock_of_world
 from ambler.apps.simulated import SimulatedRobot, SimulatedRun
+from ambler.apps.site_judgement import site_fields, site_quality
 from ambler.core.errors import BadInputError
 from ambler.core.messages import BatteryState
 from ambler.core.se2 import SE2, wrap_angle
@@ -53,8 +54,9 @@ def judge(
         robot.folder.recording, TruthFrame(robot.world_from_map), robot.truth if robot.options.is_apart else None
     )
     spec = record.true_map[0]
-    on_stage(f"judging the map against the truth, {spec.width} x {spec.height} cells")
-    save_map(robot.folder.truth_stem, *record.true_map)
+    if spec.width:
+        on_stage(f"judging the map against the truth, {spec.width} x {spec.height} cells")
+        save_map(robot.folder.truth_stem, *record.true_map)
     quality = _map_quality(robot, record)
     trajectory = None
     if len(record.stamps_ns) > 1:
@@ -72,6 +74,9 @@ def judge(
         fields |= {"planner": robot.config.global_planner, "ate_rms_m": error}
     elif robot.options.makes_map:
         fields |= _exploration(robot, record, quality, trajectory)
+        if robot.config.mapping == "ground":
+            on_stage("judging the ground and the surfaces against the truth")
+            fields |= site_fields(site_quality(robot))
         fields["recovery_time_ratio"] = record.recovery_seconds / run.run_seconds if run.run_seconds > 0.0 else 0.0
     else:
         fields |= {"localizer": robot.config.localizer, "source": robot.config.localization.source}
@@ -203,7 +208,7 @@ def _reachable(robot: SimulatedRobot, record: ExplorationRecord, quality: MapQua
 
 def _map_quality(robot: SimulatedRobot, record: ExplorationRecord) -> MapQuality | None:
     path = robot.folder.map_stem.with_suffix(".yaml")
-    if not path.exists():
+    if not path.exists() or not record.true_map[0].width:
         return None
     try:
         return compare_maps(load_map(path), record.true_map)

@@ -31,6 +31,7 @@ from ambler.nodes.echoes import EchoNode
 from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.glass_mapper import GlassMapperNode
+from ambler.nodes.ground_mapper import GroundMapperNode
 from ambler.nodes.layer_inputs import LayerInput
 from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.nodes.localization import LocalizationNode
@@ -86,7 +87,8 @@ def robot_nodes(
     parts = parts if parts is not None else Parts()
     robot = calibrated_robot(robot, config.scanners)
     distances = partial(distance_field, escape_radius=config.planner.escape_radius)
-    nodes = sensing_nodes(robot, config)
+    maps_ground = site.grid is None and config.mapping == "ground"
+    nodes = sensing_nodes(robot, config, closes_loops=maps_ground)
     if site.grid is None:
         nodes += _mapping_nodes(robot, config)
     else:
@@ -95,10 +97,11 @@ def robot_nodes(
     nodes += _driving_nodes(robot, config, parts)
     if site.grid is None:
         survey = FrontierSurvey(config.survey, distances)
-        nodes.append(ExplorerNode(config.explore, survey, parts.strategy or _strategy(config, distances)))
+        strategy = parts.strategy or _strategy(config, distances)
+        nodes.append(ExplorerNode(config.explore, survey, strategy, has_levels=maps_ground))
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
-    return [*nodes, *parts.nodes, GateNode(robot, config.gate, clock_offsets=clock_offsets(config.scanners))]
+    return [*nodes, *parts.nodes, GateNode(robot, config.gate_for(robot), clock_offsets=clock_offsets(config.scanners))]
 
 
 def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool = False) -> list[Node]:
@@ -116,6 +119,8 @@ def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool 
 
 
 def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
+    if config.mapping == "ground":
+        return [GroundMapperNode(robot, config.ground, config.ground_map)]
     glass = [GlassMapperNode(robot, config.specular, config.glass_map)] if config.maps_glass(robot) else []
     return [*glass, Slam2dNode(robot, config.slam2d)]
 

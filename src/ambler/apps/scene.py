@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from ambler.apps.config import RobotConfig, robot_config
+from ambler.apps.config import GROUND_PROFILE, RobotConfig, can_map_ground, robot_config
 from ambler.apps.docks import dock_of_world
 from ambler.apps.robot import MapGrid
 from ambler.core.camera import CameraModel
@@ -94,11 +94,14 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     robot = robot if robot is not None else robot_named(options.robot)
     world = load_world(options.world)
     start = _start(options, world)
-    config = _config(robot.model, options, world.start.inverse() @ start)
+    config = _config(robot.model, options, world.start.inverse() @ start, is_level=world.is_flat)
     faults = tuple(Fault.parse(text) for text in options.faults)
     FaultInjector(faults, world, robot.faulty_frames)  # raises where a door or a scanner is not there
     _check_steps(options, robot, world)
-    truth_grid(replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION)  # raises where it lies in a solid
+    if config.mapping != "ground":
+        truth_grid(
+            replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION
+        )  # raises where it lies in a solid
     grid = _grid(options, robot, world)
     if grid is not None:
         _check_map(options, config, grid)
@@ -136,8 +139,13 @@ def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
             raise BadInputError(f"{name}: the goal {goal.x:g}, {goal.y:g} m lies outside of it")
 
 
-def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2) -> RobotConfig:
-    config = robot_config(robot, options.profile, has_map=not options.makes_map, is_unknown=options.is_unknown)
+def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2, *, is_level: bool) -> RobotConfig:
+    """The configuration of a run. Where the ground is not level, robots that can map it do, unless they are told otherwise."""
+    profile = dict(options.profile)
+    if options.makes_map and not is_level and can_map_ground(robot):
+        profile = {**GROUND_PROFILE, **profile}
+    config = robot_config(robot, profile, has_map=not options.makes_map, is_unknown=options.is_unknown)
+    config.check_odometry(robot)
     if not options.makes_map:
         config.check_localizer()
         config = with_map_bend(config, options.map_file)

@@ -172,7 +172,8 @@ def _world_nodes(
     bodies += [BodySpec(name, other.robot, other.start, mate.seed) for name, (mate, other) in others.items()]
     world = World(spec, bodies, config)
     nodes = {name: simulated_nodes(world, name, other.camera) for name, (_, other) in others.items()}
-    return {FIRST: simulated_nodes(world, FIRST, camera, parts.devices, scene.robot.model), **nodes}
+    model, has_map = scene.robot.model, scene.config.mapping != "ground"
+    return {FIRST: simulated_nodes(world, FIRST, camera, parts.devices, model, has_map=has_map), **nodes}
 
 
 def _simulator(

@@ -7,7 +7,7 @@ from typing import Any
 
 from ambler.cli.results_output import print_fields
 from ambler.cli.run_options import study_settings
-from ambler.cli.study_options import add_study_options, conduct_study, seeds_of, write_summary
+from ambler.cli.study_options import add_study_options, conduct_study, names_of, seeds_of, write_summary
 
 
 def add_parser(subparsers: Any) -> None:
@@ -42,9 +42,9 @@ def run(args: argparse.Namespace) -> int:
     if args.places:
         return _campaign(args)
     settings = study_settings(args)
-    worlds, robots = _names(args.worlds), _names(args.robots)
+    worlds, robots = names_of(args.worlds), names_of(args.robots)
     settings.check(worlds, robots)
-    strategies = _names(args.strategies or [settings.profile.get("strategy", "tour")])
+    strategies = names_of(args.strategies or [settings.profile.get("strategy", "tour")])
     options = () if args.time_limit is None else ("--time-limit", str(args.time_limit))
     seeds = seeds_of(args)
     cases = [ExplorationCase(*case, options, settings) for case in product(worlds, robots, strategies, seeds)]
@@ -62,8 +62,8 @@ def _campaign(args: argparse.Namespace) -> int:
     from ambler.studies.exploration_study import exploration_study
 
     settings = study_settings(args)
-    robots, kinds = _names(args.robots), _names(args.kinds or list(campaign.CLOSED_KINDS))
-    fresh_count, has_development = campaign.parse_places(_names(args.places))
+    robots, kinds = names_of(args.robots), names_of(args.kinds or list(campaign.CLOSED_KINDS))
+    fresh_count, has_development = campaign.parse_places(names_of(args.places))
     campaign.check_kinds(kinds)
     if args.strategies:
         raise BadInputError("--places compares places: choose one strategy with --set strategy=…")
@@ -78,8 +78,3 @@ def _campaign(args: argparse.Namespace) -> int:
     print("\n".join(campaign.table(fields)))
     write_summary(args, {"fresh_places": ",".join(fresh), **fields}, seeds)
     return 0 if all(value for name, value in fields.items() if name.startswith("bars.")) else 1
-
-
-def _names(words: list[str]) -> tuple[str, ...]:
-    """Return names given as words, with or without commas."""
-    return tuple(name for word in words for name in word.split(",") if name)

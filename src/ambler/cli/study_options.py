@@ -68,3 +68,8 @@ def write_summary(args: argparse.Namespace, fields: dict[str, Any], seeds: Seque
     if args.json:
         told = {"seeds": ",".join(str(seed) for seed in seeds), **fields}
         write_results(args.json, args.command_line, seeds[0], time.perf_counter() - args.started, told)
+
+
+def names_of(words: Sequence[str]) -> tuple[str, ...]:
+    """Return names given as words, with or without commas."""
+    return tuple(name for word in words for name in word.split(",") if name)

@@ -378,6 +378,18 @@ class SlamHealth(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class GroundLevels(Message):
+    """Levels of the map of ground: the `active` one, on which the robot is, of `count`. Who stands at one of `passages` float64 (N, 5), (level from, level to,
+    x, y, yaw) in the map frame, is on both."""
+
+    stamp_ns: int
+    frame: str
+    active: int
+    count: int
+    passages: F64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Contact(Message):
     """A contact of the robot with something that is not the ground, as the simulator's ground truth sees it.
 

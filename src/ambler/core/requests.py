@@ -77,6 +77,13 @@ class SaveMapRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelRequest:
+    """Draw into this level of the map of ground as soon as what the robot sees fits it."""
+
+    level: int
+
+
+@dataclass(frozen=True, slots=True)
 class PicturesRequest:
     """Ask the camera for pictures for so many seconds from now on; nobody needs to say that they are no longer wanted."""
 

@@ -543,6 +543,18 @@ ROWS: Sequence[Row] = (
         _at_most(update_median_ms=3.0, search_median_ms=3.0, core_share_pct=20.0),
     ),
     Row(
+        "sites in three dimensions, drawn (plots with slopes and kerbs, garages of two levels), explored by `go2` and `mecanum`",
+        "10 sites: ≥ 98 % of the visible surface, with proof, at home, 0 collisions; path ≤ 2 × the tour with full knowledge",
+        "sites.json",
+        "{all.done} of {all.runs} done ({all.finished} with proof, {all.at_home} at home), {all.collisions} collisions; surface {all.surface_coverage_ratio_median:.1%} (worst "
+        "{all.surface_coverage_ratio_worst:.1%}), path {all.ratio_vs_known_tour_median:.2f} × the tour, {all.ate_unaligned_rms_m_median:.2f} m in the frame of the start",
+        _all(
+            lambda fields: bool(fields["bars.done"]) and fields["all.collisions"] == 0,
+            _at_most("all.", ratio_vs_known_tour_median=2.0),
+            _at_least("all.", runs=10),
+        ),
+    ),
+    Row(
         "goals in unknown offices and flats, drawn, `diff`: visibility graph beside the grid planner in the same run",
         "all reached; time ≤ 1.0 ×, ≤ 0.9 × with dead ends; ≤ 1 reversal per 50 m",
         "unknown.json",

@@ -83,6 +83,10 @@ class FrontierSurvey:
         self._frontier_map = FrontierMap(config.free_below)
         self._last: OccupancyGrid | None = None
 
+    def another(self) -> FrontierSurvey:
+        """Return a survey of another place by the same rules."""
+        return FrontierSurvey(self.config, self._distance_field)
+
     def reset(self) -> None:
         """Forget the map and every refusal."""
         self.memory = FrontierMemory(self.config.memory, self.config.free_below)

@@ -213,8 +213,8 @@ def judge_ground(ground, state, returns, first, size, step, steep, sure, slopes,
                 ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
                 ahead2, behind2 = np.float64(sure[py + 2 * dy, px + 2 * dx]), np.float64(sure[py - 2 * dy, px - 2 * dx])
                 slopes[axis, y, x] = _lesser((ahead - h) / cell, (h - behind) / cell)
-                rise = (ahead2 - behind2) / (4.0 * cell)
-                wide += rise * rise if not math.isnan(rise) else 0.0
+                rise = _lesser((ahead2 - h) / (2.0 * cell), (h - behind2) / (2.0 * cell))
+                wide += rise * rise  # both ways: floor between two cars is not steep for the hood beside it
                 if not is_sure:
                     continue
                 ahead3, behind3 = np.float64(sure[py + 3 * dy, px + 3 * dx]), np.float64(sure[py - 3 * dy, px - 3 * dx])

@@ -16,6 +16,7 @@ from ambler.exploration.choice import ChoiceConfig, choose, find_again
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey, Survey
 from ambler.missions.explore_commands import (
+    ChangeLevel,
     ClearCosts,
     Command,
     DriveTo,
@@ -52,6 +53,10 @@ class ExploreMission:
     def begin(self, goal: ExploreGoal, now_ns: int) -> None:
         """Start a new exploration; the pose at the first update is home."""
         self._surveyor.reset()
+        self._surveyors = {0: self._surveyor}
+        self._level = self._home_level = 0
+        self._left: dict[int, tuple[Frontier, ...]] = {}  # what was open or refused on levels that the robot has left
+        self._level_tries: dict[int, int] = {}
         self.survey = None
         self.target = None
         self._goal = goal
@@ -157,7 +162,9 @@ class ExploreMission:
                 return self._end(ExploreState.FAILED, "STUCK", missing)
             return []
         if self._home is None:
-            self._home = view.map_from_base
+            self._home, self._home_level = view.map_from_base, view.level
+        if view.level != self._level:
+            return self._come_to_level(view)
         if self._doubt or self.state is ExploreState.DOUBTING:
             return self._doubting(view)
         self._trail.add(view.map_from_base)
@@ -168,6 +175,7 @@ class ExploreMission:
             ExploreState.DRIVING: self._driving,
             ExploreState.LOOKING: self._looking,
             ExploreState.RETURNING: self._returning,
+            ExploreState.CHANGING_LEVEL: self._changing_level,
         }
         return steps[self.state](view)
 
@@ -189,14 +197,69 @@ class ExploreMission:
         if best is not None:
             self._has_swept = False
             return self._drive_to_frontier(view, best)
+        unfinished = self._next_level(view, self._unfinished())
+        if unfinished is not None:
+            return self._change_level(view, *unfinished)
         if not self._has_swept:
             return self._sweep(view)
         if self._goal.return_to_start and not self._is_home:
-            return self._go_home()
+            return self._go_home(view)
         if self._now.reachable_area < self.config.min_reachable_area:
             text = f"boxed in: only {self._now.reachable_area:.2f} m² can be reached"
             return self._end(ExploreState.FAILED, "STUCK", text)
         return self._end(ExploreState.FINISHED, "SUCCEEDED", self._proof())
+
+    def _unfinished(self) -> set[int]:
+        """Levels on which something was open when the robot left them, or that it was never on."""
+        open_on = {k for k, left in self._left.items() if any(f.state is FrontierState.OPEN for f in left)}
+        return {k for k in open_on if self._level_tries.get(k, 0) < self.config.level_tries}
+
+    def _next_level(self, view: ExploreView, wanted: set[int]) -> tuple[int, int] | None:
+        """Return the nearest of some levels and the next one on the way there, by the fewest passages; None: no way is known."""
+        reached = {view.level: view.level}
+        queue = [view.level]
+        for here in queue:
+            if here in wanted:
+                return here, reached[here]
+            for _, to_level in view.passages[view.passages[:, 0] == here, :2].astype(int).tolist():
+                if to_level not in reached:
+                    reached[to_level] = to_level if here == view.level else reached[here]
+                    queue.append(to_level)
+        return None
+
+    def _change_level(self, view: ExploreView, level: int, following: int) -> list[Command]:
+        """Drive to where the present level meets the next one on the way to another."""
+        self._level_tries[level] = self._level_tries.get(level, 0) + 1
+        is_way = (view.passages[:, 0] == view.level) & (view.passages[:, 1] == following)
+        place = SE2(*view.passages[is_way][0, 2:].tolist())
+        self._next_drive()
+        self.target, self._is_home = None, False
+        self._enter(ExploreState.CHANGING_LEVEL, f"from level {view.level} to level {following}")
+        return [ChangeLevel(following), DriveTo(self._drive, place, self.config.xy_tolerance, math.pi)]
+
+    def _changing_level(self, view: ExploreView) -> list[Command]:
+        """A drive between levels that ended without one: look around, and try again."""
+        code, self._drive_code = self._drive_code, None
+        if code is None:
+            return []
+        return [ClearCosts(), *self._turn_and_wait(view, f"between two levels ({code})")]
+
+    def _come_to_level(self, view: ExploreView) -> list[Command]:
+        """Another level: what was chosen on the last one is not on it."""
+        if self.survey is not None:
+            self._left[self._level] = self.survey.frontiers
+        self._level = view.level
+        self._left.pop(view.level, None)
+        if view.level not in self._surveyors:
+            self._surveyors[view.level] = self._surveyors[0].another()
+        self._surveyor = self._surveyors[view.level]
+        self._surveyor.forget_map()
+        self.survey, self.target, self._trail = None, None, Trail()
+        self._arrived, self._has_swept, self._drive_code = False, False, None
+        self._gets_on()
+        self._next_drive()
+        self._look(view)
+        return [StopDriving(), *self._wait(view, self.config.look_time, f"on level {view.level}")]
 
     def _driving(self, view: ExploreView) -> list[Command]:
         code, self._drive_code = self._drive_code, None
@@ -424,8 +487,14 @@ class ExploreMission:
         self._wait(view, self.config.sweep_time, "final sweep")
         return [ClearCosts()]
 
-    def _go_home(self) -> list[Command]:
+    def _go_home(self, view: ExploreView) -> list[Command]:
         assert self._home is not None
+        if view.level != self._home_level:
+            way = self._next_level(view, {self._home_level})
+            if way is None or self._level_tries.get(self._home_level, 0) >= 3 * self.config.level_tries:
+                text = f"no way from level {view.level} to level {self._home_level}"
+                return self._end(ExploreState.FAILED, "RETURN_FAILED", text)
+            return self._change_level(view, *way)
         self._returns += 1
         self._next_drive()
         self._enter(ExploreState.RETURNING, f"to the start, attempt {self._returns}")
@@ -433,7 +502,8 @@ class ExploreMission:
         return [DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance)]
 
     def _proof(self) -> str:
-        remaining, left_out = len(self._now.frontiers), self._now.left_out
+        remaining = len(self._now.frontiers) + sum(len(left) for left in self._left.values())
+        left_out = self._now.left_out
         text = "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
         return f"{text}; {left_out:.1f} m of frontier were left out on purpose" if left_out else text
 
@@ -441,5 +511,7 @@ class ExploreMission:
         self._enter(state, text)
         self.target = None
         remaining = () if self.survey is None else self.survey.frontiers
+        for left in self._left.values():
+            remaining += left
         result = ExploreResult(remaining, self._goals_reached, self._is_home)
         return [StopDriving(), Ended(code, text, result)]

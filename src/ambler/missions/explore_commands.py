@@ -5,6 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig
@@ -20,6 +23,7 @@ class ExploreState(enum.Enum):
     DRIVING = "driving"
     LOOKING = "looking"
     RETURNING = "returning"
+    CHANGING_LEVEL = "changing_level"
     DOUBTING = "doubting"
     FINISHED = "finished"
     FAILED = "failed"
@@ -31,7 +35,7 @@ class ExploreConfig:
     """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again;
     a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
     shut. After drives to `shut_failures` places that failed from one it waits and turns
-    there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
+    there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
     `doubt_time` to find itself again before the exploration ends as LOST. While it drives through a map of
     n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
 
@@ -58,6 +62,7 @@ class ExploreConfig:
     home_yaw_tolerance: float = 0.2
     home_near: float = 0.6
     wide_cells: int = 1_000_000
+    level_tries: int = 4
     doubt_way: float = 4.0
     doubt_time: float = 90.0
     choice: ChoiceConfig = field(default_factory=ChoiceConfig)
@@ -65,12 +70,15 @@ class ExploreConfig:
 
 @dataclass(frozen=True, slots=True)
 class ExploreView:
-    """What the mission sees at one instant; both grids and the pose are in the map frame."""
+    """What the mission sees at one instant; both grids and the pose are in the map frame. In a place of several levels the grids are those of `level`, and
+    `passages` are as in core.messages.GroundLevels."""
 
     now_ns: int
     map: OccupancyGrid
     costs: CostGrid
     map_from_base: SE2
+    level: int = 0
+    passages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +110,13 @@ class ClearCosts:
 
 
 @dataclass(frozen=True, slots=True)
+class ChangeLevel:
+    """Take this level for the one that the robot is on as soon as what it sees fits it."""
+
+    level: int
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """The mission is over: SUCCEEDED, CANCELLED or a failure of the EXPLORE task, with one sentence and the proof."""
 
@@ -110,4 +125,4 @@ class Ended:
     result: ExploreResult
 
 
-Command = DriveTo | TurnAround | StopDriving | ClearCosts | Ended
+Command = DriveTo | TurnAround | StopDriving | ClearCosts | ChangeLevel | Ended

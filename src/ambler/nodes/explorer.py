@@ -6,13 +6,23 @@ import json
 from typing import Any
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import CostGrid, Frontiers, GateState, GateStatus, OccupancyGrid, Status, Transforms
+from ambler.core.messages import (
+    CostGrid,
+    Frontiers,
+    GateState,
+    GateStatus,
+    GroundLevels,
+    OccupancyGrid,
+    Status,
+    Transforms,
+)
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey
 from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
+    ChangeLevel,
     ClearCosts,
     Command,
     DriveTo,
@@ -24,6 +34,7 @@ from ambler.missions.explore_commands import (
 )
 from ambler.runtime.node import GoalHandle, GoalTicket, Node, Service, Task, TaskOutcome
 from ambler.runtime.tasks import (
+    CHOOSE_LEVEL,
     CLEAR_GLOBAL_COSTMAP,
     CLICKED_GOAL_OVER,
     EXPLORE,
@@ -32,12 +43,13 @@ from ambler.runtime.tasks import (
     ExploreFeedback,
     ExploreGoal,
     ExploreResult,
+    LevelRequest,
     NavigateGoal,
     Nothing,
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS, Topic
+from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, GROUND_LEVELS, MAP, STATUS, TRANSFORMS, Topic
 
 Handle = GoalHandle[ExploreGoal, ExploreFeedback, ExploreResult]
 
@@ -47,13 +59,23 @@ class ExplorerNode(Node):
 
     name: str = "explorer"
     inputs: tuple[Topic[Any], ...] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
-    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS)
+    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS)
     outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
     serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
     calls: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
     latency: float = 0.05
 
-    def __init__(self, config: ExploreConfig, survey: FrontierSurvey, strategy: Strategy, period: float = 1.0) -> None:
+    def __init__(
+        self,
+        config: ExploreConfig,
+        survey: FrontierSurvey,
+        strategy: Strategy,
+        period: float = 1.0,
+        *,
+        has_levels: bool = False,
+    ) -> None:
+        if has_levels:
+            self.calls = (*type(self).calls, CHOOSE_LEVEL)
         self._mission = ExploreMission(config, survey, strategy)
         self._period = period
         self._tree = TransformTree()
@@ -63,6 +85,7 @@ class ExplorerNode(Node):
         self._ticket: GoalTicket | None = None
         self._drive: DriveTo | TurnAround | None = None
         self._is_yielding = False
+        self._levels: GroundLevels | None = None
         self._told = ""
 
     def start(self) -> None:
@@ -70,6 +93,7 @@ class ExplorerNode(Node):
         self.ctx.subscribe(MAP, self._on_map)
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costs)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
+        self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(STATUS, self._on_status)
         self.ctx.subscribe(GATE_STATUS, self._on_gate)
         self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
@@ -78,8 +102,15 @@ class ExplorerNode(Node):
     def _on_map(self, message: OccupancyGrid) -> None:
         self._map = message
 
+    def _on_levels(self, message: GroundLevels) -> None:
+        """Another level: what was known of the last one is not of it."""
+        if self._levels is not None and message.active != self._levels.active:
+            self._map = self._costs = None
+        self._levels = message
+
     def _on_costs(self, message: CostGrid) -> None:
-        self._costs = message
+        if self._levels is None or message.stamp_ns >= self._levels.stamp_ns:  # else of another level
+            self._costs = message
 
     def _on_transforms(self, message: Transforms) -> None:
         for edge in message.transforms:
@@ -119,7 +150,10 @@ class ExplorerNode(Node):
         pose = self._pose()
         if self._map is None or self._costs is None or pose is None:
             return None
-        return ExploreView(self.ctx.now_ns, self._map, self._costs, pose)
+        if self._levels is None:
+            return ExploreView(self.ctx.now_ns, self._map, self._costs, pose)
+        levels = self._levels
+        return ExploreView(self.ctx.now_ns, self._map, self._costs, pose, levels.active, levels.passages)
 
     def _update(self) -> None:
         mission = self._mission
@@ -165,6 +199,8 @@ class ExplorerNode(Node):
                     if self._ticket is not None:
                         self._ticket.cancel()
                         self._ticket = None
+                case ChangeLevel():
+                    self.ctx.call(CHOOSE_LEVEL, LevelRequest(command.level), self._on_chosen)
                 case ClearCosts():
                     self.ctx.call(CLEAR_GLOBAL_COSTMAP, Nothing(), self._on_cleared)
                 case Ended():
@@ -184,6 +220,10 @@ class ExplorerNode(Node):
     def _on_cleared(self, reply: Nothing | Exception) -> None:
         if isinstance(reply, Exception):
             self.ctx.log("CLEAR_FAILED", str(reply))
+
+    def _on_chosen(self, reply: Nothing | Exception) -> None:
+        if isinstance(reply, Exception):
+            self.ctx.log("LEVEL_REFUSED", str(reply))
 
     def _end(self, ended: Ended) -> None:
         handle, self._handle = self._handle, None

@@ -56,7 +56,7 @@ from ambler.safety.approach_permit import ApproachPermit
 from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
 from ambler.safety.config import GateConfig
 from ambler.safety.gate import GateStep, VelocityGate
-from ambler.safety.points import F64, patch_means, points_of_cloud, points_of_scan
+from ambler.safety.points import F64, Floor, patch_means, points_of_cloud, points_of_scan
 from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
 
@@ -175,8 +175,16 @@ class GateNode(Node):
         self._take_points(
             cloud,
             FieldOfView(mount.range_min, elevation=mount.elevation),
-            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), self._twist, reach, band),
+            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), self._twist, reach, band, self._floor_at(cloud)),
         )
+
+    def _floor_at(self, cloud: PointCloud) -> Floor | None:
+        """The floor around the robot, where it may slope."""
+        if self._config.slope <= 0.0:
+            return None
+        up = _level_from_base(self._motion.pose_at(cloud.stamp_ns)).rotate((0.0, 0.0, 1.0))
+        upright = max(up[2], 0.5)
+        return Floor(self._config.slope, self._radius, (-up[0] / upright, -up[1] / upright))
 
     def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
         """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile."""

@@ -21,6 +21,7 @@ from ambler.core.requests import (
     FollowPathGoal,
     GateReply,
     GateRequest,
+    LevelRequest,
     NavigateFeedback,
     NavigateGoal,
     NavigateResult,
@@ -42,6 +43,7 @@ from ambler.wire.ros_types import TRIGGER
 __all__ = [
     "ARM",
     "CAMERA_PICTURES",
+    "CHOOSE_LEVEL",
     "CLEAR_GLOBAL_COSTMAP",
     "CLEAR_LOCAL_COSTMAP",
     "CLICKED_GOAL_OVER",
@@ -80,6 +82,7 @@ __all__ = [
     "FollowPathGoal",
     "GateReply",
     "GateRequest",
+    "LevelRequest",
     "NavigateFeedback",
     "NavigateGoal",
     "NavigateResult",
@@ -156,6 +159,7 @@ ARM = _service("arm", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_
 PAUSE = _service("pause", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
 EMERGENCY_STOP = _service("emergency_stop", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
 RESET_STOP = _service("reset_stop", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
+CHOOSE_LEVEL = _service("choose_level", LevelRequest, Nothing, "ambler_msgs/srv/ChooseLevel")
 SAVE_MAP = _service("save_map", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 CAMERA_PICTURES = _service(

@@ -88,6 +88,7 @@ ROBOT_DESCRIPTION = _topic("robot_description", m.Text, "/robot_description", "l
 MAP = _topic("map", m.OccupancyGrid, "/map", "latched", 1)
 MATCHED_SCAN = _topic("matched_scan", m.PointCloud, "/matched_scan", depth=2)
 SLAM_POSE = _topic("slam_pose", m.PoseStamped, "/slam_pose", depth=50)
+GROUND_LEVELS = _topic("ground_levels", m.GroundLevels, "/ground_levels", "latched", 1)
 SLAM_HEALTH = _topic("slam_health", m.SlamHealth, "/slam_health")
 GLASS = _topic("glass", m.GlassWalls, "/glass", "latched", 1)
 TRAJECTORY = _topic("trajectory", m.Path, "/trajectory", "latched", 1)

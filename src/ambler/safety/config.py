@@ -28,6 +28,8 @@ class GateConfig:
     max_step_gap       a longer pause between two steps means that the gate was starved
     max_future         a stamp further ahead of the clock than this is refused
     self_depth         points deeper than this inside the footprint are the robot itself
+    slope              steepest floor (m per m) that points of a cloud may show without being obstacles; 0: the floor is level. What stands on a slope counts
+                       from there
     memory_travel      metres of the outermost corner after which a point that no scanner can see any more is forgotten
     """
 
@@ -48,4 +50,5 @@ class GateConfig:
     max_step_gap: float = 0.25
     max_future: float = 0.1
     self_depth: float = 0.05
+    slope: float = 0.0
     memory_travel: float = 12.0

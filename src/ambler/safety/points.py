@@ -7,17 +7,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se3 import SE3
+from ambler.kernels.floor_walk import RING, heights_over_floor
 
 F64 = NDArray[np.float64]
 
 PATCH = (math.radians(0.5), 0.05)  # azimuth and distance from the sensor that share one mean
+FLOOR_GAP = 0.5  # metres without floor across which a slope goes on: from under the robot to where its scanner sees
 PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """A floor that rises by at most `slope` (m per m). `under` (m): the robot's own reach; `lean`: how it leans, as rise per metre along x and y."""
+
+    slope: float
+    under: float
+    lean: tuple[float, float]
 
 
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
@@ -32,11 +44,16 @@ def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
 
 
 def points_of_cloud(
-    cloud: PointCloud, sweep: Sequence[SE3], twist: F64, reach: float, z_band: tuple[float, float]
+    cloud: PointCloud,
+    sweep: Sequence[SE3],
+    twist: F64,
+    reach: float,
+    z_band: tuple[float, float],
+    floor: Floor | None = None,
 ) -> F64:
     """Return the points of a 3-D scan within `reach` metres of the sensor and inside the height band above the floor, float64
     (N, 3), in the base frame of the stamp. `sweep` is where the sensor was in a level base, free of the body's lean, at equal times from
-    the scan's first point to its last."""
+    the scan's first point to its last. `floor`: heights count from a floor that may slope (None: it is level)."""
     x, y = cloud.points[:, 0], cloud.points[:, 1]
     is_near = x * x + y * y <= np.float32(reach * reach)
     near, times = cloud.points[is_near], cloud.time[is_near].astype(np.float64)
@@ -47,7 +64,12 @@ def points_of_cloud(
     points = np.empty((len(near), 3))
     for k, base_from_sensor in enumerate(sweep):
         points[part == k] = base_from_sensor.transform(near[part == k])
-    is_in_band = (points[:, 2] >= z_band[0]) & (points[:, 2] <= z_band[1])
+    heights = points[:, 2]
+    if floor is not None:
+        heights = np.empty(len(points))
+        lean = np.array(floor.lean)
+        heights_over_floor(points, floor.slope, FLOOR_GAP, floor.under, lean, math.ceil(reach / RING), heights)
+    is_in_band = (heights >= z_band[0]) & (heights <= z_band[1])
     return carried_to_stamp(points[is_in_band], times[is_in_band], twist)
 
 

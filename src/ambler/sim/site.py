@@ -30,17 +30,18 @@ class Site:
     is_closed: bool = True
 
 
-def draw_site(seed: int, length: float, steepness: float = 1.0) -> Site:
-    """Draw a site outdoors with a closed loop of about `length` metres; its slopes are `steepness` times as steep as usual."""
+def draw_site(seed: int, length: float, steepness: float = 1.0, margin: float = MARGIN) -> Site:
+    """Draw a site outdoors with a closed loop of about `length` metres and `margin` metres of ground beyond it; its slopes are `steepness` times as steep as
+    usual."""
     rng = named_generator(seed, "site")
     way = _loop(rng, length)
-    low, high = way.min(axis=0) - MARGIN, way.max(axis=0) + MARGIN
+    low, high = way.min(axis=0) - margin, way.max(axis=0) + margin
     terrain = _ground(rng, low, high, steepness)
     solids: list[Solid] = []
     meshes: list[TriangleMesh] = []
     taken: list[tuple[float, float, float]] = []
-    _houses(rng, way, terrain, solids, meshes, taken)
-    _things(rng, way, terrain, solids, taken)
+    _houses(rng, way, terrain, solids, meshes, taken, min(32.0, margin))
+    _things(rng, way, terrain, solids, taken, min(22.0, margin))
     heights = terrain.heights_at(way) + HAND
     start = SE2(float(way[0, 0]), float(way[0, 1]), 0.0)
     world = WorldSpec(f"site-{seed}", tuple(solids), start, meshes=tuple(meshes), terrain=terrain)
@@ -168,10 +169,11 @@ def _houses(
     solids: list[Solid],
     meshes: list[TriangleMesh],
     taken: list[tuple[float, float, float]],
+    reach: float,
 ) -> None:
     perimeter = 6.0 * len(way)
     for k in range(int(perimeter / 7.0)):
-        x, y = _beside(rng, way, 5.0, 32.0)
+        x, y = _beside(rng, way, 5.0, reach)
         sx, sy = float(rng.uniform(6.0, 20.0)), float(rng.uniform(5.0, 12.0))
         yaw, radius = float(rng.uniform(0.0, math.pi)), 0.5 * math.hypot(sx, sy)
         if not _is_free(x, y, radius, way, taken, CLEAR):
@@ -206,10 +208,11 @@ def _things(
     terrain: HeightField,
     solids: list[Solid],
     taken: list[tuple[float, float, float]],
+    reach: float,
 ) -> None:
     perimeter = 6.0 * len(way)
     for k in range(int(perimeter / 2.2)):
-        x, y = _beside(rng, way, 2.0, 22.0)
+        x, y = _beside(rng, way, 2.0, reach)
         kind = ("tree", "tree", "pole", "car", "wall", "box")[int(rng.integers(6))]
         ground, yaw = _ground_of(terrain, x, y), float(rng.uniform(0.0, math.pi))
         radius = {"tree": 2.0, "pole": 0.3, "car": 2.4, "wall": 4.0, "box": 1.0}[kind]

@@ -102,6 +102,9 @@ _CODECS: dict[type[m.Message], Codec] = {
         *("visualization_msgs/msg/MarkerArray", ros_markers.visibility_graph_to_ros, None),
         ros_markers.encode_visibility_graph,
     ),
+    m.GroundLevels: Codec(
+        "ambler_msgs/msg/GroundLevels", ros_status.ground_levels_to_ros, ros_status.ground_levels_from_ros
+    ),
     m.SlamHealth: Codec("ambler_msgs/msg/SlamHealth", ros_status.slam_health_to_ros, ros_status.slam_health_from_ros),
     m.Contact: Codec("ambler_msgs/msg/Contact", ros_status.contact_to_ros, ros_status.contact_from_ros),
     m.GateStatus: Codec("ambler_msgs/msg/GateStatus", ros_status.gate_status_to_ros, ros_status.gate_status_from_ros),

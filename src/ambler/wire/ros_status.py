@@ -13,6 +13,8 @@ from ambler.wire.ros_geometry import header_to_ros, point_to_ros, stamp_from_ros
 from ambler.wire.ros_types import record_class
 
 _SlamHealth = record_class("ambler_msgs/msg/SlamHealth")
+_GroundLevels = record_class("ambler_msgs/msg/GroundLevels")
+_Pose2D = record_class("geometry_msgs/msg/Pose2D")
 _Contact = record_class("ambler_msgs/msg/Contact")
 _GateStatus = record_class("ambler_msgs/msg/GateStatus")
 _Status = record_class("ambler_msgs/msg/Status")
@@ -131,4 +133,22 @@ def battery_from_ros(record: Any) -> m.BatteryState:
         record.current,
         record.percentage,
         m.PowerSupply(record.power_supply_status),
+    )
+
+
+def ground_levels_to_ros(message: m.GroundLevels) -> Any:
+    passages = message.passages
+    ends = passages[:, :2].astype(np.uint32)
+    poses = [_Pose2D(*pose) for pose in passages[:, 2:].tolist()]
+    header = header_to_ros(message.stamp_ns, message.frame)
+    return _GroundLevels(header, message.active, message.count, ends[:, 0].copy(), ends[:, 1].copy(), poses)
+
+
+def ground_levels_from_ros(record: Any) -> m.GroundLevels:
+    if not len(record.from_levels) == len(record.to_levels) == len(record.passages):
+        raise ValueError("levels from, levels to and passages differ in number")
+    poses = np.array([(p.x, p.y, p.theta) for p in record.passages]).reshape(-1, 3)
+    passages = np.column_stack((record.from_levels, record.to_levels, poses)).astype(np.float64)
+    return m.GroundLevels(
+        stamp_from_ros(record.header), record.header.frame_id, record.active, record.count, passages.reshape(-1, 5)
     )

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2
 from ambler.sim.meshes import HeightField, TriangleMesh
 from ambler.sim.sensors import named_generator
-from ambler.sim.site import draw_site, draw_tunnel
+from ambler.sim.site import MARGIN, draw_site, draw_tunnel
 from ambler.sim.solids import Person, Shape, Solid, WorldSpec
 
 F64 = NDArray[np.float64]
-SITE_LENGTH, TUNNEL_LENGTH = 300.0, 150.0  # metres of the way through them
+SITE_LENGTH, TUNNEL_LENGTH, PLOT_LENGTH = 300.0, 150.0, 110.0  # metres of the way through them
+SITE_MARGIN, PLOT_MARGIN = MARGIN, 12.0  # metres of ground beyond the way
 STEEPNESS = 1.8  # of a hand's sites, so that a way of 300 m leads over slopes of some ten degrees
 KERB = (0.12, 0.15, 1.5)  # height over the ground, width, length of a stone (m)
 KERB_BESIDE = 2.0  # metres from the way to the kerb's middle
@@ -28,12 +29,25 @@ RAMP = math.radians(9.0)  # as steep as car parks are at most
 AISLE = 4.5  # metres
 BAY = (2.5, 5.0)
 PARKED = 0.55
+WALL_PIECE = 2.0  # metres of a wall that are built at one height
+
+
+def plot(seed: int) -> WorldSpec:
+    """Draw a site outdoors that is small enough to be explored in minutes, with a wall around it."""
+    drawn = _site(seed, PLOT_LENGTH, PLOT_MARGIN)
+    assert drawn.terrain is not None
+    return replace(drawn, solids=(*drawn.solids, *_enclosure(drawn.terrain)))
 
 
 def site(seed: int) -> WorldSpec:
-    """Draw a site outdoors: rolling ground, houses, trees, poles, cars and walls about a loop of 300 m, kerbs along parts of it, steps
+    """Draw a site outdoors about a loop of 300 m."""
+    return _site(seed, SITE_LENGTH, SITE_MARGIN)
+
+
+def _site(seed: int, length: float, margin: float) -> WorldSpec:
+    """Draw rolling ground, houses, trees, poles, cars and walls about a loop, kerbs along parts of it, steps
     before houses, and people who walk across the slopes."""
-    drawn = draw_site(seed, SITE_LENGTH, STEEPNESS)
+    drawn = draw_site(seed, length, STEEPNESS, margin)
     rng = named_generator(seed, "robots' site")
     way, world = drawn.way[:, :2], drawn.world
     assert world.terrain is not None
@@ -81,7 +95,7 @@ def garage(seed: int) -> WorldSpec:
     return _with_route(world, route)
 
 
-SPATIAL_KINDS: dict[str, Callable[[int], WorldSpec]] = {"site": site, "garage": garage, "tunnel": tunnel}
+SPATIAL_KINDS: dict[str, Callable[[int], WorldSpec]] = {"site": site, "plot": plot, "garage": garage, "tunnel": tunnel}
 
 
 def _closed_below(roof: TriangleMesh) -> TriangleMesh:
@@ -95,6 +109,22 @@ def _with_route(world: WorldSpec, route: F64) -> WorldSpec:
     (x, y), (ahead_x, ahead_y) = route[:2].tolist()
     start = SE2(round(x, 3), round(y, 3), math.atan2(ahead_y - y, ahead_x - x))
     return replace(world, start=start, route=tuple((round(a, 3), round(b, 3)) for a, b in route.tolist()))
+
+
+def _enclosure(terrain: HeightField) -> list[Solid]:
+    """A wall a metre inside the edge of the ground, which it follows."""
+    corners = terrain.outline
+    low, high = corners.min(axis=0) + 1.0, corners.max(axis=0) - 1.0
+    walls = []
+    for axis in (0, 1):
+        at = np.arange(low[axis] + 0.5 * WALL_PIECE, high[axis] + 0.5 * WALL_PIECE, WALL_PIECE)
+        for side in (low[1 - axis], high[1 - axis]):
+            for middle in at.tolist():
+                place = (middle, side) if axis == 0 else (side, middle)
+                ground = float(terrain.heights_at(np.clip(np.array([place]), low, high))[0])
+                size = (WALL_PIECE + 0.1, 0.2) if axis == 0 else (0.2, WALL_PIECE + 0.1)
+                walls.append(_box("wall", *place, *size, ground - 2.0, ground + 2.2))
+    return walls
 
 
 def _kerbs(rng: np.random.Generator, way: F64, terrain: HeightField) -> list[Solid]:

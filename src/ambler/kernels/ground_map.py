@@ -1,0 +1,202 @@
+"""Merging what a terrain analysis says of a window into a map of ground: evidence for and against each cell, and the height of its ground.
+
+Evidence is int8: `UNKNOWN`, `ASSUMED`, or a count, positive for ground. A window has kinds uint8 [iy, ix] of cells, 0 where nothing is known,
+and marks uint8 [2 iy, 2 ix] of voxels that stand on them.
+"""
+
+import math
+
+import numpy as np
+
+from ambler.kernels.jit import jit
+
+UNKNOWN, ASSUMED = -128, 100
+GROUND = 1  # the kind of a window's cell that can be crossed
+BLIND = 255  # the kind of a window's cell that the sensor cannot see from where it is
+GROUND_MOST, OBSTACLE_MOST = 4, -6
+HIT = 3  # looks at ground that one look at an obstacle outweighs
+
+
+@jit
+def find_blind(kinds, marks, origin, sensor, sensor_from_odom, sines, ground, reach):
+    """Mark unknown cells of a window that the sensor cannot see and nothing hides as `BLIND`.
+
+    `origin` (x, y, side of a cell), `sensor` its place (3,), `sensor_from_odom` (3, 3), `sines` of its lowest and highest elevation, `ground`
+    (x, y, z, rise along x, rise along y) the plane on which the robot stands, `reach` (m) how far from it.
+    """
+    ny, nx = kinds.shape
+    x0, y0, size = origin
+    low, high = sines
+    for iy in range(ny):
+        for ix in range(nx):
+            if kinds[iy, ix] != 0:
+                continue
+            x, y = x0 + (ix + 0.5) * size, y0 + (iy + 0.5) * size
+            bx, by = x - ground[0], y - ground[1]
+            far = math.hypot(bx, by)
+            if far > reach:
+                continue
+            z = ground[2] + bx * ground[3] + by * ground[4]
+            dx, dy, dz = x - sensor[0], y - sensor[1], z - sensor[2]
+            length = math.sqrt(dx * dx + dy * dy + dz * dz)
+            r = sensor_from_odom
+            sine = (r[2, 0] * dx + r[2, 1] * dy + r[2, 2] * dz) / max(length, 1e-6)
+            if low <= sine <= high:
+                continue
+            steps = int(far / size) + 1
+            is_open = True
+            for k in range(steps):
+                t = (k + 0.5) / steps
+                jy = int((ground[1] + t * by - y0) / size)
+                jx = int((ground[0] + t * bx - x0) / size)
+                if jy < 0 or jx < 0 or jy >= ny or jx >= nx:
+                    continue
+                if (kinds[jy, jx] > GROUND and kinds[jy, jx] != BLIND) or _is_marked(marks, jy, jx):
+                    is_open = False
+                    break
+            if is_open:
+                kinds[iy, ix] = BLIND
+
+
+@jit
+def keep_joined(kinds, marks, heights, origin, base, step, rise, queue):
+    """Forget the ground of a window that is not joined to the robot at `base` (x, y, z) by ground: the roofs of cars, on which a terrain may
+    climb up over what hides the gap below them.
+
+    Two cells are joined when they lie at most two apart, with nothing in the way between them, and differ by at most `step` + `rise` for each metre. `queue` int32 (N,) has room for every cell.
+    """
+    ny, nx = kinds.shape
+    joined = np.zeros((ny, nx), np.uint8)
+    ends = 0
+    by, bx = (base[1] - origin[1]) / origin[2], (base[0] - origin[0]) / origin[2]
+    reach = int(1.5 / origin[2])
+    for iy in range(max(0, int(by) - reach), min(ny, int(by) + reach + 1)):
+        for ix in range(max(0, int(bx) - reach), min(nx, int(bx) + reach + 1)):
+            far = math.hypot(iy + 0.5 - by, ix + 0.5 - bx) * origin[2]
+            if kinds[iy, ix] in (GROUND, BLIND) and abs(heights[iy, ix] - base[2]) <= step + rise * far:
+                joined[iy, ix] = 1
+                queue[ends] = iy * nx + ix
+                ends += 1
+    at = 0
+    while at < ends:
+        iy, ix = queue[at] // nx, queue[at] % nx
+        at += 1
+        for jy in range(max(0, iy - 2), min(ny, iy + 3)):
+            for jx in range(max(0, ix - 2), min(nx, ix + 3)):
+                if joined[jy, jx] or kinds[jy, jx] not in (GROUND, BLIND):
+                    continue
+                my, mx = iy + int((jy - iy) / 2), ix + int((jx - ix) / 2)
+                if kinds[my, mx] != 0 and (kinds[my, mx] not in (GROUND, BLIND) or _is_marked(marks, my, mx)):
+                    continue  # a parapet between two decks joins nothing
+                far = math.hypot(jy - iy, jx - ix) * origin[2]
+                if abs(heights[jy, jx] - heights[iy, ix]) <= step + rise * far:
+                    joined[jy, jx] = 1
+                    queue[ends] = jy * nx + jx
+                    ends += 1
+    for iy in range(ny):
+        for ix in range(nx):
+            if kinds[iy, ix] in (GROUND, BLIND) and not joined[iy, ix]:
+                kinds[iy, ix] = 0
+
+
+@jit
+def _is_marked(marks, iy, ix):
+    """Whether a voxel stands on a cell."""
+    y, x = 2 * iy, 2 * ix
+    return marks[y, x] + marks[y, x + 1] + marks[y + 1, x] + marks[y + 1, x + 1] > 0
+
+
+@jit
+def merge(kinds, marks, heights, origin, odom_from_map, rise, base, reach, apart, spec, box, evidence, map_heights):
+    """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
+
+    `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
+    map: what is assumed farther than `reach` from it is unknown again. Ground more than `apart` metres above or below what is known there is of another level,
+    and left out. `spec` (x, y, resolution) of the map's first corner.
+    """
+    c, s, tx, ty = odom_from_map
+    ny, nx = kinds.shape
+    y0, y1, x0, x1 = box
+    changed = 0
+    for iy in range(y0, y1):
+        my = spec[1] + (iy + 0.5) * spec[2]
+        for ix in range(x0, x1):
+            mx = spec[0] + (ix + 0.5) * spec[2]
+            was = evidence[iy, ix]
+            if was == ASSUMED and (mx - base[0]) ** 2 + (my - base[1]) ** 2 > reach * reach:
+                was = UNKNOWN
+            u = (c * mx - s * my + tx - origin[0]) / origin[2]
+            v = (s * mx + c * my + ty - origin[1]) / origin[2]
+            now = was
+            if 0.0 <= u < nx and 0.0 <= v < ny:
+                jx, jy = int(u), int(v)
+                kind = kinds[jy, jx]
+                known = map_heights[iy, ix]
+                is_other = kind == GROUND and was != UNKNOWN and abs(heights[jy, jx] + rise - known) > apart
+                if kind != 0 and not is_other:
+                    is_open = kind == GROUND and marks[int(2.0 * v), int(2.0 * u)] == 0
+                    now = _weighed(was, kind, is_open)
+                    if kind in (GROUND, BLIND) or math.isnan(known):
+                        map_heights[iy, ix] = heights[jy, jx] + rise
+            if _meaning(now) != _meaning(evidence[iy, ix]):
+                changed += 1
+            evidence[iy, ix] = now
+    return changed
+
+
+@jit
+def _weighed(was, kind, is_open):
+    """The evidence of a cell after one more look."""
+    if kind == BLIND:
+        return ASSUMED if was == UNKNOWN else was
+    count = 0 if was in (UNKNOWN, ASSUMED) else was
+    if is_open:
+        return min(count + 1, GROUND_MOST)
+    return max(count - HIT, OBSTACLE_MOST)
+
+
+@jit
+def _meaning(evidence):
+    """-1 unknown, 0 ground, 1 in the way."""
+    if evidence == UNKNOWN:
+        return -1
+    return 0 if evidence > 0 else 1
+
+
+@jit
+def agreement(kinds, heights, origin, odom_from_map, rise, spec, box, evidence, map_heights, tolerance):
+    """Return how many cells of the map's box agree with a window's ground within `tolerance` (m), how many contradict it by more than twice
+    that, and how high the window's ground is there on average."""
+    c, s, tx, ty = odom_from_map
+    ny, nx = kinds.shape
+    y0, y1, x0, x1 = box
+    same, other, total = 0, 0, 0.0
+    for iy in range(y0, y1):
+        my = spec[1] + (iy + 0.5) * spec[2]
+        for ix in range(x0, x1):
+            if evidence[iy, ix] <= 0 or math.isnan(map_heights[iy, ix]):
+                continue
+            mx = spec[0] + (ix + 0.5) * spec[2]
+            u = (c * mx - s * my + tx - origin[0]) / origin[2]
+            v = (s * mx + c * my + ty - origin[1]) / origin[2]
+            if not (0.0 <= u < nx and 0.0 <= v < ny) or kinds[int(v), int(u)] != GROUND:
+                continue
+            off = abs(heights[int(v), int(u)] + rise - map_heights[iy, ix])
+            if off <= tolerance:
+                same += 1
+            elif off > 2.0 * tolerance:
+                other += 1
+                total += heights[int(v), int(u)] + rise
+    return same, other, total / max(other, 1)
+
+
+def warm_up() -> None:
+    """Compile every kernel of this module with its real types."""
+    kinds, marks = np.zeros((4, 4), np.uint8), np.zeros((8, 8), np.uint8)
+    heights, origin = np.zeros((4, 4), np.float32), np.array([0.0, 0.0, 0.2])
+    find_blind(kinds, marks, origin, np.zeros(3), np.eye(3), np.zeros(2), np.zeros(5), 1.0)
+    keep_joined(kinds, marks, heights, origin, np.zeros(3), 0.1, 0.4, np.empty(16, np.int32))
+    evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
+    turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
+    merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), 5.0, 1.0, spec, box, evidence, map_heights)
+    agreement(kinds, heights, origin, turn, 0.0, spec, box, evidence, map_heights, 0.5)

@@ -1,0 +1,383 @@
+"""A map of the ground that a robot can cross, out of the terrain around it, level by level.
+
+A level is a sheet of ground without anything of it above or below itself: it may rise and fall as it likes. Where a window of terrain
+contradicts the heights of the level that it is drawn into (the upper deck of a car park above the lower one), it belongs to another level,
+or begins one; the ramp between two is on both, and is how one comes from one to the other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.kernels import ground_map as kernels
+from ambler.perception.terrain import Ground
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+
+EDGE, BESIDE = (
+    0.6,
+    0.6,
+)  # metres between the heights of two places beside each other that are no neighbours, and how far beside
+FAR = np.float32(1e6)  # metres: no height
+BEYOND = 1.0  # metres beyond what is assumed in which it is unknown again
+
+
+@dataclass(frozen=True, slots=True)
+class GroundMapConfig:
+    """SI.
+
+    resolution      side of a cell of the map
+    assumed         metres around the robot within which ground that its sensor cannot see is taken to go on as it stands: a level LiDAR does not see the
+                    nearest 5 m of where it starts
+    step, rise      ground is joined to the robot's where heights differ by at most `step` and `rise` for each metre between
+    block           metres by which the map grows
+    level_step      heights that agree within this are one level, those more than twice as far off contradict: half of a car's height, and what odometry drifts
+    level_share     share of a window's known cells that must contradict before another level is looked for
+    level_cells     and how many of them at least
+    border          metres beyond the ground that two levels share within which what is known of one is not looked for on the other
+    stride          metres between the places that the way of the robot is kept by
+    """
+
+    resolution: float = 0.1
+    assumed: float = 6.0
+    step: float = 0.08
+    rise: float = 0.4
+    block: float = 12.8
+    level_step: float = 0.7
+    level_share: float = 0.02
+    level_cells: int = 200
+    border: float = 1.0
+    stride: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("resolution", "assumed", "block", "level_step"):
+            if not getattr(self, name) > 0.0:
+                raise BadInputError(f"ground map {name}: must be positive, is {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Terrain around a robot in the odom frame: `kinds` uint8 [iy, ix] of `Ground`, 0 where nothing is known, `heights` float32 [iy, ix] of the ground, and
+    `marks` uint8 [2 iy, 2 ix] of the voxels that stand on it."""
+
+    origin_x: float
+    origin_y: float
+    cell: float
+    kinds: U8
+    marks: U8
+    heights: F32
+
+    @classmethod
+    def of_points(cls, points: F32, heights: F32, kinds: U8, cell: float, step: float) -> Window:
+        """Read a terrain cloud: points (N, 3) in odom, heights above the ground (N,), what they stand for (N,), 0: a voxel. Things lower than
+        `step` are ground."""
+        if not len(points) == len(heights) == len(kinds):
+            raise BadInputError(f"a terrain of {len(points)} points, {len(heights)} heights and {len(kinds)} kinds")
+        is_cell = kinds > 0
+        of_cells = np.floor(points[is_cell, :2].astype(np.float64) / cell).astype(np.int64)
+        if len(of_cells) == 0:
+            return cls(
+                0.0, 0.0, cell, np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.float32)
+            )
+        first, last = of_cells.min(axis=0), of_cells.max(axis=0)
+        shape = (int(last[1] - first[1]) + 1, int(last[0] - first[0]) + 1)
+        out = np.zeros(shape, np.uint8)
+        ground = np.full(shape, np.nan, np.float32)
+        iy, ix = (of_cells - first).T[::-1]
+        crossed = (heights[is_cell] < step) & (kinds[is_cell] != Ground.DROP)
+        out[iy, ix] = np.where(crossed, Ground.GROUND, np.maximum(kinds[is_cell], Ground.OBSTACLE))
+        ground[iy, ix] = points[is_cell, 2]
+        marks = np.zeros((2 * shape[0], 2 * shape[1]), np.uint8)
+        standing = np.floor(points[~is_cell & (heights >= step), :2].astype(np.float64) / (0.5 * cell)).astype(np.int64)
+        standing -= 2 * first
+        inside = ((standing >= 0) & (standing < np.array(marks.shape)[::-1])).all(axis=1)
+        marks[standing[inside, 1], standing[inside, 0]] = 1
+        return cls(float(first[0]) * cell, float(first[1]) * cell, cell, out, marks, _carried(out, ground))
+
+    def around(self, x: float, y: float, reach: float) -> Window:
+        """Return a window that also holds everything within `reach` metres of a place, not known where this one ends."""
+        ny, nx = self.kinds.shape
+        low = np.floor((np.array([x, y]) - reach - (self.origin_x, self.origin_y)) / self.cell).astype(int)
+        high = np.ceil((np.array([x, y]) + reach - (self.origin_x, self.origin_y)) / self.cell).astype(int)
+        left, below = np.maximum(-low, 0).tolist()
+        right, above = np.maximum(high - (nx, ny), 0).tolist()
+        return Window(
+            self.origin_x - left * self.cell,
+            self.origin_y - below * self.cell,
+            self.cell,
+            np.pad(self.kinds, ((below, above), (left, right))),
+            np.pad(self.marks, ((2 * below, 2 * above), (2 * left, 2 * right))),
+            np.pad(self.heights, ((below, above), (left, right)), constant_values=np.nan),
+        )
+
+    @property
+    def origin(self) -> F64:
+        """x, y and the side of a cell, as the kernels take it."""
+        return np.array([self.origin_x, self.origin_y, self.cell])
+
+    def corners(self) -> F64:
+        """Corners (4, 2)."""
+        ny, nx = self.kinds.shape
+        x1, y1 = self.origin_x + nx * self.cell, self.origin_y + ny * self.cell
+        return np.array([[self.origin_x, self.origin_y], [x1, self.origin_y], [x1, y1], [self.origin_x, y1]])
+
+
+@dataclass
+class Level:
+    """One level: `evidence` int8 [iy, ix] of kernels.ground_map and `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known."""
+
+    spec: GridSpec
+    evidence: NDArray[np.int8] = field(repr=False)
+    heights: F32 = field(repr=False)
+
+    def occupancy(self) -> NDArray[np.int8]:
+        """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied."""
+        out = np.full(self.spec.shape, OCC_UNKNOWN, np.int8)
+        out[self.evidence > 0] = OCC_FREE
+        out[(self.evidence <= 0) & (self.evidence != kernels.UNKNOWN)] = OCC_OCCUPIED
+        out[self._below_edges()] = OCC_UNKNOWN
+        return out
+
+    def _below_edges(self) -> NDArray[np.bool_]:
+        """Say what lies or stands close below ground that ends above it, as the floor under a deck does beside the top of a ramp: for who comes there on the ramp, what follows is not
+        known."""
+        ground = np.where((self.evidence > 0) & np.isfinite(self.heights), self.heights, -FAR)
+        reach = round(BESIDE / self.spec.resolution)
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        high = np.asarray(cv2.dilate(ground.astype(np.float32), around))
+        known = (self.evidence != kernels.UNKNOWN) & np.isfinite(self.heights)
+        return np.asarray(known & (high - np.where(known, self.heights, FAR) > EDGE))
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """A place that two levels share, on the way from one to the other."""
+
+    of_level: int
+    to_level: int
+    map_from_base: SE2
+
+
+@dataclass(frozen=True, slots=True)
+class _Agreement:
+    """How a window fits a level: with how many cells it agrees, whether it contradicts it, and how high it is where it does (m)."""
+
+    same: int
+    is_contradicted: bool
+    height: float
+
+
+class GroundMap:
+    """`update` it with every window of terrain; `level` is the one that the robot is on, `version` counts changes of what it says. `wanted`: a
+    level that is gone to as soon as a window does not contradict it."""
+
+    def __init__(self, config: GroundMapConfig | None = None) -> None:
+        self.config = config if config is not None else GroundMapConfig()
+        self.levels: list[Level] = []
+        self.passages: list[Passage] = []
+        self.active = 0
+        self.version = 0
+        self.wanted: int | None = None
+        self._way: list[SE3] = []  # map_from_base on the present level, every `stride` metres
+
+    @property
+    def level(self) -> Level:
+        """The level that the robot is on; raises BadInputError before the first window."""
+        if not self.levels:
+            raise BadInputError("the map of ground has no level yet")
+        return self.levels[self.active]
+
+    def update(
+        self,
+        window: Window,
+        map_from_odom: SE3,
+        odom_from_base: SE3,
+        odom_from_sensor: SE3,
+        elevation: tuple[float, float],
+    ) -> None:
+        """Take a window of terrain, with where base and sensor were and the elevations (rad) that the sensor sees."""
+        if window.kinds.size == 0:
+            return
+        c, plane = self.config, _plane(odom_from_base)
+        window = window.around(plane[0], plane[1], c.assumed + BEYOND)
+        sines = np.sin(np.clip(elevation, -0.5 * math.pi, 0.5 * math.pi))
+        place = np.array(odom_from_sensor.translation)
+        upright = odom_from_sensor.inverse().matrix()[:3, :3].copy()
+        kernels.find_blind(window.kinds, window.marks, window.origin, place, upright, sines, plane, c.assumed)
+        _carry_heights(window, plane)
+        queue = np.empty(window.kinds.size, np.int32)
+        kernels.keep_joined(window.kinds, window.marks, window.heights, window.origin, plane[:3], c.step, c.rise, queue)
+        flat = map_from_odom.to_se2()
+        rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
+        if not self.levels:
+            self._begin(window, flat)
+        self._choose(window, flat, rise, map_from_odom @ odom_from_base)
+        level = self._grown(window, flat)
+        box, spec = _box(level.spec, flat.transform(window.corners())), _spec(level.spec)
+        base = flat.transform(plane[None, :2])[0]
+        frames = (_turn(flat.inverse()), rise, base, c.assumed, 2.0 * c.level_step, spec, box)
+        changed = kernels.merge(
+            window.kinds, window.marks, window.heights, window.origin, *frames, level.evidence, level.heights
+        )
+        self.version += int(changed > 0)
+
+    def occupancy(self, k: int) -> NDArray[np.int8]:
+        """Return a level as a map, int8 [iy, ix]. Where another level goes on beyond the ground that both share, it is closed: nothing of this one is
+        to be found there."""
+        level, step = self.levels[k], self.config.level_step
+        out = level.occupancy()
+        for other in self.levels:
+            inner, of_other = _common(level.spec, other.spec)
+            if other is level or inner is None:
+                continue
+            known, its = level.evidence[inner] != kernels.UNKNOWN, other.evidence[of_other]
+            near = np.abs(level.heights[inner] - other.heights[of_other]) <= step
+            shared = near & (level.evidence[inner] > 0) & (its > 0)
+            reach = 2 * round(self.config.border / self.config.resolution) + 1
+            beyond = cv2.dilate(shared.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+            out[inner][beyond & ~known & (its != kernels.UNKNOWN)] = OCC_OCCUPIED
+        return out
+
+    def _choose(self, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> None:
+        """Go to the level that a window belongs to: the wanted one where it fits, else the present one, unless it contradicts it."""
+        wanted = self.wanted
+        if wanted is not None and wanted != self.active and wanted < len(self.levels):
+            fits = self._agreement(wanted, window, map_from_odom, rise)
+            if not fits.is_contradicted and fits.same >= self.config.level_cells:
+                return self._go_to(wanted)
+        here = self._agreement(self.active, window, map_from_odom, rise)
+        if not here.is_contradicted:
+            if not self._way or math.dist(self._way[-1].translation, base.translation) > self.config.stride:
+                self._way.append(base)
+            return None
+        found = [(self._agreement(k, window, map_from_odom, rise), k) for k in range(len(self.levels))]
+        free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.same >= self.config.level_cells]
+        if free:
+            return self._go_to(max(free)[1])
+        return self._found_level(window, map_from_odom, here.height, base)
+
+    def _found_level(self, window: Window, map_from_odom: SE2, height: float, base: SE3) -> None:
+        """Begin another level at `height`, what the present one already holds of it becomes unknown there; the last place of the way that lies lower or higher is on both."""
+        step, old = 0.5 * self.config.level_step, self.active
+        inner = _inside(_box(self.level.spec, map_from_odom.transform(window.corners())))
+        of_new = np.abs(self.level.heights[inner] - height) <= step
+        self.level.evidence[inner][of_new] = kernels.UNKNOWN
+        self.level.heights[inner][of_new] = np.nan
+        shared = [place for place in self._way if abs(place.translation[2] - height) > step]
+        place = (shared[-1] if shared else base).to_se2()
+        self._begin(window, map_from_odom)
+        new = len(self.levels) - 1
+        self.passages += [Passage(old, new, place), Passage(new, old, place)]
+        self._go_to(new)
+
+    def _go_to(self, level: int) -> None:
+        """Take another level for the one that the robot is on."""
+        self.active, self.wanted, self._way = level, None, []
+        self.version += 1
+
+    def _agreement(self, k: int, window: Window, map_from_odom: SE2, rise: float) -> _Agreement:
+        """Compare a window with a level."""
+        level, c = self.levels[k], self.config
+        box = _box(level.spec, map_from_odom.transform(window.corners()))
+        frames = (_turn(map_from_odom.inverse()), rise, _spec(level.spec), box, level.evidence, level.heights)
+        same, other, height = kernels.agreement(window.kinds, window.heights, window.origin, *frames, c.level_step)
+        is_other = other >= c.level_cells and other >= c.level_share * (same + other)
+        return _Agreement(int(same), is_other, float(height))
+
+    def _begin(self, window: Window, map_from_odom: SE2) -> None:
+        """Begin a level around a window."""
+        c = self.config
+        low, high = _bounds(map_from_odom.transform(window.corners()), c.block)
+        nx, ny = np.round((high - low) / c.resolution).astype(int).tolist()
+        spec = GridSpec(c.resolution, nx, ny, float(low[0]), float(low[1]))
+        evidence = np.full(spec.shape, kernels.UNKNOWN, np.int8)
+        self.levels.append(Level(spec, evidence, np.full(spec.shape, np.nan, np.float32)))
+
+    def _grown(self, window: Window, map_from_odom: SE2) -> Level:
+        """Return the present level, with room for a window."""
+        c, level = self.config, self.level
+        low, high = _bounds(map_from_odom.transform(window.corners()), c.block)
+        spec = level.spec
+        first = np.minimum(low, (spec.origin_x, spec.origin_y))
+        last = np.maximum(high, (spec.origin_x + spec.width * c.resolution, spec.origin_y + spec.height * c.resolution))
+        nx, ny = np.round((last - first) / c.resolution).astype(int).tolist()
+        grown = GridSpec(c.resolution, nx, ny, float(first[0]), float(first[1]))
+        if grown.shape != spec.shape:
+            diy, dix = spec.offset_in(grown)
+            inner = np.s_[diy : diy + spec.height, dix : dix + spec.width]
+            evidence, heights = np.full(grown.shape, kernels.UNKNOWN, np.int8), np.full(grown.shape, np.nan, np.float32)
+            evidence[inner], heights[inner] = level.evidence, level.heights
+            level = self.levels[self.active] = Level(grown, evidence, heights)
+        return level
+
+
+def _carried(kinds: U8, heights: F32) -> F32:
+    """Return the heights of a window with those of what is no ground replaced by that of the nearest ground."""
+    is_ground = kinds == Ground.GROUND
+    if not is_ground.any():
+        return heights
+    iy, ix = ndimage.distance_transform_edt(~is_ground, return_distances=False, return_indices=True)
+    return np.where(kinds > Ground.GROUND, heights[iy, ix], heights)
+
+
+def _plane(odom_from_base: SE3) -> F64:
+    """Return the plane on which a base stands: x, y, z and its rise along x and along y."""
+    x, y, z = odom_from_base.translation
+    up = odom_from_base.rotate((0.0, 0.0, 1.0))
+    return np.array([x, y, z, -up[0] / max(up[2], 0.1), -up[1] / max(up[2], 0.1)])
+
+
+def _carry_heights(window: Window, plane: F64) -> None:
+    """Give the blind cells of a window the heights of the plane on which the robot stands."""
+    iy, ix = np.nonzero(window.kinds == kernels.BLIND)
+    x = window.origin_x + (ix + 0.5) * window.cell - plane[0]
+    y = window.origin_y + (iy + 0.5) * window.cell - plane[1]
+    window.heights[iy, ix] = plane[2] + x * plane[3] + y * plane[4]
+
+
+def _common(spec: GridSpec, other: GridSpec) -> tuple[tuple[slice, slice] | None, tuple[slice, slice]]:
+    """Return the cells of a map, and of another one on the same lattice, where both are; None: nowhere."""
+    diy, dix = spec.offset_in(other)
+    y0, x0 = max(0, -diy), max(0, -dix)
+    y1, x1 = min(spec.height, other.height - diy), min(spec.width, other.width - dix)
+    inner = np.s_[y0:y1, x0:x1] if y1 > y0 and x1 > x0 else None
+    return inner, np.s_[y0 + diy : y1 + diy, x0 + dix : x1 + dix]
+
+
+def _bounds(corners: F64, block: float) -> tuple[F64, F64]:
+    """Return the box around corners, in whole blocks."""
+    return np.floor(corners.min(axis=0) / block) * block, np.ceil(corners.max(axis=0) / block) * block
+
+
+def _box(spec: GridSpec, corners: F64) -> NDArray[np.int64]:
+    """Return the rows and columns (y0, y1, x0, x1) of a map around corners, those that it has."""
+    cells = spec.cells_of(corners)
+    low, high = np.maximum(cells.min(axis=0), 0), np.minimum(cells.max(axis=0) + 1, spec.shape)
+    return np.array([low[0], max(low[0], high[0]), low[1], max(low[1], high[1])])
+
+
+def _inside(box: NDArray[np.int64]) -> tuple[slice, slice]:
+    """Return the rows and columns of a box as slices."""
+    y0, y1, x0, x1 = box.tolist()
+    return slice(y0, y1), slice(x0, x1)
+
+
+def _spec(spec: GridSpec) -> F64:
+    return np.array([spec.origin_x, spec.origin_y, spec.resolution])
+
+
+def _turn(pose: SE2) -> F64:
+    return np.array([math.cos(pose.yaw), math.sin(pose.yaw), pose.x, pose.y])

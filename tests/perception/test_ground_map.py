@@ -1,0 +1,232 @@
+"""The map of ground: what is taken into it, what is forgotten again, what cannot be seen, and levels above one another."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.kernels import ground_map as kernels
+from ambler.perception.ground_map import GroundMap, GroundMapConfig, Window
+from ambler.perception.terrain import Ground
+
+CELL, STEP = 0.2, 0.08
+LEVEL_LIDAR = SE3((0.0, 0.0, 0.62))
+ALL_ROUND, MID_360 = (-0.5 * math.pi, 0.5 * math.pi), (math.radians(-7.0), math.radians(52.0))
+
+
+def window(
+    x0: float, x1: float, y0: float, y1: float, height: float = 0.0, things: list[tuple[float, float]] = ()
+) -> Window:  # type: ignore[assignment]
+    """Return level ground between limits with voxels that stand on it."""
+    xs, ys = np.arange(x0 + 0.1, x1, CELL), np.arange(y0 + 0.1, y1, CELL)
+    x, y = (a.ravel() for a in np.meshgrid(xs, ys))
+    points = np.column_stack((x, y, np.full(len(x), height)))
+    voxels = np.array([(a, b, height + 0.5) for a, b in things]).reshape(-1, 3)
+    above = np.concatenate((np.zeros(len(x)), np.full(len(voxels), 0.5)))
+    kinds = np.concatenate((np.full(len(x), Ground.GROUND), np.zeros(len(voxels))))
+    whole = np.concatenate((points, voxels)).astype(np.float32)
+    return Window.of_points(whole, above.astype(np.float32), kinds.astype(np.uint8), CELL, STEP)
+
+
+def feed(ground: GroundMap, seen: Window, base: SE3 | None = None, elevation: tuple[float, float] = ALL_ROUND) -> None:
+    base = base if base is not None else SE3()
+    ground.update(seen, SE3(), base, base @ LEVEL_LIDAR, elevation)
+
+
+def at(ground: GroundMap, x: float, y: float, level: int | None = None) -> int:
+    k = ground.active if level is None else level
+    return int(ground.occupancy(k)[ground.levels[k].spec.cell_of(x, y)])
+
+
+def test_ground_is_free_things_on_it_are_not_and_the_rest_is_unknown():
+    ground = GroundMap()
+    feed(ground, window(-3.0, 3.0, -3.0, 3.0, 0.0, [(1.05, 1.05)]))
+    assert at(ground, 2.5, -2.5) == OCC_FREE
+    assert at(ground, 1.05, 1.05) == OCC_OCCUPIED
+    assert at(ground, 1.25, 1.05) == OCC_FREE
+    assert at(ground, 4.0, 0.0) == OCC_UNKNOWN
+
+
+def test_what_left_is_free_again_after_some_looks_and_not_after_one():
+    ground = GroundMap()
+    feed(ground, window(-3.0, 3.0, -3.0, 3.0, 0.0, [(1.05, 1.05)]))
+    feed(ground, window(-3.0, 3.0, -3.0, 3.0))
+    assert at(ground, 1.05, 1.05) == OCC_OCCUPIED
+    for _ in range(6):
+        feed(ground, window(-3.0, 3.0, -3.0, 3.0))
+    assert at(ground, 1.05, 1.05) == OCC_FREE
+
+
+def test_ground_too_near_for_a_level_lidar_is_assumed_until_the_robot_is_away():
+    ground = GroundMap()
+    ring = window(5.0, 7.0, -3.0, 3.0)
+    feed(ground, ring, elevation=MID_360)
+    assert at(ground, 2.0, 0.0) == OCC_FREE
+    for x in np.arange(0.5, 10.0, 0.5):
+        feed(ground, window(x + 5.0, x + 7.0, -3.0, 3.0), SE3((x, 0.0, 0.0)), MID_360)
+    assert at(ground, 2.0, 0.0) == OCC_UNKNOWN, "nobody has ever seen it"
+
+
+def test_nothing_is_assumed_behind_a_wall():
+    ground = GroundMap()
+    wall = [(1.5, y) for y in np.arange(-2.95, 3.0, 0.1).tolist()]
+    feed(ground, window(5.0, 7.0, -3.0, 3.0, 0.0), elevation=MID_360)
+    assert at(ground, 2.5, 0.0) == OCC_FREE
+    ground = GroundMap()
+    xs = window(1.4, 1.6, -3.0, 3.0, 0.0, wall)
+    feed(ground, xs, elevation=MID_360)
+    assert at(ground, 1.0, 0.0) == OCC_FREE
+    assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
+
+
+def test_a_roof_beside_the_ground_is_no_ground():
+    ground = GroundMap()
+    floor, roof = window(-3.0, 1.0, -3.0, 3.0), window(1.6, 3.0, -1.0, 1.0, 0.9)
+    whole = np.zeros((30, 30), np.uint8)
+    heights = np.full((30, 30), np.nan, np.float32)
+    for part in (floor, roof):
+        iy, ix = round((part.origin_y + 3.0) / CELL), round((part.origin_x + 3.0) / CELL)
+        ny, nx = part.kinds.shape
+        whole[iy : iy + ny, ix : ix + nx], heights[iy : iy + ny, ix : ix + nx] = part.kinds, part.heights
+    feed(ground, Window(-3.0, -3.0, CELL, whole, np.zeros((60, 60), np.uint8), heights))
+    assert at(ground, 0.0, 0.0) == OCC_FREE
+    assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
+
+
+def up_a_ramp(ground: GroundMap) -> None:
+    """Drive along x over a deck at 0 m, turn, and climb back over it: at 3.5 m above the deck."""
+    for x in np.arange(0.0, 20.0, 1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
+    for k, y in enumerate(np.arange(4.0, 8.0, 1.0)):
+        feed(ground, window(16.0, 24.0, y - 2.0, y + 2.0, 0.9 * k), SE3((20.0, y, 0.9 * k)))
+    for x in np.arange(19.0, 4.0, -1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 8.0, 3.5), SE3((x, 6.0, 3.5)))
+
+
+def test_an_upper_deck_is_a_level_of_its_own_and_leaves_the_lower_one_alone():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    assert len(ground.levels) == 2
+    assert ground.active == 1
+    lower, upper = ground.levels
+    assert lower.heights[lower.spec.cell_of(10.0, 0.0)] == pytest.approx(0.0, abs=0.01)
+    assert upper.heights[upper.spec.cell_of(10.0, 0.0)] == pytest.approx(3.5, abs=0.01)
+    ways = {(p.of_level, p.to_level) for p in ground.passages}
+    assert ways == {(0, 1), (1, 0)}
+
+
+def test_one_comes_back_to_a_level_that_fits():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3())
+    assert (ground.active, len(ground.levels)) == (0, 2)
+
+
+def test_a_level_that_is_wanted_is_gone_to_where_both_are_one():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    both = window(0.0, 4.0, -2.0, 2.0)
+    feed(ground, both, SE3((2.0, 0.0, 0.0)))
+    ground._begin(both, SE2())
+    ground.active = 1
+    feed(ground, both, SE3((2.0, 0.0, 0.0)))
+    ground.wanted = 0
+    feed(ground, window(10.0, 14.0, -2.0, 2.0), SE3((12.0, 0.0, 0.0)))
+    assert ground.active == 1, "nothing of it is seen here"
+    feed(ground, both, SE3((2.0, 0.0, 0.0)))
+    assert (ground.active, ground.wanted) == (0, None)
+
+
+def test_some_ground_of_another_level_does_not_change_this_one():
+    """Less than makes a level: the first of an upper deck that is seen over the end of a ramp."""
+    ground = GroundMap()
+    for _ in range(3):
+        feed(ground, window(-3.0, 3.0, -3.0, 3.0))
+    kinds, heights = np.full((6, 6), Ground.GROUND, np.uint8), np.full((6, 6), 3.0, np.float32)
+    for _ in range(9):
+        level = window(-3.0, 3.0, -3.0, 0.0)
+        whole = np.zeros((30, 30), np.uint8), np.full((30, 30), np.nan, np.float32)
+        whole[0][:15], whole[1][:15] = level.kinds, level.heights
+        whole[0][20:26, 10:16], whole[1][20:26, 10:16] = kinds, heights
+        feed(ground, Window(-3.0, -3.0, CELL, whole[0], np.zeros((60, 60), np.uint8), whole[1]))
+    spot = ground.level.spec.cell_of(-0.5, 1.5)
+    assert ground.level.heights[spot] == pytest.approx(0.0, abs=0.01)
+    assert at(ground, -0.5, 1.5) == OCC_FREE
+
+
+def test_ground_that_ends_above_other_ground_is_an_end_to_look_at():
+    ground = GroundMap(GroundMapConfig(level_cells=10_000))
+    feed(ground, window(0.0, 4.0, -2.0, 2.0, 2.0), SE3((2.0, 0.0, 2.0)))
+    level = ground.level
+    iy, ix = level.spec.cell_of(4.1, 0.0)
+    level.evidence[iy - 10 : iy + 10, ix : ix + 10], level.heights[iy - 10 : iy + 10, ix : ix + 10] = 4, 0.0
+    assert at(ground, 3.5, 0.0) == OCC_FREE
+    assert at(ground, 3.95, 0.0) == OCC_FREE
+    assert at(ground, 4.2, 0.0) == OCC_UNKNOWN
+    assert at(ground, 4.8, 0.0) == OCC_FREE
+
+
+def test_what_another_level_knows_beyond_shared_ground_is_closed():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    both = window(0.0, 4.0, -2.0, 2.0)
+    feed(ground, both, SE3((2.0, 0.0, 0.0)))
+    ground._begin(both, SE2())
+    ground.active = 1
+    feed(ground, window(0.0, 8.0, -2.0, 2.0), SE3((2.0, 0.0, 0.0)))
+    assert at(ground, 4.5, 0.0, level=0) == OCC_OCCUPIED
+    assert at(ground, 7.5, 0.0, level=0) == OCC_UNKNOWN
+    assert at(ground, 4.5, 0.0, level=1) == OCC_FREE
+
+
+def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
+    """What `merge` does, cell by cell."""
+    out = evidence.copy()
+    back = pose.inverse()
+    for iy, ix in np.ndindex(out.shape):
+        x, y = spec[0] + (ix + 0.5) * spec[2], spec[1] + (iy + 0.5) * spec[2]
+        px, py = back.transform(np.array([[x, y]]))[0]
+        u, v = (px - seen.origin_x) / seen.cell, (py - seen.origin_y) / seen.cell
+        if not (0.0 <= u < seen.kinds.shape[1] and 0.0 <= v < seen.kinds.shape[0]):
+            continue
+        kind = seen.kinds[int(v), int(u)]
+        if kind == 0:
+            continue
+        count = 0 if out[iy, ix] == kernels.UNKNOWN else int(out[iy, ix])
+        is_open = kind == Ground.GROUND and not seen.marks[int(2 * v), int(2 * u)]
+        out[iy, ix] = min(count + 1, 4) if is_open else max(count - 3, -6)
+    return out
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_merge_is_its_twin(seed):
+    rng = np.random.default_rng(seed)
+    kinds = rng.choice([0, 1, 2, 3, 4], (12, 9)).astype(np.uint8)
+    marks = (rng.random((24, 18)) < 0.2).astype(np.uint8)
+    seen = Window(-1.0, -1.2, CELL, kinds, marks, rng.normal(size=(12, 9)).astype(np.float32))
+    pose = SE2(*rng.uniform(-0.5, 0.5, 2), float(rng.uniform(-3.0, 3.0)))
+    evidence = rng.choice([kernels.UNKNOWN, -6, -2, 1, 4], (40, 40)).astype(np.int8)
+    spec = (-2.0, -2.0, 0.1)
+    expected = merged_twin(seen, pose, evidence, spec)
+    back = pose.inverse()
+    turn = np.array([math.cos(back.yaw), math.sin(back.yaw), back.x, back.y])
+    box, heights = np.array([0, 40, 0, 40]), np.full((40, 40), np.nan, np.float32)
+    args = (turn, 0.0, np.zeros(2), 9.0, np.inf, np.array(spec), box, evidence, heights)
+    kernels.merge(seen.kinds, seen.marks, seen.heights, seen.origin, *args)
+    np.testing.assert_array_equal(evidence, expected)
+
+
+def test_bad_input_is_refused():
+    with pytest.raises(BadInputError, match="resolution"):
+        GroundMapConfig(resolution=0.0)
+    with pytest.raises(BadInputError, match="2 points"):
+        Window.of_points(np.zeros((2, 3), np.float32), np.zeros(1, np.float32), np.zeros(2, np.uint8), CELL, STEP)
+    with pytest.raises(BadInputError, match="no level"):
+        _ = GroundMap().level
