@@ -52,7 +52,7 @@ class MotionPrimitives:
         self._movers = NOBODY
         self._lean = LEVEL
         self._clock = self._blocked_for = self._frozen_for = self._turn_sign = 0.0
-        self._is_turning = self._has_arrived = False
+        self._is_turning = self._has_arrived = self._is_thawed = False
         self._escapes = 0
         self.state, self.reason = LocalState.IDLE, "there is no path to follow"
         self.trajectory: F64 = np.zeros((0, 3))
@@ -137,7 +137,9 @@ class MotionPrimitives:
 
     def _approach(self, start: SE2, velocity: BodyVelocity, left: float) -> BodyVelocity:
         """Drive along the path, around what blocks it, or out of a dead end."""
-        goal = self._goals.pick(start, self._tracker, left)
+        self._memory.forget(self._clock)
+        self._goals.forget_opened()
+        goal = self._goals.pick(start, self._tracker, left, self._clock)
         if goal is None:
             goal = self._leave(start, velocity)
         if self._freezes(start, goal):
@@ -266,8 +268,12 @@ class MotionPrimitives:
     def _leave(self, start: SE2, velocity: BodyVelocity) -> LocalGoal:
         """Return a way out where the path is blocked; raises NoValidControlError while there is none, or the robot may not look for it yet."""
         c = self._config
-        if self._blocked_for == 0.0 and math.hypot(velocity.vx, velocity.vy) < 0.1 and self._escapes == 0:
-            self.state = LocalState.BLOCKED
+        if self._goals.is_blocked_by_memory and self._escapes < c.escapes_max:
+            if self._goals.has_taken_exit:
+                self._memory.visit(start, self._clock)
+            goal = self._goals.leave(start, self._tracker.goal)
+            if goal is not None:
+                return goal
         self._blocked_for += c.follower.period
         if self._blocked_for < c.dead_end_seconds or self._escapes >= c.escapes_max:
             self._follower.reset()
@@ -288,7 +294,8 @@ class MotionPrimitives:
 
     def _way_out(self, start: SE2) -> LocalGoal:
         """Remember this place as a dead end and return the best way out of it; raises NoValidControlError."""
-        self._memory.add(start, self._clock)
+        ahead = self._goals.blocked_at or self._tracker.point_at(self._window.radius)
+        self._memory.add(start, ahead, self._clock)
         self._escapes += 1
         goal = self._goals.leave(start, self._tracker.goal)
         if goal is None:
@@ -304,20 +311,20 @@ class MotionPrimitives:
         return self._follower.stand()
 
     def _freezes(self, start: SE2, goal: LocalGoal) -> bool:
-        """Whether the robot waits because its goal suddenly lies behind it."""
+        """Whether the robot waits because a new goal lies behind it."""
         c = self._config
-        bearing = abs(wrap_angle(math.atan2(goal.y - start.y, goal.x - start.x) - start.yaw))
-        if bearing <= c.freeze_angle or self._goals.is_leaving:
-            self._frozen_for = 0.0
+        if self._is_thawed:
             return False
+        bearing = abs(wrap_angle(math.atan2(goal.y - start.y, goal.x - start.x) - start.yaw))
         self._frozen_for += c.follower.period
-        return self._frozen_for <= c.freeze_time
+        self._is_thawed = bearing <= c.freeze_angle or goal.is_detour or self._frozen_for > c.freeze_time
+        return not self._is_thawed
 
     # Small things
 
     def _forget(self) -> None:
         self._turn_sign = 0.0
-        self._is_turning = self._has_arrived = False
+        self._is_turning = self._has_arrived = self._is_thawed = False
         self._blocked_for = self._frozen_for = 0.0
         self._escapes = 0
         self._goal_turn.reset()

@@ -175,7 +175,7 @@ class PrimitiveChooser:
 
     def _weights(self, start: SE2, manner: Manner, distance: float) -> F64:
         c = self._config
-        if distance < c.near_goal:
+        if distance < c.near_goal and manner is Manner.HOLDING:
             weights = np.tile((4.0 - np.abs(np.arange(GROUPS) - GROUPS // 2)) ** 2, (DIRECTIONS, 1))
         else:
             turn = np.abs(ANGLES)
@@ -184,7 +184,9 @@ class PrimitiveChooser:
             weights = np.tile((ahead**4)[:, None], (1, GROUPS))
         if self._last is not None and self._last[0] is manner:
             off = np.abs((ANGLES + start.yaw - self._last[1] + np.pi) % (2.0 * np.pi) - np.pi)
-            weights[off < math.radians(8.0)] *= c.keep
+            near = off < math.radians(8.0)
+            is_aside = manner is Manner.FORWARD and abs(wrap_angle(self._last[1] - start.yaw)) > c.turn_end
+            weights[near] *= c.keep_turning if is_aside else c.keep
         return weights
 
     def _seen(self, start: SE2, others: F64) -> tuple[F64, NDArray[np.uint8]]:

@@ -20,7 +20,8 @@ class PrimitivesConfig:
     hold_scale         size of the paths along which an omnidirectional base slides without turning, where it cannot turn
     direction_reach    directions so far (rad) from that of the goal are tried
     worthless_angle    a path whose end leads so far (rad) off the goal's direction counts for nothing
-    keep               factor in favour of the direction that was chosen last: no dithering between two that are alike
+    keep, keep_turning   factors in favour of the direction that was chosen last, while the robot drives along it and while it turns to it: no dithering between
+                       two that are alike
     goal_clear         metres behind the goal in which obstacles still count, beside the footprint's own length
     near_goal          within this many metres straight paths are preferred, and a goal in sight is driven to in a straight line
     freeze_angle, freeze_time   a goal farther aside (rad) than this is not turned to at once: it may have been told by mistake
@@ -49,6 +50,7 @@ class PrimitivesConfig:
     direction_reach: float = math.radians(90.0)
     worthless_angle: float = math.radians(50.0)
     keep: float = 1.15
+    keep_turning: float = 5.0
     goal_clear: float = 0.05
     near_goal: float = 0.6
     freeze_angle: float = math.radians(90.0)
@@ -69,7 +71,7 @@ class PrimitivesConfig:
     sight_step: float = 0.05
     dead_end_seconds: float = 0.5
     dead_end_radius: float = 1.0
-    dead_end_weight: float = 4.0
+    dead_end_weight: float = 8.0
     dead_end_memory: float = 60.0
     escapes_max: int = 6
     follower: FollowerConfig = field(default_factory=FollowerConfig)
