@@ -83,8 +83,10 @@ class MotionPrimitives:
         self._movers = movers
 
     def set_lean(self, lean: Lean) -> None:
-        """Take the lean of the body, before `compute_command`."""
-        self._lean = lean
+        """Take a lean of the body; of those between two commands the fastest change counts."""
+        last = self._lean
+        rates = (max(abs(lean.roll_rate), abs(last.roll_rate)), max(abs(lean.pitch_rate), abs(last.pitch_rate)))
+        self._lean = Lean(lean.roll, lean.pitch, *rates)
 
     def compute_command(
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
@@ -131,6 +133,7 @@ class MotionPrimitives:
         self._clock += self._config.follower.period
         self._window.update(costs, spec)
         self._follower.set_lean(self._lean)
+        self._lean = Lean(self._lean.roll, self._lean.pitch)
         self.trajectory = np.array([odom_from_base.as_array()])
         lead = np.array([velocity.vx, velocity.vy, velocity.wz]) * self._config.reaction_time
         return odom_from_base @ SE2.exp(lead)

@@ -171,7 +171,7 @@ class PathFollower:
         most_x, most_y = lim.vx_max if c > 0.0 else -lim.vx_min, lim.vy_max
         for share, most in ((abs(c), most_x), (abs(s), most_y)):
             speed = min(speed, most / share) if share > 1e-6 else speed
-        return BodyVelocity(speed * c, speed * s, 0.0)
+        return BodyVelocity(speed * c, max(-most_y, min(most_y, speed * s)), 0.0)
 
     def _ahead(self, path: F64, start: SE2, moving: float) -> tuple[float, float, float]:
         """Return the point ahead on the path, and how far it is."""
