@@ -189,8 +189,8 @@ class MotionPrimitives:
         if choice.roughness:
             speed *= c.follower.slow_rates[choice.roughness - 1]
         holds, back = choice.manner is Manner.HOLDING, choice.manner is Manner.BACKWARDS
-        if holds or back:
-            speed = min(speed, 0.3)
+        if holds or (back and not c.is_two_way):
+            speed = min(speed, c.aside_speed)
         command = self._follower.follow(points, start, velocity, speed, holds=holds, backwards=back)
         if command is not None:
             self._tell_driving(choice.roughness)
@@ -210,14 +210,16 @@ class MotionPrimitives:
             command = self._follower.towards(self._tracker.goal, start, velocity, speed)
         else:
             bearing = wrap_angle(math.atan2(goal.y - start.y, goal.x - start.x) - start.yaw)
-            self._is_turning = abs(bearing) > (self._config.turn_end if self._is_turning else self._config.turn_start)
+            back = self._config.is_two_way and abs(bearing) > 0.5 * math.pi and self._limits.vx_min < 0.0
+            turn = wrap_angle(bearing + math.pi) if back else bearing
+            self._is_turning = abs(turn) > (self._config.turn_end if self._is_turning else self._config.turn_start)
             if self._is_turning:
-                command = self._turn(start, bearing)
+                command = self._turn(start, turn)
                 if command is not None:
                     self.state, self.reason = LocalState.TURNING, "the robot turns towards its way"
                 return command
             path = np.linspace((start.x, start.y), (goal.x, goal.y), 13)
-            command = self._follower.follow(path, start, velocity, speed)
+            command = self._follower.follow(path, start, velocity, speed, backwards=back)
         if command is not None:
             self.trajectory = np.vstack((self.trajectory, [[goal.x, goal.y, self._tracker.goal.yaw]]))
             self._tell_driving(0)

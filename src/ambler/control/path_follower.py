@@ -240,5 +240,10 @@ def _within(value: float, middle: float, reach: float) -> float:
 
 
 def _ramp(value: float, target: float, up: float, down: float) -> float:
-    step = down if value * target < 0.0 or abs(target) < abs(value) else up
+    """Move a velocity towards another by `up` at most, by `down` while it falls; what is left of a period after a standstill is `up`'s."""
+    if value * target < 0.0:
+        if abs(value) >= down:
+            return value - math.copysign(down, value)
+        return math.copysign(min(abs(target), up * (1.0 - abs(value) / down)), target)
+    step = down if abs(target) < abs(value) else up
     return value + math.copysign(min(step, abs(target - value)), target - value)

@@ -76,9 +76,9 @@ class PrimitiveChooser:
         the greatest speed sets how far is looked; `others` (N, 2) are points in the base frame beside those of the window."""
         bearing = wrap_angle(math.atan2(goal[1] - start.y, goal[0] - start.x) - start.yaw)
         distance = math.hypot(goal[0] - start.x, goal[1] - start.y)
-        points, levels = self._seen(start, others)
+        points, levels = self.seen(start, others)
         turns = self._turns(start)
-        for manner in self._manners(is_goal_near):
+        for manner in self._manners(bearing, is_goal_near=is_goal_near):
             for table, scale, reach in self._sizes(manner, speed_share):
                 reach = min(reach, distance + self._nose + self._config.goal_clear)
                 choice = self._best(start, bearing, distance, manner, table, scale, reach, points, levels, turns)
@@ -86,7 +86,26 @@ class PrimitiveChooser:
                     return choice
         return None
 
-    def score(self, bearing: float, table: SweepTable, may: NDArray[np.bool_], weights: F64, reach: float, points: F64, levels: NDArray[np.uint8]) -> None:  # fmt: skip
+    def best_group(self, points: F64, levels: NDArray[np.uint8], bearing: float) -> tuple[int, int]:
+        """Return the direction and the group that lead best in a bearing (rad), at full size and range with room to turn: the scoring itself."""
+        manner = Manner.FORWARD
+        may = self._may(bearing, manner, (-math.pi, math.pi))
+        self._score(
+            bearing, self._forward[0], may, self._weights(SE2(), manner, math.inf), self._config.range, points, levels
+        )
+        d, g = np.unravel_index(int(np.argmax(self._scores)), self._scores.shape)
+        return int(d), int(g)
+
+    def _score(
+        self,
+        bearing: float,
+        table: SweepTable,
+        may: NDArray[np.bool_],
+        weights: F64,
+        reach: float,
+        points: F64,
+        levels: NDArray[np.uint8],
+    ) -> None:
         """Block and score all paths in the directions that may be taken, by points (N, 2) of the base frame within `reach`."""
         c, lib = self._config, self._library
         block_paths(
@@ -112,7 +131,7 @@ class PrimitiveChooser:
         turns: tuple[float, float],
     ) -> Choice | None:
         may = self._may(bearing, manner, turns)
-        self.score(bearing, table, may, self._weights(start, manner, distance), reach, points, levels)
+        self._score(bearing, table, may, self._weights(start, manner, distance), reach, points, levels)
         d, g = np.unravel_index(int(np.argmax(self._scores)), self._scores.shape)
         if self._scores[d, g] <= 0.0:
             return None
@@ -146,13 +165,19 @@ class PrimitiveChooser:
             reach = max(c.range_min, reach - c.range_step)
             yield tables[-1], scales[-1], reach
 
-    def _manners(self, is_goal_near: bool) -> tuple[Manner, ...]:
+    def _manners(self, bearing: float, *, is_goal_near: bool) -> tuple[Manner, ...]:
+        """Return how the base may move, in the order in which it is tried. Two-way drive changes its way round only well beyond the side."""
         back = (Manner.BACKWARDS,) if self._backwards else ()
         hold = (Manner.HOLDING,) if self._holding else ()
+        last = self._last[0] if self._last is not None else Manner.FORWARD
+        if self._config.is_two_way and back:
+            beyond = math.radians(60.0 if last is Manner.BACKWARDS else 120.0)
+            if abs(bearing) > beyond:
+                return (*back, Manner.FORWARD, *hold)
         if is_goal_near and hold:
             return (*hold, Manner.FORWARD, *back)
-        if self._last is not None and self._last[0] is not Manner.FORWARD:  # who draws back goes on until he can turn
-            return (Manner.FORWARD, *(m for m in (*hold, *back) if m is self._last[0]), *hold, *back)
+        if last is Manner.BACKWARDS:  # who draws back goes on until he can turn
+            return (Manner.FORWARD, *back, *hold)
         return (Manner.FORWARD, *hold, *back)
 
     def _may(self, bearing: float, manner: Manner, turns: tuple[float, float]) -> NDArray[np.bool_]:
@@ -189,7 +214,7 @@ class PrimitiveChooser:
             weights[near] *= c.keep_turning if is_aside else c.keep
         return weights
 
-    def _seen(self, start: SE2, others: F64) -> tuple[F64, NDArray[np.uint8]]:
+    def seen(self, start: SE2, others: F64) -> tuple[F64, NDArray[np.uint8]]:
         """Return the points of the window and the others in the base frame, with their levels."""
         w, c = self._window, self._config
         costs = w.costs

@@ -28,6 +28,7 @@ class PrimitivesConfig:
     arrive_radius, pass_radius, arrive_yaw   the goal is reached here; within `pass_radius` also when it lies beside or behind
     turn_start, turn_end   angles (rad) to the way at which turning in place begins and ends
     is_two_way         whether a base that can drive backwards does so rather than turn round; without it it only draws back where nothing else is free
+    aside_speed        m/s of a base that slides without turning, or draws back: its scanners may see less there
     rough_costs        costs of ground that is rough, and very rough (the terrain layer charges up to 90 below what is lethal)
     rough_worth        what paths over such ground are worth
     rough_share        share of the paths of a group from which on their ground slows the robot down
@@ -61,6 +62,7 @@ class PrimitivesConfig:
     turn_start: float = 0.5
     turn_end: float = 0.15
     is_two_way: bool = False
+    aside_speed: float = 0.3
     rough_costs: tuple[int, int] = (30, 60)
     rough_worth: tuple[float, float] = (0.5, 0.15)
     rough_share: float = 0.5
