@@ -154,7 +154,9 @@ class LocalGoals:
         if not self._memory.places:
             return 0.0
         s = np.arange(0.0, min(left, MEMORY_REACH), 0.25)
-        covered = np.flatnonzero(self._memory.covers(np.array([tracker.point_at(float(at)) for at in s])))
+        covered = np.flatnonzero(
+            self._memory.covers(np.array([tracker.point_at(float(at)) for at in s]).reshape(-1, 2))
+        )
         return float(s[covered[-1]]) if len(covered) else 0.0
 
     def _farthest_in_sight(self, start: SE2, s: F64, points: F64, left: float) -> LocalGoal:
