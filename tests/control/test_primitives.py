@@ -23,6 +23,7 @@ from ambler.core.movers import Movers
 from ambler.core.protocols import BodyVelocity, Lean, LocalState
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.kernels import arc, footprint, primitives, rollout, warmup
 from ambler.kernels.footprint import footprint_edges
 from ambler.kernels.primitives import LEVELS, WORDS, block_paths, score_groups
 from tests.control.closed_loop import DIFF, ROBOTS, SPOT, Drive, World, drive, line
@@ -392,6 +393,19 @@ def test_places_cost_more_each_time_and_are_forgotten_in_time() -> None:
 
 
 # Goals, states, steering
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_nothing_is_compiled_while_it_drives(robot: str) -> None:
+    for module in (primitives, footprint, rollout, arc):
+        module.warm_up()
+    before = warmup.compiled_signatures()
+    planner = MotionPrimitives(PrimitivesConfig(), ROBOTS[robot])
+    planner.set_movers(Movers(0, np.array([[2.6, -0.1, -0.8, 0.0, -0.8, 0.0]])))
+    drive(planner, ROBOTS[robot], World().block(2.0, -0.2, 2.3, 0.1), line((0, 0), (4, 0)), SE2(), 10.0, window=6.0)
+    after = warmup.compiled_signatures()
+    names = [name for name in after if name.partition(".")[0] in {"primitives", "footprint", "rollout", "arc"}]
+    assert {name: after[name] for name in names} == {name: before[name] for name in names}
 
 
 def test_it_says_what_it_does_and_why_it_stands() -> None:

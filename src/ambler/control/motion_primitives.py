@@ -53,7 +53,7 @@ class MotionPrimitives:
         self._lean = LEVEL
         self._clock = self._blocked_for = self._frozen_for = self._turn_sign = 0.0
         self._is_turning = self._has_arrived = self._is_thawed = False
-        self._escapes = 0
+        self._escapes, self._escape_left = 0, math.inf
         self.state, self.reason = LocalState.IDLE, "there is no path to follow"
         self.trajectory: F64 = np.zeros((0, 3))
         """The way that the last command begins, float64 (N, 3) of (x, y, yaw) in the odom frame."""
@@ -142,6 +142,8 @@ class MotionPrimitives:
         """Drive along the path, around what blocks it, or out of a dead end."""
         self._memory.forget(self._clock)
         self._goals.forget_opened()
+        if left < self._escape_left - self._config.escape_progress:
+            self._escapes = 0
         goal = self._goals.pick(start, self._tracker, left, self._clock)
         if goal is None:
             goal = self._leave(start, velocity)
@@ -302,6 +304,7 @@ class MotionPrimitives:
         ahead = self._goals.blocked_at or self._tracker.point_at(self._window.radius)
         self._memory.add(start, ahead, self._clock)
         self._escapes += 1
+        self._escape_left = min(self._escape_left, self.path_left)
         goal = self._goals.leave(start, self._tracker.goal)
         if goal is None:
             raise self._blocked("the robot is shut in")
@@ -332,6 +335,7 @@ class MotionPrimitives:
         self._is_turning = self._has_arrived = self._is_thawed = False
         self._blocked_for = self._frozen_for = 0.0
         self._escapes = 0
+        self._escape_left = math.inf
         self._goal_turn.reset()
         self._goals.reset()
         self._chooser.reset()

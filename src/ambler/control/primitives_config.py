@@ -38,7 +38,8 @@ class PrimitivesConfig:
     dead_end_seconds   of standing before what is blocked, before that place is remembered as a dead end
     dead_end_radius, dead_end_weight, dead_end_memory   metres around such a place that are avoided, metres of detour that this is worth, and for how many
                        seconds; each time at the same place it is worth as much more
-    escapes_max        dead ends on the way to one goal after which the planner says that there is no way
+    escapes_max, escape_progress   dead ends on the way to one goal after which the planner says that there is no way, and metres of path gained with which
+                       it counts anew
     """
 
     padding: float = 0.03
@@ -76,4 +77,5 @@ class PrimitivesConfig:
     dead_end_weight: float = 8.0
     dead_end_memory: float = 60.0
     escapes_max: int = 6
+    escape_progress: float = 3.0
     follower: FollowerConfig = field(default_factory=FollowerConfig)

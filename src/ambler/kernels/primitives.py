@@ -195,10 +195,12 @@ def warm_up() -> None:
     costs, rough = np.full((3, 3), 254, np.uint8), np.array([30, 60], np.uint8)
     points_around(costs, np.array([2.0, 2.0, 0.0]), 1.0, np.array([3.0, 0.0]), rough, normals, offsets, points, levels)
     may, blocked = np.ones(2, np.bool_), np.zeros((LEVELS, 2, WORDS), np.uint64)
-    block_paths(points, levels, 1.0, np.ones(2), np.zeros(2), may, table[None], origin, 0.05, blocked)
+    tables = table[None].copy()
+    tables.flags.writeable = False  # as finished tables and the library's arrays are
+    block_paths(points, levels, 1.0, np.ones(2), np.zeros(2), may, tables, origin, 0.05, blocked)
     groups, scores, free = np.zeros(2, np.int64), np.empty((2, 7)), np.empty((2, 7), np.int64)
     weights, plan, ends = np.ones((2, 7)), np.array([0.9, 0.5, 0.2]), np.zeros(2)
     for array in (ends, groups):
-        array.flags.writeable = False  # as the library's arrays are
+        array.flags.writeable = False
     score_groups(blocked, may, 0.0, np.zeros(2), weights, ends, groups, plan, scores, free)
     rough_share(blocked, 0, 0, groups, np.empty(2))
