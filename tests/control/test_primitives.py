@@ -282,6 +282,21 @@ def test_commands_keep_to_the_accelerations_of_the_robot(robot: str) -> None:
         v = now
 
 
+def test_the_stop_zone_ends_before_a_wall_whatever_the_path_says() -> None:
+    world, v, pose = World().block(1.5, -3.0, 1.7, 3.0), BodyVelocity(), SE2()
+    window = LocalWindow(DIFF, 0.03)
+    follow, path, stopped = PathFollower(FollowerConfig(), DIFF, window), np.linspace((0.0, 0.0), (3.0, 0.0), 60), False
+    for _ in range(120):
+        window.update(*world.window(pose.x, pose.y, 5.0))
+        command = follow.follow(path, pose, v, 0.8)
+        stopped = command is None
+        v = BodyVelocity() if command is None else command
+        pose = pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * 0.05)
+        assert not world.touches(DIFF, pose)
+    assert stopped
+    assert 1.3 < pose.x + 0.25 < 1.5
+
+
 def test_a_base_that_was_held_does_not_go_on_where_it_left_off() -> None:
     follow, path = follower(DIFF), np.linspace((0.0, 0.0), (3.0, 0.0), 20)
     for _ in range(40):

@@ -89,11 +89,11 @@ MOTION = (
         PRIMITIVES,
     ),
     PlantedFault(
-        "a person steers into a wall",
+        "the path follower has no stop zone",
         "control/path_follower.py",
         "if free >= horizon:",
         "if free >= 0.0:",
-        (*PRIMITIVES, "tests/control/test_conformance.py"),
+        PRIMITIVES,
     ),
     PlantedFault(
         "a path goes on while a person steers",
