@@ -10,7 +10,9 @@ from examples.carrot_planner import CarrotPlanner
 
 from ambler.control.config import RolloutConfig
 from ambler.control.dynamic_window import DynamicWindow
+from ambler.control.motion_primitives import MotionPrimitives
 from ambler.control.omni_pursuit import OmniPursuit
+from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.pursuit_config import PursuitConfig
 from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.core.errors import InvalidPathError, NoValidControlError
@@ -24,6 +26,7 @@ PLANNERS: dict[str, Maker] = {
     "rollout": lambda robot: TrajectoryRollout(RolloutConfig(), robot),
     "dwa": lambda robot: DynamicWindow(RolloutConfig(), robot),
     "pursuit": lambda robot: OmniPursuit(PursuitConfig(), robot),
+    "primitives": lambda robot: MotionPrimitives(PrimitivesConfig(), robot),
     "carrot": CarrotPlanner,
 }
 KEEPS_TO_ITS_PATH = {"pursuit", "carrot"}

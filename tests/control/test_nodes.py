@@ -1,16 +1,20 @@
 """Gate, controller and navigator together on the bus, in lockstep with a toy robot."""
 
+import itertools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ambler.control.config import RolloutConfig
+from ambler.control.motion_primitives import MotionPrimitives
+from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.core.errors import NoValidPathError
-from ambler.core.messages import GateState, PoseStamped
-from ambler.core.protocols import BodyVelocity
+from ambler.core.messages import GateState, PoseStamped, VelocityCommand
+from ambler.core.protocols import BodyVelocity, LocalPlanner
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
@@ -33,7 +37,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import GOAL, TELEOP_REQUEST
+from ambler.runtime.topics import GOAL, STATUS, STEER_REQUEST, TELEOP_REQUEST, Topic
 from tests.control.toy_robot import MAP_FROM_ODOM, ROBOT, Person, ToyBase, ToyPlanner, room, straight_path
 
 Act = Callable[[Person], None]
@@ -65,15 +69,28 @@ def cancel(p: Person) -> None:
 class Robot:
     """A running stack."""
 
-    def __init__(self, script: list[tuple[float, Act]], walls: np.ndarray = OPEN, *, is_armed: bool = True) -> None:
+    def __init__(
+        self,
+        script: list[tuple[float, Act]],
+        walls: np.ndarray = OPEN,
+        *,
+        is_armed: bool = True,
+        local: LocalPlanner | None = None,
+    ) -> None:
         self.base = ToyBase(walls)
         self.planner = ToyPlanner(self.base)
         self.person = Person([(0.3, ask(ARM)), *script] if is_armed else script)
         self.gate = GateNode(ROBOT)
-        local = TrajectoryRollout(RolloutConfig(), ROBOT)
+        local = TrajectoryRollout(RolloutConfig(), ROBOT) if local is None else local
         self.controller = ControllerNode(ROBOT, local, LocalCostmap(LocalCostmapConfig(), ROBOT))
         nodes = [self.base, self.planner, self.controller, NavigatorNode(), self.gate, self.person]
         self.executor = LockstepExecutor(Stack(nodes, external=(TELEOP_REQUEST,)), on_failure=self.gate.stop_now)
+        self.told: list[tuple[float, str, str]] = []
+        self.executor.tap(self._hear)
+
+    def _hear(self, topic: Topic[Any], message: Any, now_ns: int, writer: str) -> None:
+        if topic is STATUS and writer == "controller":
+            self.told.append((now_ns * 1e-9, message.code, message.text))
 
     def run(self, seconds: float) -> "Robot":
         self.executor.run(seconds)
@@ -214,3 +231,65 @@ def test_the_command_has_a_heartbeat() -> None:
     stamps = [ns for ns, _ in robot.base.heard]
     assert max(np.diff(stamps)) <= 20_000_000
     assert len(stamps) >= 98
+
+
+# A planner that can be steered and tells its state
+
+
+def steered(seconds: tuple[float, float], vx: float, vy: float = 0.0) -> list[tuple[float, Act]]:
+    """A person who steers from one time to another, ten times a second."""
+
+    def ask_for(p: Person) -> None:
+        p.ctx.publish(STEER_REQUEST, VelocityCommand(p.ctx.now_ns, vx, vy, 0.0))
+
+    return [(float(t), ask_for) for t in np.arange(*seconds, 0.1)]
+
+
+def primitives() -> MotionPrimitives:
+    return MotionPrimitives(PrimitivesConfig(), ROBOT)
+
+
+def test_a_person_steers_through_the_planner_and_the_gate() -> None:
+    walls = np.vstack((OPEN, [[1.6, -3.0, 1.6, 3.0], [-1.0, 0.5, 1.6, 0.5], [-1.0, -0.5, 1.6, -0.5]]))
+    robot = Robot(steered((0.6, 8.0), 0.5), walls, local=primitives()).run(10.0)
+    front = robot.base.pose.transform(ROBOT.footprint)[:, 0].max()
+    assert 0.9 < front < 1.6, "it comes to the wall and stands before it"
+    assert robot.commands_after(9.0)[-1] == STILL
+    assert any(code == "LOCAL_BLOCKED" for _, code, _ in robot.told)
+    assert {s.source for s in robot.person.states} <= {"", "navigation"}, (
+        "steering has no way around the gate, nor to it"
+    )
+
+
+def test_a_path_waits_while_a_person_steers_and_goes_on_afterwards() -> None:
+    script = [(0.5, follow(3.0)), *steered((1.5, 4.0), 0.0, 0.4)]
+    robot = Robot(script, local=primitives()).run(4.0)
+    assert robot.codes == []
+    assert robot.base.pose.y > 0.3, "the person has it go to the left"
+    robot.run(14.0)
+    assert robot.codes == ["SUCCEEDED"]
+    assert robot.base.pose.distance_to(SE2(3.0, 0.0, 0.0)) < 0.15
+
+
+def test_letting_go_of_the_stick_stops() -> None:
+    robot = Robot(steered((0.6, 2.0), 0.5), local=primitives()).run(3.5)
+    assert robot.base.pose.x > 0.3
+    assert robot.commands_after(2.9)[-1] == STILL
+    assert robot.base.velocity == STILL
+
+
+def test_a_planner_that_cannot_be_steered_says_so_and_stands() -> None:
+    robot = Robot(steered((0.6, 3.0), 0.5)).run(3.0)
+    assert robot.base.pose == SE2()
+    assert any("cannot be steered" in text for _, _, text in robot.told)
+
+
+def test_why_it_stands_is_told() -> None:
+    script = [(0.5, follow(4.0)), (2.0, ask(PAUSE)), (4.0, ask(ARM))]
+    robot = Robot(script, local=primitives()).run(12.0)
+    codes = [code for _, code, _ in robot.told]
+    assert codes[-1] in {"LOCAL_GOAL_REACHED", "LOCAL_IDLE"}
+    assert "LOCAL_DRIVING" in codes
+    held = [t for t, code, _ in robot.told if code == "HELD_PAUSED"]
+    assert any(2.0 < t < 2.7 for t in held)
+    assert all(b - a >= 0.49 for (a, *_), (b, *_) in itertools.pairwise(robot.told)), "no flood of news"

@@ -38,7 +38,7 @@ from ambler.runtime.tasks import (
     PlanReply,
     PlanRequest,
 )
-from ambler.runtime.topics import GATE_STATUS, GOAL, ODOMETRY, SCAN, TRANSFORMS, VELOCITY_COMMAND
+from ambler.runtime.topics import GATE_STATUS, GOAL, ODOMETRY, SCAN, STEER_REQUEST, TRANSFORMS, VELOCITY_COMMAND
 from tests.control.closed_loop import DIFF, line, step_velocity
 
 ROBOT = RobotModel(
@@ -153,7 +153,7 @@ class Person(Node):
     name = "person"
     optional_inputs = (GATE_STATUS,)
     calls = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, FOLLOW_PATH, RECOVER, NAVIGATE)
-    outputs = (GOAL,)
+    outputs = (GOAL, STEER_REQUEST)
 
     def __init__(self, script: list[tuple[float, Callable[[Person], None]]]) -> None:
         self._script = script

@@ -58,6 +58,7 @@ NOT_RUN = {
     "navigate 10,0 --world office --lost --may-turn": WHOLE_RUN,
     "navigate --unknown --planner visibility_graph --world office-17 -- 5.4,7": WHOLE_RUN,
     "navigate --unknown --world office-17 -- 5.4,7": WHOLE_RUN,
+    "navigate --world office --robot diff --set controller=primitives -- 4,0 8,3": WHOLE_RUN,
     "bench far --json docs/results/bench_far.json": "a minute; tests/planning looks at the graph",
     "eval unknown --kinematic --runs 20 --seed draw --json docs/results/unknown.json": STUDY,
     "dock charger_1 --world dock_room": WHOLE_RUN,

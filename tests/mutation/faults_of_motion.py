@@ -22,8 +22,86 @@ MOVERS = ("tests/perception/test_mover_tracker.py",)
 DATABASE = ("tests/docking/test_database.py",)
 DETECTORS = ("tests/docking/test_detectors.py",)
 LESSON = ("tests/docking/test_lesson.py",)
+PRIMITIVES = ("tests/control/test_primitives.py",)
 
 MOTION = (
+    PlantedFault(
+        "the second fan of the primitives is as wide as the first",
+        "control/primitive_library.py",
+        "for second in first + _NARROWS * fan:",
+        "for second in first + fan:",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "a base that backs along a primitive sweeps as if it drove forward",
+        "control/primitive_sweeps.py",
+        "turned = math.pi if backwards else 0.0",
+        "turned = 0.0",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "a base that holds its heading sweeps as if it turned",
+        "control/primitive_sweeps.py",
+        "np.full_like(library.headings, -ANGLES[d]) if holds",
+        "np.full_like(library.headings, 0.0) if holds",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "points block the paths of the direction opposite to theirs",
+        "kernels/primitives.py",
+        "v = (cos[d] * y - sin[d] * x - origin[1]) * per_metre",
+        "v = (cos[d] * y + sin[d] * x - origin[1]) * per_metre",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "rough ground costs a primitive nothing",
+        "kernels/primitives.py",
+        "score *= plan[2]",
+        "score *= 1.0",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "primitives begin in directions to which the footprint cannot turn",
+        "control/primitive_choice.py",
+        "return np.asarray(may & free)",
+        "return np.asarray(may)",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "a dead end is forgotten at once",
+        "control/dead_ends.py",
+        "if now - place.stamp <= self._memory]",
+        "if now - place.stamp <= 0.0]",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "a robot leans as far as it likes",
+        "control/path_follower.py",
+        "if most > c.stop_lean:",
+        "if most > 10.0:",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "a base that was held goes on at the speed that was asked for before",
+        "control/path_follower.py",
+        "        self._catch_up(velocity)\n        x, y, reach",
+        "        x, y, reach",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "the path follower has no stop zone",
+        "control/path_follower.py",
+        "if free >= horizon:",
+        "if free >= 0.0:",
+        PRIMITIVES,
+    ),
+    PlantedFault(
+        "a path goes on while a person steers",
+        "nodes/controller.py",
+        "if steered is not None:\n                self._steer_step",
+        "if steered is not None and self._follow is None:\n                self._steer_step",
+        ("tests/control/test_nodes.py",),
+    ),
     PlantedFault(
         "nobody turns round",
         "control/yielding.py",

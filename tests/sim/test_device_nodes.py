@@ -201,10 +201,12 @@ class HeldJoystick(SickImu):
         return states
 
 
-def held(stamp_ns: int, forward: float, turn: float, *, dead_man: bool) -> m.JoystickState:
+def held(
+    stamp_ns: int, forward: float, turn: float, *, dead_man: bool, steer: bool = False, left: float = 0.0
+) -> m.JoystickState:
     buttons = np.zeros(6, np.uint8)
-    buttons[4] = dead_man
-    return m.JoystickState(stamp_ns, "joystick", np.array([0.0, forward, 0.0, turn], np.float32), buttons)
+    buttons[4], buttons[5] = dead_man, steer
+    return m.JoystickState(stamp_ns, "joystick", np.array([left, forward, 0.0, turn], np.float32), buttons)
 
 
 def test_a_joystick_drives_only_while_its_dead_man_button_is_held() -> None:
@@ -220,3 +222,17 @@ def test_a_joystick_drives_only_while_its_dead_man_button_is_held() -> None:
     wanted = [(r.stamp_ns, r.vx, r.vy, r.wz) for r in context.messages(topics.TELEOP_REQUEST)]
     assert wanted == [(2, 0.4, 0.0, -0.25), (3, -0.2, 0.0, 0.0), (4, 0.0, 0.0, 0.0)]
     assert len(context.messages(topics.JOYSTICK)) == 5
+    assert context.messages(topics.STEER_REQUEST) == []
+
+
+def test_a_joystick_steers_while_the_other_button_is_held_and_driving_by_hand_comes_first() -> None:
+    """A base without sideways motion is steered to the left all the same: the local planner turns it."""
+    device, context = HeldJoystick(), HandMadeContext()
+    context.start(JoystickNode(device, VelocityLimits(vx_max=0.8, vx_min=-0.4, wz_max=1.0)))
+    device.states = [held(1, 0.5, 0.0, dead_man=False, steer=True, left=0.5)]
+    device.states += [held(2, 0.5, 0.0, dead_man=True, steer=True), held(3, 0.5, 0.0, dead_man=False)]
+    context.run(0.1)
+    steered = [(r.stamp_ns, r.vx, r.vy, r.wz) for r in context.messages(topics.STEER_REQUEST)]
+    driven = [(r.stamp_ns, r.vx, r.vy, r.wz) for r in context.messages(topics.TELEOP_REQUEST)]
+    assert steered == [(1, 0.2, 0.2, 0.0), (2, 0.0, 0.0, 0.0)]
+    assert driven == [(2, 0.2, 0.0, 0.0), (3, 0.0, 0.0, 0.0)]

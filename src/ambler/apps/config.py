@@ -12,6 +12,7 @@ import numpy as np
 from ambler.calibration.scan_calibration import CalibrationConfig
 from ambler.control.config import RolloutConfig
 from ambler.control.local_planners import Controller
+from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.pursuit_config import PursuitConfig
 from ambler.control.yielding import YieldConfig
 from ambler.core.errors import BadInputError
@@ -90,6 +91,7 @@ class RobotConfig:
     navigation: NavigationConfig = field(default_factory=NavigationConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
     pursuit: PursuitConfig = field(default_factory=PursuitConfig)
+    primitives: PrimitivesConfig = field(default_factory=PrimitivesConfig)
     movers: MoverConfig = field(default_factory=MoverConfig)
     yielding: YieldConfig = field(default_factory=YieldConfig)
     gate: GateConfig = field(default_factory=GateConfig)
@@ -206,6 +208,7 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         global_costmap=GlobalCostmapConfig(inflation=inflation),
         navigation=NavigationConfig(blocked_patience=KNOWN_MAP_PATIENCE) if has_map else NavigationConfig(),
         rollout=RolloutConfig(padding=PADDING),
+        primitives=PrimitivesConfig(padding=PADDING),
         gate=GateConfig(margin=0.02),
         planner=PlannerConfig(escape_radius=robot.circumscribed_radius + 0.1),
         visibility=VisibilityConfig(escape_radius=robot.circumscribed_radius + 0.1),

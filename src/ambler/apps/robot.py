@@ -128,7 +128,7 @@ def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
 def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
     """What judges echoes, global planner, controller and navigator."""
     global_planner = parts.global_planner or _global_planner(config)
-    controller = parts.local_planner or local_planner(config.controller, robot, config.rollout, config.pursuit)
+    controller = parts.local_planner or _local_planner(robot, config)
     wide = GlobalCostmap(config.global_costmap, robot, (*global_layers(config.global_costmap), *parts.global_layers))
     near = LocalCostmap(config.local_costmap, robot, (*_near_layers(robot, config), *parts.local_layers))
     echoes = [EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []
@@ -149,6 +149,10 @@ def _global_planner(config: RobotConfig) -> GlobalPlanner:
     if config.global_planner == "visibility_graph":
         return VisibilityPlanner(config.visibility)
     return GridPlanner(config.planner)
+
+
+def _local_planner(robot: RobotModel, config: RobotConfig) -> LocalPlanner:
+    return local_planner(config.controller, robot, config.rollout, config.pursuit, config.primitives)
 
 
 def _near_layers(robot: RobotModel, config: RobotConfig) -> tuple[Layer, ...]:

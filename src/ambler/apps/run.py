@@ -26,7 +26,7 @@ from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
 from ambler.runtime.tasks import END_PROGRAM, EndProgramRequest
-from ambler.runtime.topics import GOAL, SET_POSE, TELEOP_REQUEST, Topic
+from ambler.runtime.topics import GOAL, SET_POSE, STEER_REQUEST, TELEOP_REQUEST, Topic
 
 Driver = Callable[[Callable[[ProgramEnd], None], Callable[[int, str], None]], Node]
 WIND_UP = 60.0  # seconds of the executor that the end of a program may take
@@ -44,7 +44,7 @@ class ViewOptions:
 def outside_topics(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:
     """Return what people and other programs may put on the bus of a robot: what no node of its own writes."""
     written = {topic for node in nodes for topic in node.outputs}
-    return tuple(topic for topic in (GOAL, SET_POSE, TELEOP_REQUEST) if topic not in written)
+    return tuple(topic for topic in (GOAL, SET_POSE, TELEOP_REQUEST, STEER_REQUEST) if topic not in written)
 
 
 def _nothing() -> None:

@@ -44,6 +44,11 @@ class LocalWindow:
         self.row_sums = np.zeros((0, 1), np.int32)
         self.distance = np.zeros((0, 0))
 
+    @property
+    def costs(self) -> NDArray[np.uint8]:
+        """The cost grid of now, uint8 [iy, ix]."""
+        return self._costs if self._costs is not None else np.zeros((0, 0), np.uint8)
+
     def update(self, costs: NDArray[np.uint8], spec: GridSpec) -> None:
         """Take a cost grid uint8 [iy, ix] that nobody writes to any more; one that it has already costs nothing."""
         if costs is self._costs and spec == self.spec:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -75,6 +76,63 @@ class MoverAware(Protocol):
 
     def set_movers(self, movers: Movers) -> None:
         """Take the movers of now, in the odom frame, before `compute_command`."""
+        ...
+
+
+class LocalState(enum.StrEnum):
+    """What a local planner is doing, or why it stands."""
+
+    IDLE = "idle"
+    DRIVING = "driving"
+    SLOWED = "slowed"
+    TURNING = "turning"
+    LEAVING_DEAD_END = "leaving_dead_end"
+    FROZEN = "frozen"
+    BLOCKED = "blocked"
+    LEANING = "leaning"
+    GOAL_REACHED = "goal_reached"
+
+
+@runtime_checkable
+class TellsState(Protocol):
+    """A local planner that says what it does and why."""
+
+    state: LocalState
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lean:
+    """How a body leans and how fast that changes: rad and rad/s."""
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    roll_rate: float = 0.0
+    pitch_rate: float = 0.0
+
+
+@runtime_checkable
+class LeanAware(Protocol):
+    """A local planner that is slow on a lean, and stands on one from which the robot could fall."""
+
+    def set_lean(self, lean: Lean) -> None:
+        """Take the lean of now, before `compute_command`."""
+        ...
+
+
+@runtime_checkable
+class Steers(Protocol):
+    """A local planner that a person can steer: around what is in the way, where a direction and a speed point (a smart joystick)."""
+
+    def steer(
+        self,
+        costs: NDArray[np.uint8],
+        spec: GridSpec,
+        odom_from_base: SE2,
+        velocity: BodyVelocity,
+        wanted: BodyVelocity,
+    ) -> BodyVelocity:
+        """Return the velocity that comes nearest to the wanted one; raises NoValidControlError."""
         ...
 
 

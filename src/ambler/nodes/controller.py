@@ -1,6 +1,7 @@
-"""Local control on the bus: keeps the local costmap, follows paths, and frees the robot on request.
+"""Local control on the bus: keeps the local costmap, follows paths, lets a person steer, and frees the robot on request.
 
-One motion at a time: a path or a recovery. Every end of a motion, whatever its reason, sends a zero velocity.
+One motion at a time: a path or a recovery; while a person steers, a path waits and a recovery ends. Every end of a motion, whatever its reason, sends
+a zero velocity.
 """
 
 from __future__ import annotations
@@ -28,14 +29,16 @@ from ambler.core.messages import (
     Path,
     PointCloud,
     Polygon,
+    Status,
     Transforms,
     VelocityCommand,
 )
-from ambler.core.protocols import BodyVelocity, LocalPlanner, MoverAware
+from ambler.core.protocols import BodyVelocity, LeanAware, LocalPlanner, LocalState, MoverAware, Steers, TellsState
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
+from ambler.nodes.local_modes import LeanMeter, StateTeller, Steering
 from ambler.nodes.local_view import LocalView
 from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig
@@ -61,6 +64,8 @@ from ambler.runtime.topics import (
     ODOMETRY,
     PATH,
     SCAN,
+    STATUS,
+    STEER_REQUEST,
     TRANSFORMS,
     VELOCITY_REQUEST,
 )
@@ -85,8 +90,8 @@ class ControllerNode(Node):
 
     name = "controller"
     inputs: Topics = (SCAN, ODOMETRY, TRANSFORMS)
-    optional_inputs: Topics = (PATH, GATE_STATUS)
-    outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT)
+    optional_inputs: Topics = (PATH, GATE_STATUS, STEER_REQUEST)
+    outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT, STATUS)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
     latency = 0.01
 
@@ -112,7 +117,7 @@ class ControllerNode(Node):
         self._fresh: Topics = (*self._view.topics, *needed)
         self.inputs = (*self._fresh, ODOMETRY, TRANSFORMS)
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
-        self.optional_inputs = (PATH, GATE_STATUS, *optional)
+        self.optional_inputs = (PATH, GATE_STATUS, STEER_REQUEST, *optional)
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None
@@ -123,6 +128,8 @@ class ControllerNode(Node):
         self._trouble_since_ns: int | None = None
         self._protective_since_ns: int | None = None
         self._is_held = False
+        self._gate: GateStatus | None = None
+        self._steering, self._teller, self._lean = Steering(), StateTeller(), LeanMeter()
 
     def start(self) -> None:
         """Subscribe, serve, and start the two timers."""
@@ -139,6 +146,7 @@ class ControllerNode(Node):
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(PATH, self._on_path)
         self.ctx.subscribe(GATE_STATUS, self._on_gate_status)
+        self.ctx.subscribe(STEER_REQUEST, self._steering.take)
         self.ctx.serve_task(FOLLOW_PATH, self._on_follow, self._on_follow_cancelled)
         self.ctx.serve_task(RECOVER, self._on_recover, self._on_recover_cancelled)
         self.ctx.serve(CLEAR_LOCAL_COSTMAP, self._on_clear)
@@ -165,6 +173,10 @@ class ControllerNode(Node):
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)
+        if isinstance(self._planner, LeanAware):
+            self._planner.set_lean(self._lean.read(odometry))
+            if self._lean.is_blind:
+                self.ctx.log("LEAN_NOT_MEASURED", "the odometry is planar: the limits of inclination cannot act")
 
     def _on_transforms(self, transforms: Transforms) -> None:
         self._view.add_transforms(transforms)
@@ -174,6 +186,7 @@ class ControllerNode(Node):
             self._path = path
 
     def _on_gate_status(self, status: GateStatus) -> None:
+        self._gate = status
         self._is_held = status.state in HELD
         if status.state is not GateState.PROTECTIVE_STOP:
             self._protective_since_ns = None
@@ -235,8 +248,18 @@ class ControllerNode(Node):
     # Control
 
     def _tick(self) -> None:
-        if self._follow is None and self._recover is None:
-            return
+        steered = self._steering.wanted(self.ctx.now_ns)
+        if self._steering.has_ended(steered):
+            self._send(BodyVelocity())
+            self._progress, self._trouble_since_ns = ProgressChecker(), None
+        if steered is not None:
+            self._end_recover("PREEMPTED", "a person steers")
+        is_idle = steered is None and self._follow is None and self._recover is None
+        if not is_idle:
+            self._control(steered)
+        self._tell_state(is_idle=is_idle)
+
+    def _control(self, steered: BodyVelocity | None) -> None:
         try:
             self.ctx.newest(ODOMETRY)
             self._check_sight()
@@ -245,13 +268,42 @@ class ControllerNode(Node):
             self._yielding.set_movers(movers, odom_from_base, velocity)
             if isinstance(self._planner, MoverAware):
                 self._planner.set_movers(movers)
-            if self._recover is not None:
+            if steered is not None:
+                self._steer_step(odom_from_base, velocity, steered)
+            elif self._recover is not None:
                 self._recover_step(odom_from_base)
             else:
                 self._follow_step(odom_from_base, velocity)
             self._trouble_since_ns = None
         except (StaleInputError, TransformError, ControlError) as error:
-            self._wait_in_trouble(error)
+            if steered is not None:  # the person sees it, and steers elsewhere
+                self._send(BodyVelocity())
+                self._tell_refused(error)
+            else:
+                self._wait_in_trouble(error)
+
+    def _steer_step(self, odom_from_base: SE2, velocity: BodyVelocity, wanted: BodyVelocity) -> None:
+        if not isinstance(self._planner, Steers):  # never where a person points without looking
+            text = f"{type(self._planner).__name__} cannot be steered; `controller: primitives` can"
+            raise ControlError(text)
+        costmap = self._view.costmap
+        self._drive(self._planner.steer(costmap.costs, costmap.spec, odom_from_base, velocity, wanted))
+
+    def _tell_refused(self, error: AmblerError) -> None:
+        news = self._teller.news(self.ctx.now_ns, LocalState.BLOCKED, str(error), self._gate)
+        if news is not None:
+            self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, *news))
+
+    def _tell_state(self, *, is_idle: bool) -> None:
+        """Tell people what a planner that knows it does, and why the robot stands."""
+        if not isinstance(self._planner, TellsState):
+            return
+        state, reason = self._planner.state, self._planner.reason
+        if is_idle and state is not LocalState.GOAL_REACHED:
+            state, reason = LocalState.IDLE, "there is nothing to do"
+        news = self._teller.news(self.ctx.now_ns, state, reason, self._gate)
+        if news is not None:
+            self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, *news))
 
     def _check_sight(self) -> None:
         for topic in self._fresh:
@@ -356,7 +408,8 @@ class ControllerNode(Node):
         corners[:, :2] = odom_from_base.transform(self._robot.footprint)
         self.ctx.publish(FOOTPRINT, Polygon(self.ctx.now_ns, "odom", corners))
         trajectory = self._planner.trajectory
-        if self._follow is not None and len(trajectory) > 0:
+        is_driven = self._follow is not None or self._steering.wanted(self.ctx.now_ns) is not None
+        if is_driven and len(trajectory) > 0:
             self.ctx.publish(LOCAL_PATH, Path(self.ctx.now_ns, "odom", np.array(trajectory)))
 
 
