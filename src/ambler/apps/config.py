@@ -19,6 +19,7 @@ from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
+from ambler.costmap.voxel_layer import VoxelConfig
 from ambler.exploration.fence import FenceConfig
 from ambler.exploration.strategies import GreedyStrategy
 from ambler.exploration.survey import SurveyConfig
@@ -58,7 +59,8 @@ class RobotConfig:
     `strategy`, `controller`, `localizer` and `global_planner` (`planner` or `visibility`) choose one of those whose own sections stand below.
     `odometry_source` is wheels with a gyroscope (`odometry`), or a
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
-    is the floor of the local costmap. `scanners` holds calibrated mounts and
+    is the floor of the local costmap. Depth cameras, or where `voxels` are always wanted clouds alone, fill a layer of voxels (`voxel`) in both
+    costmaps. `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -69,7 +71,9 @@ class RobotConfig:
     glass: Literal["auto", "on", "off"] = "auto"
     odometry_source: Literal["wheels", "lidar"] = "wheels"
     terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
+    voxels: Literal["auto", "always", "never"] = "auto"
     ground: TerrainConfig = field(default_factory=TerrainConfig)
+    voxel: VoxelConfig = field(default_factory=VoxelConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     lio: LioConfig = field(default_factory=LioConfig)
@@ -108,6 +112,11 @@ class RobotConfig:
         return bool(robot.clouds) and (
             self.terrain == "always" or (self.terrain == "auto" and self.odometry_source == "lidar")
         )
+
+    def uses_voxels(self, robot: RobotModel) -> bool:
+        """Say whether costmaps have a layer of voxels: `auto` means on robots with depth cameras."""
+        has_any = bool(robot.depth_cameras) or bool(robot.clouds)
+        return has_any and (self.voxels == "always" or (self.voxels == "auto" and bool(robot.depth_cameras)))
 
     def make_localizer(self, surfaces: SurfaceMap, seed: int = 0) -> Localizer:
         """Build the chosen localizer for a map; `seed` is that of the particles. Raises BadInputError for reflectors without positions."""

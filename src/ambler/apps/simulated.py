@@ -168,6 +168,7 @@ def _world_nodes(
         spec, robot = off.of_world(spec), off.of_robot(robot)
         if camera is None:  # it tells the projection of its drawing
             camera = next((spec.model for spec in scene.robot.cameras.values()), None)
+    robot = robot if parts.built is None else parts.built(robot)
     bodies = [BodySpec(FIRST, robot, scene.start)]
     bodies += [BodySpec(name, other.robot, other.start, mate.seed) for name, (mate, other) in others.items()]
     world = World(spec, bodies, config)
@@ -191,6 +192,7 @@ def _live_nodes(scene: Scene, simulator: RunningSimulator, clock: SystemClock | 
     """The nodes of the drivers that reach the robot of the other process."""
     assert clock is not None
     cameras = {frame: spec.model for frame, spec in scene.robot.cameras.items()}
+    cameras |= {frame: spec.model for frame, spec in scene.robot.depth_cameras.items()}
     model = scene.robot.model
     devices = live_devices(model, simulator.places[FIRST], lambda: clock.now_ns, cameras)
     return device_nodes(model, devices, calibration=scene.camera)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.kernels import costmap as kernels
 
 U8 = NDArray[np.uint8]
@@ -41,6 +42,10 @@ class Frames(Protocol):
 
     def costmap_from(self, frame: str, stamp_ns: int) -> SE2:
         """Return the pose of `base` or of a sensor at a time, or the newest one of `map` or `odom`; raises TransformError."""
+        ...
+
+    def spatial_from(self, frame: str, stamp_ns: int) -> SE3:
+        """Return the pose of `base` or of a sensor at a time with its height and lean; raises TransformError."""
         ...
 
 
@@ -110,7 +115,7 @@ def layer_of(layers: Sequence[Layer], kind: type[L]) -> L:
 
 def moved(old: NDArray[T], old_spec: GridSpec, spec: GridSpec, fill: float) -> NDArray[T]:
     """Return a layer's cells in another grid of the same resolution, aligned to whole cells; `fill` where they do not overlap."""
-    new = np.full(spec.shape, fill, old.dtype)
+    new = np.full((*spec.shape, *old.shape[2:]), fill, old.dtype)
     dy, dx = spec.offset_in(old_spec)
     y0, y1 = max(0, dy), min(old.shape[0], dy + spec.height)
     x0, x1 = max(0, dx), min(old.shape[1], dx + spec.width)

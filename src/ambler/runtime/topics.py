@@ -78,6 +78,8 @@ TERRAIN_MAP = _topic("terrain_map", m.PointCloud, "/terrain_map", depth=2, max_a
 TERRAIN_MAP_EXT = _topic("terrain_map_ext", m.PointCloud, "/terrain_map_ext", depth=2, max_age=3.0)
 IMAGE = _topic("image", m.Image, "/camera/image", depth=2, max_age=0.5)
 CAMERA_INFO = _topic("camera_info", m.CameraInfo, "/camera/camera_info", "latched", 1)
+DEPTH = _topic("depth", m.Image, "/depth/image", depth=2, max_age=0.5)
+DEPTH_INFO = _topic("depth_info", m.CameraInfo, "/depth/camera_info", "latched", 1)
 BATTERY = _topic("battery", m.BatteryState, "/battery_state", depth=10, max_age=2.0)
 JOYSTICK = _topic("joystick", m.JoystickState, "/joy", "latest", 1, max_age=0.4)
 # Transforms
