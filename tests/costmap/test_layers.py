@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from examples.keep_out_zones import KeepOutLayer
 
+from ambler.core.camera import CameraModel
 from ambler.core.grid import GridSpec
 from ambler.core.messages import Polygon
 from ambler.core.se2 import SE2
@@ -18,6 +19,8 @@ from ambler.costmap.layer import Layer, Moment, box_around, union, whole
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
 from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
 from ambler.costmap.static_layer import StaticConfig, StaticLayer
+from ambler.costmap.voxel_layer import VoxelConfig, VoxelLayer, view_of_depth
+from ambler.robots.depth import optical
 
 SPEC = GridSpec(0.1, 40, 30, -2.0, -1.5)
 GROWN = GridSpec(0.1, 50, 44, -2.5, -2.0)
@@ -56,6 +59,15 @@ def feed_blocked(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None
     layer.set_points(rng.uniform(-3, 3, (int(rng.integers(0, 6)), 2)))
 
 
+def feed_views(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, VoxelLayer)
+    pose = optical((*(float(v) for v in rng.uniform(-1.0, 1.0, 2)), 0.6), float(rng.uniform(-180, 180)), 10.0)
+    depth = rng.choice(np.array([0, 700, 1200, 3000], np.uint16), (4, 5)).repeat(4, axis=0).repeat(4, axis=1)
+    model = CameraModel("depth", 20, 16, 12.0, 12.0, 9.5, 7.5)
+    layer.add(view_of_depth(depth, model, pose, 0.0, 0.3, 4.0))
+    layer.add(view_of_depth(depth, model, pose, 0.0, 0.3, 4.0))
+
+
 def feed_zones(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
     assert isinstance(layer, KeepOutLayer)
     zone = np.zeros((int(rng.choice([0, 3, 5])), 3), np.float32)
@@ -69,6 +81,7 @@ LAYERS: dict[str, tuple[Callable[[], Layer], Feed]] = {
     "cones": (lambda: RangeLayer(RangeConfig(decay=1.0)), feed_cones),
     "glass": (GlassLayer, feed_glass),
     "blocked": (BlockedLayer, feed_blocked),
+    "voxels": (lambda: VoxelLayer(VoxelConfig(), 1.0), feed_views),
     "keep_out": (KeepOutLayer, feed_zones),
 }
 every_layer = pytest.mark.parametrize("name", LAYERS)

@@ -89,6 +89,7 @@ def grids(draw):
 
 
 covariances = arrays(np.float64, (6, 6), elements=float64s)
+picture_shapes = st.tuples(st.integers(1, 9), st.integers(1, 9))
 MESSAGES = {
     m.LaserScan: st.builds(
         m.LaserScan, stamps, words, *[float32s] * 6, any_float32(st.integers(0, 50)), any_float32(st.integers(0, 50))
@@ -97,7 +98,9 @@ MESSAGES = {
     m.JudgedEcho: st.builds(m.JudgedEcho, stamps, words, words, poses, *[float64s] * 3, st.booleans()),
     m.GlassWalls: glass_walls(),
     m.PointCloud: clouds(),
-    m.Image: st.builds(m.Image, stamps, words, arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))),
+    m.Image: st.builds(
+        m.Image, stamps, words, st.one_of(arrays(np.uint8, picture_shapes), arrays(np.uint16, picture_shapes))
+    ),
     m.CameraInfo: camera_infos(),
     m.BatteryState: st.builds(m.BatteryState, stamps, words, *[float32s] * 3, st.sampled_from(m.PowerSupply)),
     m.Imu: st.builds(m.Imu, stamps, words, vectors, vectors),

@@ -33,14 +33,14 @@ FOOT = 2  # levels below the floor: it may sink a little before all voxels have 
 class VoxelConfig:
     """Voxels are as wide as the costmap's cells and `level` metres high, higher for a robot taller than LEVELS of them. Views mark and clear up to
     `reach` metres. An obstacle reaches `doubt` metres above the floor and `lean` (rad) of its distance more, and begins less than `clearance`
-    above the robot's top: errors of mounting of 5 cm and 3° leave the floor free. A hit adds `gain` up to `most`, a look through takes 1,
+    above the robot's top: errors of mounting of 5 cm, and of 3° in roll and pitch at once (4.2° together), leave the floor free, noise included. A hit adds `gain` up to `most`, a look through takes 1,
     `enough` marks: two hits mark, and four looks, 0.4 s of a camera, clear what was surest. A look counts when it goes on `margin` metres
     and `spread` times the squared distance beyond (three sigma of a stereo camera's noise). A cloud's picture has elements of `step` rad."""
 
     level: float = 0.05
     reach: float = 4.0
     doubt: float = 0.07
-    lean: float = math.radians(3.0)
+    lean: float = math.radians(4.5)
     clearance: float = 0.1
     gain: int = 2
     most: int = 6
