@@ -8,20 +8,23 @@ import math
 import numpy as np
 import pytest
 
+from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_FREE, COST_LETHAL, GridSpec
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.layer import Moment, whole
-from ambler.costmap.voxel_layer import VoxelConfig, VoxelLayer, VoxelView, view_of_cloud, view_of_depth
+from ambler.costmap.voxel_layer import NO_GROUND, VoxelConfig, VoxelLayer, VoxelView, view_of_cloud, view_of_depth
 from ambler.kernels import voxels as kernels
 from ambler.robots.depth import optical
 from ambler.sim.depth_camera import DepthCameraSensor
 from ambler.sim.lidar import LidarSensor
+from ambler.sim.meshes import TriangleMesh
 from ambler.sim.rig_errors import with_depth_mounts_off
 from ambler.sim.robots import robot_named
 from ambler.sim.scene import build_scene
 from ambler.sim.sensors import D430, VLP_16
 from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.studies.made_ground import LEVEL, ramp
 
 SPEC = GridSpec(0.05, 160, 160, -4.0, -4.0)
 TOP = 1.15
@@ -192,7 +195,7 @@ def test_the_sweep_of_a_cloud_is_placed_where_the_robot_was() -> None:
     points, times = np.full((2, 3), (1.0, 0.0, 0.5), np.float32), np.array([0.0, 0.1], np.float32)
     poses = np.stack([SE3((0.05 * k, 0.0, 0.0)).matrix()[:3] for k in range(6)])
     place = np.array([-4.0, -4.0, 0.05])
-    kernels.mark_hits(points, times, poses, 0.02, 0.3, 4.0, place, 0.05, -0.1, 0.0, 0.07, 0.05, 1.2, hits)
+    kernels.mark_hits(points, times, poses, 0.02, 0.3, 4.0, place, 0.05, -0.1, 0.0, NO_GROUND, 0.07, 0.05, 1.2, hits)
     assert set(zip(*(a.tolist() for a in np.nonzero(hits)), strict=True)) == {
         SPEC.cell_of(1.001, 0.001),
         SPEC.cell_of(1.251, 0.001),
@@ -237,6 +240,32 @@ def test_marks_keep_their_height_when_the_floor_rises() -> None:
     assert len(layer.marked()) == 0, "what lies well below the floor is no obstacle"
 
 
+def test_a_slope_whose_ground_is_known_is_no_obstacle_and_what_stands_on_it_is() -> None:
+    mesh, _ = ramp(1.2, 4.0, math.radians(15.0))
+    mesh = TriangleMesh("ramp", mesh.vertices - (0.0, 0.0, LEVEL), mesh.triangles)
+    thing = box(2.5, 0.5, (0.3, 0.3), 0.0, 1.3 * math.tan(math.radians(15.0)) + 0.5)
+    scene = build_scene(WorldSpec("w", (*WALLS, thing), SE2(), meshes=(mesh,), ceiling=2.5))
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-4.0, 5.0, 0.2), np.arange(-3.9, 4.0, 0.2)))
+    told = np.maximum(0.0, (x - 1.2) * math.tan(math.radians(15.0)))
+    counts = []
+    for has_ground in (False, True):
+        layer, sensor = VoxelLayer(VoxelConfig(), TOP), DepthCameraSensor(D430, "depth", scene, 1)
+        if has_ground:
+            layer.set_ground(np.stack([x, y], axis=1), told)
+        for _ in range(6):
+            layer.add(view_of_depth(sensor.take(CAMERA, 0).depth, D430.model, CAMERA, 0.0, 0.3, 4.0))
+            layer.update(SPEC, Moment())
+        xy = layer.marked()[:, :2]
+        on_thing = np.abs(xy - (2.5, 0.5)).max(axis=1) < 0.25
+        counts.append((int(on_thing.sum()), int((~on_thing).sum())))
+    (_, slope_without), (thing_with, slope_with) = counts
+    assert slope_without > 50
+    assert slope_with == 0
+    assert thing_with > 5
+    with pytest.raises(BadInputError, match="ground"):
+        layer.set_ground(np.zeros((2, 2)), np.zeros(3))
+
+
 def slow_hits(points: np.ndarray, pose: SE3, floor: float, c: VoxelConfig, bottom: float) -> set:
     out = set()
     for p in points.astype(np.float64):
@@ -258,7 +287,9 @@ def test_hits_are_those_of_the_slow_twin(seed: int) -> None:
     hits = np.zeros(SPEC.shape, np.uint32)
     place, bottom = np.array([-4.0, -4.0, 0.05]), -0.1
     times, poses = np.zeros(500, np.float32), pose.matrix()[None, :3].copy()
-    kernels.mark_hits(points, times, poses, 1.0, 0.3, 4.0, place, c.level, bottom, 0.05, c.doubt, c.lean, TOP, hits)
+    kernels.mark_hits(
+        points, times, poses, 1.0, 0.3, 4.0, place, c.level, bottom, 0.05, NO_GROUND, c.doubt, c.lean, TOP, hits
+    )
     bits = (hits[..., None] >> np.arange(32, dtype=np.uint32)) & 1
     assert set(map(tuple, np.argwhere(bits).tolist())) == slow_hits(points, pose, 0.05, c, bottom)
 

@@ -155,7 +155,7 @@ def _voxels(
     if not config.uses_voxels(robot):
         return (), ()
     layer = VoxelLayer(config.voxel, robot.top)
-    return (layer,), VoxelFeed(robot, layer, period).inputs
+    return (layer,), VoxelFeed(robot, layer, period, has_terrain=config.uses_terrain(robot)).inputs
 
 
 def _global_planner(config: RobotConfig) -> GlobalPlanner:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.camera import CameraModel
+from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.se3 import SE3
 from ambler.costmap.layer import Box, Moment, box_around, box_within, changed_box, moved, union, whole
@@ -26,6 +27,8 @@ U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 FED_MAX = 64  # the newest views that wait for an update: a map may be long in coming
+GROUND_CELL = 0.2  # metres that a point of the ground covers
+NO_GROUND = np.zeros((0, 0), np.float32)
 FOOT = 2  # levels below the floor: it may sink a little before all voxels have to be moved
 
 
@@ -114,12 +117,21 @@ class VoxelLayer:
         self._spec: GridSpec | None = None
         self._bottom = 0  # level number of the lowest voxels' feet
         self._is_cleared = False
+        self._terrain: tuple[F64, F64] | None = None
+        self._ground: F32 = NO_GROUND
         self._scores: NDArray[np.int8] = np.zeros((0, 0, kernels.LEVELS), np.int8)
         self._occupied, self._marked, self._hits = (np.zeros((0, 0), np.uint32) for _ in range(3))
 
     def add(self, view: VoxelView) -> None:
         """Take a view; the next update weighs it."""
         self._fed.append(view)
+
+    def set_ground(self, points: F64, heights: F64) -> None:
+        """Take where the ground lies, points (N, 2) and heights (N,) in the costmap's frame, in place of the last ones; elsewhere the floor is as
+        high as under the robot."""
+        if len(points) != len(heights):
+            raise BadInputError(f"a ground of {len(points)} points and {len(heights)} heights")
+        self._terrain = points, heights
 
     def marked(self) -> F32:
         """Return the middles of the marked voxels, float32 (N, 3), in the costmap's frame."""
@@ -138,6 +150,7 @@ class VoxelLayer:
             return changed
         before = self._move_to(spec)
         place = np.array([spec.origin_x, spec.origin_y, spec.resolution])
+        self._lay_ground(spec)
         touched: Box | None = None
         while self._fed:
             touched = union(touched, self._weigh(self._fed.popleft(), spec, place))
@@ -177,13 +190,26 @@ class VoxelLayer:
             self._spec = spec
         return self.cells
 
+    def _lay_ground(self, spec: GridSpec) -> None:
+        """Draw the ground that was told last; nothing where none ever was."""
+        if self._terrain is None:
+            return
+        points, heights = self._terrain
+        self._ground = np.full(spec.shape, np.nan, np.float32)
+        across = max(1, round(GROUND_CELL / spec.resolution))
+        corner = np.round((points - (spec.origin_x, spec.origin_y)) / spec.resolution - 0.5 * across).astype(np.int64)
+        for dy, dx in np.ndindex(across, across):
+            iy, ix = corner[:, 1] + dy, corner[:, 0] + dx
+            inside = (iy >= 0) & (ix >= 0) & (iy < spec.height) & (ix < spec.width)
+            self._ground[iy[inside], ix[inside]] = heights[inside]
+
     def _weigh(self, view: VoxelView, spec: GridSpec, place: F64) -> Box | None:
         c, level = self.config, self._level
         lifted = self._follow_floor(view.floor)
         bottom = self._bottom * level
         hit = kernels.mark_hits(
             *(view.points, view.times, view.matrices, view.period, view.near, view.far, place, level, bottom),
-            *(view.floor, c.doubt, c.lean, self._top, self._hits),
+            *(view.floor, self._ground, c.doubt, c.lean, self._top, self._hits),
         )
         matrix = np.ascontiguousarray(view.matrices[len(view.matrices) // 2])
         box = union(

@@ -71,14 +71,15 @@ def view_of_cloud(points, step, lowest, out):
 
 @jit
 def mark_hits(
-    points, times, matrices, step, near, far, place, level, bottom, floor, doubt, lean, top, hits
+    points, times, matrices, step, near, far, place, level, bottom, floor, ground, doubt, lean, top, hits
 ):  # fmt: skip
     """Set the bits of the voxels in `hits` uint32 [iy, ix] that hold points float32 (N, 3) of a sensor's frame; returns the box of cells (y0, y1, x0,
     x1) around them, empty without any.
 
     The sensor's poses are `matrices` float64 (K, 3, 4), `step` seconds apart from the stamp on; `times` float32 (N,) are those of the points.
     `place` float64 (3,) is the grid's origin and resolution, `level` a voxel's height and `bottom` the lowest one's foot. Points count from
-    `near` to `far` metres, from the `floor` plus a doubt that grows with the distance (`doubt` + `lean` * distance) to `top` above it.
+    `near` to `far` metres, from the floor plus a doubt that grows with the distance (`doubt` + `lean` * distance) to `top` above it; the floor is at
+    `ground` float32 [iy, ix], where that is known ((0, 0): nowhere, NaN: not there), else at `floor`.
     """
     height, width = hits.shape
     y0, y1, x0, x1 = height, 0, width, 0
@@ -90,14 +91,18 @@ def mark_hits(
             continue
         k = min(max(int(times[i] / step + 0.5), 0), last)
         z = matrices[k, 2, 0] * px + matrices[k, 2, 1] * py + matrices[k, 2, 2] * pz + matrices[k, 2, 3]
-        over = z - floor
-        if over > top or over < doubt + lean * math.sqrt(squared):
-            continue
         x = matrices[k, 0, 0] * px + matrices[k, 0, 1] * py + matrices[k, 0, 2] * pz + matrices[k, 0, 3]
         y = matrices[k, 1, 0] * px + matrices[k, 1, 1] * py + matrices[k, 1, 2] * pz + matrices[k, 1, 3]
         ix, iy = int(math.floor((x - place[0]) / place[2])), int(math.floor((y - place[1]) / place[2]))
+        if not (0 <= ix < width and 0 <= iy < height):
+            continue
+        over = z - floor
+        if ground.shape[0] > 0 and not math.isnan(ground[iy, ix]):
+            over = z - ground[iy, ix]
+        if over > top or over < doubt + lean * math.sqrt(squared):
+            continue
         iz = int(math.floor((z - bottom) / level))
-        if 0 <= ix < width and 0 <= iy < height and 0 <= iz < LEVELS:
+        if 0 <= iz < LEVELS:
             hits[iy, ix] |= np.uint32(1) << np.uint32(iz)
             y0, y1, x0, x1 = min(y0, iy), max(y1, iy + 1), min(x0, ix), max(x1, ix + 1)
     return y0, y1, x0, x1
@@ -212,7 +217,8 @@ def warm_up() -> None:
     points_of_depth(depth, 1.0, 1.0, 1.0, 1.0, 0.3, 4.0, points)
     view_of_depth(depth, view)
     view_of_cloud(points, 0.03, -1.0, view)
-    mark_hits(points, times, matrices, 1.0, 0.3, 4.0, place, 0.05, 0.0, 0.0, 0.05, 0.05, 1.0, bits[0])
+    ground = np.zeros((2, 2), np.float32)
+    mark_hits(points, times, matrices, 1.0, 0.3, 4.0, place, 0.05, 0.0, 0.0, ground, 0.05, 0.05, 1.0, bits[0])
     for is_round in (False, True):
         weigh(
             *(scores, bits[0], bits[1], bits[2], (0, 2, 0, 2), view, is_round, np.ones(4), matrices[0], 0.3, 4.0),

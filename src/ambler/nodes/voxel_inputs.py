@@ -15,16 +15,18 @@ from ambler.costmap.layer import Frames
 from ambler.costmap.voxel_layer import VoxelLayer, view_of_cloud, view_of_depth
 from ambler.nodes.devices.table import topics_of
 from ambler.nodes.layer_inputs import LayerInput
+from ambler.runtime.topics import TERRAIN_MAP
 
 POSE_STEP = 0.02  # seconds between two poses of a cloud's sensor
 
 
 class VoxelFeed:
     """Feeds one layer with all depth cameras of a robot and, when there are any, its clouds. Of each sensor it takes a message every `period` seconds
-    at most (0: every one)."""
+    at most (0: every one). `has_terrain`: the ground is analysed, and obstacles are what stands over that."""
 
-    def __init__(self, robot: RobotModel, layer: VoxelLayer, period: float = 0.0) -> None:
+    def __init__(self, robot: RobotModel, layer: VoxelLayer, period: float = 0.0, *, has_terrain: bool = False) -> None:
         self._robot, self._layer = robot, layer
+        self._has_terrain = has_terrain
         self._period_ns = round(period * 1e9)
         self._models: dict[str, CameraModel] = {}
         self._taken_ns: dict[str, int] = {}
@@ -40,6 +42,8 @@ class VoxelFeed:
         for mount in self._robot.of_kind(SensorKind.CLOUD):
             (cloud,) = topics_of(self._robot, mount)
             out.append(LayerInput(cloud, partial(self._on_cloud, mount)))
+        if self._has_terrain:
+            out.append(LayerInput(TERRAIN_MAP, self._on_terrain))
         return tuple(out)
 
     def _on_info(self, info: CameraInfo, frames: Frames) -> None:
@@ -65,6 +69,12 @@ class VoxelFeed:
         points, times = (np.require(a, np.float32, ["C", "W"]) for a in (cloud.points, cloud.time))
         config, near = self._layer.config, mount.range_min
         self._layer.add(view_of_cloud(points, times, poses, POSE_STEP, floor, near, mount.elevation, config))
+
+    def _on_terrain(self, terrain: PointCloud, frames: Frames) -> None:
+        """Every point says how high it is above the ground, and so where the ground is."""
+        points = terrain.points.astype(np.float64)
+        place = frames.costmap_from(terrain.frame, terrain.stamp_ns).transform(points[:, :2])
+        self._layer.set_ground(place, points[:, 2] - terrain.intensity)
 
     def _is_due(self, frame: str, stamp_ns: int) -> bool:
         if stamp_ns - self._taken_ns.get(frame, -self._period_ns) < self._period_ns:
