@@ -124,6 +124,8 @@ MESSAGES = {
     m.OutsideCall: st.builds(
         m.OutsideCall, stamps, st.sampled_from(m.OutsideKind), words, st.integers(0, 2**32 - 1), st.binary(max_size=40)
     ),
+    m.Number: st.builds(m.Number, st.just(0), float32s),
+    m.Code: st.builds(m.Code, st.just(0), st.integers(-128, 127)),
     m.Text: st.builds(m.Text, st.just(0), words),
     m.Status: st.builds(m.Status, stamps, words, words, words, words),
 }

@@ -47,6 +47,7 @@ from ambler.perception.scanner_profile import ScannerCalibration, calibrated_rob
 from ambler.perception.terrain_config import TerrainConfig
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.planning.visibility_planner import VisibilityConfig
+from ambler.runtime.names import NameProfile
 from ambler.safety.config import GateConfig
 from ambler.settings.profiles import as_values, build, merge
 from ambler.slam2d.config import FrontEndConfig, LoopConfig, Slam2dConfig
@@ -60,7 +61,7 @@ class RobotConfig:
     `odometry_source` is wheels with a gyroscope (`odometry`), or a
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
     is the floor of the local costmap. Depth cameras, or where `voxels` are always wanted clouds alone, fill a layer of voxels (`voxel`) in both
-    costmaps. `scanners` holds calibrated mounts and
+    costmaps. `topic_names`: how the live view calls topics (`runtime.names`). `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -72,6 +73,7 @@ class RobotConfig:
     odometry_source: Literal["wheels", "lidar"] = "wheels"
     terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
     voxels: Literal["auto", "always", "never"] = "auto"
+    topic_names: NameProfile = "own"
     ground: TerrainConfig = field(default_factory=TerrainConfig)
     voxel: VoxelConfig = field(default_factory=VoxelConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)

@@ -119,7 +119,7 @@ class SimulatedRun(Run):
         for name, (mate, other) in others.items():
             team.append(SimulatedRobot(mate, other, RunFolder(folder.root / name), devices[name], name))
         self.team = tuple(team)
-        view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
+        view = _view(options, scene)
         super().__init__(folder, team, view, clock)
 
     @property
@@ -151,6 +151,12 @@ class SimulatedRun(Run):
         super().close()
         if self.simulator is not None:
             self.simulator.__exit__(None, None, None)
+
+
+def _view(options: RunOptions, scene: Scene) -> ViewOptions | None:
+    if options.port is None:
+        return None
+    return ViewOptions(options.port, options.host, options.token, scene.config.topic_names)
 
 
 def _clock(options: RunOptions) -> SystemClock | None:

@@ -339,6 +339,22 @@ class Polygon(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Number(Message):
+    """A number that somebody outside tells: a speed, a radius; rounded to float32, as the wire holds it."""
+
+    stamp_ns: int
+    value: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Code(Message):
+    """A small whole number that somebody outside tells, -128 to 127."""
+
+    stamp_ns: int
+    value: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class VisibilityGraphView(Message):
     """A visibility graph for people to see: `nodes` float32 (N, 3) with `node_kinds` uint8 (0 corner, 1 gap, 2 driven), `edges` float32 (E, 2, 3) with `edge_kinds`
     uint8 (0 sight, 1 contour, 2 trajectory), and `contours`, each float32 (M, 3)."""

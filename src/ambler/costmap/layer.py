@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,29 @@ class Layer(Protocol):
     def clear(self) -> None:
         """Forget what sensors saw; what is known of the place stays."""
         ...
+
+
+@runtime_checkable
+class Forgets(Protocol):
+    """A layer that can forget a part of what sensors saw."""
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what was seen within a radius (m) of a place in the costmap's frame."""
+        ...
+
+
+def clear_layers(layers: Sequence[Layer], x: float, y: float, radius: float) -> None:
+    """Have all layers that saw anything forget what lies within a radius (m) of a place."""
+    for layer in layers:
+        if isinstance(layer, Forgets):
+            layer.clear_within(x, y, radius)
+
+
+def cells_within(spec: GridSpec, x: float, y: float, radius: float) -> NDArray[np.bool_]:
+    """Return which cells have their middles within a radius (m) of a place, bool [iy, ix]."""
+    xs = spec.origin_x + (np.arange(spec.width) + 0.5) * spec.resolution - x
+    ys = spec.origin_y + (np.arange(spec.height) + 0.5) * spec.resolution - y
+    return np.asarray(np.hypot(xs[None, :], ys[:, None]) <= radius)
 
 
 def whole(spec: GridSpec) -> Box:

@@ -19,7 +19,7 @@ from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.se3 import SE3
-from ambler.costmap.layer import Box, Moment, box_around, box_within, changed_box, moved, union, whole
+from ambler.costmap.layer import Box, Moment, box_around, box_within, cells_within, changed_box, moved, union, whole
 from ambler.kernels import costmap as cells_kernels
 from ambler.kernels import voxels as kernels
 
@@ -171,6 +171,14 @@ class VoxelLayer:
         """Forget everything."""
         self.cells, self._spec, self._is_cleared = None, None, True
         self._fed.clear()
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what was seen there."""
+        if self.cells is not None and self._spec is not None:
+            near = cells_within(self._spec, x, y, radius)
+            self._scores[near], self._occupied[near], self._marked[near] = 0, 0, 0
+            self.cells[near] = COST_UNKNOWN
+            self._is_cleared = True
 
     def _move_to(self, spec: GridSpec) -> U8 | None:
         """Cover another grid of whole cells; returns the cells before it, None when there were none."""
