@@ -1,4 +1,4 @@
-"""Faults of depth cameras and of the voxels that they fill."""
+"""Faults of depth cameras, of the voxels that they fill, and of what orders from outside do."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from tests.mutation.planted import PlantedFault
 CAMERA = ("tests/sim/test_depth_camera.py",)
 LAYER = ("tests/costmap/test_voxel_layer.py",)
 WIRE = ("tests/wire/test_depth_pictures.py",)
+LAYERS = ("tests/costmap/test_layers.py",)
+ORDERS = ("tests/scenarios/test_orders.py",)
 
 DEPTH = (
     PlantedFault(
@@ -106,5 +108,47 @@ DEPTH = (
         "            if is_in:\n",
         "            if not is_in:\n",
         LAYER,
+    ),
+    PlantedFault(
+        "a boundary has no sides",
+        "costmap/blocked_layer.py",
+        "np.roll(corners, -1, axis=0)",
+        "np.roll(corners, 0, axis=0)",
+        LAYERS,
+    ),
+    PlantedFault(
+        "clearing around a place forgets everything",
+        "costmap/layer.py",
+        "np.hypot(xs[None, :], ys[:, None]) <= radius",
+        "np.hypot(xs[None, :], ys[:, None]) <= 1e9",
+        LAYERS,
+    ),
+    PlantedFault(
+        "the terrain forgets all but what it shall forget",
+        "perception/terrain.py",
+        "(iy[:, None] + 0.5) * cell - y) <= radius",
+        "(iy[:, None] + 0.5) * cell - y) > radius",
+        ("tests/perception/test_terrain.py::test_what_shall_be_forgotten_is_and_nothing_else",),
+    ),
+    PlantedFault(
+        "an order of speed is not obeyed",
+        "nodes/controller.py",
+        "share = most / speed",
+        "share = 1.0",
+        ("tests/scenarios/test_orders.py::test_a_speed_is_kept", *ORDERS),
+    ),
+    PlantedFault(
+        "a robot that is ordered to stand thinks that it is stuck",
+        "nodes/controller.py",
+        "self._is_held or self._stop_order != 0 or",
+        "self._is_held or",
+        ("tests/scenarios/test_orders.py::test_a_stop_of_the_first_kind_holds_the_way_and_not_the_turning",),
+    ),
+    PlantedFault(
+        "viewers may order speeds that are no numbers",
+        "bridges/client_orders.py",
+        "math.isfinite(message.value) and message.value >= 0.0",
+        "message.value is not None",
+        ("tests/bridges/test_client_orders.py",),
     ),
 )
