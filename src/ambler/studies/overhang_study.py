@@ -57,8 +57,9 @@ def overhang_study(
     settings: StudySettings = DEFAULTS,
     voxels: Sequence[str] = VOXELS,
 ) -> Study[OverhangCase]:
-    """Return the study of the rooms of these seeds, each with voxels and without; raises BadInputError for robots that nobody knows."""
-    robot_named(robot)
+    """Return the study of the rooms of these seeds, each with voxels and without; raises BadInputError for robots that nobody knows,
+    and for settings that the robot does not take."""
+    settings.check(("lab_empty",), (robot,))
     cases = [OverhangCase(seed, robot, choice, physics, settings) for seed in seeds for choice in voxels]
     return Study("overhangs", cases, run_case, _line)
 
