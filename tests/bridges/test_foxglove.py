@@ -18,6 +18,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se3 import SE3
 from ambler.runtime import topics
+from ambler.runtime.names import named
 from ambler.wire.ros_messages import decode, encode, message_definition
 
 from .viewer import TIMEOUT, Viewer
@@ -316,3 +317,34 @@ def test_a_viewer_that_leaves_in_the_middle_harms_nobody(bridge):
         viewer.subscribe("/gate_status")
         bridge.on_message(topics.GATE_STATUS, m.GateStatus(1, m.GateState.ARMED, "", "x"), 2_000)
         assert viewer.next_data("/gate_status")[0] == 2_000
+
+
+def test_orders_reach_the_robot_and_nonsense_is_told_to_the_viewer(bridge, goals):
+    bridge.on_message(topics.ODOMETRY, odometry(), 123_000)
+    corners = np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0]], np.float32)
+    with Viewer(bridge.port) as viewer:
+        viewer.publish("/speed", "json", "std_msgs/Float32", b'{"data": -3}')
+        viewer.publish(
+            "/navigation_boundary", "cdr", "geometry_msgs/PolygonStamped", encode(m.Polygon(1, "map", corners))
+        )
+        topic, polygon = goals.get(timeout=TIMEOUT)
+        viewer.publish("/stop", "json", "std_msgs/Int8", b'{"data": 2}')
+        assert goals.get(timeout=TIMEOUT)[1].value == 2
+    assert topic is topics.BOUNDARY
+    assert polygon.stamp_ns == 123_000
+    np.testing.assert_array_equal(polygon.points, corners)
+    assert goals.empty()
+
+
+def test_a_viewer_of_the_original_deployment_finds_its_names():
+    bridge = FoxgloveBridge(port=0, names="original")
+    try:
+        with Viewer(bridge.port) as viewer:
+            viewer.wait_for(lambda: "/state_estimation" in viewer.channels)
+            assert "/odom" not in viewer.channels
+            assert {"/cmd_vel", "/way_point", "/registered_scan", "/terrain_map"} <= set(viewer.channels)
+            viewer.subscribe("/state_estimation")
+            renamed = named(topics.ODOMETRY, "original")
+            assert send_until_received(bridge, viewer, renamed, odometry(7)) == encode(odometry(7))
+    finally:
+        bridge.close()

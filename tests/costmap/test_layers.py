@@ -8,16 +8,21 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from examples.keep_out_zones import KeepOutLayer
+from scipy.ndimage import label
 
+from ambler.core.camera import CameraModel
+from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.messages import Polygon
 from ambler.core.se2 import SE2
-from ambler.costmap.blocked_layer import BlockedLayer
+from ambler.costmap.blocked_layer import AddedLayer, BlockedLayer, BoundaryLayer, PlacesLayer
 from ambler.costmap.glass_layer import GlassLayer
-from ambler.costmap.layer import Layer, Moment, box_around, union, whole
+from ambler.costmap.layer import Layer, Moment, box_around, cells_within, clear_layers, union, whole
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer, SensorRays
 from ambler.costmap.range_layer import RangeCone, RangeConfig, RangeLayer
 from ambler.costmap.static_layer import StaticConfig, StaticLayer
+from ambler.costmap.voxel_layer import VoxelConfig, VoxelLayer, view_of_depth
+from ambler.robots.depth import optical
 
 SPEC = GridSpec(0.1, 40, 30, -2.0, -1.5)
 GROWN = GridSpec(0.1, 50, 44, -2.5, -2.0)
@@ -52,8 +57,22 @@ def feed_glass(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
 
 
 def feed_blocked(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
-    assert isinstance(layer, BlockedLayer)
+    assert isinstance(layer, PlacesLayer)
     layer.set_points(rng.uniform(-3, 3, (int(rng.integers(0, 6)), 2)))
+
+
+def feed_views(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, VoxelLayer)
+    pose = optical((*(float(v) for v in rng.uniform(-1.0, 1.0, 2)), 0.6), float(rng.uniform(-180, 180)), 10.0)
+    depth = rng.choice(np.array([0, 700, 1200, 3000], np.uint16), (4, 5)).repeat(4, axis=0).repeat(4, axis=1)
+    model = CameraModel("depth", 20, 16, 12.0, 12.0, 9.5, 7.5)
+    layer.add(view_of_depth(depth, model, pose, 0.0, 0.3, 4.0))
+    layer.add(view_of_depth(depth, model, pose, 0.0, 0.3, 4.0))
+
+
+def feed_boundary(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
+    assert isinstance(layer, BoundaryLayer)
+    layer.set_corners(rng.uniform(-2.5, 2.5, (int(rng.choice([0, 3, 5])), 2)))
 
 
 def feed_zones(layer: Layer, rng: np.random.Generator, spec: GridSpec) -> None:
@@ -69,6 +88,9 @@ LAYERS: dict[str, tuple[Callable[[], Layer], Feed]] = {
     "cones": (lambda: RangeLayer(RangeConfig(decay=1.0)), feed_cones),
     "glass": (GlassLayer, feed_glass),
     "blocked": (BlockedLayer, feed_blocked),
+    "added": (AddedLayer, feed_blocked),
+    "boundary": (BoundaryLayer, feed_boundary),
+    "voxels": (lambda: VoxelLayer(VoxelConfig(), 1.0), feed_views),
     "keep_out": (KeepOutLayer, feed_zones),
 }
 every_layer = pytest.mark.parametrize("name", LAYERS)
@@ -152,6 +174,60 @@ def test_it_keeps_its_place_when_the_grid_grows(name: str) -> None:
     dy, dx = SPEC.offset_in(GROWN)
     np.testing.assert_array_equal(after[dy : dy + SPEC.height, dx : dx + SPEC.width], before)
     assert (before == 254).any()
+
+
+@pytest.mark.parametrize("name", ["obstacles", "cones", "voxels"])
+def test_what_sensors_saw_is_forgotten_within_a_radius_and_nowhere_else(name: str) -> None:
+    make, feed = LAYERS[name]
+    layer, rng, below = make(), np.random.default_rng(4), np.zeros(SPEC.shape, np.uint8)
+    before = below
+    while (before == 254).sum() < 4:
+        feed(layer, rng, SPEC)
+        layer.update(SPEC, Moment())
+        before = drawn(layer, SPEC, below)
+    cells = np.argwhere(before == 254)
+    x, y = SPEC.center_of(*cells[len(cells) // 2].tolist())
+    near = cells_within(SPEC, x, y, 0.06)
+    clear_layers([layer], x, y, 0.06)
+    box = layer.update(SPEC, Moment())
+    after = drawn(layer, SPEC, below)
+    assert (before[near] == 254).any()
+    assert not (after[near] == 254).any()
+    np.testing.assert_array_equal(after[~near], before[~near])
+    assert (after == 254).any()
+    assert box is not None
+
+
+def test_places_that_people_told_are_not_forgotten() -> None:
+    layer = BoundaryLayer()
+    layer.set_corners(np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]]))
+    now = Moment(costmap_from_map=SE2())
+    layer.update(SPEC, now)
+    before = drawn(layer, SPEC, np.zeros(SPEC.shape, np.uint8))
+    clear_layers([layer], 0.0, 0.0, 5.0)
+    layer.clear()
+    layer.update(SPEC, now)
+    np.testing.assert_array_equal(drawn(layer, SPEC, np.zeros(SPEC.shape, np.uint8)), before)
+    with pytest.raises(BadInputError, match="three corners"):
+        layer.set_corners(np.zeros((2, 2)))
+    with pytest.raises(BadInputError, match="three corners"):
+        layer.set_corners(np.full((3, 2), np.nan))
+
+
+def test_a_boundary_is_closed_whatever_its_sides_lean() -> None:
+    """Nobody who goes from cell to cell over their sides gets out of it."""
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        angles = np.sort(rng.uniform(0.0, 2.0 * math.pi, 6))
+        layer = BoundaryLayer()
+        corners = 1.3 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        layer.set_corners(corners)
+        layer.update(SPEC, Moment(costmap_from_map=SE2()))
+        line = drawn(layer, SPEC, np.zeros(SPEC.shape, np.uint8)) == 254
+        regions, _ = label(~line)
+        inside = SPEC.cell_of(*corners.mean(axis=0).tolist())
+        if not line[inside]:
+            assert regions[inside] != regions[0, 0]
 
 
 def test_boxes() -> None:

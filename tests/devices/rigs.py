@@ -55,6 +55,10 @@ def picture(stamp_ns: int) -> m.Image:
     return m.Image(stamp_ns, "front", np.zeros((3, 4), np.uint8))
 
 
+def depth_picture(stamp_ns: int) -> m.Image:
+    return m.Image(stamp_ns, "front", np.full((3, 4), 1234, np.uint16))
+
+
 def battery(stamp_ns: int) -> m.BatteryState:
     return m.BatteryState(stamp_ns, "base", 25.0, -1.0, 0.8, m.PowerSupply.DISCHARGING)
 
@@ -105,13 +109,20 @@ def serial_rig(folder: Path, part: str) -> Iterator[LiveRig]:
     emulator.unplug()
 
 
-STREAM_MAKERS = {"lidar": scan, "imu": imu, "range": echo, "camera": picture, "battery": battery}
+STREAM_MAKERS = {
+    "lidar": scan,
+    "imu": imu,
+    "range": echo,
+    "camera": picture,
+    "depth_camera": depth_picture,
+    "battery": battery,
+}
 
 
 @contextlib.contextmanager
 def stream_rig(folder: Path, part: str) -> Iterator[LiveRig]:
     sensor = FakeSensor("front", STREAM_MAKERS[part])
-    kinds = {"camera": "cameras", "battery": "batteries"}
+    kinds = {"camera": "cameras", "depth_camera": "cameras", "battery": "batteries"}
     server = StreamServer(
         f"unix:{folder / 's'}", **{kinds.get(part, "sensors"): [sensor]}, clock=lambda now_ns: now_ns + 12_345_678_901
     )
@@ -121,6 +132,7 @@ def stream_rig(folder: Path, part: str) -> Iterator[LiveRig]:
         "imu": lambda: StreamImu(stream, "front", "imu_link"),
         "range": lambda: StreamRangeSensor(stream, "front", "left_us"),
         "camera": lambda: StreamCamera(stream, "front", "camera_link", MODEL),
+        "depth_camera": lambda: StreamCamera(stream, "front", "depth_link", MODEL),
         "battery": lambda: StreamBattery(stream, "front", "base"),
     }[part]()
     rig = LiveRig(device)
@@ -176,6 +188,7 @@ RECORDED: dict[str, tuple[type[recorded.RecordedDevice[Any]], Callable[[int], An
     "imu": (recorded.RecordedImu, imu),
     "range": (recorded.RecordedRangeSensor, echo),
     "camera": (recorded.RecordedCamera, picture),
+    "depth_camera": (recorded.RecordedCamera, depth_picture),
     "battery": (recorded.RecordedBattery, battery),
     "joystick": (recorded.RecordedJoystick, joystick),
 }
@@ -188,7 +201,7 @@ def recorded_rig(folder: Path, part: str) -> Iterator[SteppedRig]:
     for k in range(1, 800):
         recorder.write("/topic", make(START + 20 * k * MS - 7 * MS), START + 20 * k * MS + 1000)
     recorder.close()
-    options: dict[str, Any] = {"camera": {"model": MODEL}}.get(part, {})
+    options: dict[str, Any] = {"model": MODEL} if part.endswith("camera") else {}
     if part not in ("base", "battery"):
         options["frame"] = "front"
     device = kind(MessageSource(folder / "recording"), "/topic", poll_period=0.005, **options)
@@ -206,6 +219,7 @@ def simulated_rig(robot: str, part: str) -> Iterator[SteppedRig]:
         "imu": lambda: devices.imus[0],
         "range": lambda: devices.ranges[0],
         "camera": lambda: devices.cameras[0],
+        "depth_camera": lambda: devices.depth_cameras[0],
         "battery": lambda: devices.battery,
     }[part]()
     rig = SteppedRig(device, world.advance)

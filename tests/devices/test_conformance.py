@@ -33,6 +33,7 @@ RIGS: dict[str, Make] = {
             ("diff", "imu"),
             ("diff+ultrasonic", "range"),
             ("amr_omni", "camera"),
+            ("spot+depth", "depth_camera"),
             ("diff", "battery"),
         )
     },

@@ -43,6 +43,8 @@ NOT_RUN = {
     "demo --robot spot --world lab_obstacle --seed 3": WHOLE_RUN,
     "demo --world my_floor_plan.yaml": OWN_FILES,
     "demo --world office-17": WHOLE_RUN,
+    "demo --robot porter+depth --world office": WHOLE_RUN,
+    "eval overhangs --seed draw --runs 10 --json docs/results/overhangs.json": STUDY,
     "demo --robot go2 --world campus --drive built-in": WHOLE_RUN,
     "demo --robot go2 --world campus": WHOLE_RUN,
     "demo --robot mecanum --world plot-17": WHOLE_RUN,

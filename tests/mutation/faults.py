@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tests.mutation.faults_of_depth import DEPTH
 from tests.mutation.faults_of_drives import DRIVES
 from tests.mutation.faults_of_graphs import GRAPHS
 from tests.mutation.faults_of_lio import LIO
@@ -16,5 +17,5 @@ from tests.mutation.faults_of_terrain import TERRAIN
 from tests.mutation.planted import PlantedFault
 
 FAULTS: tuple[PlantedFault, ...] = (
-    METRICS + SENSORS + LOCALIZATION + MAPPING + LIO + SAFETY + MOTION + PLACES + DRIVES + GRAPHS + TERRAIN
+    METRICS + SENSORS + LOCALIZATION + MAPPING + LIO + SAFETY + MOTION + PLACES + DRIVES + GRAPHS + TERRAIN + DEPTH
 )

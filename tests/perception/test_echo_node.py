@@ -22,7 +22,19 @@ from ambler.nodes.echoes import EchoNode
 from ambler.nodes.layer_inputs import cone_of, usual_inputs
 from ambler.nodes.local_view import LocalView
 from ambler.nodes.map_frames import MapFrames
-from ambler.runtime.topics import BLOCKED, CLOUD, ECHOES, GLASS, ODOMETRY, RANGES, SCAN, SCANNERS, Topic
+from ambler.runtime.topics import (
+    ADDED_OBSTACLES,
+    BLOCKED,
+    BOUNDARY,
+    CLOUD,
+    ECHOES,
+    GLASS,
+    ODOMETRY,
+    RANGES,
+    SCAN,
+    SCANNERS,
+    Topic,
+)
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -161,7 +173,7 @@ def test_the_same_echo_lands_at_the_same_place_in_both_costmaps() -> None:
     view.add_transforms(edges(map_from_odom, odom_from_base))
     for costmap, where in ((local, view), (whole, frames)):
         by_topic = {wanted.topic: wanted for wanted in usual_inputs(costmap.layers)}
-        assert set(by_topic) - {BLOCKED} == {ECHOES, GLASS}
+        assert set(by_topic) - {BLOCKED, ADDED_OBSTACLES, BOUNDARY} == {ECHOES, GLASS}
         for _ in range(3):
             by_topic[ECHOES].feed(told(0.2, 1.3), where)
         by_topic[GLASS].feed(m.GlassWalls(0, "map", np.zeros((0, 4), np.float32), np.zeros(0, np.float32)), where)

@@ -152,6 +152,23 @@ def test_what_lies_behind_is_forgotten_with_the_window() -> None:
     assert len(obstacles(far, config().step)) == 0
 
 
+@pytest.mark.parametrize("x", [0.0, 37.3])
+def test_what_shall_be_forgotten_is_and_nothing_else(x: float) -> None:
+    near, far = slab(x + 2.6, x + 3.0, 0.5, 1.0, top=0.5), slab(x + 4.4, x + 4.8, -1.0, -0.5, top=0.5)
+    rover, analysis = Rover(made(slab(-5.0, 60.0), near, far), ROBOTS["mecanum"], 6), TerrainAnalysis(config())
+    before = rover.feed(analysis, [(x + 0.05 * k, 0.0, 0.0, 0.0) for k in range(12)])
+    analysis.forget(x + 2.8, 0.75, 0.9)
+    after = analysis.terrain()
+    for terrain, is_there in ((before, True), (after, False)):
+        assert (len(within(terrain, x + 2.4, x + 3.2)) > 0) == is_there
+        assert len(within(terrain, x + 4.2, x + 5.0)) > 0
+    is_near = np.hypot(*(before.spec.centers_of(np.argwhere(np.isfinite(before.heights))) - (x + 2.8, 0.75)).T) < 0.7
+    assert is_near.any()
+    kept = after.spec.centers_of(np.argwhere(np.isfinite(after.heights)))
+    assert not (np.hypot(*(kept - (x + 2.8, 0.75)).T) < 0.7).any()
+    assert len(kept) > 0.8 * np.isfinite(before.heights).sum()
+
+
 def test_same_clouds_give_the_same_terrain() -> None:
     first, second = (seen("mecanum", FLOOR, slab(5.0, 6.0, 1.0, 2.0, top=0.5), until=1.0) for _ in range(2))
     assert np.array_equal(first.points, second.points)

@@ -8,12 +8,21 @@ import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Odometry, PointCloud
+from ambler.core.messages import Number, Odometry, PointCloud
 from ambler.core.se3 import SE3
 from ambler.nodes.terrain import TerrainNode
+from ambler.perception.terrain import TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig
 from ambler.robots.spatial_robots import mecanum
-from ambler.runtime.topics import ODOMETRY, REGISTERED_CLOUD, TERRAIN_MAP, TERRAIN_MAP_EXT
+from ambler.runtime.topics import (
+    CLOUD_CLEARING,
+    MAP_CLEARING,
+    ODOMETRY,
+    REGISTERED_CLOUD,
+    TERRAIN_MAP,
+    TERRAIN_MAP_EXT,
+    Topic,
+)
 from ambler.studies.made_ground import LEVEL, Rover, made, slab
 from tests.hand_made_context import HandMadeContext
 
@@ -52,6 +61,19 @@ def test_both_terrains_are_told_with_heights_above_the_ground() -> None:
     assert float(box[:, 2].max()) < 0.45
     assert np.ptp(wide[-1].points[:, 0]) > np.ptp(near[-1].points[:, 0])
     assert set(np.unique(near[-1].ring)) <= {0, 1, 2, 3, 4, 5}
+
+
+@pytest.mark.parametrize(("topic", "is_wide"), [(MAP_CLEARING, False), (CLOUD_CLEARING, True)])
+def test_the_near_and_the_wide_terrain_are_forgotten_each_by_its_own_order(
+    topic: Topic[Number], is_wide: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context, asked = told(12), []
+    monkeypatch.setattr(TerrainAnalysis, "forget", lambda self, *circle: asked.append((self.config.voxel, *circle)))
+    for radius in (3.0, 0.0, -1.0):
+        context.callbacks[topic.name](Number(0, radius))
+    ((voxel, x, y, radius),) = asked
+    assert (voxel, radius) == (0.2 if is_wide else 0.1, 3.0)
+    assert (x, y) == pytest.approx((0.55, 0.0), abs=0.02)
 
 
 def test_clouds_of_moments_without_odometry_are_left_out() -> None:

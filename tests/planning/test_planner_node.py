@@ -8,16 +8,17 @@ import pytest
 
 from ambler.core.errors import AmblerError, GoalOutsideMapError, NoValidPathError, TransformError
 from ambler.core.grid import GridSpec
-from ambler.core.messages import CostGrid, OccupancyGrid, Transforms, TransformStamped
+from ambler.core.messages import CostGrid, Number, OccupancyGrid, PointCloud, Transforms, TransformStamped
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
+from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.planning.grid_planner import GridPlanner
 from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanRequest
-from ambler.runtime.topics import MAP, TRANSFORMS, VISIBILITY_GRAPH
+from ambler.runtime.topics import ADDED_OBSTACLES, CLOUD_CLEARING, MAP, MAP_CLEARING, TRANSFORMS, VISIBILITY_GRAPH
 
 FOOTPRINT = np.array([[0.3, -0.22], [0.3, 0.22], [-0.3, 0.22], [-0.3, -0.22]])
 ROBOT = RobotModel("test", DriveKind.DIFFERENTIAL, FOOTPRINT, VelocityLimits())
@@ -134,3 +135,27 @@ def test_a_planner_with_a_graph_shows_it_now_and_then() -> None:
     assert len(shown) == 2
     assert len(shown[0].contours) >= 1
     assert len(shown[0].nodes) > 0
+
+
+def test_clearing_forgets_what_sensors_saw_around_the_robot_and_nothing_told() -> None:
+    costmap = GlobalCostmap(GlobalCostmapConfig(), ROBOT)
+    node, context = GlobalPlannerNode(costmap, GridPlanner(), period=0.5), FakeContext()
+    node.ctx = context  # type: ignore[assignment]
+    node.start()
+    locate(context, SE2(0.5, 0.5, 0.0))
+    context.callbacks[MAP.name](grid(0))
+    costmap.layer(ObstacleLayer).add([SensorRays((0.5, 0.5), np.array([[1.2, 0.5], [2.7, 0.5]]))])
+    costs = costmap.update()
+    near, far, told = SPEC.cell_of(1.2, 0.5), SPEC.cell_of(2.7, 0.5), SPEC.cell_of(0.5, 1.2)
+    points = np.array([[0.5, 1.2, 0.0]], np.float32)
+    zeros = np.zeros(1, np.float32)
+    context.callbacks[ADDED_OBSTACLES.name](PointCloud(0, "map", points, zeros, zeros, np.zeros(1, np.uint16)))
+    context.callbacks[ADDED_OBSTACLES.name](PointCloud(0, "odom", points + 1.0, zeros, zeros, np.zeros(1, np.uint16)))
+    assert (costs[near], costs[far]) == (254, 254)
+    for radius in (0.0, -1.0, float("nan")):
+        context.callbacks[MAP_CLEARING.name](Number(0, radius))
+    assert costmap.update()[near] == 254
+    context.callbacks[CLOUD_CLEARING.name](Number(0, 1.0))
+    costs = costmap.update()
+    assert costs[near] < 253
+    assert (costs[far], costs[told]) == (254, 254)

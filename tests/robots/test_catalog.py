@@ -17,7 +17,7 @@ from ambler.robots.urdf import read_robot
 from ambler.robots.urdf_writer import save_robot
 from ambler.sim.robots import robot_named
 
-NAMES = [*robot_names(), "diff+ultrasonic", "spot+ultrasonic"]
+NAMES = [*robot_names(), "diff+ultrasonic", "spot+ultrasonic", "spot+depth", "porter+depth"]
 
 
 def assert_equal(a: RobotModel, b: RobotModel) -> None:

@@ -759,6 +759,44 @@ def points_move_with_the_odometry(m: ModuleType) -> None:
     assert b.tick(1, (0.5, 0.0, 0.0)).state == GateState.PROTECTIVE_STOP
 
 
+def an_order_to_stop_holds_as_long_as_it_stands(m: ModuleType) -> None:
+    wanted = (0.5, 0.2, 0.6)
+    for level, sees in ((0, True), (1, True), (2, True), (7, True), (-1, True), (2, False)):
+        bench = Bench(m)
+        bench.tick(100, wanted)
+        assert bench.log[-1].velocity.vx > 0.3
+        bench.gate.order_stop(level)
+        bench.has_points = sees
+        step = bench.tick(100, wanted)
+        v = step.velocity
+        if not sees:
+            assert step.state is GateState.FAULT, "a blind gate says so, whatever was ordered"
+            assert is_zero(step)
+        elif level == 0:
+            assert v.vx > 0.3
+        elif level == 1:
+            assert (v.vx, v.vy) == (0.0, 0.0)
+            assert v.wz > 0.3
+        else:
+            assert is_zero(step)
+            assert step.state is GateState.PAUSED
+        begun = bench.log[100:]
+        changes = [a.velocity.vx - b.velocity.vx for a, b in itertools.pairwise(begun)]
+        assert not sees or max(changes) <= LIMITS.ax_brake * 0.02 + 1e-9, "it brakes gently"
+        bench.has_points = True
+        bench.gate.order_stop(0)
+        assert bench.tick(200, wanted).velocity.vx > 0.3, "it latches nothing"
+    bench = Bench(m, is_armed=False)
+    bench.gate.order_stop(0)
+    assert is_zero(bench.tick(20, wanted)), "the end of an order arms nothing"
+    latched = Bench(m)
+    latched.tick(50, wanted)
+    latched.gate.emergency_stop(latched.now_ns, "page", "a button")
+    latched.gate.order_stop(2)
+    latched.gate.order_stop(0)
+    assert latched.tick(20, wanted).state is GateState.EMERGENCY_STOP
+
+
 CHECKS = {
     "limits": (
         speeds_are_limited_on_the_same_arc,
@@ -800,5 +838,6 @@ CHECKS = {
         it_brakes_gently_and_backs_off_at_once,
         it_resumes_after_a_while,
         points_move_with_the_odometry,
+        an_order_to_stop_holds_as_long_as_it_stands,
     ),
 }

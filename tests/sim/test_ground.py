@@ -21,6 +21,9 @@ from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.sim.world import BodySpec, World
 from ambler.sim.world_file import load_world
 
+# The middle of `porter` is so high that on slopes of 10 degrees its caster carries it, and its wheels spin: it is for level floors.
+SLOPING = [name for name in robot_names() if name != "porter"]
+
 
 def slope(angle_deg: float, kind: str, heading_deg: float = 0.0, friction: float = 0.8) -> WorldSpec:
     """A plane that rises along a direction `heading_deg` to the right of the robot's, through the start at height 0."""
@@ -67,7 +70,7 @@ def travelled(physics: ContactPhysics, command: BodyVelocity, seconds: float) ->
     return np.array(physics.carriage(0).position) - before
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", SLOPING)
 @pytest.mark.parametrize("kind", ["field", "mesh"])
 def test_on_five_degrees_a_robot_leans_five_degrees_and_stays(robot: str, kind: str) -> None:
     physics = alone(slope(5.0, kind), robot)
@@ -77,7 +80,7 @@ def test_on_five_degrees_a_robot_leans_five_degrees_and_stays(robot: str, kind: 
     assert lean_deg(physics) == pytest.approx((0.0, -5.0), abs=0.3)
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", SLOPING)
 def test_across_a_slope_a_robot_rolls_and_keeps_its_heading(robot: str) -> None:
     physics = alone(slope(5.0, "field", 90.0), robot)
     assert lean_deg(physics) == pytest.approx((-5.0, 0.0), abs=0.3)
@@ -89,7 +92,7 @@ def test_across_a_slope_a_robot_rolls_and_keeps_its_heading(robot: str) -> None:
     assert abs(moved[2]) < 0.001
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", SLOPING)
 @pytest.mark.parametrize(("kind", "angle_deg"), [("field", 10.0), ("field", -5.0), ("mesh", 10.0)])
 def test_travel_is_along_the_slope_at_the_wanted_speed(robot: str, kind: str, angle_deg: float) -> None:
     physics = alone(slope(angle_deg, kind), robot)
@@ -100,7 +103,7 @@ def test_travel_is_along_the_slope_at_the_wanted_speed(robot: str, kind: str, an
     assert physics.touches(0) == ()
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", SLOPING)
 def test_robots_slide_when_friction_is_less_than_the_slope(robot: str) -> None:
     """tan 10 degrees is 0.18: 0.35 holds; with 0.1 it slides with g (sin - 0.1 cos), and `diff` faster: its caster has no friction."""
     stays = alone(slope(10.0, "field", friction=0.35), robot)
@@ -124,7 +127,7 @@ def drive(simulation: Simulation, command: BodyVelocity, seconds: float) -> list
     return contacts
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", SLOPING)
 def test_the_ramp_leads_up_to_the_platform_and_down_again(robot: str) -> None:
     simulation = Simulation(load_world("ramp"), robot_named(robot), SimulationConfig(1, True))
     contacts, heights = [], []
@@ -245,7 +248,7 @@ def test_robots_on_high_ground_see_each_other_there() -> None:
     np.testing.assert_allclose(scans[1], scans[0], atol=2e-3)
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", SLOPING)
 def test_the_cheap_mode_lies_on_the_slope_and_travels_along_it(robot: str) -> None:
     """Ten degrees ahead: it leans by them, goes the wanted way along the slope, and climbs its sine."""
     physics = KinematicPhysics(slope(10.0, "field"), [PlacedRobot("robot", robot_named(robot), SE2())], TICK)

@@ -56,7 +56,7 @@ def write(folder: Path, text: str = INTEGRATOR) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", [*robot_names(), "diff+ultrasonic"])
+@pytest.mark.parametrize("name", [*robot_names(), "diff+ultrasonic", "spot+depth"])
 def test_built_in_robots_survive_the_round_trip(name: str, tmp_path: Path) -> None:
     robot = robot_named(name)
     save_urdf(robot, tmp_path / "robot.urdf")

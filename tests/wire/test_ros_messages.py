@@ -98,6 +98,7 @@ def grids(draw):
 
 
 covariances = arrays(np.float64, (6, 6), elements=float64s)
+picture_shapes = st.tuples(st.integers(1, 9), st.integers(1, 9))
 MESSAGES = {
     m.LaserScan: st.builds(
         m.LaserScan, stamps, words, *[float32s] * 6, any_float32(st.integers(0, 50)), any_float32(st.integers(0, 50))
@@ -106,7 +107,9 @@ MESSAGES = {
     m.JudgedEcho: st.builds(m.JudgedEcho, stamps, words, words, poses, *[float64s] * 3, st.booleans()),
     m.GlassWalls: glass_walls(),
     m.PointCloud: clouds(),
-    m.Image: st.builds(m.Image, stamps, words, arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))),
+    m.Image: st.builds(
+        m.Image, stamps, words, st.one_of(arrays(np.uint8, picture_shapes), arrays(np.uint16, picture_shapes))
+    ),
     m.CameraInfo: camera_infos(),
     m.BatteryState: st.builds(m.BatteryState, stamps, words, *[float32s] * 3, st.sampled_from(m.PowerSupply)),
     m.Imu: st.builds(m.Imu, stamps, words, vectors, vectors),
@@ -131,6 +134,8 @@ MESSAGES = {
     m.OutsideCall: st.builds(
         m.OutsideCall, stamps, st.sampled_from(m.OutsideKind), words, st.integers(0, 2**32 - 1), st.binary(max_size=40)
     ),
+    m.Number: st.builds(m.Number, st.just(0), float32s),
+    m.Code: st.builds(m.Code, st.just(0), st.integers(-128, 127)),
     m.Text: st.builds(m.Text, st.just(0), words),
     m.Status: st.builds(m.Status, stamps, words, words, words, words),
 }

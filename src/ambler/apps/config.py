@@ -20,6 +20,7 @@ from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
 from ambler.costmap.local_costmap import LocalCostmapConfig
+from ambler.costmap.voxel_layer import VoxelConfig
 from ambler.exploration.fence import FenceConfig
 from ambler.exploration.strategies import GreedyStrategy
 from ambler.exploration.survey import SurveyConfig
@@ -48,6 +49,7 @@ from ambler.perception.scanner_profile import ScannerCalibration, calibrated_rob
 from ambler.perception.terrain_config import TerrainConfig
 from ambler.planning.grid_planner import PlannerConfig
 from ambler.planning.visibility_planner import VisibilityConfig
+from ambler.runtime.names import NameProfile
 from ambler.safety.config import GateConfig
 from ambler.settings.profiles import as_values, build, merge
 from ambler.slam2d.config import FrontEndConfig, LoopConfig, Slam2dConfig
@@ -61,7 +63,8 @@ class RobotConfig:
     `odometry_source` is wheels with a gyroscope (`odometry`), or a
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
     is the floor of the local costmap. `mapping`: a robot that explores makes its map of planar `scans` (`slam2d`), on a level floor, or of the
-    `ground` that its terrain analysis sees (`ground_map`), on slopes and levels above one another. `scanners` holds calibrated mounts and
+    `ground` that its terrain analysis sees (`ground_map`), on slopes and levels above one another. Depth cameras, or where `voxels` are always wanted clouds alone, fill a layer of voxels (`voxel`) in both
+    costmaps. `topic_names`: how the live view calls topics (`runtime.names`). `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -73,8 +76,11 @@ class RobotConfig:
     odometry_source: Literal["wheels", "lidar"] = "wheels"
     terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
     mapping: Literal["scans", "ground"] = "scans"
+    voxels: Literal["auto", "always", "never"] = "auto"
+    topic_names: NameProfile = "own"
     ground: TerrainConfig = field(default_factory=TerrainConfig)
     ground_map: GroundMapConfig = field(default_factory=GroundMapConfig)
+    voxel: VoxelConfig = field(default_factory=VoxelConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     slam2d: Slam2dNodeConfig = field(default_factory=Slam2dNodeConfig)
     lio: LioConfig = field(default_factory=LioConfig)
@@ -120,6 +126,11 @@ class RobotConfig:
         if self.gate.slope > 0.0 or not self.uses_terrain(robot):
             return self.gate
         return replace(self.gate, slope=math.tan(self.ground.steep))
+
+    def uses_voxels(self, robot: RobotModel) -> bool:
+        """Say whether costmaps have a layer of voxels: `auto` means on robots with depth cameras."""
+        has_any = bool(robot.depth_cameras) or bool(robot.clouds)
+        return has_any and (self.voxels == "always" or (self.voxels == "auto" and bool(robot.depth_cameras)))
 
     def make_localizer(self, surfaces: SurfaceMap, seed: int = 0) -> Localizer:
         """Build the chosen localizer for a map; `seed` is that of the particles. Raises BadInputError for reflectors without positions."""

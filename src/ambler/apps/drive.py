@@ -121,7 +121,11 @@ class DriveRun(Run):
         run = {"world": options.world, "robot": options.robot, "seed": options.seed, "physics": options.physics}
         save_resolved(folder.config, {"run": run, "route": as_values(scene.route), "robot": as_values(scene.config)})
         clock = SystemClock(from_zero=True) if options.is_realtime else None
-        view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
+        view = (
+            None
+            if options.port is None
+            else ViewOptions(options.port, options.host, options.token, scene.config.topic_names)
+        )
         super().__init__(folder, [self.robot], view, clock)
 
 

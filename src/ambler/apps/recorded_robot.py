@@ -56,6 +56,7 @@ def recorded_devices(path: Path, robot: RobotModel, prefix: str = "") -> RobotDe
             for m, n in mounts(SensorKind.RANGE)
         ),
         cameras=tuple(_camera(source, robot, m, n, prefix) for m, n in mounts(SensorKind.CAMERA)),
+        depth_cameras=tuple(_camera(source, robot, m, n, prefix) for m, n in mounts(SensorKind.DEPTH)),
         battery=RecordedBattery(source, battery, poll_period=READ_PERIOD) if battery in source.topics else None,
         joystick=RecordedJoystick(source, joystick, poll_period=READ_PERIOD) if joystick in source.topics else None,
     )

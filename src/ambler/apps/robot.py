@@ -20,6 +20,7 @@ from ambler.costmap.global_costmap import GlobalCostmap, global_layers
 from ambler.costmap.layer import Layer
 from ambler.costmap.local_costmap import LocalCostmap, local_layers
 from ambler.costmap.terrain_layer import TerrainLayer, TerrainLayerConfig
+from ambler.costmap.voxel_layer import VoxelLayer
 from ambler.docking.database import DockDatabase
 from ambler.exploration.strategies import NearestStrategy, Strategy
 from ambler.exploration.survey import DistanceField, FrontierSurvey
@@ -42,6 +43,7 @@ from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
 from ambler.nodes.terrain import TerrainNode
+from ambler.nodes.voxel_inputs import VoxelFeed
 from ambler.perception.merger import MergerConfig
 from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, with_clock_offsets
 from ambler.planning.distance import distance_field
@@ -49,6 +51,8 @@ from ambler.planning.grid_planner import GridPlanner
 from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.runtime.node import Node
 from ambler.sim.sim_robot import SimRobot
+
+WIDE_VIEWS = 0.2  # seconds between two views of a sensor that the global costmap takes: it is drawn twice a second
 
 MapGrid = tuple[GridSpec, NDArray[np.int8]]
 
@@ -65,7 +69,7 @@ class Site:
 class Parts:
     """What an integrator brings along: in place of what the configuration would build (None: as configured), layers drawn over
     the usual ones with what feeds them, and nodes beside the rest. A layer serves one costmap. In simulation also a robot that
-    no name stands for, and `devices`, which puts drivers of one's own in the place of simulated devices."""
+    no name stands for, `built`, which says how it was built in truth where that is not as it was drawn, and `devices`, which puts drivers of one's own in the place of simulated devices."""
 
     local_planner: LocalPlanner | None = None
     global_planner: GlobalPlanner | None = None
@@ -76,6 +80,7 @@ class Parts:
     local_inputs: tuple[LayerInput[Any], ...] = ()
     nodes: tuple[Node, ...] = ()
     robot: SimRobot | None = None
+    built: Callable[[SimRobot], SimRobot] | None = None
     devices: Callable[[RobotDevices], RobotDevices] | None = None
 
 
@@ -129,20 +134,33 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
     """What judges echoes, global planner, controller and navigator."""
     global_planner = parts.global_planner or _global_planner(config)
     controller = parts.local_planner or _local_planner(robot, config)
-    wide = GlobalCostmap(config.global_costmap, robot, (*global_layers(config.global_costmap), *parts.global_layers))
-    near = LocalCostmap(config.local_costmap, robot, (*_near_layers(robot, config), *parts.local_layers))
+    (wide_voxels, wide_inputs), (near_voxels, near_inputs) = (_voxels(robot, config, p) for p in (WIDE_VIEWS, 0.0))
+    wide_layers = (*global_layers(config.global_costmap), *wide_voxels, *parts.global_layers)
+    near_layers = (*_near_layers(robot, config), *near_voxels, *parts.local_layers)
+    wide = GlobalCostmap(config.global_costmap, robot, wide_layers)
+    near = LocalCostmap(config.local_costmap, robot, near_layers)
     echoes = [EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []
     return [
         *echoes,
-        GlobalPlannerNode(wide, global_planner, layer_inputs=parts.global_inputs),
+        GlobalPlannerNode(wide, global_planner, layer_inputs=(*wide_inputs, *parts.global_inputs)),
         ControllerNode(
             *(robot, controller, near, config.slam2d.planar),
-            layer_inputs=parts.local_inputs,
+            layer_inputs=(*near_inputs, *parts.local_inputs),
             movers=config.movers,
             yielding=config.yielding,
         ),
         NavigatorNode(config.navigation),
     ]
+
+
+def _voxels(
+    robot: RobotModel, config: RobotConfig, period: float
+) -> tuple[tuple[Layer, ...], tuple[LayerInput[Any], ...]]:
+    """Return a voxel layer with what feeds it every `period` seconds at most; nothing where none is wanted."""
+    if not config.uses_voxels(robot):
+        return (), ()
+    layer = VoxelLayer(config.voxel, robot.top)
+    return (layer,), VoxelFeed(robot, layer, period, has_terrain=config.uses_terrain(robot)).inputs
 
 
 def _global_planner(config: RobotConfig) -> GlobalPlanner:

@@ -35,16 +35,15 @@ class RobotPort:
     def __init__(self, name: str, devices: RobotDevices, folder: Path, clock: EmulatorConfig | None = None) -> None:
         config = clock if clock is not None else EmulatorConfig(name=name)
         self.name = name
-        self._devices = [devices.base, *devices.lidars, *devices.imus, *devices.ranges, *devices.cameras]
+        cameras = (*devices.cameras, *devices.depth_cameras)
+        self._devices = [devices.base, *devices.lidars, *devices.imus, *devices.ranges, *cameras]
         if devices.battery is not None:
             self._devices.append(devices.battery)
         for device in self._devices:
             device.open()
         self.line = SerialEmulator(devices.base, devices.battery, config, folder / f"{name}.base")
         sensors = (*devices.lidars, *devices.imus, *devices.ranges)
-        self.server = StreamServer(
-            f"unix:{folder / f'{name}.sensors'}", sensors, devices.cameras, clock=config.device_ns
-        )
+        self.server = StreamServer(f"unix:{folder / f'{name}.sensors'}", sensors, cameras, clock=config.device_ns)
 
     def places(self, truth: str = "") -> PortPlaces:
         """Return where the robot is reached."""

@@ -23,10 +23,11 @@ from ambler.runtime.executor import Executor, NodeFailedError
 from ambler.runtime.live import LiveExecutor
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
+from ambler.runtime.names import NameProfile
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
 from ambler.runtime.tasks import END_PROGRAM, EndProgramRequest
-from ambler.runtime.topics import GOAL, SET_POSE, STEER_REQUEST, TELEOP_REQUEST, Topic
+from ambler.runtime.topics import Topic, order_topics
 
 Driver = Callable[[Callable[[ProgramEnd], None], Callable[[int, str], None]], Node]
 WIND_UP = 60.0  # seconds of the executor that the end of a program may take
@@ -34,17 +35,18 @@ WIND_UP = 60.0  # seconds of the executor that the end of a program may take
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Where the live view listens, and what viewers must present (None: nothing)."""
+    """Where the live view listens, what viewers must present (None: nothing), and by what names they know the topics."""
 
     port: int = 8765
     host: str = "127.0.0.1"
     token: str | None = None
+    names: NameProfile = "own"
 
 
 def outside_topics(nodes: Sequence[Node]) -> tuple[Topic[Any], ...]:
     """Return what people and other programs may put on the bus of a robot: what no node of its own writes."""
     written = {topic for node in nodes for topic in node.outputs}
-    return tuple(topic for topic in (GOAL, SET_POSE, TELEOP_REQUEST, STEER_REQUEST) if topic not in written)
+    return tuple(topic for topic in order_topics() if topic not in written)
 
 
 def _nothing() -> None:
@@ -100,7 +102,11 @@ class Run:
         self._last_call: threading.Timer | None = None
         self.run_seconds = 0.0
         self.wall_seconds = 0.0
-        self.view = None if view is None else FoxgloveBridge(view.port, view.host, view.token, self._on_viewer)
+        self.view = (
+            None
+            if view is None
+            else FoxgloveBridge(*(view.port, view.host, view.token, self._on_viewer), names=view.names)
+        )
         self.log = RunLog(folder.log, run=folder.root.name)
         stacks = [robot.stack for robot in robots]
         self.executor: Executor

@@ -119,7 +119,7 @@ class SimulatedRun(Run):
         for name, (mate, other) in others.items():
             team.append(SimulatedRobot(mate, other, RunFolder(folder.root / name), devices[name], name))
         self.team = tuple(team)
-        view = None if options.port is None else ViewOptions(options.port, options.host, options.token)
+        view = _view(options, scene)
         super().__init__(folder, team, view, clock)
 
     @property
@@ -153,6 +153,12 @@ class SimulatedRun(Run):
             self.simulator.__exit__(None, None, None)
 
 
+def _view(options: RunOptions, scene: Scene) -> ViewOptions | None:
+    if options.port is None:
+        return None
+    return ViewOptions(options.port, options.host, options.token, scene.config.topic_names)
+
+
 def _clock(options: RunOptions) -> SystemClock | None:
     """The system's clock for a live robot, one that begins at zero for a simulated one in real time, None for lockstep."""
     return SystemClock(from_zero=not options.is_apart) if options.is_apart or options.is_realtime else None
@@ -168,6 +174,7 @@ def _world_nodes(
         spec, robot = off.of_world(spec), off.of_robot(robot)
         if camera is None:  # it tells the projection of its drawing
             camera = next((spec.model for spec in scene.robot.cameras.values()), None)
+    robot = robot if parts.built is None else parts.built(robot)
     bodies = [BodySpec(FIRST, robot, scene.start)]
     bodies += [BodySpec(name, other.robot, other.start, mate.seed) for name, (mate, other) in others.items()]
     world = World(spec, bodies, config)
@@ -192,6 +199,7 @@ def _live_nodes(scene: Scene, simulator: RunningSimulator, clock: SystemClock | 
     """The nodes of the drivers that reach the robot of the other process."""
     assert clock is not None
     cameras = {frame: spec.model for frame, spec in scene.robot.cameras.items()}
+    cameras |= {frame: spec.model for frame, spec in scene.robot.depth_cameras.items()}
     model = scene.robot.model
     devices = live_devices(model, simulator.places[FIRST], lambda: clock.now_ns, cameras)
     return device_nodes(model, devices, calibration=scene.camera)

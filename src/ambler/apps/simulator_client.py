@@ -146,10 +146,14 @@ def live_devices(
         lidars=tuple(StreamLidar(stream, frame, frame) for frame in scanners),
         imus=tuple(StreamImu(stream, mount.frame, mount.frame) for mount in robot.of_kind(SensorKind.IMU)),
         ranges=tuple(StreamRangeSensor(stream, mount.frame, mount.frame) for mount in robot.rangers),
-        cameras=tuple(
-            StreamCamera(stream, mount.frame, mount.frame, known[mount.frame])
-            for mount in robot.of_kind(SensorKind.CAMERA)
-            if mount.frame in known
-        ),
+        cameras=_cameras(stream, robot, SensorKind.CAMERA, known),
+        depth_cameras=_cameras(stream, robot, SensorKind.DEPTH, known),
         battery=line.battery,
     )
+
+
+def _cameras(
+    stream: SensorStream, robot: RobotModel, kind: SensorKind, known: Mapping[str, CameraModel]
+) -> tuple[StreamCamera, ...]:
+    mounts = [mount for mount in robot.of_kind(kind) if mount.frame in known]
+    return tuple(StreamCamera(stream, mount.frame, mount.frame, known[mount.frame]) for mount in mounts)

@@ -19,6 +19,7 @@ from typing import Any
 import foxglove
 from foxglove.websocket import Capability, ClientChannel, StatusLevel
 
+from ambler.bridges.client_orders import order_from_client
 from ambler.bridges.client_poses import ESTIMATE_SCHEMA, POSE_SCHEMA, pose_from_client
 from ambler.bridges.foxglove_front import FoxgloveFront
 from ambler.bridges.foxglove_listener import ViewerListener
@@ -27,6 +28,7 @@ from ambler.bridges.view_rates import EVENTS, Counts, Outbox, Stamped
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message
 from ambler.runtime import topics as table
+from ambler.runtime.names import NameProfile, named
 from ambler.runtime.topics import Topic
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_viewers import viewer_bytes, viewer_definition
@@ -35,19 +37,24 @@ ClientCallback = Callable[[Topic[Any], Message], None]
 
 _TICK = 1.0 / 30.0
 _BACKLOG_FRAMES = 32
-# What viewers may publish, and its type; the 3-D panels of both families use these names for a clicked goal and for where the robot is.
-CLIENT_TOPICS: Mapping[str, tuple[Topic[Any], str]] = {
+# Poses that viewers may publish, and their type; the 3-D panels of both families use these names for a clicked goal and for where the robot is.
+CLIENT_POSES: Mapping[str, tuple[Topic[Any], str]] = {
     table.GOAL.ros_name: (table.GOAL, POSE_SCHEMA),
     "/move_base_simple/goal": (table.GOAL, POSE_SCHEMA),
     "/initialpose": (table.SET_POSE, ESTIMATE_SCHEMA),
 }
+# What else they may order.
+CLIENT_ORDERS: Mapping[str, Topic[Any]] = {
+    t.ros_name: t for t in table.order_topics() if t not in (table.GOAL, table.SET_POSE, table.TELEOP_REQUEST)
+}
+CLIENT_TOPICS = (*CLIENT_POSES, *CLIENT_ORDERS)
 
 
 class FoxgloveBridge:
     """Serves viewers on `host:port` until `close`; port 0 takes a free one, which `port` then names.
 
     `on_client_message(topic, message)` is called on a thread of the bridge; it must only hand the message over.
-    `rates_hz` overrides the wall-clock limits by ROS name (`math.inf`: every message that can be sent).
+    `names` says under which ROS names topics are shown (`runtime.names`); `rates_hz` overrides the wall-clock limits by ROS name (`math.inf`: every message that can be sent).
     A run makes it before anything else, so that a port that cannot be had leaves nothing behind, and says later where what viewers
     publish goes (`on_client_message`, with the same prefix as the tap that shows a robot).
     Raises BadInputError when the port is in use or none.
@@ -63,10 +70,11 @@ class FoxgloveBridge:
         name: str = "ambler",
         topics: Iterable[Topic[Any]] | None = None,
         rates_hz: Mapping[str, float] | None = None,
+        names: NameProfile = "own",
     ) -> None:
         if not 0 <= port <= 65535:
             raise BadInputError(f"--port {port}: a port is a number from 0 (any free one) to 65535")
-        shown = tuple(t for t in (table.all_topics() if topics is None else topics) if not t.is_bulk)
+        shown = tuple(named(t, names) for t in (table.all_topics() if topics is None else topics) if not t.is_bulk)
         limits = rates_hz or {}
         self._outboxes = {topic.name: Outbox(topic, limits.get(topic.ros_name)) for topic in shown}
         self._memory = ViewMemory()
@@ -187,16 +195,15 @@ class FoxgloveBridge:
                 self._resend.append(name)
 
     def _on_client_data(self, channel: ClientChannel, data: bytes) -> None:
-        known, take = CLIENT_TOPICS.get(channel.topic), self.on_client_message
-        if known is None or take is None:
-            return
-        topic, schema = known
+        pose, order, take = CLIENT_POSES.get(channel.topic), CLIENT_ORDERS.get(channel.topic), self.on_client_message
+        sent = (channel.encoding, channel.schema_name, data, self._newest_ns)
         try:
-            pose = pose_from_client(channel.encoding, channel.schema_name, data, self._newest_ns, schema)
+            if take is not None and pose is not None:
+                take(pose[0], pose_from_client(*sent, pose[1]))
+            elif take is not None and order is not None:
+                take(order, order_from_client(order.type, *sent))
         except BadInputError as error:
             self._reports.append(f"{channel.topic} refused: {error}")
-            return
-        take(topic, pose)
 
 
 def _open_channel(topic: Topic[Any], context: foxglove.Context) -> foxglove.Channel:

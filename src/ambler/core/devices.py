@@ -91,7 +91,7 @@ class RangeSensor(Sensor[m.Range], Protocol):
 
 
 class Camera(Sensor[m.Image], Protocol):
-    """A camera. Pictures cost much: it takes them only while they are wanted."""
+    """A camera, of grey pictures or of depth. Pictures cost much: it takes them only while they are wanted."""
 
     @property
     def model(self) -> CameraModel:
@@ -157,6 +157,7 @@ class RobotDevices:
     imus: tuple[Imu, ...] = ()
     ranges: tuple[RangeSensor, ...] = ()
     cameras: tuple[Camera, ...] = ()
+    depth_cameras: tuple[Camera, ...] = ()
     battery: Battery | None = None
     joystick: Joystick | None = None
     legs: Legs | None = None

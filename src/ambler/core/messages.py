@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.camera import CameraModel
+from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se3 import SE3, Vector3
 
@@ -164,11 +165,31 @@ class GnssFix(Message):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Image(Message):
-    """A grey picture in a camera's optical frame, uint8 (height, width), row 0 at the top."""
+    """A picture in a camera's optical frame (height, width), row 0 at the top: grey values uint8, or of a depth camera uint16, the distances along
+    its axis in millimetres, 0 where it measured none."""
 
     stamp_ns: int
     frame: str
-    data: NDArray[np.uint8]
+    data: NDArray[np.uint8] | NDArray[np.uint16]
+
+    @property
+    def is_depth(self) -> bool:
+        """Whether it holds distances."""
+        return bool(self.data.dtype == np.uint16)
+
+    @property
+    def grey(self) -> NDArray[np.uint8]:
+        """The grey values; raises BadInputError when it holds distances."""
+        if self.is_depth:
+            raise BadInputError(f"{self.frame} sends distances, no grey picture")
+        return self.data.astype(np.uint8, copy=False)
+
+    @property
+    def depth(self) -> NDArray[np.uint16]:
+        """The distances in millimetres; raises BadInputError when it holds grey values."""
+        if not self.is_depth:
+            raise BadInputError(f"{self.frame} sends a grey picture, no distances")
+        return self.data.astype(np.uint16, copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -315,6 +336,22 @@ class Polygon(Message):
     stamp_ns: int
     frame: str
     points: F32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Number(Message):
+    """A number that somebody outside tells: a speed, a radius; rounded to float32, as the wire holds it."""
+
+    stamp_ns: int
+    value: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Code(Message):
+    """A small whole number that somebody outside tells, -128 to 127."""
+
+    stamp_ns: int
+    value: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

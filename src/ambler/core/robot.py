@@ -51,12 +51,13 @@ class SensorKind(enum.StrEnum):
     RANGE = "range"
     IMU = "imu"
     CAMERA = "camera"
+    DEPTH = "depth"
 
 
 @dataclass(frozen=True, slots=True)
 class SensorMount:
     """A sensor and its pose; `frame` names it in the transform tree. A scanner measures
-    nothing nearer than `range_min` (m), of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
+    nothing nearer than `range_min` (m) and nothing well beyond `range_max`, of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
     `elevation` limits (rad)."""
 
     frame: str
@@ -65,6 +66,7 @@ class SensorMount:
     range_min: float = 0.0
     elevation: tuple[float, float] = (-math.pi, math.pi)
     azimuth: tuple[float, float] = (-math.pi, math.pi)
+    range_max: float = math.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", SensorKind(self.kind))  # words of a file become kinds
@@ -108,6 +110,16 @@ class RobotModel:
     def clouds(self) -> tuple[SensorMount, ...]:
         """The scanners of many rings."""
         return self.of_kind(SensorKind.CLOUD)
+
+    @property
+    def depth_cameras(self) -> tuple[SensorMount, ...]:
+        """The cameras that measure distances; their frames are optical."""
+        return self.of_kind(SensorKind.DEPTH)
+
+    @property
+    def top(self) -> float:
+        """Height of the body and of all that is mounted on it, metres above the floor."""
+        return max([self.body_height, *(m.base_from_sensor.translation[2] for m in self.sensors)])
 
     @property
     def camera(self) -> SensorMount | None:

@@ -1,18 +1,23 @@
-"""The blocked layer: places that the robot could not pass though everything else says that it could, drawn lethal."""
+"""Layers of places that somebody tells in the map frame, drawn lethal: ways that the robot could not pass though everything else says that it could, and
+what people and other programs add."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.costmap.layer import Box, Moment, box_around, union, whole
 
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
+LINE_STEP = 0.02  # metres between two points of a line: less than half of a fine cell
 
 
-class BlockedLayer:
+class PlacesLayer:
     """A `Layer` of points in the map frame; it draws nothing while nobody knows where the map lies in the costmap's frame."""
 
     def __init__(self) -> None:
@@ -43,4 +48,33 @@ class BlockedLayer:
         master[cells[is_inside, 0], cells[is_inside, 1]] = COST_LETHAL
 
     def clear(self) -> None:
-        """Do nothing: no sensor saw this, so none can take it back; whoever marked it does."""
+        """Do nothing: no sensor saw this, so none can take it back; whoever told it does."""
+
+
+class BlockedLayer(PlacesLayer):
+    """Places that could not be passed."""
+
+
+class AddedLayer(PlacesLayer):
+    """Obstacles that people or other programs have added."""
+
+
+class BoundaryLayer(PlacesLayer):
+    """A closed line that the robot does not cross. Inflation makes it as wide as the robot; a goal beyond it is not reached."""
+
+    def set_corners(self, corners_map: NDArray[np.floating]) -> None:
+        """Take the corners (N, 2) of a polygon in the map frame in place of the last ones; none takes the boundary away. Raises BadInputError for one
+        or two corners, and for numbers that are not finite."""
+        corners = np.array(corners_map, np.float64).reshape(-1, 2)
+        if 0 < len(corners) < 3 or not np.isfinite(corners).all():
+            raise BadInputError(f"a boundary has three corners or more, or none, and not {len(corners)}")
+        self.set_points(_closed_line(corners))
+
+
+def _closed_line(corners: F64) -> F64:
+    """Return points (M, 2) along the sides of a polygon, LINE_STEP apart at most."""
+    parts = [np.zeros((0, 2))]
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        count = max(2, math.ceil(float(np.hypot(*(b - a))) / LINE_STEP) + 1)
+        parts.append(np.linspace(a, b, count))
+    return np.concatenate(parts)

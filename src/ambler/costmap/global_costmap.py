@@ -16,10 +16,10 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_UNKNOWN, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.costmap.blocked_layer import BlockedLayer
+from ambler.costmap.blocked_layer import AddedLayer, BlockedLayer, BoundaryLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.inflation import Inflation, InflationConfig
-from ambler.costmap.layer import Box, L, Layer, Moment, changed_box, layer_of, union, whole
+from ambler.costmap.layer import Box, L, Layer, Moment, changed_box, clear_layers, layer_of, union, whole
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer
 from ambler.costmap.range_layer import RangeConfig, RangeLayer
 from ambler.costmap.static_layer import StaticConfig, StaticLayer
@@ -38,8 +38,10 @@ class GlobalCostmapConfig:
 
 
 def global_layers(config: GlobalCostmapConfig) -> tuple[Layer, ...]:
-    """Return the usual layers above the map: obstacles, cones, glass, blocked ways. Without anything fed they cost nothing."""
-    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), GlassLayer(), BlockedLayer()
+    """Return the usual layers above the map: obstacles, cones, glass, blocked ways, what people added, the boundary. Without anything fed they cost
+    nothing."""
+    told = (GlassLayer(), BlockedLayer(), AddedLayer(), BoundaryLayer())
+    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), *told
 
 
 class GlobalCostmap:
@@ -98,6 +100,10 @@ class GlobalCostmap:
         for layer in self.layers:
             layer.clear()
         return self.update() if self.has_map else self._costs
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what sensors saw within a radius (m) of a place in the map frame; the next update draws it."""
+        clear_layers(self.layers, x, y, radius)
 
     def _bring_up(self, moment: Moment | None, *, is_new: bool) -> U8:
         spec, changed = self.spec, None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.kernels import costmap as kernels
 
 U8 = NDArray[np.uint8]
@@ -43,6 +44,10 @@ class Frames(Protocol):
         """Return the pose of `base` or of a sensor at a time, or the newest one of `map` or `odom`; raises TransformError."""
         ...
 
+    def spatial_from(self, frame: str, stamp_ns: int) -> SE3:
+        """Return the pose of `base` or of a sensor at a time with its height and lean; raises TransformError."""
+        ...
+
 
 class Layer(Protocol):
     """One source of costs. It has a state of its own, so a layer serves one costmap."""
@@ -60,6 +65,29 @@ class Layer(Protocol):
     def clear(self) -> None:
         """Forget what sensors saw; what is known of the place stays."""
         ...
+
+
+@runtime_checkable
+class Forgets(Protocol):
+    """A layer that can forget a part of what sensors saw."""
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what was seen within a radius (m) of a place in the costmap's frame."""
+        ...
+
+
+def clear_layers(layers: Sequence[Layer], x: float, y: float, radius: float) -> None:
+    """Have all layers that saw anything forget what lies within a radius (m) of a place."""
+    for layer in layers:
+        if isinstance(layer, Forgets):
+            layer.clear_within(x, y, radius)
+
+
+def cells_within(spec: GridSpec, x: float, y: float, radius: float) -> NDArray[np.bool_]:
+    """Return which cells have their middles within a radius (m) of a place, bool [iy, ix]."""
+    xs = spec.origin_x + (np.arange(spec.width) + 0.5) * spec.resolution - x
+    ys = spec.origin_y + (np.arange(spec.height) + 0.5) * spec.resolution - y
+    return np.asarray(np.hypot(xs[None, :], ys[:, None]) <= radius)
 
 
 def whole(spec: GridSpec) -> Box:
@@ -110,7 +138,7 @@ def layer_of(layers: Sequence[Layer], kind: type[L]) -> L:
 
 def moved(old: NDArray[T], old_spec: GridSpec, spec: GridSpec, fill: float) -> NDArray[T]:
     """Return a layer's cells in another grid of the same resolution, aligned to whole cells; `fill` where they do not overlap."""
-    new = np.full(spec.shape, fill, old.dtype)
+    new = np.full((*spec.shape, *old.shape[2:]), fill, old.dtype)
     dy, dx = spec.offset_in(old_spec)
     y0, y1 = max(0, dy), min(old.shape[0], dy + spec.height)
     x0, x1 = max(0, dx), min(old.shape[1], dx + spec.width)

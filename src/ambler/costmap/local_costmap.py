@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ambler.core.grid import COST_FREE, COST_UNKNOWN, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
+from ambler.costmap.blocked_layer import AddedLayer, BoundaryLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.inflation import LOCAL_INFLATION, Inflation, InflationConfig
-from ambler.costmap.layer import L, Layer, Moment, layer_of, whole
+from ambler.costmap.layer import L, Layer, Moment, clear_layers, layer_of, whole
 from ambler.costmap.obstacle_layer import ObstacleConfig, ObstacleLayer
 from ambler.costmap.range_layer import RangeConfig, RangeLayer
 from ambler.kernels import costmap as kernels
@@ -36,8 +37,8 @@ class LocalCostmapConfig:
 
 
 def local_layers(config: LocalCostmapConfig) -> tuple[Layer, ...]:
-    """Return the usual layers: obstacles, cones, glass."""
-    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), GlassLayer()
+    """Return the usual layers: obstacles, cones, glass, what people added, the boundary."""
+    return ObstacleLayer(config.obstacles), RangeLayer(config.ranges), GlassLayer(), AddedLayer(), BoundaryLayer()
 
 
 class LocalCostmap:
@@ -87,6 +88,10 @@ class LocalCostmap:
         for layer in self.layers:
             layer.clear()
         self._costs = np.full(self.spec.shape, COST_UNKNOWN if self.config.tracks_unknown else COST_FREE, np.uint8)
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what sensors saw within a radius (m) of a place in the odom frame; the next update sees it anew."""
+        clear_layers(self.layers, x, y, radius)
 
     def _window(self, odom_from_base: SE2) -> GridSpec:
         r, n = self.config.resolution, self._cells_across

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import COST_FREE, COST_UNKNOWN, GridSpec
-from ambler.costmap.layer import Box, Moment, box_around, box_within, moved, union, whole
+from ambler.costmap.layer import Box, Moment, box_around, box_within, cells_within, moved, union, whole
 from ambler.kernels import costmap as kernels
 from ambler.registration.planar_scan import RayFalls
 
@@ -99,6 +99,12 @@ class ObstacleLayer:
         """Forget everything."""
         self.cells, self._spec, self._rays, self._is_cleared = None, None, [], True
         self._tops = np.zeros((0, 0), np.float32)
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what was seen there."""
+        if self.cells is not None and self._spec is not None:
+            self.cells[cells_within(self._spec, x, y, radius)] = COST_UNKNOWN
+            self._is_cleared = True
 
     def _moved(self, spec: GridSpec, *, is_needed: bool) -> U8 | None:
         """Return the cells in another grid, aligned to whole cells: what overlaps is kept, the rest unknown."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import COST_UNKNOWN, GridSpec
-from ambler.costmap.layer import Box, Moment, changed_box, moved, union, whole
+from ambler.costmap.layer import Box, Moment, cells_within, changed_box, moved, union, whole
 from ambler.kernels import costmap as cells_kernels
 from ambler.kernels import range_layer as kernels
 
@@ -104,6 +104,13 @@ class RangeLayer:
         """Forget everything."""
         self.cells, self._spec, self._is_cleared = None, None, True
         self._fed.clear()
+
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget what was heard there."""
+        if self.cells is not None and self._spec is not None:
+            near = cells_within(self._spec, x, y, radius)
+            self.cells[near], self._log_odds[near], self._touched[near] = COST_UNKNOWN, 0.0, kernels.UNSEEN
+            self._is_cleared = True
 
     def _draw_fed(self, spec: GridSpec) -> None:
         """Draw into the grid as it lay when the cones came; of a new layer into `spec`."""

@@ -72,6 +72,11 @@ class TerrainLayer:
         """Forget the terrain; the next one comes soon."""
         self.set_terrain(np.zeros((0, 2)), np.zeros(0, np.float32), np.zeros(0, np.bool_))
 
+    def clear_within(self, x: float, y: float, radius: float) -> None:
+        """Forget the terrain there until the next one."""
+        far = np.hypot(self._points[:, 0] - x, self._points[:, 1] - y) > radius
+        self.set_terrain(self._points[far], self._heights[far], self._is_cell[far])
+
     @staticmethod
     def _fill(master: U8, spec: GridSpec, points: F64, values: U8, across: int) -> None:
         """Write values into squares of `across` cells around points."""

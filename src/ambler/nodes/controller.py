@@ -20,11 +20,13 @@ from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
 from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
 from ambler.core.messages import (
+    Code,
     CostGrid,
     GateState,
     GateStatus,
     LaserScan,
     Message,
+    Number,
     Odometry,
     Path,
     PointCloud,
@@ -55,17 +57,21 @@ from ambler.runtime.tasks import (
 )
 from ambler.runtime.topics import (
     CLOUD,
+    CLOUD_CLEARING,
     FOOTPRINT,
     GATE_STATUS,
     LOCAL_COSTMAP,
     LOCAL_PATH,
+    MAP_CLEARING,
     MERGED_CLOUD,
     MERGED_FREE,
     ODOMETRY,
     PATH,
     SCAN,
+    SPEED,
     STATUS,
     STEER_REQUEST,
+    STOP,
     TRANSFORMS,
     VELOCITY_REQUEST,
 )
@@ -85,7 +91,8 @@ HELD = (GateState.PAUSED, GateState.EMERGENCY_STOP, GateState.FAULT)
 class ControllerNode(Node):
     """Follows paths with any LocalPlanner and recovers, both on the local costmap.
 
-    `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway.
+    `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway. Of orders from outside it obeys SPEED (m/s, the fastest that it
+    drives from now on), MAP_CLEARING and CLOUD_CLEARING (m, the radius within which the costmap forgets), and has patience while STOP holds.
     """
 
     name = "controller"
@@ -117,7 +124,10 @@ class ControllerNode(Node):
         self._fresh: Topics = (*self._view.topics, *needed)
         self.inputs = (*self._fresh, ODOMETRY, TRANSFORMS)
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
-        self.optional_inputs = (PATH, GATE_STATUS, STEER_REQUEST, *optional)
+        self.optional_inputs = (
+            *(PATH, GATE_STATUS, STEER_REQUEST, SPEED, STOP, MAP_CLEARING, CLOUD_CLEARING),
+            *optional,
+        )
         self._follow: FollowHandle | None = None
         self._path: Path | None = None
         self._recover: RecoverHandle | None = None
@@ -130,6 +140,8 @@ class ControllerNode(Node):
         self._is_held = False
         self._gate: GateStatus | None = None
         self._steering, self._teller, self._lean = Steering(), StateTeller(), LeanMeter()
+        self._speed_most = math.inf
+        self._stop_order = 0
 
     def start(self) -> None:
         """Subscribe, serve, and start the two timers."""
@@ -140,6 +152,10 @@ class ControllerNode(Node):
             self.ctx.subscribe(CLOUD, self._on_cloud)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
+        self.ctx.subscribe(SPEED, self._on_speed)
+        self.ctx.subscribe(STOP, self._on_stop_order)
+        for clearing in (MAP_CLEARING, CLOUD_CLEARING):
+            self.ctx.subscribe(clearing, self._on_clearing)
         for wanted in self._layer_inputs:
             self.ctx.subscribe(wanted.topic, partial(self._on_layer_input, wanted))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
@@ -192,6 +208,19 @@ class ControllerNode(Node):
             self._protective_since_ns = None
         elif self._protective_since_ns is None:
             self._protective_since_ns = self.ctx.now_ns
+
+    def _on_speed(self, speed: Number) -> None:
+        if speed.value >= 0.0:
+            self._speed_most = speed.value
+
+    def _on_stop_order(self, order: Code) -> None:
+        self._stop_order = order.value
+
+    def _on_clearing(self, radius: Number) -> None:
+        with suppress(TransformError):
+            at, _ = self._view.now(self.ctx.now_ns)
+            if radius.value > 0.0:
+                self._view.costmap.clear_within(at.x, at.y, radius.value)
 
     def _on_clear(self, request: Nothing) -> Nothing:
         self._view.costmap.clear()
@@ -322,7 +351,7 @@ class ControllerNode(Node):
         if self._goal_checker.may_stop:
             self._send(BodyVelocity())
             return
-        if self._is_held or self._is_yielding():
+        if self._is_held or self._stop_order != 0 or self._speed_most == 0.0 or self._is_yielding():
             self._progress = ProgressChecker()
         elif not self._progress.update(self.ctx.now_ns, odom_from_base):
             self._end_follow("FAILED_TO_MAKE_PROGRESS", "the robot hardly moved for 10 s")
@@ -355,7 +384,7 @@ class ControllerNode(Node):
 
     def _drive(self, wanted: BodyVelocity) -> None:
         """Send as much of a velocity as starts no contact with anybody who moves; a robot that has to stand gets out of his way if it can."""
-        passed = self._yielding.limited(wanted)
+        passed = self._yielding.limited(_slowed(wanted, self._speed_most))
         is_standing = passed == BodyVelocity() and not self._yielding.is_alone
         if not is_standing:
             self._yields_since_ns = None
@@ -411,6 +440,15 @@ class ControllerNode(Node):
         is_driven = self._follow is not None or self._steering.wanted(self.ctx.now_ns) is not None
         if is_driven and len(trajectory) > 0:
             self.ctx.publish(LOCAL_PATH, Path(self.ctx.now_ns, "odom", np.array(trajectory)))
+
+
+def _slowed(wanted: BodyVelocity, most: float) -> BodyVelocity:
+    """Return a velocity along the same arc that is at most so fast (m/s)."""
+    speed = math.hypot(wanted.vx, wanted.vy)
+    if speed <= most:
+        return wanted
+    share = most / speed
+    return BodyVelocity(share * wanted.vx, share * wanted.vy, share * wanted.wz)
 
 
 def _length_left(path: np.ndarray, odom_from_base: SE2) -> float:

@@ -120,7 +120,7 @@ class DockSight:
         the map, for as long as it was not seen."""
         if self._detector is None or self._kind is not DockKind.MARKERS:
             return None
-        return self._look(self._detector, DockObservation(image.stamp_ns, image.data), map_prior)
+        return self._look(self._detector, DockObservation(image.stamp_ns, image.grey), map_prior)
 
     def look_at_scan(self, scan: LaserScan, map_prior: SE2 | None) -> Look | None:
         """The same for a scan, of the base frame or of a mounted scanner. Other than markers, shapes and strips bear no name: nobody looks

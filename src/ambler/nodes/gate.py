@@ -13,6 +13,7 @@ import numpy as np
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import StaleInputError
 from ambler.core.messages import (
+    Code,
     GateState,
     GateStatus,
     LaserScan,
@@ -48,6 +49,7 @@ from ambler.runtime.topics import (
     ODOMETRY,
     RANGES,
     SCAN,
+    STOP,
     TELEOP_REQUEST,
     VELOCITY_COMMAND,
     VELOCITY_REQUEST,
@@ -81,7 +83,7 @@ class GateNode(Node):
 
     name = "gate"
     inputs: Topics = (VELOCITY_REQUEST, ODOMETRY, SCAN)
-    optional_inputs = (TELEOP_REQUEST, DOCKING_REQUEST)
+    optional_inputs = (TELEOP_REQUEST, DOCKING_REQUEST, STOP)
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
     serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, PERMIT_APPROACH, REVOKE_APPROACH)
     latency = 0.001
@@ -128,6 +130,7 @@ class GateNode(Node):
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
         self.ctx.subscribe(DOCKING_REQUEST, partial(self._on_request, "docking"))
         self.ctx.subscribe(TELEOP_REQUEST, partial(self._on_request, "teleop"))
+        self.ctx.subscribe(STOP, self._on_stop_order)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         if self._rangers:
             self.ctx.subscribe(RANGES, self._on_range)
@@ -153,6 +156,9 @@ class GateNode(Node):
     def _on_request(self, source: str, command: VelocityCommand) -> None:
         velocity = BodyVelocity(command.vx, command.vy, command.wz)
         self.gate.request(source, command.stamp_ns, velocity, self.ctx.now_ns)
+
+    def _on_stop_order(self, order: Code) -> None:
+        self.gate.order_stop(order.value)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._motion.add(odometry)

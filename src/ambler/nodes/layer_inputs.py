@@ -12,15 +12,15 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from ambler.core.errors import StaleInputError, TransformError
-from ambler.core.messages import GlassWalls, JudgedEcho, Message, Path, PointCloud
+from ambler.core.errors import BadInputError, StaleInputError, TransformError
+from ambler.core.messages import GlassWalls, JudgedEcho, Message, Path, PointCloud, Polygon
 from ambler.core.se2 import SE2
-from ambler.costmap.blocked_layer import BlockedLayer
+from ambler.costmap.blocked_layer import AddedLayer, BlockedLayer, BoundaryLayer
 from ambler.costmap.glass_layer import GlassLayer
 from ambler.costmap.layer import Frames, Layer
 from ambler.costmap.range_layer import RangeCone, RangeLayer
 from ambler.costmap.terrain_layer import TerrainLayer
-from ambler.runtime.topics import BLOCKED, ECHOES, GLASS, TERRAIN_MAP, Topic
+from ambler.runtime.topics import ADDED_OBSTACLES, BLOCKED, BOUNDARY, ECHOES, GLASS, TERRAIN_MAP, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -42,7 +42,8 @@ class LayerInput(Generic[M]):
 
 
 def usual_inputs(layers: Sequence[Layer], *, needs_echoes: bool = False) -> tuple[LayerInput[Any], ...]:
-    """Return the inputs of those layers that this package knows: echoes for cones, glass for glass, blocked ways, terrain."""
+    """Return the inputs of those layers that this package knows: echoes for cones, glass for glass, blocked ways, what people added, the
+    boundary, terrain."""
     inputs: list[LayerInput[Any]] = []
     for layer in layers:
         if isinstance(layer, RangeLayer):
@@ -51,6 +52,10 @@ def usual_inputs(layers: Sequence[Layer], *, needs_echoes: bool = False) -> tupl
             inputs.append(LayerInput(GLASS, _glass_feed(layer)))
         elif isinstance(layer, BlockedLayer):
             inputs.append(LayerInput(BLOCKED, _blocked_feed(layer)))
+        elif isinstance(layer, AddedLayer):
+            inputs.append(LayerInput(ADDED_OBSTACLES, _added_feed(layer)))
+        elif isinstance(layer, BoundaryLayer):
+            inputs.append(LayerInput(BOUNDARY, _boundary_feed(layer)))
         elif isinstance(layer, TerrainLayer):
             inputs.append(LayerInput(TERRAIN_MAP, _terrain_feed(layer), is_required=True))
     return tuple(inputs)
@@ -83,6 +88,30 @@ def _blocked_feed(layer: BlockedLayer) -> Callable[[Path, Frames], None]:
         layer.set_points(places.poses[:, :2])
 
     return feed
+
+
+def _added_feed(layer: AddedLayer) -> Callable[[PointCloud, Frames], None]:
+    def feed(cloud: PointCloud, frames: Frames) -> None:
+        _check_map(cloud.frame)
+        layer.set_points(cloud.points[np.isfinite(cloud.points).all(axis=1), :2])
+
+    return feed
+
+
+def _boundary_feed(layer: BoundaryLayer) -> Callable[[Polygon, Frames], None]:
+    def feed(polygon: Polygon, frames: Frames) -> None:
+        _check_map(polygon.frame)
+        try:
+            layer.set_corners(polygon.points[:, :2])
+        except BadInputError as error:
+            raise TransformError(str(error)) from error
+
+    return feed
+
+
+def _check_map(frame: str) -> None:
+    if frame != "map":
+        raise TransformError(f"map_from_{frame}: what people add is told in the frame map")
 
 
 def _terrain_feed(layer: TerrainLayer) -> Callable[[PointCloud, Frames], None]:

@@ -117,11 +117,15 @@ class LocalView:
             return SE2()
         if frame == "map":
             return self._known_odom_from_map()
+        return self.spatial_from(frame, stamp_ns).to_se2()
+
+    def spatial_from(self, frame: str, stamp_ns: int) -> SE3:
+        """Return where the base or a sensor was in the odom frame, with its height and lean; raises TransformError."""
         mount = SE3() if frame == "base" else self._mounts.get(frame)
         if mount is None:
             raise TransformError(f"base_from_{frame}: the robot has no such sensor")
         try:
-            return (self._motion.pose_at(stamp_ns) @ mount).to_se2()
+            return self._motion.pose_at(stamp_ns) @ mount
         except StaleInputError as error:
             raise TransformError(f"odom_from_base: {error}") from error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ambler.core.errors import TransformError
 from ambler.core.messages import Transforms
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 
 
@@ -43,8 +44,15 @@ class MapFrames:
         """Return where the base or a sensor was, or where odometry has its origin now, in the map frame; raises TransformError."""
         if frame == "map":
             return SE2()
+        if frame == "odom":
+            return self._known_map_from_odom()
+        return self._known_map_from_odom() @ self._tree.lookup("odom", frame, stamp_ns).to_se2()
+
+    def spatial_from(self, frame: str, stamp_ns: int) -> SE3:
+        """Return where the base or a sensor was in the map frame, with its height and lean; raises TransformError."""
+        return SE3.from_se2(self._known_map_from_odom()) @ self._tree.lookup("odom", frame, stamp_ns)
+
+    def _known_map_from_odom(self) -> SE2:
         if self._map_from_odom is None:
             raise TransformError("map_from_odom: nobody has told it yet")
-        if frame == "odom":
-            return self._map_from_odom
-        return self._map_from_odom @ self._tree.lookup("odom", frame, stamp_ns).to_se2()
+        return self._map_from_odom

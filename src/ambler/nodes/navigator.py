@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 
 import numpy as np
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import CostGrid, Path, PoseStamped, Status, Transforms
+from ambler.core.messages import CostGrid, Path, PointStamped, PoseStamped, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
@@ -33,7 +34,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import BLOCKED, GLOBAL_COSTMAP, GOAL, PATH, STATUS, TRANSFORMS
+from ambler.runtime.topics import BLOCKED, GLOBAL_COSTMAP, GOAL, GOAL_POINT, PATH, STATUS, TRANSFORMS, WAY_POINT
 
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, NavigateResult]
 
@@ -46,7 +47,7 @@ class NavigatorNode(Node):
 
     name = "navigator"
     inputs = (TRANSFORMS,)
-    optional_inputs = (GOAL, GLOBAL_COSTMAP)
+    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP)
     outputs = (PATH, STATUS, BLOCKED)
     serves = (NAVIGATE,)
     calls = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
@@ -66,6 +67,8 @@ class NavigatorNode(Node):
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costmap)
         self.ctx.subscribe(GOAL, self._on_click)
+        for topic in (GOAL_POINT, WAY_POINT):
+            self.ctx.subscribe(topic, self._on_point)
         self.ctx.serve_task(NAVIGATE, self._on_goal, self._on_cancel)
         self.ctx.timer(TICK_PERIOD, self._tick)
         self.ctx.timer(FEEDBACK_PERIOD, self._feedback)
@@ -115,15 +118,23 @@ class NavigatorNode(Node):
         self._costmap = costmap
 
     def _on_click(self, goal: PoseStamped) -> None:
-        if goal.frame != "map":
-            self.say("GOAL_REFUSED", f"a goal must be told in the frame map, not in {goal.frame!r}")
+        self._drive_there(goal.frame, NavigateGoal(goal.pose.to_se2()))
+
+    def _on_point(self, point: PointStamped) -> None:
+        """Drive to a point; with what heading the robot stands there is all the same."""
+        goal = SE2(point.point[0], point.point[1], 0.0)
+        self._drive_there(point.frame, NavigateGoal(goal, yaw_tolerance=math.pi))
+
+    def _drive_there(self, frame: str, goal: NavigateGoal) -> None:
+        if frame != "map":
+            self.say("GOAL_REFUSED", f"a goal must be told in the frame map, not in {frame!r}")
             return
 
         def over(outcome: TaskOutcome[NavigateResult]) -> None:
             if outcome.code != "PREEMPTED":
                 self.say(CLICKED_GOAL_OVER, f"{outcome.code}: {outcome.text}" if outcome.text else outcome.code)
 
-        self.ctx.send_goal(NAVIGATE, NavigateGoal(goal.pose.to_se2()), over)
+        self.ctx.send_goal(NAVIGATE, goal, over)
 
     def _on_goal(self, handle: NavigateHandle) -> None:
         left = None if self._last is None else self._last.recoveries_left()

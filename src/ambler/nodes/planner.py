@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from ambler.core.errors import NoValidPathError
-from ambler.core.messages import CostGrid, Message, OccupancyGrid, Path
+from ambler.core.messages import CostGrid, Message, Number, OccupancyGrid, Path
 from ambler.core.protocols import DrawsGraph, GlobalPlanner
 from ambler.costmap.global_costmap import GlobalCostmap
 from ambler.costmap.layer import Moment
@@ -15,7 +15,15 @@ from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.map_frames import MapFrames
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import CLEAR_GLOBAL_COSTMAP, COMPUTE_PATH, Nothing, PlanReply, PlanRequest
-from ambler.runtime.topics import GLOBAL_COSTMAP, MAP, STATIC_TRANSFORMS, TRANSFORMS, VISIBILITY_GRAPH
+from ambler.runtime.topics import (
+    CLOUD_CLEARING,
+    GLOBAL_COSTMAP,
+    MAP,
+    MAP_CLEARING,
+    STATIC_TRANSFORMS,
+    TRANSFORMS,
+    VISIBILITY_GRAPH,
+)
 
 GRAPH_PERIOD = 2.0  # seconds between two pictures of a planner's graph: thousands of lines
 
@@ -24,7 +32,8 @@ class GlobalPlannerNode(Node):
     """Publishes VISIBILITY_GRAPH with the paths of a planner that has one, and GLOBAL_COSTMAP when the map or what lies over it has changed, at most once per `period` seconds; serves COMPUTE_PATH (a
     PlanningError or TransformError reaches the caller) and CLEAR_GLOBAL_COSTMAP.
 
-    `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway.
+    `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway. MAP_CLEARING and CLOUD_CLEARING tell within what radius of the
+    robot it shall forget what sensors saw.
     """
 
     name: str = "planner"
@@ -54,7 +63,7 @@ class GlobalPlannerNode(Node):
         required = tuple(wanted.topic for wanted in self._layer_inputs if wanted.is_required)
         self.inputs = (MAP, TRANSFORMS, *required)
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
-        self.optional_inputs = (STATIC_TRANSFORMS, *optional)
+        self.optional_inputs = (STATIC_TRANSFORMS, MAP_CLEARING, CLOUD_CLEARING, *optional)
 
     @property
     def planner(self) -> GlobalPlanner:
@@ -66,6 +75,8 @@ class GlobalPlannerNode(Node):
         self.ctx.subscribe(MAP, self._on_map)
         self.ctx.subscribe(TRANSFORMS, self._frames.add)
         self.ctx.subscribe(STATIC_TRANSFORMS, self._frames.add_static)
+        for clearing in (MAP_CLEARING, CLOUD_CLEARING):
+            self.ctx.subscribe(clearing, self._on_clearing)
         for wanted in self._layer_inputs:
             self.ctx.subscribe(wanted.topic, partial(self._on_layer_input, wanted))
         self.ctx.serve(COMPUTE_PATH, self._compute_path)
@@ -81,6 +92,12 @@ class GlobalPlannerNode(Node):
         except UNPLACED:
             return
         self._publish_soon()
+
+    def _on_clearing(self, radius: Number) -> None:
+        at = self._frames.map_from_base
+        if at is not None and radius.value > 0.0:
+            self._costmap.clear_within(at.x, at.y, radius.value)
+            self._publish_soon()
 
     def _publish_soon(self) -> None:
         if self._is_waiting or self._map is None:

@@ -9,22 +9,24 @@ import numpy as np
 
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import BadInputError, StaleInputError
-from ambler.core.messages import Odometry, PointCloud
+from ambler.core.messages import Number, Odometry, PointCloud
 from ambler.core.robot import RobotModel
 from ambler.perception.terrain import Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
 from ambler.runtime.node import Node, Topics
-from ambler.runtime.topics import ODOMETRY, REGISTERED_CLOUD, TERRAIN_MAP, TERRAIN_MAP_EXT
+from ambler.runtime.topics import CLOUD_CLEARING, MAP_CLEARING, ODOMETRY, REGISTERED_CLOUD, TERRAIN_MAP, TERRAIN_MAP_EXT
 
 NEAR_EVERY = 2  # clouds between two terrains: as often as a local costmap is wanted anew
 WIDE_EVERY = 5  # clouds of which the wide window takes one, and tells its terrain at every second
 
 
 class TerrainNode(Node):
-    """Runs two `TerrainAnalysis`; a cloud of a moment without odometry is left out."""
+    """Runs two `TerrainAnalysis`; a cloud of a moment without odometry is left out. MAP_CLEARING tells within what radius of the robot the near one
+    shall forget, CLOUD_CLEARING the wide one."""
 
     name = "terrain"
     inputs: Topics = (REGISTERED_CLOUD, ODOMETRY)
+    optional_inputs: Topics = (MAP_CLEARING, CLOUD_CLEARING)
     outputs: Topics = (TERRAIN_MAP, TERRAIN_MAP_EXT)
     latency = 0.005
 
@@ -40,6 +42,13 @@ class TerrainNode(Node):
         """Subscribe to clouds and odometry."""
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(REGISTERED_CLOUD, self._on_cloud)
+        self.ctx.subscribe(MAP_CLEARING, lambda radius: self._forget(self._near, radius))
+        self.ctx.subscribe(CLOUD_CLEARING, lambda radius: self._forget(self._wide, radius))
+
+    def _forget(self, analysis: TerrainAnalysis, radius: Number) -> None:
+        at = self._motion.newest
+        if at is not None and radius.value > 0.0:
+            analysis.forget(at.x, at.y, radius.value)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._motion.add(odometry)

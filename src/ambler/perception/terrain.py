@@ -76,6 +76,20 @@ class TerrainAnalysis:
         self._mask[:], self._newest[:], self._evidence[:] = 0, -1e9, 0
         self._ground[:], self._lows[:], self._depths[:], self._state[:] = np.nan, np.nan, 0.0, 0
 
+    def forget(self, x: float, y: float, radius: float) -> None:
+        """Forget what was seen within a radius (m) of a place in the odom frame."""
+        c = self.config
+        for size, cell, first, arrays in (
+            (c.columns, c.voxel, self._first, ((self._mask, 0), (self._newest, -1e9))),
+            (c.columns // 2, c.cell, self._first // 2, ((self._evidence, 0), (self._depths, 0.0), (self._state, 0))),
+            (c.columns // 2, c.cell, self._first // 2, ((self._ground, np.nan), (self._lows, np.nan))),
+        ):
+            ix, iy = first[0] + np.arange(size), first[1] + np.arange(size)
+            is_near = np.hypot((ix[None, :] + 0.5) * cell - x, (iy[:, None] + 0.5) * cell - y) <= radius
+            rows, cols = np.nonzero(is_near)
+            for array, nothing in arrays:
+                array[iy[rows] % size, ix[cols] % size] = nothing
+
     def update(
         self,
         points: F32,

@@ -1,4 +1,4 @@
-"""The built-in robots: `diff`, a two-wheeled base with a 360° scanner, `spot`, a walking base with a VLP-16, `amr_omni`, an
+"""The built-in robots: `diff`, a two-wheeled base with a 360° scanner, `porter`, the same with shelves, `spot`, a walking base with a VLP-16, `amr_omni`, an
 industrial base on mecanum wheels with three safety scanners, and those of `robots.spatial_robots`; and any robot by its name or its URDF
 file."""
 
@@ -14,13 +14,15 @@ import numpy as np
 from ambler.core.errors import BadInputError
 from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
+from ambler.robots.depth import with_depth_cameras
 from ambler.robots.description import Chassis, RobotDescription
 from ambler.robots.ring import with_transducer_ring
 from ambler.robots.sensors import SCANNERS
 from ambler.robots.spatial_robots import g1, go2, mecanum, tilted
 from ambler.robots.urdf import read_robot
 
-ULTRASONIC, TILTED = "ultrasonic", "tilted"
+ULTRASONIC, TILTED, DEPTH = "ultrasonic", "tilted", "depth"
+OPTIONS = (ULTRASONIC, TILTED, DEPTH)
 
 
 def robot_names() -> tuple[str, ...]:
@@ -29,13 +31,13 @@ def robot_names() -> tuple[str, ...]:
 
 
 def split_options(name: str) -> tuple[str, frozenset[str]]:
-    """Split `NAME+ultrasonic`, `NAME+tilted` or both into the name and its options; raises BadInputError for others, and for a tilt of
+    """Split `NAME+ultrasonic+depth` and the like into the name and its options (`OPTIONS`); raises BadInputError for others, and for a tilt of
     what is not a level Mid-360."""
     base, *options = name.split("+")
     for option in options:
-        if option not in (ULTRASONIC, TILTED):
+        if option not in OPTIONS:
             raise BadInputError(
-                f"robot {name!r}: no option {option!r}; there are +ultrasonic, as in diff+ultrasonic, and +tilted"
+                f"robot {name!r}: no option {option!r}; there are +ultrasonic, as in diff+ultrasonic, +tilted, and +depth"
             )
     if TILTED in options and base != "mecanum":
         raise BadInputError(f"robot {name!r}: only mecanum has a level Mid-360 that could be tilted")
@@ -48,11 +50,12 @@ def is_urdf(name: str) -> bool:
 
 
 def robot_model(name: str) -> RobotModel:
-    """Return a robot's model by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers, `+tilted` tilts the
-    LiDAR of `mecanum`. Raises BadInputError with the known names."""
+    """Return a robot's model by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers, `+depth` depth cameras, `+tilted`
+    tilts the LiDAR of `mecanum`. Raises BadInputError with the known names."""
     base, options = split_options(name)
     model = read_robot(Path(base)).description.model if is_urdf(base) else robot_description(base).model
     model = tilted(model) if TILTED in options else model
+    model = with_depth_cameras(model) if DEPTH in options else model
     return with_transducer_ring(model) if ULTRASONIC in options else model
 
 
@@ -84,6 +87,15 @@ def _diff() -> RobotDescription:
         ),
         body_height=0.25,
     )
+    return RobotDescription(model, Chassis(body_bottom=0.05, wheel_radius=0.09, track=0.34))
+
+
+def _porter() -> RobotDescription:
+    """A base like `diff` that carries shelves to 1.15 m, as robots that serve hospitals and hotels do: table tops and signs meet it high
+    above its scanner. It brakes gently, being tall."""
+    low = _diff().model
+    limits = VelocityLimits(vx_max=0.7, vx_min=-0.2, wz_max=1.2, ax_max=0.7, az_max=2.0, ax_brake=1.0, ax_stop=2.0)
+    model = replace(low, name="porter", limits=limits, body_height=1.15)
     return RobotDescription(model, Chassis(body_bottom=0.05, wheel_radius=0.09, track=0.34))
 
 
@@ -138,6 +150,7 @@ _MAKERS: dict[str, Callable[[], RobotDescription]] = {
     "diff": _diff,
     "spot": _spot,
     "amr_omni": _amr_omni,
+    "porter": _porter,
     "mecanum": mecanum,
     "go2": go2,
     "g1": g1,

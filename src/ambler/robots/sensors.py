@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.camera import CameraModel
 from ambler.core.robot import SensorKind, SensorMount
 from ambler.core.se3 import SE3
 
@@ -71,6 +72,29 @@ class TransducerGeometry:
         return SensorMount(frame, SensorKind.RANGE, base_from_sensor, self.range_min)
 
 
+@dataclass(frozen=True, slots=True)
+class DepthGeometry:
+    """A depth camera: `width` x `height` picture elements over fields of view (rad, full angles). It measures from `range_min` on; what it says up
+    to `range_max` is good enough to mark an obstacle (m, along its axis)."""
+
+    width: int
+    height: int
+    horizontal: float
+    vertical: float
+    range_min: float
+    range_max: float
+
+    @property
+    def model(self) -> CameraModel:
+        """How it projects; depth pictures come without distortion."""
+        fx, fy = (0.5 * n / math.tan(0.5 * a) for n, a in ((self.width, self.horizontal), (self.height, self.vertical)))
+        return CameraModel("depth", self.width, self.height, fx, fy, 0.5 * (self.width - 1), 0.5 * (self.height - 1))
+
+    def mount(self, frame: str, base_from_sensor: SE3) -> SensorMount:
+        """Return the camera at a place of a robot."""
+        return SensorMount(frame, SensorKind.DEPTH, base_from_sensor, self.range_min, range_max=self.range_max)
+
+
 SCANNERS: dict[str, ScannerGeometry] = {
     # A 360° safety-class scanner: 0.5° steps, 20 m.
     "scanner_360": ScannerGeometry(720, (0.0,), -math.pi, 0.1, 20.0),
@@ -89,4 +113,9 @@ SCANNERS: dict[str, ScannerGeometry] = {
 TRANSDUCERS: dict[str, TransducerGeometry] = {
     # A 40 kHz parking transducer: a cone of 30°, 3 m.
     "transducer_30": TransducerGeometry(math.radians(30.0), 0.03, 3.0),
+}
+DEPTH_CAMERAS: dict[str, DepthGeometry] = {
+    # A stereo camera of the RealSense D400 class: 87° x 58°, used from 0.3 to 4 m; of its 848 x 480 elements eight by eight are binned, as
+    # costmaps of 5 cm do not need more.
+    "d430": DepthGeometry(106, 60, math.radians(87.0), math.radians(58.0), 0.3, 4.0),
 }

@@ -21,7 +21,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.robot import MERGED_FRAME, DriveKind, RobotModel, SensorKind, SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.robots.description import Chassis, RobotDescription
-from ambler.robots.sensors import SCANNERS, TRANSDUCERS
+from ambler.robots.sensors import DEPTH_CAMERAS, SCANNERS, TRANSDUCERS
 from ambler.robots.urdf_tree import Link, UrdfTree, label, numbers, read_tree
 
 F64 = NDArray[np.float64]
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 RESERVED = ("base", "odom", "map")
 SCALARS = ("floor", "wheel_radius", "track", "wheel_base", "strafe_loss", "body_bottom", "body_height", "watchdog")
-PARTS = ("footprint", "limits", "lidar", "ultrasonic", "imu", "camera", "odometry", "gait")
+PARTS = ("footprint", "limits", "lidar", "ultrasonic", "imu", "camera", "depth", "odometry", "gait")
 ANY = ("link", "model", "window")  # attributes of a sensor that are no values of its model
 
 
@@ -194,6 +194,9 @@ def _mounts(tree: UrdfTree, extension: Element, floor: float) -> tuple[SensorMou
         name = element.get("link", "")
         transducer = spec_of(tree, element, TRANSDUCERS, "transducer_30", is_partial=True)
         others.append(transducer.mount(name, poses[name]))
+    for element in extension.findall("depth"):
+        name = element.get("link", "")
+        others.append(spec_of(tree, element, DEPTH_CAMERAS, "d430", is_partial=True).mount(name, poses[name]))
     return (*scans, *merged, *others)
 
 

@@ -143,5 +143,7 @@ def _sensor(extension: Element, mount: SensorMount) -> None:
     if mount.kind is SensorKind.CLOUD:
         element.set("model", "vlp_16")
         element.set("elevations", text_of(*mount.elevation))
-    if mount.kind in (SensorKind.SCAN, SensorKind.CLOUD, SensorKind.RANGE):
+    if mount.kind is SensorKind.DEPTH:
+        element.set("range_max", text_of(mount.range_max))
+    if mount.kind in (SensorKind.SCAN, SensorKind.CLOUD, SensorKind.RANGE, SensorKind.DEPTH):
         element.set("range_min", text_of(mount.range_min))

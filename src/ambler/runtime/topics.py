@@ -78,6 +78,8 @@ TERRAIN_MAP = _topic("terrain_map", m.PointCloud, "/terrain_map", depth=2, max_a
 TERRAIN_MAP_EXT = _topic("terrain_map_ext", m.PointCloud, "/terrain_map_ext", depth=2, max_age=3.0)
 IMAGE = _topic("image", m.Image, "/camera/image", depth=2, max_age=0.5)
 CAMERA_INFO = _topic("camera_info", m.CameraInfo, "/camera/camera_info", "latched", 1)
+DEPTH = _topic("depth", m.Image, "/depth/image", depth=2, max_age=0.5)
+DEPTH_INFO = _topic("depth_info", m.CameraInfo, "/depth/camera_info", "latched", 1)
 BATTERY = _topic("battery", m.BatteryState, "/battery_state", depth=10, max_age=2.0)
 JOYSTICK = _topic("joystick", m.JoystickState, "/joy", "latest", 1, max_age=0.4)
 # Transforms
@@ -115,6 +117,15 @@ GATE_STATUS = _topic("gate_status", m.GateStatus, "/gate_status", "latched", 1)
 STATUS = _topic("status", m.Status, "/status", depth=50, has_many_writers=True)
 # What came through the outside door (runtime.door); written by the executor itself, so that a replay can repeat it
 OUTSIDE_CALLS = _topic("outside_calls", m.OutsideCall, "/outside_calls", depth=100)
+# Orders of people and other programs, with the names of the original deployment (docs/live_view.md); no node writes them
+WAY_POINT = _topic("way_point", m.PointStamped, "/way_point", depth=2)
+GOAL_POINT = _topic("goal_point", m.PointStamped, "/goal_point", depth=2)
+BOUNDARY = _topic("boundary", m.Polygon, "/navigation_boundary", depth=2)
+ADDED_OBSTACLES = _topic("added_obstacles", m.PointCloud, "/added_obstacles", depth=2)
+MAP_CLEARING = _topic("map_clearing", m.Number, "/map_clearing", depth=2)
+CLOUD_CLEARING = _topic("cloud_clearing", m.Number, "/cloud_clearing", depth=2)
+SPEED = _topic("speed", m.Number, "/speed", depth=2)
+STOP = _topic("stop", m.Code, "/stop", depth=2)
 # Docking
 DOCK_POSE = _topic("dock_pose", m.PoseStamped, "/dock_pose", depth=20)
 # Ground truth, in simulation only; no algorithm may subscribe to it
@@ -127,6 +138,12 @@ TRUE_MAP = _topic("true_map", m.OccupancyGrid, "/ground_truth/map", "latched", 1
 def all_topics() -> tuple[Topic[Any], ...]:
     """Return every declared topic in the order of declaration, which is also the order of delivery at one instant."""
     return tuple(_TABLE.values())
+
+
+def order_topics() -> tuple[Topic[Any], ...]:
+    """Return the topics by which people and other programs tell a robot what to do."""
+    orders = (WAY_POINT, GOAL_POINT, BOUNDARY, ADDED_OBSTACLES, MAP_CLEARING, CLOUD_CLEARING, SPEED, STOP)
+    return (GOAL, SET_POSE, TELEOP_REQUEST, STEER_REQUEST, *orders)
 
 
 def topic_named(name: str) -> Topic[Any]:

@@ -53,6 +53,7 @@ class VelocityGate:
         self._protective = ProtectiveStop(config.stop_scale, config.resume_scale, config.resume_delay)
         self._is_armed = False
         self._pause_reason = "POWER_UP: not armed yet"
+        self._order = 0
         self._output = STILL
         self._last_step_ns: int | None = None
         self._stale_since_ns: int | None = None
@@ -116,6 +117,10 @@ class VelocityGate:
         self._pause_reason = reason
         self._selector.void(now_ns)
 
+    def order_stop(self, level: int) -> None:
+        """Obey an order from outside: 0 lets motion pass, 1 turning only, 2 nothing, and so does any other number. It latches nothing: 0 ends it."""
+        self._order = level if level in (0, 1) else 2
+
     def emergency_stop(self, now_ns: int, cause: str, reason: str) -> None:
         """Latch an emergency stop for a cause that is over once it was reported, such as a button in a page."""
         self._latch.stop(cause, reason)
@@ -152,12 +157,15 @@ class VelocityGate:
         stale = self._stale_input(now_ns)
         if stale is not None:
             return self._finish(STILL, GateState.FAULT, stale)  # it sees nothing: as hard as the base can
+        if self._order == 2:
+            return self._finish(self._towards(STILL, dt), GateState.PAUSED, "PAUSED: by an order to stop")
         return self._drive(now_ns, dt)
 
     def _drive(self, now_ns: int, dt: float) -> GateStep:
         selected = self._selector.select(now_ns)
         source, wanted = selected if selected is not None else ("", STILL)
         wanted = limit_speed(wanted, self._limits)
+        wanted = BodyVelocity(0.0, 0.0, wanted.wz) if self._order == 1 else wanted
         points = self._points_now()
         if self._odometry is not None:
             wanted = self._approach.limited(wanted, self._odometry[1], now_ns)

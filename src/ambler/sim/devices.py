@@ -17,11 +17,12 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se3 import Vector3
 from ambler.sim.body import TICK, TICK_NS, Body
 from ambler.sim.camera import CameraSpec
+from ambler.sim.depth_camera import DepthCameraSensor
 from ambler.sim.dock_camera import DockCamera
 from ambler.sim.imu import ImuSensor
 from ambler.sim.lidar import LidarSensor
 from ambler.sim.odometry import DeadReckoning
-from ambler.sim.sensors import ImuSpec, LidarSpec, UltrasonicSpec
+from ambler.sim.sensors import DepthCameraSpec, ImuSpec, LidarSpec, UltrasonicSpec
 from ambler.sim.ultrasonic import UltrasonicSensor
 from ambler.sim.world import World
 
@@ -269,6 +270,46 @@ class SimulatedCamera(SimulatedDevice[m.Image]):
         if self._next_ns <= now_ns <= self._wanted_until_ns:
             self._next_ns = now_ns + self._rate_ns
             self._send(self.take_picture())
+
+
+class SimulatedDepthCamera(SimulatedDevice[m.Image]):
+    """A depth camera: a picture arrives `latency` after it was taken. It takes them only while they are wanted."""
+
+    def __init__(self, world: World, body: Body, frame: str, spec: DepthCameraSpec) -> None:
+        spec = spec.perfect() if world.config.is_perfect else spec
+        period_ns, first_ns = round(spec.period * 1e9), round(spec.phase * 1e9)
+        super().__init__(world, body, frame, period_ns, first_ns, round(spec.latency * 1e9))
+        self.frame = frame
+        self.spec = spec
+        self._sensor = DepthCameraSensor(spec, frame, world.scene, body.seed)
+        self._poll_ns = _poll_ns(period_ns, first_ns + self._latency_ns)
+        self._wanted_until_ns = NEVER_NS
+
+    @property
+    def poll_period(self) -> float:
+        """Seconds, so that a reader meets the instants of arrival."""
+        return self._poll_ns * 1e-9
+
+    @property
+    def model(self) -> CameraModel:
+        """How it projects."""
+        return self.spec.model
+
+    def request(self, until_ns: int) -> None:
+        """Take pictures until that instant."""
+        self._wanted_until_ns = max(self._wanted_until_ns, until_ns)
+
+    def _measure(self, now_ns: int, elapsed_ns: int) -> None:
+        if now_ns > self._wanted_until_ns:
+            return
+        body = self._body
+        movers = self._world.movers_around(body, 0.0)
+        measured = self._sensor.take(body.world_from_base @ body.mounts[self.frame], now_ns, movers)
+        sent = body.faults.pass_on(measured, elapsed_ns * 1e-9)
+        if sent is None:
+            self._lost += 1
+        else:
+            self._send(sent[0], round(sent[1] * 1e9))
 
 
 class SimulatedBattery(SimulatedDevice[m.BatteryState]):

@@ -1,7 +1,7 @@
 """Faults on demand: what goes wrong, when, and with what, written `kind[@target][:begin[:end]]` with seconds after the start.
 
 wheel_slip       wheels (legs) turn as told, but the base moves only 70 % of that way; odometry does not know
-scanner_dropout  a scanner (or transducer) sends nothing; the target is its frame, `all`, or the first one
+scanner_dropout  a scanner (or transducer, or depth camera) sends nothing; the target is its frame, `all`, or the first one
 scanner_stuck    a scanner sends its last measurement again and again, with new stamps
 delayed_stamps   a scanner's messages come 0.2 s late and are stamped as if they had been measured then
 people           three people more, who walk straight ways chosen by the seed, far from the start; they stand outside of the time. The target
@@ -31,7 +31,7 @@ from typing import TypeVar, cast
 import numpy as np
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import LaserScan, PointCloud, Range
+from ambler.core.messages import Image, LaserScan, PointCloud, Range
 from ambler.core.se2 import SE2
 from ambler.sim.air import Air, Airborne
 from ambler.sim.dock_body import without_marks
@@ -79,8 +79,8 @@ TARGETED = (*OF_SCANNERS, *OF_AIR, FaultKind.DOOR, FaultKind.PEOPLE)
 SHARE_OF = {FaultKind.DUST: 0.3, FaultKind.RAIN: 0.1}
 LASTING = (FaultKind.GLASS, FaultKind.UNMARKED)
 OF_WORLD = (FaultKind.PEOPLE, FaultKind.DOOR, FaultKind.GLASS, FaultKind.UNMARKED, FaultKind.NO_POWER)
-Measurement = LaserScan | PointCloud | Range
-S = TypeVar("S", LaserScan, PointCloud, Range, LaserScan | PointCloud)
+Measurement = LaserScan | PointCloud | Range | Image
+S = TypeVar("S", LaserScan, PointCloud, Range, Image, LaserScan | PointCloud)
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,3 +49,16 @@ def as_built(robot: SimRobot, seed: int, errors: RigErrors | None = None) -> Sim
         model = replace(model, sensors=tuple(moved if m.frame == mount.frame else m for m in model.sensors))
         lidars[mount.frame] = replace(lidars[mount.frame], clock=flaw.clock)
     return replace(robot, model=model, lidars=lidars)
+
+
+def with_depth_mounts_off(robot: SimRobot, seed: int, place: float, angle: float) -> SimRobot:
+    """Return a robot whose depth cameras are off by up to `place` (m) in each axis and up to `angle` (rad) about each, evenly drawn by the seed;
+    its drawing stays as it is."""
+    model = robot.model
+    for mount in model.depth_cameras:
+        off = named_generator(seed, f"mount-{mount.frame}").uniform(-1.0, 1.0, 6)
+        x, y, z = (float(place * v) for v in off[:3])
+        built = mount.base_from_sensor @ SE3.from_rpy((x, y, z), *(float(angle * v) for v in off[3:]))
+        moved = replace(mount, base_from_sensor=built)
+        model = replace(model, sensors=tuple(moved if m.frame == mount.frame else m for m in model.sensors))
+    return replace(robot, model=model)

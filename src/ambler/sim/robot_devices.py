@@ -7,6 +7,7 @@ from ambler.sim.devices import (
     SimulatedBase,
     SimulatedBattery,
     SimulatedCamera,
+    SimulatedDepthCamera,
     SimulatedImu,
     SimulatedLegs,
     SimulatedLidar,
@@ -25,6 +26,7 @@ def robot_devices(world: World, name: str) -> RobotDevices:
         imus=tuple(SimulatedImu(world, body, frame, spec) for frame, spec in robot.imus.items()),
         ranges=tuple(SimulatedRange(world, body, frame, spec) for frame, spec in robot.ultrasonics.items()),
         cameras=tuple(SimulatedCamera(world, body, frame, spec) for frame, spec in robot.cameras.items()),
+        depth_cameras=tuple(SimulatedDepthCamera(world, body, f, spec) for f, spec in robot.depth_cameras.items()),
         battery=SimulatedBattery(world, body),
         legs=SimulatedLegs(world, body) if robot.gait is not None else None,
     )

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ambler.core.robot import RobotModel
-from ambler.robots.catalog import TILTED, ULTRASONIC, is_urdf, robot_description, robot_names, split_options
+from ambler.robots.catalog import DEPTH, TILTED, ULTRASONIC, is_urdf, robot_description, robot_names, split_options
 from ambler.robots.spatial_robots import IMU_FRAME, LIDAR_FRAME, tilted
 from ambler.sim.camera import CameraSpec
+from ambler.sim.depth_camera import with_simulated_depth_cameras
 from ambler.sim.sensors import (
     HUMANOID,
     ICM_40609,
@@ -32,22 +33,24 @@ __all__ = ["SimRobot", "robot_named", "robot_names"]
 
 
 def robot_named(name: str) -> SimRobot:
-    """Return a simulated robot by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers, `+tilted` tilts the
-    LiDAR of `mecanum`.
+    """Return a simulated robot by its name, or from a URDF file; `+ultrasonic` after it adds a ring of transducers, `+depth` depth cameras,
+    `+tilted` tilts the LiDAR of `mecanum`.
 
     Raises BadInputError with the known names.
     """
     base, options = split_options(name)
     robot = load_urdf(Path(base)) if is_urdf(base) else _built_in(base)
     robot = replace(robot, model=tilted(robot.model)) if TILTED in options else robot
+    robot = with_simulated_depth_cameras(robot) if DEPTH in options else robot
     return with_ultrasonic_ring(robot) if ULTRASONIC in options else robot
 
 
 def _built_in(name: str) -> SimRobot:
     described = robot_description(name)
     model, chassis = described.model, asdict(described.chassis)
-    if name == "diff":
-        return SimRobot(model, {"laser": SCANNER_360}, {"imu": MEMS_IMU}, WHEEL_ODOMETRY, mass=30.0, **chassis)
+    if name in ("diff", "porter"):
+        mass = 30.0 if name == "diff" else 45.0
+        return SimRobot(model, {"laser": SCANNER_360}, {"imu": MEMS_IMU}, WHEEL_ODOMETRY, mass=mass, **chassis)
     if name == "spot":
         lidars = {"velodyne": VLP_16}
         return SimRobot(model, lidars, {"imu": MEMS_IMU}, LEG_ODOMETRY, mass=35.0, gait=GaitSpec(), **chassis)

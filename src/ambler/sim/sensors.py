@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.robots.sensors import SCANNERS, TRANSDUCERS, ScannerGeometry, TransducerGeometry
+from ambler.robots.sensors import (
+    DEPTH_CAMERAS,
+    SCANNERS,
+    TRANSDUCERS,
+    DepthGeometry,
+    ScannerGeometry,
+    TransducerGeometry,
+)
 
 
 def named_generator(seed: int, name: str) -> np.random.Generator:
@@ -98,6 +105,32 @@ class UltrasonicSpec(TransducerGeometry):
     def perfect(self) -> UltrasonicSpec:
         """The same transducer without noise, losses and crosstalk."""
         return replace(self, sigma=0.0, dropout=0.0, crosstalk=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCameraSpec(DepthGeometry):
+    """A stereo depth camera as it is: a picture every `period` seconds, `phase` after the others, `latency` seconds on its way. Noise along the
+    axis is `sigma` times the distance squared. An element has no depth beyond `reach` (m), with probability `dropout`, in a patch of
+    `patch` elements' side with probability `patches`, on surfaces met flatter than `grazing_cosine`, and with probability `shadow` right
+    beside an edge in depth of more than `edge` metres, where one eye sees what the other does not; with probability `flying` it lies there
+    anywhere between the two surfaces."""
+
+    period: float
+    sigma: float
+    reach: float
+    dropout: float
+    patch: int
+    patches: float
+    grazing_cosine: float
+    edge: float
+    shadow: float
+    flying: float
+    latency: float
+    phase: float = 0.0
+
+    def perfect(self) -> DepthCameraSpec:
+        """The same camera without noise and losses."""
+        return replace(self, sigma=0.0, dropout=0.0, patches=0.0, grazing_cosine=0.0, shadow=0.0, flying=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +241,23 @@ TRANSDUCER_30 = UltrasonicSpec(
     crosstalk=0.002,
     incidence_max=math.radians(65.0),
     latency=0.02,
+)
+
+# RealSense D430 module, ten pictures a second. Noise of stereo: distance² · error of the match / (focal length · baseline), with 0.06 elements of
+# error after binning, 447 elements and 50 mm (Intel's tuning guide); it says more than the 4 m that are used.
+D430 = DepthCameraSpec(
+    **asdict(DEPTH_CAMERAS["d430"]),
+    period=0.1,
+    sigma=0.0027,
+    reach=10.0,
+    dropout=0.02,
+    patch=6,
+    patches=0.01,
+    grazing_cosine=0.05,
+    edge=0.15,
+    shadow=0.3,
+    flying=0.3,
+    latency=0.03,
 )
 
 # A generic MEMS unit of the MTi-1 class; turn-on biases are those that remain after the usual stand-still calibration.

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 from ambler.core.robot import RobotModel
 from ambler.sim.camera import CameraSpec
-from ambler.sim.sensors import GaitSpec, ImuSpec, LidarSpec, OdometrySpec, UltrasonicSpec
+from ambler.sim.sensors import DepthCameraSpec, GaitSpec, ImuSpec, LidarSpec, OdometrySpec, UltrasonicSpec
 
 
 @dataclass(frozen=True)
 class SimRobot:
-    """`lidars`, `imus`, `ultrasonics` and `cameras` map sensor frames of the model to what sits there.
+    """`lidars`, `imus`, `ultrasonics`, `cameras` and `depth_cameras` map sensor frames of the model to what sits there.
 
     `wheel_radius` (0: legs) and `track` describe driven wheels; with a `wheel_base` (distance of the axles) there are four
     mecanum wheels, else two. `strafe_loss` is the share of a sideways motion that the rollers lose and the encoders count.
@@ -32,6 +32,7 @@ class SimRobot:
     watchdog: float = 0.5
     ultrasonics: dict[str, UltrasonicSpec] = field(default_factory=dict)
     cameras: dict[str, CameraSpec] = field(default_factory=dict)
+    depth_cameras: dict[str, DepthCameraSpec] = field(default_factory=dict)
 
     @property
     def sensor_height(self) -> float:
@@ -46,8 +47,8 @@ class SimRobot:
 
     @property
     def faulty_frames(self) -> tuple[str, ...]:
-        """What can fail to send: scanners, then transducers."""
-        return (*self.lidars, *self.ultrasonics)
+        """What can fail to send: scanners, then transducers, then depth cameras."""
+        return (*self.lidars, *self.ultrasonics, *self.depth_cameras)
 
     @property
     def has_two_wheels(self) -> bool:

@@ -36,6 +36,7 @@ class SimulationOutput:
     true_poses: list[m.Odometry] = field(default_factory=list)
     contacts: list[m.Contact] = field(default_factory=list)
     batteries: list[m.BatteryState] = field(default_factory=list)
+    images: list[m.Image] = field(default_factory=list)
 
 
 class Simulation:
@@ -57,7 +58,7 @@ class Simulation:
         self.truth = GroundTruth(self.running, self.body)
         self.camera = next((c for c in self.devices.cameras if isinstance(c, SimulatedCamera)), None)
         d = self.devices
-        parts = (d.base, *d.lidars, *d.imus, *d.ranges, *d.cameras, d.battery, self.truth)
+        parts = (d.base, *d.lidars, *d.imus, *d.ranges, *d.cameras, *d.depth_cameras, d.battery, self.truth)
         self._parts = [part for part in parts if isinstance(part, SimulatedDevice)]
         for part in self._parts:
             part.open()
@@ -98,6 +99,7 @@ class Simulation:
             m.Imu: out.imus,
             m.Contact: out.contacts,
             m.BatteryState: out.batteries,
+            m.Image: out.images,
         }
         for part in self._parts:
             odometry = out.true_poses if part is self.truth else out.odometry

@@ -12,6 +12,7 @@ from ambler.robots.urdf import imu_elements, override, read_robot, scalar, spec_
 from ambler.robots.urdf_tree import UrdfTree, label
 from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sensors import (
+    D430,
     HUMANOID,
     ICM_40609,
     LEG_ODOMETRY,
@@ -25,6 +26,7 @@ from ambler.sim.sensors import (
     TROT,
     VLP_16,
     WHEEL_ODOMETRY,
+    DepthCameraSpec,
     GaitSpec,
     ImuSpec,
     LidarSpec,
@@ -44,6 +46,7 @@ LIDARS: dict[str, LidarSpec] = {
 }
 IMUS: dict[str, ImuSpec] = {"mems": MEMS_IMU, "mems_200": MEMS_IMU_200, "icm_40609": ICM_40609}
 ULTRASONICS: dict[str, UltrasonicSpec] = {"transducer_30": TRANSDUCER_30}
+DEPTH_CAMERAS: dict[str, DepthCameraSpec] = {"d430": D430}
 ODOMETRIES: dict[str, OdometrySpec] = {"wheels": WHEEL_ODOMETRY, "legs": LEG_ODOMETRY}
 GAITS: dict[str, GaitSpec] = {"trot": GaitSpec(), "small_trot": TROT, "two_legs": HUMANOID}
 
@@ -74,6 +77,7 @@ def load_urdf(path: Path) -> SimRobot:
         watchdog=scalar(tree, extension, "watchdog", 0.5),
         ultrasonics={n: spec_of(tree, e, ULTRASONICS, "transducer_30") for n, e in named("ultrasonic").items()},
         cameras={name: _camera(tree, e) for name, e in named("camera").items()},
+        depth_cameras={n: spec_of(tree, e, DEPTH_CAMERAS, "d430") for n, e in named("depth").items()},
     )
 
 

@@ -12,7 +12,7 @@ from ambler.robots.description import Chassis, RobotDescription
 from ambler.robots.urdf_writer import differences, robot_tree, text_of, write_tree
 from ambler.sim.camera import FRONT_CAMERA, CameraSpec, PictureNoise
 from ambler.sim.sim_robot import SimRobot
-from ambler.sim.urdf import GAITS, IMUS, LIDARS, ODOMETRIES, ULTRASONICS
+from ambler.sim.urdf import DEPTH_CAMERAS, GAITS, IMUS, LIDARS, ODOMETRIES, ULTRASONICS
 
 
 def save_urdf(robot: SimRobot, path: Path) -> None:
@@ -43,6 +43,8 @@ def _said(robot: SimRobot, element: Element) -> dict[str, str] | None:
         return _nearest(robot.lidars[frame], LIDARS)
     if element.tag == "ultrasonic":
         return _nearest(robot.ultrasonics[frame], ULTRASONICS)
+    if element.tag == "depth":
+        return _nearest(robot.depth_cameras[frame], DEPTH_CAMERAS)
     if element.tag == "imu":
         return _nearest(robot.imus[frame], IMUS)
     return _camera(robot.cameras[frame]) if element.tag == "camera" else None

@@ -5,6 +5,7 @@ All times are those of the processor, one thread."""
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,11 +17,20 @@ from scipy.ndimage import distance_transform_edt
 from ambler.core.grid import GridSpec
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
 from ambler.costmap.inflation import cost_table
+from ambler.costmap.layer import Moment
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
+from ambler.costmap.voxel_layer import VoxelConfig, VoxelLayer, view_of_cloud, view_of_depth
 from ambler.kernels.distance_transform import inflate
+from ambler.robots.depth import optical
+from ambler.sim.depth_camera import DepthCameraSensor
+from ambler.sim.lidar import LidarSensor
+from ambler.sim.scene import build_scene
+from ambler.sim.sensors import D430, VLP_16
+from ambler.studies.made_overhangs import room_world
 from ambler.studies.planner_worlds import inflated, make_world
 from ambler.studies.timing import median_ms
 
@@ -42,6 +52,11 @@ def measure(sizes: Sequence[int], runs: int, seed: int, tell: Callable[[str], No
     tell(f"local costmap, 6 m, 720 rays: {fields['local_update_ms']:.3f} ms per update")
     fields["global_update_1000_ms"] = _global_update(runs)
     tell(f"global costmap, 1000 x 1000, 2 m changed: {fields['global_update_1000_ms']:.3f} ms per map")
+    fields |= _voxels(runs)
+    tell(
+        f"voxel layer, 6 m: {fields['voxel_depth_ms']:.3f} ms per depth picture of 106 x 60,"
+        f" {fields['voxel_cloud_ms']:.3f} ms per cloud of {fields['voxel_cloud_points']} points"
+    )
     return fields
 
 
@@ -99,6 +114,35 @@ def _global_update(runs: int) -> float:
     maps[1][100:140, 100:140] = 0
     turns = itertools.cycle(maps)
     return _median(lambda: costmap.set_map(spec, next(turns)), 4 * runs)
+
+
+def _voxels(runs: int) -> dict[str, Any]:
+    """What a depth picture and a cloud cost a local window in an office's worth of tables, from the message's array to the drawn cells."""
+    world = room_world(0).from_start()
+    scene, config = build_scene(world), VoxelConfig()
+    cells = math.ceil(LocalCostmapConfig().size / LocalCostmapConfig().resolution)
+    spec = GridSpec(0.05, cells, cells, -0.5, -3.0)
+    pose, mount = optical((0.25, 0.0, 1.12), 0.0, 20.0), SE3((0.0, 0.0, 0.78))
+    depth = DepthCameraSensor(D430, "depth", scene, 0).take(pose, 0).depth
+    lidar, still = LidarSensor(VLP_16, "velodyne", scene, 0), np.array([0.0, 0.1])
+    lidar.sweep(still, np.array([mount.translation] * 2), np.array([mount.rotation] * 2))
+    cloud = lidar.to_cloud(0)
+    layers = [VoxelLayer(config, 1.15), VoxelLayer(config, 0.83)]
+    poses, elevation = mount.matrix()[None, :3].copy(), (VLP_16.elevations[0], VLP_16.elevations[-1])
+
+    def see_depth() -> None:
+        layers[0].add(view_of_depth(depth, D430.model, pose, 0.0, D430.range_min, D430.range_max))
+        layers[0].update(spec, Moment())
+
+    def see_cloud() -> None:
+        layers[1].add(view_of_cloud(cloud.points, cloud.time, poses, 1.0, 0.0, VLP_16.range_min, elevation, config))
+        layers[1].update(spec, Moment())
+
+    return {
+        "voxel_depth_ms": _median(see_depth, 20 * runs),
+        "voxel_cloud_ms": _median(see_cloud, 20 * runs),
+        "voxel_cloud_points": len(cloud.points),
+    }
 
 
 def _median(work: Callable[[], object], runs: int) -> float:

@@ -342,8 +342,8 @@ class _Look:
         picture = self._sim.take_picture()
         world_from_base = self._sim.pose_at(picture.stamp_ns)
         first = self._dock.markers[0].spec
-        marker = next((s for s in self._finder.detect(picture.data) if s.marker == first), None)
-        dock = self._detector.detect(DockObservation(picture.stamp_ns, picture.data))
+        marker = next((s for s in self._finder.detect(picture.grey) if s.marker == first), None)
+        dock = self._detector.detect(DockObservation(picture.stamp_ns, picture.grey))
         if marker is None or dock is None:
             return None
         camera_from_true = (world_from_base @ self._mount).inverse() @ marker_poses(dock_of_world(self._world, NAME))[0]

@@ -111,6 +111,8 @@ _CODECS: dict[type[m.Message], Codec] = {
     m.OutsideCall: Codec(
         "ambler_msgs/msg/OutsideCall", ros_status.outside_call_to_ros, ros_status.outside_call_from_ros
     ),
+    m.Number: Codec("std_msgs/msg/Float32", ros_status.number_to_ros, ros_status.number_from_ros),
+    m.Code: Codec("std_msgs/msg/Int8", ros_status.code_to_ros, ros_status.code_from_ros),
     m.Text: Codec("std_msgs/msg/String", ros_status.text_to_ros, ros_status.text_from_ros),
     m.Status: Codec("ambler_msgs/msg/Status", ros_status.status_to_ros, ros_status.status_from_ros),
 }

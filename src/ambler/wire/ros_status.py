@@ -20,6 +20,8 @@ _GateStatus = record_class("ambler_msgs/msg/GateStatus")
 _Status = record_class("ambler_msgs/msg/Status")
 _OutsideCall = record_class("ambler_msgs/msg/OutsideCall")
 _BatteryState = record_class("sensor_msgs/msg/BatteryState")
+_Float32 = record_class("std_msgs/msg/Float32")
+_Int8 = record_class("std_msgs/msg/Int8")
 _String = record_class("std_msgs/msg/String")
 
 
@@ -95,6 +97,22 @@ def text_to_ros(message: m.Text) -> Any:
 
 def text_from_ros(record: Any) -> m.Text:
     return m.Text(0, record.data)
+
+
+def number_to_ros(message: m.Number) -> Any:
+    return _Float32(message.value)
+
+
+def number_from_ros(record: Any) -> m.Number:
+    return m.Number(0, float(record.data))
+
+
+def code_to_ros(message: m.Code) -> Any:
+    return _Int8(message.value)
+
+
+def code_from_ros(record: Any) -> m.Code:
+    return m.Code(0, int(record.data))
 
 
 def outside_call_to_ros(message: m.OutsideCall) -> Any:

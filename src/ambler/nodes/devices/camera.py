@@ -28,6 +28,7 @@ class CameraNode(DeviceNode):
         super().__init__(f"camera_{camera.frame}", (camera,))
         self._camera, self._image, self._info = camera, image, info
         self._calibration, self._is_always_on = calibration, is_always_on
+        self._renew_ns = 0
         self.outputs = (image, info, STATUS)
         self.serves = () if is_always_on else (CAMERA_PICTURES,)
 
@@ -38,8 +39,11 @@ class CameraNode(DeviceNode):
             self.ctx.serve(CAMERA_PICTURES, self._on_pictures)
 
     def poll(self) -> None:
-        if self._is_always_on:
+        if (
+            self._is_always_on and self.ctx.now_ns >= self._renew_ns
+        ):  # half a lease ahead: a line is not filled with requests
             self._camera.request(self.ctx.now_ns + LEASE_NS)
+            self._renew_ns = self.ctx.now_ns + LEASE_NS // 2
         for image in self._camera.read(self.ctx.now_ns):
             self.ctx.publish(self._image, image)
 

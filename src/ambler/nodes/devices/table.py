@@ -1,7 +1,7 @@
 """The one place that says on which topics a kind of sensor is told and which node reads it.
 
-Planar scanners: `scan` for the only one, `scanners` for several together, from where the merger takes them. Clouds, inertial units and
-cameras: the first on the plain topic, further ones on instances of it, named by their frames. All transducers share `ranges`.
+Planar scanners: `scan` for the only one, `scanners` for several together, from where the merger takes them. Clouds, inertial units,
+cameras and depth cameras: the first on the plain topic, further ones on instances of it, named by their frames. All transducers share `ranges`.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ SENSORS: Mapping[SensorKind, SensorRow] = {
     SensorKind.RANGE: SensorRow((topics.RANGES,), topics.RANGES, RangesNode),
     SensorKind.IMU: SensorRow((topics.IMU,), None, ImuNode),
     SensorKind.CAMERA: SensorRow((topics.IMAGE, topics.CAMERA_INFO), None, CameraNode),
+    SensorKind.DEPTH: SensorRow((topics.DEPTH, topics.DEPTH_INFO), None, CameraNode),
 }
 
 
@@ -85,6 +86,9 @@ def device_nodes(
     for k, camera in enumerate(devices.cameras):
         image, info = _topics(robot, camera)
         nodes.append(CameraNode(camera, image, info, calibration if k == 0 else None, is_always_on=k > 0))
+    for camera in devices.depth_cameras:
+        image, info = _topics(robot, camera)
+        nodes.append(CameraNode(camera, image, info, is_always_on=True))
     if devices.battery is not None:
         nodes.append(BatteryNode(devices.battery))
     if devices.joystick is not None:
