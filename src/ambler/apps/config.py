@@ -122,8 +122,8 @@ class RobotConfig:
         )
 
     def gate_for(self, robot: RobotModel) -> GateConfig:
-        """Return the gate's numbers: where the terrain is analysed, slopes that it takes are floor for the gate too, unless it is told of others."""
-        if self.gate.slope > 0.0 or not self.uses_terrain(robot):
+        """Return the gate's numbers: on a map of ground, slopes that the robot takes are floor for the gate too, unless it is told of others."""
+        if self.gate.slope > 0.0 or self.mapping != "ground" or not self.uses_terrain(robot):
             return self.gate
         return replace(self.gate, slope=math.tan(self.ground.steep))
 

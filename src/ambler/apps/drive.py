@@ -112,7 +112,7 @@ class DriveRun(Run):
         nodes = simulated_nodes(world, ROBOT, described=model, has_map=False)
         nodes += [
             *placing_nodes(model, scene.config, scene.cloud_map, scene.guess),
-            GateNode(model, scene.config.gate_for(model)),
+            GateNode(model, scene.config.gate),
         ]
         has_legs = scene.robot.gait is not None
         route = scene.route
