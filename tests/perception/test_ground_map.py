@@ -144,6 +144,16 @@ def test_a_level_that_is_wanted_is_gone_to_where_both_are_one():
     assert (ground.active, ground.wanted) == (0, None)
 
 
+def test_the_upper_deck_seen_from_the_ramp_stays_on_its_own_level():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3())
+    assert ground.active == 0
+    feed(ground, window(14.0, 20.0, 5.0, 8.0, 3.5), SE3((19.0, 6.0, 3.0)))
+    level = ground.levels[0]
+    assert np.isnan(level.heights[level.spec.cell_of(15.0, 7.0)])
+
+
 def test_some_ground_of_another_level_does_not_change_this_one():
     """Less than makes a level: the first of an upper deck that is seen over the end of a ramp."""
     ground = GroundMap()

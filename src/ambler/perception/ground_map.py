@@ -143,6 +143,11 @@ class Level:
     evidence: NDArray[np.int8] = field(repr=False)
     heights: F32 = field(repr=False)
 
+    @property
+    def is_begun(self) -> bool:
+        """Whether anything is known of it."""
+        return bool((self.evidence != kernels.UNKNOWN).any())
+
     def occupancy(self) -> NDArray[np.int8]:
         """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied."""
         out = np.full(self.spec.shape, OCC_UNKNOWN, np.int8)
@@ -229,9 +234,12 @@ class GroundMap:
         box, spec = _box(level.spec, flat.transform(window.corners())), _spec(level.spec)
         base = flat.transform(plane[None, :2])[0]
         frames = (_turn(flat.inverse()), rise, base, c.assumed, 2.0 * c.level_step, spec, box)
+        was_unknown, is_begun = level.evidence[_inside(box)] == kernels.UNKNOWN, level.is_begun
         changed = kernels.merge(
             window.kinds, window.marks, window.heights, window.origin, *frames, level.evidence, level.heights
         )
+        if is_begun:  # the first window of a level is on the one from which the robot comes, too
+            self._leave_to_others(level, _inside(box), was_unknown)
         self.version += int(changed > 0)
 
     def occupancy(self, k: int) -> NDArray[np.int8]:
@@ -259,7 +267,8 @@ class GroundMap:
             if not fits.is_contradicted and fits.same >= self.config.level_cells:
                 return self._go_to(wanted)
         here = self._agreement(self.active, window, map_from_odom, rise)
-        if not here.is_contradicted:
+        is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
+        if not here.is_contradicted and not is_off:
             if not self._way or math.dist(self._way[-1].translation, base.translation) > self.config.stride:
                 self._way.append(base)
             return None
@@ -267,7 +276,27 @@ class GroundMap:
         free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.same >= self.config.level_cells]
         if free:
             return self._go_to(max(free)[1])
+        if not here.is_contradicted:
+            return None
         return self._found_level(window, map_from_odom, here.height, base)
+
+    def _leave_to_others(self, level: Level, inner: tuple[slice, slice], is_new: NDArray[np.bool_]) -> None:
+        """Forget what is new on a level and known at that height on another one: the upper deck, seen from the end of the ramp."""
+        rows, columns = inner
+        for other in self.levels:
+            if other is level:
+                continue
+            diy, dix = level.spec.offset_in(other.spec)
+            y0, y1 = max(rows.start, -diy), min(rows.stop, other.spec.height - diy)
+            x0, x1 = max(columns.start, -dix), min(columns.stop, other.spec.width - dix)
+            if y1 <= y0 or x1 <= x0:
+                continue
+            its = np.s_[y0 + diy : y1 + diy, x0 + dix : x1 + dix]
+            of_box = np.s_[y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
+            same = np.abs(level.heights[y0:y1, x0:x1] - other.heights[its]) <= self.config.level_step
+            gone = is_new[of_box] & same & (other.evidence[its] != kernels.UNKNOWN)
+            level.evidence[y0:y1, x0:x1][gone] = kernels.UNKNOWN
+            level.heights[y0:y1, x0:x1][gone] = np.nan
 
     def _found_level(self, window: Window, map_from_odom: SE2, height: float, base: SE3) -> None:
         """Begin another level at `height`, what the present one already holds of it becomes unknown there; the last place of the way that lies lower or higher is on both."""
