@@ -164,9 +164,9 @@ def _meaning(evidence):
 
 
 @jit
-def agreement(kinds, heights, origin, odom_from_map, rise, spec, box, evidence, map_heights, tolerance):
-    """Return how many cells of the map's box agree with a window's ground within `tolerance` (m), how many contradict it by more than twice
-    that, and how high the window's ground is there on average."""
+def agreement(kinds, heights, origin, odom_from_map, rise, base, reach, spec, box, evidence, map_heights, tolerance):
+    """Return how many cells of the map's box agree with a window's ground within `tolerance` (m), how many within `reach` of `base` (x, y)
+    contradict it by more than twice that, and how high the window's ground is there on average."""
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
     y0, y1, x0, x1 = box
@@ -184,7 +184,7 @@ def agreement(kinds, heights, origin, odom_from_map, rise, spec, box, evidence, 
             off = abs(heights[int(v), int(u)] + rise - map_heights[iy, ix])
             if off <= tolerance:
                 same += 1
-            elif off > 2.0 * tolerance:
+            elif off > 2.0 * tolerance and (mx - base[0]) ** 2 + (my - base[1]) ** 2 <= reach * reach:
                 other += 1
                 total += heights[int(v), int(u)] + rise
     return same, other, total / max(other, 1)
@@ -199,4 +199,4 @@ def warm_up() -> None:
     evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
     merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), 5.0, 1.0, spec, box, evidence, map_heights)
-    agreement(kinds, heights, origin, turn, 0.0, spec, box, evidence, map_heights, 0.5)
+    agreement(kinds, heights, origin, turn, 0.0, np.zeros(2), 3.0, spec, box, evidence, map_heights, 0.5)

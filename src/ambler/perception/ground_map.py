@@ -47,6 +47,8 @@ class GroundMapConfig:
     level_step      heights that agree within this are one level, those more than twice as far off contradict: half of a car's height, and what odometry drifts
     level_share     share of a window's known cells that must contradict before another level is looked for
     level_cells     and how many of them at least
+    level_reach     metres from the robot within which they count: farther away it may see another level from this one
+    level_back      metres before the place where a level began to the place of the way that counts as being on both
     border          metres beyond the ground that two levels share within which what is known of one is not looked for on the other
     stride          metres between the places that the way of the robot is kept by
     """
@@ -58,7 +60,9 @@ class GroundMapConfig:
     block: float = 12.8
     level_step: float = 0.7
     level_share: float = 0.02
-    level_cells: int = 200
+    level_cells: int = 120
+    level_reach: float = 3.0
+    level_back: float = 2.5
     border: float = 1.0
     stride: float = 1.0
 
@@ -263,16 +267,16 @@ class GroundMap:
         """Go to the level that a window belongs to: the wanted one where it fits, else the present one, unless it contradicts it."""
         wanted = self.wanted
         if wanted is not None and wanted != self.active and wanted < len(self.levels):
-            fits = self._agreement(wanted, window, map_from_odom, rise)
+            fits = self._agreement(wanted, window, map_from_odom, rise, base)
             if not fits.is_contradicted and fits.same >= self.config.level_cells:
                 return self._go_to(wanted)
-        here = self._agreement(self.active, window, map_from_odom, rise)
+        here = self._agreement(self.active, window, map_from_odom, rise, base)
         is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
         if not here.is_contradicted and not is_off:
             if not self._way or math.dist(self._way[-1].translation, base.translation) > self.config.stride:
                 self._way.append(base)
             return None
-        found = [(self._agreement(k, window, map_from_odom, rise), k) for k in range(len(self.levels))]
+        found = [(self._agreement(k, window, map_from_odom, rise, base), k) for k in range(len(self.levels))]
         free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.same >= self.config.level_cells]
         if free:
             return self._go_to(max(free)[1])
@@ -305,7 +309,12 @@ class GroundMap:
         of_new = np.abs(self.level.heights[inner] - height) <= step
         self.level.evidence[inner][of_new] = kernels.UNKNOWN
         self.level.heights[inner][of_new] = np.nan
-        shared = [place for place in self._way if abs(place.translation[2] - height) > step]
+        shared = [
+            place
+            for place in self._way
+            if abs(place.translation[2] - height) > step
+            and math.dist(place.translation, base.translation) > self.config.level_back
+        ]
         place = (shared[-1] if shared else base).to_se2()
         self._begin(window, map_from_odom)
         new = len(self.levels) - 1
@@ -317,11 +326,12 @@ class GroundMap:
         self.active, self.wanted, self._way = level, None, []
         self.version += 1
 
-    def _agreement(self, k: int, window: Window, map_from_odom: SE2, rise: float) -> _Agreement:
+    def _agreement(self, k: int, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> _Agreement:
         """Compare a window with a level."""
         level, c = self.levels[k], self.config
         box = _box(level.spec, map_from_odom.transform(window.corners()))
-        frames = (_turn(map_from_odom.inverse()), rise, _spec(level.spec), box, level.evidence, level.heights)
+        near = (np.array(base.translation[:2]), c.level_reach)
+        frames = (_turn(map_from_odom.inverse()), rise, *near, _spec(level.spec), box, level.evidence, level.heights)
         same, other, height = kernels.agreement(window.kinds, window.heights, window.origin, *frames, c.level_step)
         is_other = other >= c.level_cells and other >= c.level_share * (same + other)
         return _Agreement(int(same), is_other, float(height))
