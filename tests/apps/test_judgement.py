@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from ambler.apps.config import RobotConfig
 from ambler.apps.docks import dock_of_world
 from ambler.apps.judgement import Verdict, is_good, judge, missing_floor
 from ambler.apps.run_folder import RunFolder
@@ -82,6 +83,7 @@ def judged(
         stack=SimpleNamespace(node=lambda name: None),
         folder=folder,
         model=robot_named("amr_omni").model,
+        config=RobotConfig(),
         scene=SimpleNamespace(world=WORLD),
         world_from_map=WORLD_FROM_MAP,
         options=SimpleNamespace(is_apart=False, robot="amr_omni", makes_map=True, is_unknown=False, docks_wanted=True),

@@ -133,5 +133,5 @@ def test_a_world_is_shown_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_spatial_place_has_no_other_day() -> None:
     with pytest.raises(BadInputError, match="no furniture"):
         draw_place("site", 1, 2)
-    with pytest.raises(BadInputError, match="site, garage, tunnel"):
+    with pytest.raises(BadInputError, match="site, plot, garage, tunnel"):
         draw_place("moon", 1)

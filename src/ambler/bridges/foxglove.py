@@ -44,8 +44,10 @@ CLIENT_POSES: Mapping[str, tuple[Topic[Any], str]] = {
     "/initialpose": (table.SET_POSE, ESTIMATE_SCHEMA),
 }
 # What else they may order.
+VELOCITIES = (table.TELEOP_REQUEST, table.STEER_REQUEST)
+"""What viewers may not publish: nobody can let go of a stick on a bad line."""
 CLIENT_ORDERS: Mapping[str, Topic[Any]] = {
-    t.ros_name: t for t in table.order_topics() if t not in (table.GOAL, table.SET_POSE, table.TELEOP_REQUEST)
+    t.ros_name: t for t in table.order_topics() if t not in (table.GOAL, table.SET_POSE, *VELOCITIES)
 }
 CLIENT_TOPICS = (*CLIENT_POSES, *CLIENT_ORDERS)
 
