@@ -43,9 +43,9 @@ CLIENT_POSES: Mapping[str, tuple[Topic[Any], str]] = {
     "/move_base_simple/goal": (table.GOAL, POSE_SCHEMA),
     "/initialpose": (table.SET_POSE, ESTIMATE_SCHEMA),
 }
-# What else they may order.
+# What viewers may not publish: on a bad line nobody can let go of a stick.
 VELOCITIES = (table.TELEOP_REQUEST, table.STEER_REQUEST)
-"""What viewers may not publish: nobody can let go of a stick on a bad line."""
+# What else they may order.
 CLIENT_ORDERS: Mapping[str, Topic[Any]] = {
     t.ros_name: t for t in table.order_topics() if t not in (table.GOAL, table.SET_POSE, *VELOCITIES)
 }

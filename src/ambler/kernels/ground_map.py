@@ -164,13 +164,13 @@ def _meaning(evidence):
 
 
 @jit
-def agreement(kinds, heights, origin, odom_from_map, rise, base, reach, spec, box, evidence, map_heights, tolerance):
-    """Return how many cells of the map's box agree with a window's ground within `tolerance` (m), how many within `reach` of `base` (x, y)
-    contradict it by more than twice that, and how high the window's ground is there on average."""
+def agreement(kinds, heights, origin, odom_from_map, rise, base, limits, spec, box, evidence, map_heights, tolerance):
+    """Return how many cells of the map's box agree with a window's ground within `tolerance` (m) and lie within `limits[0]` metres of `base` (x, y), how many
+    agree at all, how many within `limits[1]` contradict it by more than twice that, and how high the window's ground is there on average."""
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
     y0, y1, x0, x1 = box
-    same, other, total = 0, 0, 0.0
+    close, same, other, total = 0, 0, 0, 0.0
     for iy in range(y0, y1):
         my = spec[1] + (iy + 0.5) * spec[2]
         for ix in range(x0, x1):
@@ -181,13 +181,15 @@ def agreement(kinds, heights, origin, odom_from_map, rise, base, reach, spec, bo
             v = (s * mx + c * my + ty - origin[1]) / origin[2]
             if not (0.0 <= u < nx and 0.0 <= v < ny) or kinds[int(v), int(u)] != GROUND:
                 continue
-            off = abs(heights[int(v), int(u)] + rise - map_heights[iy, ix])
+            height = heights[int(v), int(u)] + rise
+            off, away = abs(height - map_heights[iy, ix]), math.hypot(mx - base[0], my - base[1])
             if off <= tolerance:
                 same += 1
-            elif off > 2.0 * tolerance and (mx - base[0]) ** 2 + (my - base[1]) ** 2 <= reach * reach:
+                close += away <= limits[0]
+            elif off > 2.0 * tolerance and away <= limits[1]:
                 other += 1
-                total += heights[int(v), int(u)] + rise
-    return same, other, total / max(other, 1)
+                total += height
+    return close, same, other, total / max(other, 1)
 
 
 def warm_up() -> None:
@@ -199,4 +201,6 @@ def warm_up() -> None:
     evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
     merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), 5.0, 1.0, spec, box, evidence, map_heights)
-    agreement(kinds, heights, origin, turn, 0.0, np.zeros(2), 3.0, spec, box, evidence, map_heights, 0.5)
+    agreement(
+        kinds, heights, origin, turn, 0.0, np.zeros(2), np.array([1.5, 3.0]), spec, box, evidence, map_heights, 0.5
+    )

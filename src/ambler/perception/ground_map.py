@@ -47,6 +47,7 @@ class GroundMapConfig:
     level_step      heights that agree within this are one level, those more than twice as far off contradict: half of a car's height, and what odometry drifts
     level_share     share of a window's known cells that must contradict before another level is looked for
     level_cells     and how many of them at least
+    level_stand     metres around the robot within which as many cells must agree for it to stand on a level
     level_reach     metres from the robot within which they count: farther away it may see another level from this one
     level_back      metres before the place where a level began to the place of the way that counts as being on both
     border          metres beyond the ground that two levels share within which what is known of one is not looked for on the other
@@ -61,6 +62,7 @@ class GroundMapConfig:
     level_step: float = 0.7
     level_share: float = 0.02
     level_cells: int = 120
+    level_stand: float = 1.5
     level_reach: float = 3.0
     level_back: float = 2.5
     border: float = 1.0
@@ -182,9 +184,10 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class _Agreement:
-    """How a window fits a level: with how many cells it agrees, whether it contradicts it, and how high it is where it does (m)."""
+    """How a window fits a level: with how many cells it agrees, whether the robot stands on such, whether it contradicts it, and how high it is where it does (m)."""
 
     same: int
+    is_on: bool
     is_contradicted: bool
     height: float
 
@@ -268,7 +271,7 @@ class GroundMap:
         wanted = self.wanted
         if wanted is not None and wanted != self.active and wanted < len(self.levels):
             fits = self._agreement(wanted, window, map_from_odom, rise, base)
-            if not fits.is_contradicted and fits.same >= self.config.level_cells:
+            if not fits.is_contradicted and fits.is_on:
                 return self._go_to(wanted)
         here = self._agreement(self.active, window, map_from_odom, rise, base)
         is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
@@ -277,7 +280,7 @@ class GroundMap:
                 self._way.append(base)
             return None
         found = [(self._agreement(k, window, map_from_odom, rise, base), k) for k in range(len(self.levels))]
-        free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.same >= self.config.level_cells]
+        free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.is_on]
         if free:
             return self._go_to(max(free)[1])
         if not here.is_contradicted:
@@ -330,11 +333,12 @@ class GroundMap:
         """Compare a window with a level."""
         level, c = self.levels[k], self.config
         box = _box(level.spec, map_from_odom.transform(window.corners()))
-        near = (np.array(base.translation[:2]), c.level_reach)
+        near = (np.array(base.translation[:2]), np.array([c.level_stand, c.level_reach]))
         frames = (_turn(map_from_odom.inverse()), rise, *near, _spec(level.spec), box, level.evidence, level.heights)
-        same, other, height = kernels.agreement(window.kinds, window.heights, window.origin, *frames, c.level_step)
+        found = kernels.agreement(window.kinds, window.heights, window.origin, *frames, c.level_step)
+        close, same, other, height = found
         is_other = other >= c.level_cells and other >= c.level_share * (same + other)
-        return _Agreement(int(same), is_other, float(height))
+        return _Agreement(int(same), bool(close >= c.level_cells), is_other, float(height))
 
     def _begin(self, window: Window, map_from_odom: SE2) -> None:
         """Begin a level around a window."""
