@@ -543,6 +543,14 @@ ROWS: Sequence[Row] = (
         _at_most(update_median_ms=3.0, search_median_ms=3.0, core_share_pct=20.0),
     ),
     Row(
+        "table tops, signs, bars and drawers above a planar scanner, drawn, mounts off: with depth cameras and voxels, and without",
+        "0 collisions",
+        "overhangs.json",
+        "{with_voxels.reached} of {with_voxels.goals} goals, {with_voxels.collisions} collisions in {with_voxels.runs} runs; without {without.reached} of {without.goals}, "
+        "{without.collisions} collisions",
+        _at_most("with_voxels.", collisions=0),
+    ),
+    Row(
         "sites in three dimensions, drawn (plots with slopes and kerbs, garages of two levels), explored by `go2` and `mecanum`",
         "10 sites: ≥ 98 % of the visible surface, with proof, at home, 0 collisions; path ≤ 2 × the tour with full knowledge",
         "sites.json",
