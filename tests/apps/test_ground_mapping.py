@@ -12,6 +12,7 @@ from ambler.apps.scene import RunOptions, checked_scene
 from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.missions.recovery import RecoveryAction
 from ambler.nodes.steps import NavigateStep
 from ambler.sim.robots import robot_named
 from ambler.wire.ground_files import load_levels
@@ -23,6 +24,9 @@ def test_where_the_ground_is_not_level_a_robot_that_can_maps_it_and_its_gate_tak
     go2 = robot_named("go2").model
     assert config.gate_for(go2).slope == pytest.approx(math.tan(config.ground.steep))
     assert config.global_costmap.inflation.inscribed_radius > go2.inscribed_radius + 0.2
+    actions = {step.action for step in config.navigation.recoveries}
+    assert RecoveryAction.BACK_UP not in actions, "it does not see where it backs up to"
+    assert RecoveryAction.ROTATE in actions
 
 
 @pytest.mark.parametrize(

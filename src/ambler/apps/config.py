@@ -36,6 +36,7 @@ from ambler.localization.reflectors import ReflectorMap
 from ambler.localization.surface_map import SurfaceMap
 from ambler.missions.explore_commands import ExploreConfig
 from ambler.missions.navigate import NavigationConfig
+from ambler.missions.recovery import RecoveryAction
 from ambler.nodes.docking import DockingNodeConfig
 from ambler.nodes.localization import LocalizationNodeConfig
 from ambler.nodes.slam2d import Slam2dNodeConfig
@@ -242,13 +243,19 @@ def can_map_ground(robot: RobotModel) -> bool:
 
 def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
     """Return a configuration for sites: the planner leaves out gaps in which the robot could not turn, up to `TURNING_MOST` on either side. Between two parked cars
-    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to."""
+    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either."""
     room = min(TURNING_MOST, robot.circumscribed_radius - robot.inscribed_radius + PADDING)
     inflation = replace(
         config.global_costmap.inflation, inscribed_radius=robot.inscribed_radius + max(room, 2.0 * PADDING)
     )
     survey = replace(config.survey, roomy_cost=turning_cost(robot, inflation))
-    return replace(config, global_costmap=replace(config.global_costmap, inflation=inflation), survey=survey)
+    onwards = tuple(step for step in config.navigation.recoveries if step.action is not RecoveryAction.BACK_UP)
+    return replace(
+        config,
+        global_costmap=replace(config.global_costmap, inflation=inflation),
+        survey=survey,
+        navigation=replace(config.navigation, recoveries=onwards),
+    )
 
 
 def unknown_ground(config: RobotConfig) -> RobotConfig:

@@ -546,20 +546,20 @@ ROWS: Sequence[Row] = (
         "table tops, signs, bars and drawers above a planar scanner, drawn, mounts off: with depth cameras and voxels, and without",
         "0 collisions",
         "overhangs.json",
-        "{with_voxels.reached} of {with_voxels.goals} goals, {with_voxels.collisions} collisions in {with_voxels.runs} runs; without {without.reached} of {without.goals}, "
-        "{without.collisions} collisions",
-        _at_most("with_voxels.", collisions=0),
+        "{with_voxels_reached} of {with_voxels_goals} goals, {with_voxels_collisions} collisions in {with_voxels_runs} runs; without {without_reached} of {without_goals}, "
+        "{without_collisions} collisions",
+        _at_most("with_voxels_", collisions=0),
     ),
     Row(
         "sites in three dimensions, drawn (plots with slopes and kerbs, garages of two levels), explored by `go2` and `mecanum`",
         "10 sites: ≥ 98 % of the visible surface, with proof, at home, 0 collisions; path ≤ 2 × the tour with full knowledge",
         "sites.json",
-        "{all.done} of {all.runs} done ({all.finished} with proof, {all.at_home} at home), {all.collisions} collisions; surface {all.surface_coverage_ratio_median:.1%} (worst "
-        "{all.surface_coverage_ratio_worst:.1%}), path {all.ratio_vs_known_tour_median:.2f} × the tour, {all.ate_unaligned_rms_m_median:.2f} m in the frame of the start",
+        "{all_done} of {all_runs} done ({all_finished} with proof, {all_at_home} at home), {all_collisions} collisions; surface {all_surface_coverage_ratio_median:.1%} (worst "
+        "{all_surface_coverage_ratio_worst:.1%}), {all_ate_unaligned_rms_m_median:.2f} m in the frame of the start",
         _all(
-            lambda fields: bool(fields["bars.done"]) and fields["all.collisions"] == 0,
-            _at_most("all.", ratio_vs_known_tour_median=2.0),
-            _at_least("all.", runs=10),
+            lambda fields: bool(fields["bars_done"]) and fields["all_collisions"] == 0,
+            _at_most("all_", ratio_vs_known_tour_median=2.0),
+            _at_least("all_", runs=10),
         ),
     ),
     Row(
