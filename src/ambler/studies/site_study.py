@@ -53,8 +53,10 @@ def run_case(case: SiteCase, folder: Path) -> dict[str, Any]:
     """Explore; the noise of a run has the seed of its place."""
     result = run_demo(folder, f"{case.kind}-{case.seed}", case.robot, case.seed, case.options, case.settings)
     path, tour = result.get("path_length_m"), result.get("known_tour_m")
-    is_whole = path and tour and result.get("ended") == "finished"  # a way that was broken off is short
-    return {**result, "kind": case.kind, "ratio_vs_known_tour": path / tour if is_whole else None}
+    ratio = None
+    if path and tour and result.get("ended") == "finished":  # a way that was broken off is short
+        ratio = path / tour
+    return {**result, "kind": case.kind, "ratio_vs_known_tour": ratio}
 
 
 def is_done(result: dict[str, Any]) -> bool:
