@@ -99,6 +99,20 @@ def test_a_level_that_was_left_with_something_open_is_gone_back_to_and_home_is_w
     assert ended.result.remaining == ()
 
 
+def test_what_is_open_on_another_level_is_explored_before_the_end_on_the_level_of_the_start() -> None:
+    house = House()
+    house.surveyor.frontiers = []
+    house.step()
+    house.come_to(1)
+    house.surveyor.others[0].frontiers = [frontier(5, 5, 3.0)]
+    house.step()
+    house.step()
+    house.come_to(0)
+    ended = house.live()
+    assert (ended.code, house.changes) == ("SUCCEEDED", [1, 0])
+    assert house.surveyor.others[0].frontiers == []
+
+
 def test_home_on_another_level_is_reached_through_the_passage_when_nothing_is_open_there() -> None:
     house = House()
     house.surveyor.frontiers = []

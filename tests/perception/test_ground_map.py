@@ -159,16 +159,12 @@ def test_some_ground_of_another_level_does_not_change_this_one():
     ground = GroundMap()
     for _ in range(3):
         feed(ground, window(-3.0, 3.0, -3.0, 3.0))
-    kinds, heights = np.full((6, 6), Ground.GROUND, np.uint8), np.full((6, 6), 3.0, np.float32)
     for _ in range(9):
-        level = window(-3.0, 3.0, -3.0, 0.0)
-        whole = np.zeros((30, 30), np.uint8), np.full((30, 30), np.nan, np.float32)
-        whole[0][:15], whole[1][:15] = level.kinds, level.heights
-        whole[0][20:26, 10:16], whole[1][20:26, 10:16] = kinds, heights
-        feed(ground, Window(-3.0, -3.0, CELL, whole[0], np.zeros((60, 60), np.uint8), whole[1]))
+        feed(ground, window(-1.0, 0.0, 1.0, 2.0, 3.0), SE3((-0.5, 1.5, 3.0)))
     spot = ground.level.spec.cell_of(-0.5, 1.5)
+    assert len(ground.levels) == 1
     assert ground.level.heights[spot] == pytest.approx(0.0, abs=0.01)
-    assert at(ground, -0.5, 1.5) == OCC_FREE
+    assert at(ground, -2.0, -2.0) == OCC_FREE
 
 
 def test_ground_that_ends_above_other_ground_is_an_end_to_look_at():

@@ -57,7 +57,8 @@ def test_level_floor_that_is_seen_late_is_floor_and_what_stands_on_it_is_not():
 
 def test_a_slope_that_is_too_steep_is_an_obstacle():
     points = floor(lambda x: max(0.0, x - 1.0) * math.tan(math.radians(40.0)), x1=2.0)
-    assert (heights(points) > BAND).any()
+    high = points[:, 2] > 0.4
+    assert (heights(points)[high] > BAND).mean() > 0.95
 
 
 @pytest.mark.parametrize("degrees", [0.0, 12.0])
