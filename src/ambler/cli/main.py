@@ -62,15 +62,19 @@ def main(arguments: list[str] | None = None) -> int:
         if was_interrupted():
             raise Interrupted
         return code
-    except BadInputError as error:
-        print(f"ambler: {error}", file=sys.stderr)
-        return 2
-    except AmblerError as error:
-        print(f"ambler: {error.code}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("ambler: interrupted", file=sys.stderr)
-        return 130
+    except (Exception, KeyboardInterrupt) as error:
+        if was_interrupted() or isinstance(error, KeyboardInterrupt):
+            print(
+                "ambler: interrupted", file=sys.stderr
+            )  # what breaks in the middle of an import is not always what was raised
+            return 130
+        if isinstance(error, BadInputError):
+            print(f"ambler: {error}", file=sys.stderr)
+            return 2
+        if isinstance(error, AmblerError):
+            print(f"ambler: {error.code}: {error}", file=sys.stderr)
+            return 1
+        raise
 
 
 if __name__ == "__main__":
