@@ -121,6 +121,7 @@ def test_a_stop_of_the_first_kind_holds_the_way_and_not_the_turning(tmp_path: Pa
     orders: list[Order] = [(1.05, STOP, lambda t: m.Code(t, 1)), (16.0, STOP, lambda t: m.Code(t, 0))]
     driven = Driven(tmp_path, orders, SE2(0.0, -2.0, 0.0))
     assert driven.run.ended == "succeeded"
+    assert "FAILED_TO_MAKE_PROGRESS" not in driven.run.folder.log.read_text(), "it was told to stand"
     assert driven.speed(2.0, 15.5).max() < 0.02
     yaws = [
         (r.log_time_ns * 1e-9, r.decode_as(m.Odometry).pose.to_se2().yaw)

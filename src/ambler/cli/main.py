@@ -64,9 +64,9 @@ def main(arguments: list[str] | None = None) -> int:
         return code
     except (Exception, KeyboardInterrupt) as error:
         if was_interrupted() or isinstance(error, KeyboardInterrupt):
-            print(
-                "ambler: interrupted", file=sys.stderr
-            )  # what breaks in the middle of an import is not always what was raised
+            # An import that a signal cuts off may raise anything.
+            broken = "" if isinstance(error, KeyboardInterrupt) else f" ({type(error).__name__}: {error})"
+            print(f"ambler: interrupted{broken}", file=sys.stderr)
             return 130
         if isinstance(error, BadInputError):
             print(f"ambler: {error}", file=sys.stderr)

@@ -210,7 +210,7 @@ class ExploreMission:
         return self._end(ExploreState.FINISHED, "SUCCEEDED", self._proof())
 
     def _unfinished(self) -> set[int]:
-        """Levels on which something was open when the robot left them, or that it was never on."""
+        """Levels on which something was open when the robot left them, unless it has tried too often to get there."""
         open_on = {k for k, left in self._left.items() if any(f.state is FrontierState.OPEN for f in left)}
         return {k for k in open_on if self._level_tries.get(k, 0) < self.config.level_tries}
 
