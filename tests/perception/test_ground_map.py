@@ -72,7 +72,8 @@ def test_ground_too_near_for_a_level_lidar_is_assumed_until_the_robot_is_away():
     assert at(ground, 2.0, 0.0) == OCC_FREE
     for x in np.arange(0.5, 10.0, 0.5):
         feed(ground, window(x + 5.0, x + 7.0, -3.0, 3.0), SE3((x, 0.0, 0.0)), MID_360)
-    assert at(ground, 2.0, 0.0) == OCC_UNKNOWN, "nobody has ever seen it"
+    assert at(ground, 2.0, 1.0) == OCC_UNKNOWN, "nobody has ever seen it"
+    assert at(ground, 2.0, 0.0) == OCC_FREE, "the robot has driven over it"
 
 
 def test_nothing_is_assumed_behind_a_wall():
@@ -191,6 +192,117 @@ def test_what_another_level_knows_beyond_shared_ground_is_closed():
     assert at(ground, 4.5, 0.0, level=1) == OCC_FREE
 
 
+def of_kind(kind: Ground, x0: float, x1: float, y0: float, y1: float, height: float = 0.0) -> Window:
+    """Return a window whose cells are of a kind other than ground, without anything that stands on them."""
+    xs, ys = np.arange(x0 + 0.1, x1, CELL), np.arange(y0 + 0.1, y1, CELL)
+    x, y = (a.ravel() for a in np.meshgrid(xs, ys))
+    points = np.column_stack((x, y, np.full(len(x), height))).astype(np.float32)
+    above = np.full(len(x), 0.3, np.float32)
+    return Window.of_points(points, above, np.full(len(x), kind, np.uint8), CELL, STEP)
+
+
+@pytest.mark.parametrize("kind", [Ground.DROP, Ground.STEEP, Ground.OBSTACLE])
+def test_where_a_robot_has_stood_there_is_ground_whatever_the_terrain_says_later(kind):
+    ground = GroundMap()
+    feed(ground, window(-6.0, 6.0, -3.0, 3.0))
+    for _ in range(9):
+        feed(ground, of_kind(kind, -3.0, 3.0, -3.0, 3.0), SE3((5.0, 0.0, 0.0)))
+    assert at(ground, 0.0, 0.0) == OCC_FREE, "below the robot"
+    assert at(ground, 1.0, 0.5) == OCC_FREE, "beside it, in the plane of its wheels"
+    assert at(ground, 2.5, 0.0) == OCC_OCCUPIED, "there it has not been"
+
+
+def test_ground_beside_a_robot_that_lies_lower_than_its_wheels_is_not_firm():
+    ground = GroundMap()
+    feed(ground, window(-3.0, 0.8, -3.0, 3.0))
+    feed(ground, window(0.8, 3.0, -3.0, 3.0, -0.12))
+    for _ in range(9):
+        feed(ground, of_kind(Ground.DROP, 0.4, 1.4, -3.0, 3.0), SE3((-2.0, 0.0, 0.0)))
+    assert at(ground, 0.7, 0.0) == OCC_FREE
+    assert at(ground, 0.9, 0.0) == OCC_OCCUPIED, "a kerb"
+
+
+def test_who_stands_where_the_robot_has_stood_is_in_the_way():
+    ground = GroundMap()
+    feed(ground, window(-6.0, 6.0, -3.0, 3.0))
+    for _ in range(3):
+        feed(ground, window(-3.0, 3.0, -3.0, 3.0, 0.0, [(0.05, 0.05)]), SE3((2.0, 0.0, 0.0)))
+    assert at(ground, 0.05, 0.05) == OCC_OCCUPIED
+
+
+def test_a_drop_seen_from_afar_is_looked_at_and_one_seen_from_near_is_believed():
+    for away, expected in ((6.0, OCC_UNKNOWN), (2.0, OCC_OCCUPIED)):
+        ground = GroundMap()
+        feed(ground, window(-2.0, 6.0, -2.0, 2.0))
+        feed(ground, of_kind(Ground.DROP, 6.0, 7.0, -2.0, 2.0), SE3((6.5 - away, 0.0, 0.0)))
+        assert at(ground, 6.5, 0.0) == expected
+
+
+def test_a_deck_seen_from_the_ramp_is_given_back_when_the_robot_comes_below_it():
+    """It is of the level that goes on beside it, and no third one."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3())
+    lower, upper = ground.levels
+    rows, columns = (slice(*sorted(lower.spec.cell_of(x, y)[k] for x, y in ((-6.0, 3.0), (0.0, 7.0)))) for k in (0, 1))
+    assert np.isnan(lower.heights[rows, columns]).all()
+    lower.heights[rows, columns], lower.evidence[rows, columns] = 3.5, 4
+    for x in np.arange(-1.0, -5.0, -1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 8.0), SE3((x, 4.0, 0.0)))
+    assert len(ground.levels) == 2
+    assert ground.active == 0
+    assert ground.levels[0].heights[ground.levels[0].spec.cell_of(-3.0, 5.0)] == pytest.approx(0.0, abs=0.01)
+    assert upper.heights[upper.spec.cell_of(-1.0, 5.0)] == pytest.approx(3.5, abs=0.01)
+
+
+def test_a_deck_on_which_the_robot_has_stood_is_not_given_away():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3())
+    lower = ground.levels[0]
+    rows, columns = (slice(*sorted(lower.spec.cell_of(x, y)[k] for x, y in ((-6.0, 3.0), (0.0, 7.0)))) for k in (0, 1))
+    lower.heights[rows, columns], lower.evidence[rows, columns], lower.firm[rows, columns] = 3.5, 4, 1
+    for x in np.arange(-1.0, -5.0, -1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 8.0), SE3((x, 4.0, 0.0)))
+    assert len(ground.levels) == 3
+
+
+def test_a_new_level_takes_along_what_was_seen_of_it_before():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    for x in np.arange(0.0, 20.0, 1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
+    feed(ground, window(14.0, 26.0, 3.0, 13.0, 3.5), SE3((20.0, 8.0, 3.5)))
+    for x in np.arange(19.0, 4.0, -1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 8.0, 3.5), SE3((x, 4.0, 3.5)))
+    lower, upper = ground.levels
+    assert upper.heights[upper.spec.cell_of(25.0, 12.0)] == pytest.approx(3.5, abs=0.01)
+    assert np.isnan(lower.heights[lower.spec.cell_of(25.0, 12.0)])
+
+
+def test_where_two_levels_meet_is_remembered_as_a_passage():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3())
+    known = len(ground.passages)
+    upper = ground.levels[1]
+    rows, columns = (slice(*sorted(upper.spec.cell_of(x, y)[k] for x, y in ((-1.0, -3.0), (7.0, 4.0)))) for k in (0, 1))
+    upper.heights[rows, columns], upper.evidence[rows, columns] = 0.0, 4
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3((3.0, 0.5, 0.0)))
+    assert {(p.of_level, p.to_level) for p in ground.passages[known:]} == {(0, 1), (1, 0)}
+    assert ground.passages[-1].map_from_base.x == pytest.approx(3.0)
+
+
+def test_firm_ground_is_told_in_odom_where_the_robot_has_been():
+    ground = GroundMap()
+    shifted = SE3((10.0, -4.0, 1.0))
+    base = SE3((0.5, 0.0, 0.2))
+    ground.update(window(-6.0, 6.0, -3.0, 3.0, 0.2), shifted, base, base @ LEVEL_LIDAR, ALL_ROUND)
+    points = ground.remembered(shifted, base)
+    away = np.hypot(points[:, 0] - 0.5, points[:, 1])
+    assert 0.9 * math.pi * 1.5**2 < 0.01 * len(points) <= 1.02 * math.pi * 1.5**2
+    assert away.max() < 1.6
+    np.testing.assert_allclose(points[:, 2], 0.2, atol=1e-5)
+
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()
@@ -224,7 +336,8 @@ def test_merge_is_its_twin(seed):
     back = pose.inverse()
     turn = np.array([math.cos(back.yaw), math.sin(back.yaw), back.x, back.y])
     box, heights = np.array([0, 40, 0, 40]), np.full((40, 40), np.nan, np.float32)
-    args = (turn, 0.0, np.zeros(2), 9.0, np.inf, np.array(spec), box, evidence, heights)
+    firm = np.zeros((40, 40), np.uint8)
+    args = (turn, 0.0, np.zeros(2), np.array([9.0, np.inf, 9.0]), np.array(spec), box, evidence, heights, firm)
     kernels.merge(seen.kinds, seen.marks, seen.heights, seen.origin, *args)
     np.testing.assert_array_equal(evidence, expected)
 

@@ -238,3 +238,48 @@ def test_the_low_of_a_cell_is_a_quartile_of_returns() -> None:
                 wanted = heights[kept][order][np.searchsorted(below, 0.25 * below[-1])]
         found, _ = columns.quantile_of_lowest(heights.copy(), counts.copy(), count, lift)
         assert found == pytest.approx(wanted, nan_ok=True)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_ground_may_level_off_behind_a_crest(robot: str) -> None:
+    """The deck at the end of a ramp is no drop, though it lies lower than the ramp would go on."""
+    angle = math.radians(12.0)
+    mesh, top = ramp(6.0, 8.0, angle)
+    rover, analysis = Rover(made(FLOOR, top, meshes=(mesh,)), ROBOTS[robot], 1), TerrainAnalysis(config(robot))
+    for x in np.arange(2.0, 12.5, 0.05).tolist():
+        climbed = max(0.0, x - 6.0) * math.tan(angle)
+        pose = SE3.from_rpy((x, 0.0, LEVEL + climbed), 0.0, -angle if x > 6.0 else 0.0, 0.0)
+        points, stamp_ns, base, sensor = rover.scan(pose)
+        analysis.update(points, stamp_ns, base, sensor)
+    terrain = analysis.terrain()
+    drops = terrain.points[terrain.kinds == Ground.DROP]
+    assert len(terrain.points) > 1000
+    assert len(drops[np.abs(drops[:, 1]) < 1.5]) == 0
+
+
+def hidden_ramp(*, remembers: bool, height: float = 0.0) -> Terrain:
+    """Look from a deck at a ramp that falls away behind its edge, as a level LiDAR cannot see it."""
+    rover = Rover(made(slab(-20.0, 9.0)), ROBOTS["mecanum"], 1)
+    analysis = TerrainAnalysis(config())
+    for k in range(140):
+        points, stamp_ns, base, sensor = rover.scan(SE3((0.05 * k, 0.0, LEVEL)))
+        if remembers:
+            x, y = (a.ravel() for a in np.meshgrid(np.arange(0.1, 13.0, 0.1), np.arange(-1.5, 1.5, 0.1)))
+            z = np.where(x > 9.0, -0.16 * (x - 9.0), 0.0) + height
+            analysis.remember(np.column_stack((x, y, z)).astype(np.float32))
+        analysis.update(points, stamp_ns, base, sensor)
+    return analysis.terrain()
+
+
+def test_a_ramp_that_was_driven_is_ground_where_it_cannot_be_seen() -> None:
+    blind, knowing = hidden_ramp(remembers=False), hidden_ramp(remembers=True)
+    assert len(within(blind, 8.8, 11.0, 1.2)) > 5, "for who has not been there it is a drop"
+    assert len(within(knowing, 8.8, 11.0, 1.2)) == 0
+    spot = knowing.spec.cell_of(10.5, 0.0)
+    assert knowing.classes[spot] == Ground.GROUND
+    assert knowing.heights[spot] == pytest.approx(-0.16 * 1.5, abs=0.05)
+
+
+def test_firm_ground_far_below_is_not_joined() -> None:
+    below = hidden_ramp(remembers=True, height=-2.0)
+    assert len(within(below, 8.8, 11.0, 1.2)) > 5

@@ -13,6 +13,7 @@ from ambler.kernels.jit import jit
 UNKNOWN, ASSUMED = -128, 100
 GROUND = 1  # the kind of a window's cell that can be crossed
 BLIND = 255  # the kind of a window's cell that the sensor cannot see from where it is
+DROP = 3  # the kind of a window's cell at which ground ends above something lower
 GROUND_MOST, OBSTACLE_MOST = 4, -6
 HIT = 3  # looks at ground that one look at an obstacle outweighs
 
@@ -107,13 +108,15 @@ def _is_marked(marks, iy, ix):
 
 
 @jit
-def merge(kinds, marks, heights, origin, odom_from_map, rise, base, reach, apart, spec, box, evidence, map_heights):
+def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec, box, evidence, map_heights, firm):
     """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
-    map: what is assumed farther than `reach` from it is unknown again. Ground more than `apart` metres above or below what is known there is of another level,
-    and left out. `spec` (x, y, resolution) of the map's first corner.
+    map: what is assumed farther than `limits[0]` from it is unknown again. Ground more than `limits[1]` metres above or below what is known there is of
+    another level, and left out, as is a drop farther than `limits[2]` where nothing is known: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
+    that the robot has stood, only what stands on the ground is in the way. `spec` (x, y, resolution) of the map's first corner.
     """
+    reach, apart, drop_most = limits
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
     y0, y1, x0, x1 = box
@@ -123,7 +126,8 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, reach, apart
         for ix in range(x0, x1):
             mx = spec[0] + (ix + 0.5) * spec[2]
             was = evidence[iy, ix]
-            if was == ASSUMED and (mx - base[0]) ** 2 + (my - base[1]) ** 2 > reach * reach:
+            away = math.hypot(mx - base[0], my - base[1])
+            if was == ASSUMED and away > reach:
                 was = UNKNOWN
             u = (c * mx - s * my + tx - origin[0]) / origin[2]
             v = (s * mx + c * my + ty - origin[1]) / origin[2]
@@ -132,9 +136,13 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, reach, apart
                 jx, jy = int(u), int(v)
                 kind = kinds[jy, jx]
                 known = map_heights[iy, ix]
+                is_marked = marks[int(2.0 * v), int(2.0 * u)] != 0
                 is_other = kind == GROUND and was != UNKNOWN and abs(heights[jy, jx] + rise - known) > apart
+                if kind not in (0, GROUND, BLIND) and not is_marked:
+                    is_far = kind == DROP and away > drop_most and was in (UNKNOWN, ASSUMED)
+                    is_other = is_other or is_far or firm[iy, ix] != 0
                 if kind != 0 and not is_other:
-                    is_open = kind == GROUND and marks[int(2.0 * v), int(2.0 * u)] == 0
+                    is_open = kind == GROUND and not is_marked
                     now = _weighed(was, kind, is_open)
                     if kind in (GROUND, BLIND) or math.isnan(known):
                         map_heights[iy, ix] = heights[jy, jx] + rise
@@ -142,6 +150,34 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, reach, apart
                 changed += 1
             evidence[iy, ix] = now
     return changed
+
+
+@jit
+def stand(plane, limits, spec, box, evidence, map_heights, firm):
+    """Make the ground firm on which the robot stands, and what around it is seen to lie in the plane of its wheels: it is the better instrument.
+
+    `plane` (x, y, z, rise along x, rise along y) in the map; `limits`: metres around the base that it stands on, those within which seen ground counts, by how
+    much that may lie off the plane, and how much more for each metre; ground farther than the last one off is of another level.
+    """
+    own, reach, off, slope, apart = limits
+    y0, y1, x0, x1 = box
+    for iy in range(y0, y1):
+        dy = spec[1] + (iy + 0.5) * spec[2] - plane[1]
+        for ix in range(x0, x1):
+            dx = spec[0] + (ix + 0.5) * spec[2] - plane[0]
+            away = math.hypot(dx, dy)
+            if away > reach:
+                continue
+            height = plane[2] + dx * plane[3] + dy * plane[4]
+            if abs(map_heights[iy, ix] - height) > apart:
+                continue
+            if away <= own:
+                firm[iy, ix] = 1
+                evidence[iy, ix] = GROUND_MOST
+                if not abs(map_heights[iy, ix] - height) <= off + slope * away:
+                    map_heights[iy, ix] = height
+            elif 0 < evidence[iy, ix] != ASSUMED and abs(map_heights[iy, ix] - height) <= off + slope * away:
+                firm[iy, ix] = 1
 
 
 @jit
@@ -166,11 +202,11 @@ def _meaning(evidence):
 @jit
 def agreement(kinds, heights, origin, odom_from_map, rise, base, limits, spec, box, evidence, map_heights, tolerance):
     """Return how many cells of the map's box agree with a window's ground within `tolerance` (m) and lie within `limits[0]` metres of `base` (x, y), how many
-    agree at all, how many within `limits[1]` contradict it by more than twice that, and how high the window's ground is there on average."""
+    agree at all, how many within `limits[1]` contradict it by more than twice that, and how high the window's and the map's ground is there on average."""
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
     y0, y1, x0, x1 = box
-    close, same, other, total = 0, 0, 0, 0.0
+    close, same, other, total, known = 0, 0, 0, 0.0, 0.0
     for iy in range(y0, y1):
         my = spec[1] + (iy + 0.5) * spec[2]
         for ix in range(x0, x1):
@@ -189,7 +225,8 @@ def agreement(kinds, heights, origin, odom_from_map, rise, base, limits, spec, b
             elif off > 2.0 * tolerance and away <= limits[1]:
                 other += 1
                 total += height
-    return close, same, other, total / max(other, 1)
+                known += map_heights[iy, ix]
+    return close, same, other, total / max(other, 1), known / max(other, 1)
 
 
 def warm_up() -> None:
@@ -200,7 +237,9 @@ def warm_up() -> None:
     keep_joined(kinds, marks, heights, origin, np.zeros(3), 0.1, 0.4, np.empty(16, np.int32))
     evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
-    merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), 5.0, 1.0, spec, box, evidence, map_heights)
+    firm = np.zeros((8, 8), np.uint8)
+    merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), np.ones(3), spec, box, evidence, map_heights, firm)
+    stand(np.zeros(5), np.ones(5), spec, box, evidence, map_heights, firm)
     agreement(
         kinds, heights, origin, turn, 0.0, np.zeros(2), np.array([1.5, 3.0]), spec, box, evidence, map_heights, 0.5
     )

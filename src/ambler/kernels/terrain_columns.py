@@ -62,7 +62,7 @@ def direction(dx, dy):
 
 
 @jit_ieee
-def forget_left(mask, newest, evidence, ground, lows, old, new):
+def forget_left(mask, newest, evidence, ground, lows, memory, old, new):
     """Forget what is not in the window any more. `old`, `new` int64 (2,): first column and row of the window before and now, both even."""
     n = mask.shape[0]
     for axis in range(2):
@@ -75,12 +75,12 @@ def forget_left(mask, newest, evidence, ground, lows, old, new):
                 mask[:, at] = 0
                 newest[:, at] = -1e9
                 evidence[:, at // 2] = 0
-                ground[:, at // 2] = lows[:, at // 2] = np.nan
+                ground[:, at // 2] = lows[:, at // 2] = memory[:, at // 2] = np.nan
             else:
                 mask[at, :] = 0
                 newest[at, :] = -1e9
                 evidence[at // 2, :] = 0
-                ground[at // 2, :] = lows[at // 2, :] = np.nan
+                ground[at // 2, :] = lows[at // 2, :] = memory[at // 2, :] = np.nan
 
 
 @jit_ieee
@@ -283,7 +283,7 @@ def warm_up() -> None:
     newest = np.full((n, n), -1e9, np.float32)
     ground, evidence = np.full((n // 2, n // 2), np.nan, np.float32), np.zeros((n // 2, n // 2), np.uint8)
     image, first = np.empty((DIRECTIONS, ROWS), np.float32), np.zeros(2, np.int64)
-    forget_left(mask, newest, evidence, ground, ground, first, first)
+    forget_left(mask, newest, evidence, ground, ground, ground, first, first)
     points = np.array([[0.35, 0.35, 0.0], [0.35, 0.35, 0.3]], np.float32)
     origin, up, limits = np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.1, 1.0, 0.1, 0.1])
     elevations = np.array([-0.1, 0.8])

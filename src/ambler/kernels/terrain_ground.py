@@ -17,12 +17,33 @@ JOINED_DROP, JOINED_STEP = 8, 9  # only within `mark_edges`
 CLOSED = 6  # cells of a hole in an edge that are closed: no robot is as narrow as that
 EVIDENCE_MOST = 12
 SURE = 7.0  # returns from which on the height of a cell is sure to some centimetres
+RUN = 0.8  # metres over which seen ground tells its slope; after shorter runs it may go on by 0.1 lower for each metre
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
 
 
 @jit_ieee
-def grow_ground(lows, base, first, size, seed_radius, climb, slack, tilt, gap_most, ground, state, gap, queue, later):
+def grow_ground(
+    lows,
+    returns,
+    memory,
+    evidence,
+    base,
+    first,
+    size,
+    seed_radius,
+    climb,
+    slack,
+    tilt,
+    gap_most,
+    ground,
+    state,
+    gap,
+    queue,
+    later,
+):
     """Grow the ground from under the robot over cells that continue it; unseen ones carry the height on.
+
+    Where too little is seen now, `memory` (m, m) of ground that is known to be firm, NaN elsewhere, stands for it where it continues the ground, and the `evidence` for a drop is void.
 
     `lows` (m, m) as the columns, modulo m; `ground` float32 (m, m) gets heights, `state` uint8 1 for seen ground, 2 for carried heights, 0
     elsewhere. Of two cells side by side one continues the other within `climb`; across a gap within `slack` + `tilt` per metre, where
@@ -70,8 +91,18 @@ def grow_ground(lows, base, first, size, seed_radius, climb, slack, tilt, gap_mo
             if jy < 0 or jx < 0 or jy >= m or jx >= m:
                 continue
             qy, qx = wrapped(oy + jy, m), wrapped(ox + jx, m)
+            if state[qy, qx] == 1:
+                continue
             low = lows[qy, qx]
-            if state[qy, qx] == 1 or (state[qy, qx] == 2 and (math.isnan(low) or wide > gap[qy, qx])):
+            known = memory[qy, qx]
+            joined = climb if state[py, px] == 1 else slack + tilt * (wide + 1) * cell
+            is_poor = math.isnan(low) or (returns[qy, qx] < SURE and abs(low - known) <= climb)
+            if is_poor and abs(known - z) <= joined:  # false where nothing is known
+                low = lows[qy, qx] = known
+                returns[qy, qx] = SURE
+            if abs(low - known) <= slack:
+                evidence[qy, qx] = 0
+            if state[qy, qx] == 2 and (math.isnan(low) or wide > gap[qy, qx]):
                 continue
             if not math.isnan(low):
                 off = low - z
@@ -247,7 +278,7 @@ def find_drops(
 ):
     """March outwards from the sensor over seen ground and find where it ends above something lower.
 
-    The ground before the end is continued by its slope. It ends in a drop where what is seen next, within `hidden_most` metres, lies
+    The ground before the end is continued by its slope, level where that rises. It ends in a drop where what is seen next, within `hidden_most` metres, lies
     lower than that by `depth`, or where rays in the direction of the hidden ground went on behind it. `evidence` uint8 (m, m) counts
     marches, `depths` float32 (m, m) how deep it is; every second direction is marched, in `turn`s.
     """
@@ -287,11 +318,14 @@ def find_drops(
             last_y, last_x = ly, lx
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             low = np.float64(lows[y, x])
-            rise = (near_z - run_z) / (near_r - run_r) if known >= 3 and near_r > run_r + 0.3 else 0.0
+            rise, unsure = 0.0, 0.015 if near_r > run_r + RUN else 0.1
+            if known >= 3 and near_r > run_r + 0.3:
+                rise = min(0.0, (near_z - run_z) / (near_r - run_r))  # what rises may level off behind a crest
             expected = near_z + rise * (r - near_r)
-            if returns[y, x] < 0.6 * SURE and not (known >= 3 and low < expected - depth) and not math.isnan(low):
+            is_below = known >= 3 and low < expected - depth - unsure * (r - near_r)
+            if returns[y, x] < 0.6 * SURE and not is_below and not math.isnan(low):
                 continue  # too little is known of it
-            if state[y, x] == 1 and not (known >= 3 and low < expected - depth):
+            if state[y, x] == 1 and not is_below:
                 if is_hidden:
                     if abs(low - expected) >= depth:
                         known = 0
@@ -301,7 +335,7 @@ def find_drops(
                 # The run remembers where it was 0.8 to 1.6 m before: shorter ones have no slope to go by.
                 if known == 0:
                     run_z, run_r, mid_z, mid_r = low, r, low, r
-                elif r - mid_r > 0.8:
+                elif r - mid_r > RUN:
                     run_z, run_r, mid_z, mid_r = mid_z, mid_r, low, r
                 near_z, near_r = low, r
                 known += 1
@@ -318,7 +352,7 @@ def find_drops(
                 is_hidden, edge_y, edge_x, through, below = True, y, x, 0, 0
             if not math.isnan(low):
                 off = expected - low
-                is_lower = off > depth + 0.015 * (r - near_r) and r - near_r <= hidden_most + cell
+                is_lower = off > depth + unsure * (r - near_r) and r - near_r <= hidden_most + cell
                 if is_lower and below == 0:
                     below = 1  # one cell may be noise
                     continue
@@ -558,9 +592,10 @@ def warm_up() -> None:
     state, gap = np.empty((m, m), np.uint8), np.empty((m, m), np.int32)
     queue, later = np.empty(2 * m * m, np.int32), np.empty(m * m, np.int32)
     first, base = np.zeros(2, np.int64), np.array([0.8, 0.8, 0.0])
-    grow_ground(lows, base, first, 0.1, 0.3, 0.2, 0.1, 0.07, 10, ground, state, gap, queue, later)
+    evidence, known = np.zeros((m, m), np.uint8), (lows, lows.copy(), lows.copy())
+    grow_ground(*known, evidence, base, first, 0.1, 0.3, 0.2, 0.1, 0.07, 10, ground, state, gap, queue, later)
     slopes, excess, depths = np.empty((2, m, m), np.float32), np.empty((m, m), np.float32), np.zeros((m, m), np.float32)
-    classes, evidence = np.empty((m, m), np.uint8), np.zeros((m, m), np.uint8)
+    classes = np.empty((m, m), np.uint8)
     judge_ground(
         ground, state, lows, first, 0.1, 0.08, 0.4, np.empty((m + 8, m + 8), np.float32), slopes, excess, classes
     )

@@ -231,7 +231,8 @@ class ExploreMission:
         """Drive to where the present level meets the next one on the way to another."""
         self._level_tries[level] = self._level_tries.get(level, 0) + 1
         is_way = (view.passages[:, 0] == view.level) & (view.passages[:, 1] == following)
-        place = SE2(*view.passages[is_way][0, 2:].tolist())
+        places = [SE2(*row) for row in view.passages[is_way, 2:].tolist()]
+        place = min(places, key=view.map_from_base.distance_to)
         self._next_drive()
         self.target, self._is_home = None, False
         self._enter(ExploreState.CHANGING_LEVEL, f"from level {view.level} to level {following}")

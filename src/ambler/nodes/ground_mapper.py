@@ -23,7 +23,7 @@ from ambler.perception.ground_map import GroundMap, GroundMapConfig, Window
 from ambler.perception.terrain_config import TerrainConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import CHOOSE_LEVEL, FINISH_MAP, SAVE_MAP, LevelRequest, Nothing, SaveMapRequest
-from ambler.runtime.topics import GROUND_LEVELS, MAP, ODOMETRY, SLAM_POSE, STATUS, TERRAIN_MAP, TRANSFORMS
+from ambler.runtime.topics import FIRM_GROUND, GROUND_LEVELS, MAP, ODOMETRY, SLAM_POSE, STATUS, TERRAIN_MAP, TRANSFORMS
 from ambler.wire.ground_files import save_levels
 from ambler.wire.map_files import save_map
 
@@ -31,11 +31,11 @@ MAP_PERIOD = 1.0  # seconds between two tellings of a map that changed
 
 
 class GroundMapperNode(Node):
-    """Runs a `GroundMap`, and tells the level on which the robot is as the map. Terrain without odometry or map -> odom is left out."""
+    """Runs a `GroundMap`, tells the level on which the robot is as the map, and to the terrain analysis what of it is firm. Terrain without odometry or map -> odom is left out."""
 
     name = "ground_mapper"
     inputs: Topics = (TERRAIN_MAP, ODOMETRY, TRANSFORMS)
-    outputs: Topics = (MAP, GROUND_LEVELS, SLAM_POSE, STATUS)
+    outputs: Topics = (MAP, GROUND_LEVELS, FIRM_GROUND, SLAM_POSE, STATUS)
     serves = (SAVE_MAP, FINISH_MAP, CHOOSE_LEVEL)
     latency = 0.01
 
@@ -43,7 +43,7 @@ class GroundMapperNode(Node):
         if not robot.clouds:
             raise BadInputError(f"{robot.name}: a map of ground needs a LiDAR that gives clouds")
         self._mount, self._terrain = robot.clouds[0], terrain
-        self.map = GroundMap(config)
+        self.map = GroundMap(config, robot.inscribed_radius)
         self._motion = BaseMotion()
         self._map_from_odom: SE3 | None = None
         self._newest_ns = -1
@@ -58,6 +58,7 @@ class GroundMapperNode(Node):
         self.ctx.serve(CHOOSE_LEVEL, self._choose_level)
         self.ctx.serve_task(FINISH_MAP, self._on_finish, lambda handle: None)
         self.ctx.timer(MAP_PERIOD, self._publish)
+        self.ctx.timer(MAP_PERIOD, self._tell_firm)
 
     def _on_transforms(self, message: Transforms) -> None:
         for edge in message.transforms:
@@ -89,6 +90,18 @@ class GroundMapperNode(Node):
         self._told = (self.map.version, self.map.active)
         level = self.map.level
         self.ctx.publish(MAP, OccupancyGrid(self._newest_ns, "map", level.spec, self.map.occupancy(self.map.active)))
+
+    def _tell_firm(self) -> None:
+        if not self.map.levels or self._map_from_odom is None:
+            return
+        try:
+            odom_from_base = self._motion.pose_at(self._newest_ns)
+        except StaleInputError:
+            return
+        points = self.map.remembered(self._map_from_odom, odom_from_base)
+        nothing = np.zeros(len(points), np.float32)
+        ring = np.zeros(len(points), np.uint16)
+        self.ctx.publish(FIRM_GROUND, PointCloud(self._newest_ns, "odom", points, nothing, nothing, ring))
 
     def _tell_level(self) -> None:
         """Say on which level the robot is, and how one gets to others: before the map of that level."""

@@ -14,7 +14,15 @@ from ambler.core.robot import RobotModel
 from ambler.perception.terrain import Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
 from ambler.runtime.node import Node, Topics
-from ambler.runtime.topics import CLOUD_CLEARING, MAP_CLEARING, ODOMETRY, REGISTERED_CLOUD, TERRAIN_MAP, TERRAIN_MAP_EXT
+from ambler.runtime.topics import (
+    CLOUD_CLEARING,
+    FIRM_GROUND,
+    MAP_CLEARING,
+    ODOMETRY,
+    REGISTERED_CLOUD,
+    TERRAIN_MAP,
+    TERRAIN_MAP_EXT,
+)
 
 NEAR_EVERY = 2  # clouds between two terrains: as often as a local costmap is wanted anew
 WIDE_EVERY = 5  # clouds of which the wide window takes one, and tells its terrain at every second
@@ -22,11 +30,11 @@ WIDE_EVERY = 5  # clouds of which the wide window takes one, and tells its terra
 
 class TerrainNode(Node):
     """Runs two `TerrainAnalysis`; a cloud of a moment without odometry is left out. MAP_CLEARING tells within what radius of the robot the near one
-    shall forget, CLOUD_CLEARING the wide one."""
+    shall forget, CLOUD_CLEARING the wide one; FIRM_GROUND what a map of ground holds for sure around the robot."""
 
     name = "terrain"
     inputs: Topics = (REGISTERED_CLOUD, ODOMETRY)
-    optional_inputs: Topics = (MAP_CLEARING, CLOUD_CLEARING)
+    optional_inputs: Topics = (FIRM_GROUND, MAP_CLEARING, CLOUD_CLEARING)
     outputs: Topics = (TERRAIN_MAP, TERRAIN_MAP_EXT)
     latency = 0.005
 
@@ -42,6 +50,7 @@ class TerrainNode(Node):
         """Subscribe to clouds and odometry."""
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(REGISTERED_CLOUD, self._on_cloud)
+        self.ctx.subscribe(FIRM_GROUND, lambda cloud: self._near.remember(cloud.points))
         self.ctx.subscribe(MAP_CLEARING, lambda radius: self._forget(self._near, radius))
         self.ctx.subscribe(CLOUD_CLEARING, lambda radius: self._forget(self._wide, radius))
 

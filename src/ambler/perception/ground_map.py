@@ -44,6 +44,11 @@ class GroundMapConfig:
                     nearest 5 m of where it starts
     step, rise      ground is joined to the robot's where heights differ by at most `step` and `rise` for each metre between
     block           metres by which the map grows
+    drop_most       metres from the robot within which a drop counts where nothing was known: seen from afar, a ramp that begins to fall is one
+    firm            metres around the robot within which ground that lies in the plane of its wheels is firm from then on
+    firm_off        how far it may lie off that plane, and
+    firm_slope      how much farther for each metre from the robot
+    remembered      metres around the robot within which firm ground is told to the terrain analysis
     level_step      heights that agree within this are one level, those more than twice as far off contradict: half of a car's height, and what odometry drifts
     level_share     share of a window's known cells that must contradict before another level is looked for
     level_cells     and how many of them at least
@@ -59,6 +64,11 @@ class GroundMapConfig:
     step: float = 0.08
     rise: float = 0.4
     block: float = 12.8
+    drop_most: float = 3.0
+    firm: float = 1.5
+    firm_off: float = 0.04
+    firm_slope: float = 0.03
+    remembered: float = 9.0
     level_step: float = 0.7
     level_share: float = 0.02
     level_cells: int = 120
@@ -143,11 +153,44 @@ class Window:
 
 @dataclass
 class Level:
-    """One level: `evidence` int8 [iy, ix] of kernels.ground_map and `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known."""
+    """One level: `evidence` int8 [iy, ix] of kernels.ground_map, `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known, and
+    `firm` uint8 [iy, ix], 1 where the robot has stood, and beside it where the ground lay in the plane of its wheels."""
 
     spec: GridSpec
     evidence: NDArray[np.int8] = field(repr=False)
     heights: F32 = field(repr=False)
+    firm: U8 = field(repr=False)
+
+    @classmethod
+    def empty(cls, spec: GridSpec) -> Level:
+        """Return a level of which nothing is known."""
+        evidence = np.full(spec.shape, kernels.UNKNOWN, np.int8)
+        return cls(spec, evidence, np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.uint8))
+
+    def grown(self, spec: GridSpec) -> Level:
+        """Return the same level with room for more: `spec` lies on the same lattice and holds this one's."""
+        diy, dix = self.spec.offset_in(spec)
+        inner = np.s_[diy : diy + self.spec.height, dix : dix + self.spec.width]
+        out = Level.empty(spec)
+        out.evidence[inner], out.heights[inner], out.firm[inner] = self.evidence, self.heights, self.firm
+        return out
+
+    def give(self, cells: NDArray[np.bool_], other: Level) -> None:
+        """Hand cells (bool [iy, ix]) to another level, where that has room and knows nothing; here they are forgotten."""
+        inner, of_other = _common(self.spec, other.spec)
+        if inner is not None:
+            new = cells[inner] & (other.evidence[of_other] == kernels.UNKNOWN)
+            for mine, its in ((self.evidence, other.evidence), (self.heights, other.heights), (self.firm, other.firm)):
+                its[of_other][new] = mine[inner][new]
+        self.evidence[cells], self.heights[cells], self.firm[cells] = kernels.UNKNOWN, np.nan, 0
+
+    def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
+        """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place."""
+        is_like = np.abs(self.heights - height) <= within
+        labels, _ = ndimage.label(is_like, np.ones((3, 3)))
+        (iy, ix), r = self.spec.cell_of(x, y), math.ceil(reach / self.spec.resolution)
+        near = labels[max(0, iy - r) : iy + r + 1, max(0, ix - r) : ix + r + 1]
+        return np.isin(labels, near[near > 0])
 
     @property
     def is_begun(self) -> bool:
@@ -184,20 +227,23 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class _Agreement:
-    """How a window fits a level: with how many cells it agrees, whether the robot stands on such, whether it contradicts it, and how high it is where it does (m)."""
+    """How a window fits a level: with how many cells it agrees, whether the robot stands on such, whether it contradicts it, and how high it and the level
+    are where it does (m)."""
 
     same: int
     is_on: bool
     is_contradicted: bool
     height: float
+    level_height: float
 
 
 class GroundMap:
     """`update` it with every window of terrain; `level` is the one that the robot is on, `version` counts changes of what it says. `wanted`: a
-    level that is gone to as soon as a window does not contradict it."""
+    level that is gone to as soon as a window does not contradict it. `stance`: metres around its base on which the robot stands."""
 
-    def __init__(self, config: GroundMapConfig | None = None) -> None:
+    def __init__(self, config: GroundMapConfig | None = None, stance: float = 0.2) -> None:
         self.config = config if config is not None else GroundMapConfig()
+        self._stance = stance
         self.levels: list[Level] = []
         self.passages: list[Passage] = []
         self.active = 0
@@ -234,20 +280,37 @@ class GroundMap:
         kernels.keep_joined(window.kinds, window.marks, window.heights, window.origin, plane[:3], c.step, c.rise, queue)
         flat = map_from_odom.to_se2()
         rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
-        if not self.levels:
+        count = len(self.levels)
+        if count == 0:
             self._begin(window, flat)
-        self._choose(window, flat, rise, map_from_odom @ odom_from_base)
+        map_from_base = map_from_odom @ odom_from_base
+        self._choose(window, flat, rise, map_from_base)
         level = self._grown(window, flat)
         box, spec = _box(level.spec, flat.transform(window.corners())), _spec(level.spec)
-        base = flat.transform(plane[None, :2])[0]
-        frames = (_turn(flat.inverse()), rise, base, c.assumed, 2.0 * c.level_step, spec, box)
-        was_unknown, is_begun = level.evidence[_inside(box)] == kernels.UNKNOWN, level.is_begun
-        changed = kernels.merge(
-            window.kinds, window.marks, window.heights, window.origin, *frames, level.evidence, level.heights
-        )
-        if is_begun:  # the first window of a level is on the one from which the robot comes, too
+        of_map = _plane(map_from_base)
+        limits = np.array([c.assumed, 2.0 * c.level_step, c.drop_most])
+        frames = (_turn(flat.inverse()), rise, of_map[:2], limits, spec, box)
+        was_unknown, is_first = level.evidence[_inside(box)] == kernels.UNKNOWN, not level.is_begun
+        cells = (level.evidence, level.heights, level.firm)
+        changed = kernels.merge(window.kinds, window.marks, window.heights, window.origin, *frames, *cells)
+        kernels.stand(of_map, np.array([self._stance, c.firm, c.firm_off, c.firm_slope, limits[1]]), spec, box, *cells)
+        if len(self.levels) == count and not is_first:  # that is on the level from which the robot comes, too
             self._leave_to_others(level, _inside(box), was_unknown)
         self.version += int(changed > 0)
+
+    def remembered(self, map_from_odom: SE3, odom_from_base: SE3) -> F32:
+        """Return the firm ground around a robot on the present level, points float32 (N, 3) in odom."""
+        c, level, x, y = self.config, self.level, *(map_from_odom @ odom_from_base).translation[:2]
+        corners = np.array([[x - c.remembered, y - c.remembered], [x + c.remembered, y + c.remembered]])
+        y0, y1, x0, x1 = _box(level.spec, corners).tolist()
+        is_known = (level.firm[y0:y1, x0:x1] > 0) & (level.evidence[y0:y1, x0:x1] > 0)
+        iy, ix = np.nonzero(is_known)
+        cells = np.column_stack((ix + x0, iy + y0))
+        places = (cells + 0.5) * level.spec.resolution + (level.spec.origin_x, level.spec.origin_y)
+        heights = level.heights[y0:y1, x0:x1][is_known]
+        rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
+        flat = map_from_odom.to_se2().inverse().transform(places)
+        return np.column_stack((flat, heights - rise)).astype(np.float32)
 
     def occupancy(self, k: int) -> NDArray[np.int8]:
         """Return a level as a map, int8 [iy, ix]. Where another level goes on beyond the ground that both share, it is closed: nothing of this one is
@@ -278,14 +341,47 @@ class GroundMap:
         if not here.is_contradicted and not is_off:
             if not self._way or math.dist(self._way[-1].translation, base.translation) > self.config.stride:
                 self._way.append(base)
+                self._meet_others(window, map_from_odom, rise, base)
             return None
         found = [(self._agreement(k, window, map_from_odom, rise, base), k) for k in range(len(self.levels))]
         free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.is_on]
         if free:
             return self._go_to(max(free)[1])
-        if not here.is_contradicted:
+        if not here.is_contradicted or self._give_back(here.level_height, base):
             return None
         return self._found_level(window, map_from_odom, here.height, base)
+
+    def _meet_others(self, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> None:
+        """Remember where the present level meets another one: whoever stands there is on both."""
+        for k in range(len(self.levels)):
+            place = base.to_se2()
+            ways = [p.map_from_base for p in self.passages if (p.of_level, p.to_level) == (self.active, k)]
+            if k == self.active or any(way.distance_to(place) < self.config.remembered for way in ways):
+                continue
+            fits = self._agreement(k, window, map_from_odom, rise, base)
+            if fits.is_on and not fits.is_contradicted:
+                self.passages += [Passage(self.active, k, place), Passage(k, self.active, place)]
+                self.version += 1
+
+    def _give_back(self, height: float, base: SE3) -> bool:
+        """Hand ground of the present level that lies at a height above or below the robot to the level that it belongs to: a deck that was seen from the ramp. Returns whether
+        there is one: its own ground goes on there, and the robot has not stood on what is handed over."""
+        c, level, x, y = self.config, self.level, *base.translation[:2]
+        cells = level.joined(height, c.level_step, x, y, c.level_reach)
+        for other in self.levels:
+            inner, of_other = _common(level.spec, other.spec)
+            if other is level or inner is None:
+                continue
+            is_its = (other.evidence[of_other] > 0) & (np.abs(other.heights[of_other] - height) <= c.level_step)
+            only_here = cells.copy()
+            only_here[inner] &= ~is_its
+            reach = 2 * round(2.0 * c.border / c.resolution) + 1
+            beside = cv2.dilate(is_its.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+            if (cells[inner] & beside).sum() >= c.level_cells and not (level.firm[only_here] > 0).any():
+                level.give(only_here, other)
+                self.version += 1
+                return True
+        return False
 
     def _leave_to_others(self, level: Level, inner: tuple[slice, slice], is_new: NDArray[np.bool_]) -> None:
         """Forget what is new on a level and known at that height on another one: the upper deck, seen from the end of the ramp."""
@@ -306,12 +402,9 @@ class GroundMap:
             level.heights[y0:y1, x0:x1][gone] = np.nan
 
     def _found_level(self, window: Window, map_from_odom: SE2, height: float, base: SE3) -> None:
-        """Begin another level at `height`, what the present one already holds of it becomes unknown there; the last place of the way that lies lower or higher is on both."""
-        step, old = 0.5 * self.config.level_step, self.active
-        inner = _inside(_box(self.level.spec, map_from_odom.transform(window.corners())))
-        of_new = np.abs(self.level.heights[inner] - height) <= step
-        self.level.evidence[inner][of_new] = kernels.UNKNOWN
-        self.level.heights[inner][of_new] = np.nan
+        """Begin another level at `height` with what the present one already holds of it; the last place of the way that lies lower or higher is on both."""
+        step, old, level = 0.5 * self.config.level_step, self.active, self.level
+        of_new = level.joined(height, step, *base.translation[:2], self.config.level_reach)
         shared = [
             place
             for place in self._way
@@ -319,8 +412,9 @@ class GroundMap:
             and math.dist(place.translation, base.translation) > self.config.level_back
         ]
         place = (shared[-1] if shared else base).to_se2()
-        self._begin(window, map_from_odom)
+        self.levels.append(Level.empty(level.spec))
         new = len(self.levels) - 1
+        level.give(of_new, self.levels[new])
         self.passages += [Passage(old, new, place), Passage(new, old, place)]
         self._go_to(new)
 
@@ -336,9 +430,9 @@ class GroundMap:
         near = (np.array(base.translation[:2]), np.array([c.level_stand, c.level_reach]))
         frames = (_turn(map_from_odom.inverse()), rise, *near, _spec(level.spec), box, level.evidence, level.heights)
         found = kernels.agreement(window.kinds, window.heights, window.origin, *frames, c.level_step)
-        close, same, other, height = found
+        close, same, other, height, level_height = found
         is_other = other >= c.level_cells and other >= c.level_share * (same + other)
-        return _Agreement(int(same), bool(close >= c.level_cells), is_other, float(height))
+        return _Agreement(int(same), bool(close >= c.level_cells), is_other, float(height), float(level_height))
 
     def _begin(self, window: Window, map_from_odom: SE2) -> None:
         """Begin a level around a window."""
@@ -346,8 +440,7 @@ class GroundMap:
         low, high = _bounds(map_from_odom.transform(window.corners()), c.block)
         nx, ny = np.round((high - low) / c.resolution).astype(int).tolist()
         spec = GridSpec(c.resolution, nx, ny, float(low[0]), float(low[1]))
-        evidence = np.full(spec.shape, kernels.UNKNOWN, np.int8)
-        self.levels.append(Level(spec, evidence, np.full(spec.shape, np.nan, np.float32)))
+        self.levels.append(Level.empty(spec))
 
     def _grown(self, window: Window, map_from_odom: SE2) -> Level:
         """Return the present level, with room for a window."""
@@ -359,11 +452,7 @@ class GroundMap:
         nx, ny = np.round((last - first) / c.resolution).astype(int).tolist()
         grown = GridSpec(c.resolution, nx, ny, float(first[0]), float(first[1]))
         if grown.shape != spec.shape:
-            diy, dix = spec.offset_in(grown)
-            inner = np.s_[diy : diy + spec.height, dix : dix + spec.width]
-            evidence, heights = np.full(grown.shape, kernels.UNKNOWN, np.int8), np.full(grown.shape, np.nan, np.float32)
-            evidence[inner], heights[inner] = level.evidence, level.heights
-            level = self.levels[self.active] = Level(grown, evidence, heights)
+            level = self.levels[self.active] = level.grown(grown)
         return level
 
 

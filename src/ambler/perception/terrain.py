@@ -60,8 +60,8 @@ class TerrainAnalysis:
         self._mask = np.zeros((n, n), np.uint32)
         self._newest = np.full((n, n), -1e9, np.float32)
         self._image = np.full((columns.DIRECTIONS, columns.ROWS), np.inf, np.float32)
-        self._lows, self._returns, self._ground, self._excess, self._depths = (
-            np.full((m, m), np.nan, np.float32) for _ in range(5)
+        self._lows, self._returns, self._ground, self._excess, self._depths, self._memory = (
+            np.full((m, m), np.nan, np.float32) for _ in range(6)
         )
         self._slopes, self._sure = np.zeros((2, m, m), np.float32), np.zeros((m + 8, m + 8), np.float32)
         self._state, self._classes, self._evidence, self._touched = (np.zeros((m, m), np.uint8) for _ in range(4))
@@ -75,6 +75,7 @@ class TerrainAnalysis:
         """Forget everything."""
         self._mask[:], self._newest[:], self._evidence[:] = 0, -1e9, 0
         self._ground[:], self._lows[:], self._depths[:], self._state[:] = np.nan, np.nan, 0.0, 0
+        self._memory[:] = np.nan
 
     def forget(self, x: float, y: float, radius: float) -> None:
         """Forget what was seen within a radius (m) of a place in the odom frame."""
@@ -82,13 +83,29 @@ class TerrainAnalysis:
         for size, cell, first, arrays in (
             (c.columns, c.voxel, self._first, ((self._mask, 0), (self._newest, -1e9))),
             (c.columns // 2, c.cell, self._first // 2, ((self._evidence, 0), (self._depths, 0.0), (self._state, 0))),
-            (c.columns // 2, c.cell, self._first // 2, ((self._ground, np.nan), (self._lows, np.nan))),
+            (
+                c.columns // 2,
+                c.cell,
+                self._first // 2,
+                ((self._ground, np.nan), (self._lows, np.nan), (self._memory, np.nan)),
+            ),
         ):
             ix, iy = first[0] + np.arange(size), first[1] + np.arange(size)
             is_near = np.hypot((ix[None, :] + 0.5) * cell - x, (iy[:, None] + 0.5) * cell - y) <= radius
             rows, cols = np.nonzero(is_near)
             for array, nothing in arrays:
                 array[iy[rows] % size, ix[cols] % size] = nothing
+
+    def remember(self, points: F32) -> None:
+        """Take firm ground, points (N, 3) in the odom frame, in place of what was told before: where a robot has driven there is ground, whether it is seen now or not. Of
+        several points in a cell the last one counts."""
+        c, m = self.config, self.config.columns // 2
+        self._memory[:] = np.nan
+        cells = np.floor(points[:, :2].astype(np.float64) / c.cell).astype(np.int64)
+        first = self._first // 2
+        is_inside = ((cells >= first) & (cells < first + m)).all(axis=1)
+        ix, iy = (cells[is_inside] % m).T
+        self._memory[iy, ix] = points[is_inside, 2]
 
     def update(
         self,
@@ -124,14 +141,16 @@ class TerrainAnalysis:
         c = self.config
         cells = np.floor(base[:2] / c.cell).astype(np.int64) - c.columns // 4
         first = 2 * cells
-        columns.forget_left(self._mask, self._newest, self._evidence, self._ground, self._lows, self._first, first)
+        of_cells = (self._evidence, self._ground, self._lows, self._memory)
+        columns.forget_left(self._mask, self._newest, *of_cells, self._first, first)
         self._first = first
 
     def _judge(self, base: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
         c, place = self.config, (self._first, self.config.voxel)
         growth = (c.climb, c.slack, c.tilt, round(c.gap / c.cell))
         work = (self._ground, self._state, self._gap, self._queue, self._later)
-        kernels.grow_ground(self._lows, base, *place, c.own_radius, *growth, *work)
+        known = (self._lows, self._returns, self._memory, self._evidence)
+        kernels.grow_ground(*known, base, *place, c.own_radius, *growth, *work)
         seen = (self._ground, self._state)
         judged = (self._sure, self._slopes, self._excess, self._classes)
         kernels.judge_ground(*seen, self._returns, *place, c.step, math.tan(c.steep), *judged)
