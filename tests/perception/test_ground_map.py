@@ -102,14 +102,22 @@ def test_a_roof_beside_the_ground_is_no_ground():
     assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
 
 
+def sloping(x0: float, x1: float, y0: float, y1: float) -> Window:
+    """Return ground that rises from 0 m at x = 30 to 3.5 m at x = 20, and is level before and behind."""
+    out = window(x0, x1, y0, y1)
+    x = out.origin_x + (np.arange(out.heights.shape[1]) + 0.5) * CELL
+    out.heights[:] = np.clip(0.35 * (30.0 - x), 0.0, 3.5)
+    return out
+
+
 def up_a_ramp(ground: GroundMap) -> None:
-    """Drive along x over a deck at 0 m, turn, and climb back over it: at 3.5 m above the deck."""
-    for x in np.arange(0.0, 20.0, 1.0):
+    """Drive along x over a deck at 0 m, and climb back beside it onto another one that is 3.5 m above it."""
+    for x in np.arange(0.0, 31.0, 1.0):
         feed(ground, window(x - 6.0, x + 6.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
-    for k, y in enumerate(np.arange(4.0, 8.0, 1.0)):
-        feed(ground, window(16.0, 24.0, y - 2.0, y + 2.0, 0.9 * k), SE3((20.0, y, 0.9 * k)))
+    for x in np.arange(31.0, 20.0, -1.0):
+        feed(ground, sloping(x - 4.0, x + 4.0, 4.0, 8.0), SE3((x, 6.0, min(0.35 * (30.0 - x), 3.5))))
     for x in np.arange(19.0, 4.0, -1.0):
-        feed(ground, window(x - 6.0, x + 6.0, -2.0, 8.0, 3.5), SE3((x, 6.0, 3.5)))
+        feed(ground, window(x - 6.0, min(x + 6.0, 20.0), -2.0, 8.0, 3.5), SE3((x, 4.0, 3.5)))
 
 
 def test_an_upper_deck_is_a_level_of_its_own_and_leaves_the_lower_one_alone():
@@ -302,6 +310,7 @@ def test_firm_ground_is_told_in_odom_where_the_robot_has_been():
     assert 0.9 * math.pi * 1.5**2 < 0.01 * len(points) <= 1.02 * math.pi * 1.5**2
     assert away.max() < 1.6
     np.testing.assert_allclose(points[:, 2], 0.2, atol=1e-5)
+
 
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""

@@ -181,6 +181,7 @@ SEEN_WELL = (
 )
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
 TURNING_MOST = 0.25  # metres
+WAY_OUT = 4.0  # metres: out of a gap between two parked cars into which a robot went before it saw how narrow it is
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 
 
@@ -243,17 +244,24 @@ def can_map_ground(robot: RobotModel) -> bool:
 
 def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
     """Return a configuration for sites: the planner leaves out gaps in which the robot could not turn, up to `TURNING_MOST` on either side. Between two parked cars
-    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either."""
+    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either; it leaves a gap that proves too narrow by a planned way, up to `WAY_OUT` long. A frontier narrower than
+    what the planner goes through is none."""
     room = min(TURNING_MOST, robot.circumscribed_radius - robot.inscribed_radius + PADDING)
     inflation = replace(
         config.global_costmap.inflation, inscribed_radius=robot.inscribed_radius + max(room, 2.0 * PADDING)
     )
-    survey = replace(config.survey, roomy_cost=turning_cost(robot, inflation))
+    survey = replace(
+        config.survey,
+        roomy_cost=turning_cost(robot, inflation),
+        min_size=2.0 * inflation.inscribed_radius,
+    )
     onwards = tuple(step for step in config.navigation.recoveries if step.action is not RecoveryAction.BACK_UP)
     return replace(
         config,
         global_costmap=replace(config.global_costmap, inflation=inflation),
         survey=survey,
+        planner=replace(config.planner, escape_radius=max(config.planner.escape_radius, WAY_OUT)),
+        visibility=replace(config.visibility, escape_radius=max(config.visibility.escape_radius, WAY_OUT)),
         navigation=replace(config.navigation, recoveries=onwards),
     )
 

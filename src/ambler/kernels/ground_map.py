@@ -112,7 +112,7 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
     """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
-    map: what is assumed farther than `limits[0]` from it is unknown again. Ground more than `limits[1]` metres above or below what is known there is of
+    map: what is assumed farther than `limits[0]` from it is unknown again. What stands or lies more than `limits[1]` metres above or below what is known there is of
     another level, and left out, as is a drop farther than `limits[2]` where nothing is known: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
     that the robot has stood, only what stands on the ground is in the way. `spec` (x, y, resolution) of the map's first corner.
     """
@@ -137,14 +137,14 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                 kind = kinds[jy, jx]
                 known = map_heights[iy, ix]
                 is_marked = marks[int(2.0 * v), int(2.0 * u)] != 0
-                is_other = kind == GROUND and was != UNKNOWN and abs(heights[jy, jx] + rise - known) > apart
+                is_other = was != UNKNOWN and abs(heights[jy, jx] + rise - known) > apart
                 if kind not in (0, GROUND, BLIND) and not is_marked:
                     is_far = kind == DROP and away > drop_most and was in (UNKNOWN, ASSUMED)
                     is_other = is_other or is_far or firm[iy, ix] != 0
                 if kind != 0 and not is_other:
                     is_open = kind == GROUND and not is_marked
                     now = _weighed(was, kind, is_open)
-                    if kind in (GROUND, BLIND) or math.isnan(known):
+                    if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
                         map_heights[iy, ix] = heights[jy, jx] + rise
             if _meaning(now) != _meaning(evidence[iy, ix]):
                 changed += 1

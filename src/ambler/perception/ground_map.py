@@ -175,14 +175,26 @@ class Level:
         out.evidence[inner], out.heights[inner], out.firm[inner] = self.evidence, self.heights, self.firm
         return out
 
-    def give(self, cells: NDArray[np.bool_], other: Level) -> None:
-        """Hand cells (bool [iy, ix]) to another level, where that has room and knows nothing; here they are forgotten."""
+    def share(self, cells: NDArray[np.bool_], other: Level) -> None:
+        """Tell another level of cells (bool [iy, ix]), where that has room and knows nothing."""
         inner, of_other = _common(self.spec, other.spec)
-        if inner is not None:
-            new = cells[inner] & (other.evidence[of_other] == kernels.UNKNOWN)
-            for mine, its in ((self.evidence, other.evidence), (self.heights, other.heights), (self.firm, other.firm)):
-                its[of_other][new] = mine[inner][new]
+        if inner is None:
+            return
+        new = cells[inner] & (other.evidence[of_other] == kernels.UNKNOWN)
+        for mine, its in ((self.evidence, other.evidence), (self.heights, other.heights), (self.firm, other.firm)):
+            its[of_other][new] = mine[inner][new]
+
+    def give(self, cells: NDArray[np.bool_], other: Level) -> None:
+        """Share cells (bool [iy, ix]) with another level and forget them."""
+        self.share(cells, other)
         self.evidence[cells], self.heights[cells], self.firm[cells] = kernels.UNKNOWN, np.nan, 0
+
+    def around(self, place: SE3, reach: float, within: float) -> NDArray[np.bool_]:
+        """Return the cells (bool [iy, ix]) within `reach` metres of a place, and `within` metres of its height."""
+        x, y, z = place.translation
+        dy = self.spec.origin_y + (np.arange(self.spec.height) + 0.5) * self.spec.resolution - y
+        dx = self.spec.origin_x + (np.arange(self.spec.width) + 0.5) * self.spec.resolution - x
+        return np.asarray((np.hypot(dy[:, None], dx[None, :]) <= reach) & (np.abs(self.heights - z) <= within))
 
     def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
         """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place."""
@@ -288,7 +300,7 @@ class GroundMap:
         level = self._grown(window, flat)
         box, spec = _box(level.spec, flat.transform(window.corners())), _spec(level.spec)
         of_map = _plane(map_from_base)
-        limits = np.array([c.assumed, 2.0 * c.level_step, c.drop_most])
+        limits = np.array([c.assumed, c.level_step, c.drop_most])
         frames = (_turn(flat.inverse()), rise, of_map[:2], limits, spec, box)
         was_unknown, is_first = level.evidence[_inside(box)] == kernels.UNKNOWN, not level.is_begun
         cells = (level.evidence, level.heights, level.firm)
@@ -299,18 +311,23 @@ class GroundMap:
         self.version += int(changed > 0)
 
     def remembered(self, map_from_odom: SE3, odom_from_base: SE3) -> F32:
-        """Return the firm ground around a robot on the present level, points float32 (N, 3) in odom."""
-        c, level, x, y = self.config, self.level, *(map_from_odom @ odom_from_base).translation[:2]
+        """Return the firm ground around a robot, points float32 (N, 3) in odom; of levels above one another, that nearest to its height comes last."""
+        c, (x, y, z) = self.config, (map_from_odom @ odom_from_base).translation
         corners = np.array([[x - c.remembered, y - c.remembered], [x + c.remembered, y + c.remembered]])
-        y0, y1, x0, x1 = _box(level.spec, corners).tolist()
-        is_known = (level.firm[y0:y1, x0:x1] > 0) & (level.evidence[y0:y1, x0:x1] > 0)
-        iy, ix = np.nonzero(is_known)
-        cells = np.column_stack((ix + x0, iy + y0))
-        places = (cells + 0.5) * level.spec.resolution + (level.spec.origin_x, level.spec.origin_y)
-        heights = level.heights[y0:y1, x0:x1][is_known]
+        found = [np.zeros((0, 3))]
+        for level in self.levels:
+            y0, y1, x0, x1 = _box(level.spec, corners).tolist()
+            iy, ix = np.nonzero((level.firm[y0:y1, x0:x1] > 0) & (level.evidence[y0:y1, x0:x1] > 0))
+            places = (np.column_stack((ix + x0, iy + y0)) + 0.5) * level.spec.resolution
+            places += (level.spec.origin_x, level.spec.origin_y)
+            found.append(np.column_stack((places, level.heights[y0:y1, x0:x1][iy, ix])))
+        points = np.concatenate(found)
+        points = points[
+            np.argsort(-np.abs(points[:, 2] - z), kind="stable")
+        ]  # of several heights the robot's comes last
         rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
-        flat = map_from_odom.to_se2().inverse().transform(places)
-        return np.column_stack((flat, heights - rise)).astype(np.float32)
+        flat = map_from_odom.to_se2().inverse().transform(points[:, :2])
+        return np.column_stack((flat, points[:, 2] - rise)).astype(np.float32)
 
     def occupancy(self, k: int) -> NDArray[np.int8]:
         """Return a level as a map, int8 [iy, ix]. Where another level goes on beyond the ground that both share, it is closed: nothing of this one is
@@ -411,10 +428,12 @@ class GroundMap:
             if abs(place.translation[2] - height) > step
             and math.dist(place.translation, base.translation) > self.config.level_back
         ]
-        place = (shared[-1] if shared else base).to_se2()
+        on_both = shared[-1] if shared else base
+        place = on_both.to_se2()
         self.levels.append(Level.empty(level.spec))
         new = len(self.levels) - 1
         level.give(of_new, self.levels[new])
+        level.share(level.around(on_both, self.config.level_reach, self.config.level_step), self.levels[new])
         self.passages += [Passage(old, new, place), Passage(new, old, place)]
         self._go_to(new)
 
