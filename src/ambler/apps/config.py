@@ -247,14 +247,9 @@ def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
     a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either; it leaves a gap that proves too narrow by a planned way, up to `WAY_OUT` long. A frontier narrower than
     what the planner goes through is none."""
     room = min(TURNING_MOST, robot.circumscribed_radius - robot.inscribed_radius + PADDING)
-    inflation = replace(
-        config.global_costmap.inflation, inscribed_radius=robot.inscribed_radius + max(room, 2.0 * PADDING)
-    )
-    survey = replace(
-        config.survey,
-        roomy_cost=turning_cost(robot, inflation),
-        min_size=2.0 * inflation.inscribed_radius,
-    )
+    inscribed = robot.inscribed_radius + max(room, 2.0 * PADDING)
+    inflation = replace(config.global_costmap.inflation, inscribed_radius=inscribed)
+    survey = replace(config.survey, roomy_cost=turning_cost(robot, inflation), min_size=2.0 * inscribed)
     onwards = tuple(step for step in config.navigation.recoveries if step.action is not RecoveryAction.BACK_UP)
     return replace(
         config,

@@ -47,7 +47,7 @@ class GroundMapperNode(Node):
         self._motion = BaseMotion()
         self._map_from_odom: SE3 | None = None
         self._newest_ns = -1
-        self._told = (0, 0)  # version and level of the last map
+        self._told = (0, 0, 0)  # version, level and number of passages that were told last
 
     def start(self) -> None:
         """Subscribe, serve, and tell the map when it has changed."""
@@ -85,9 +85,11 @@ class GroundMapperNode(Node):
     def _publish(self) -> None:
         if not self.map.levels or self.map.version == self._told[0]:
             return
-        if self._told[0] == 0 or self.map.active != self._told[1]:
-            self._tell_level()
-        self._told = (self.map.version, self.map.active)
+        now = (self.map.version, self.map.active, len(self.map.passages))
+        is_first = self._told[0] == 0
+        if is_first or now[1:] != self._told[1:]:
+            self._tell_level(is_new=is_first or now[1] != self._told[1])
+        self._told = now
         level = self.map.level
         self.ctx.publish(MAP, OccupancyGrid(self._newest_ns, "map", level.spec, self.map.occupancy(self.map.active)))
 
@@ -103,12 +105,14 @@ class GroundMapperNode(Node):
         ring = np.zeros(len(points), np.uint16)
         self.ctx.publish(FIRM_GROUND, PointCloud(self._newest_ns, "odom", points, nothing, nothing, ring))
 
-    def _tell_level(self) -> None:
+    def _tell_level(self, *, is_new: bool) -> None:
         """Say on which level the robot is, and how one gets to others: before the map of that level."""
         ways = [(p.of_level, p.to_level, *p.map_from_base.as_array()) for p in self.map.passages]
         passages = np.array(ways, np.float64).reshape(-1, 5)
         levels = GroundLevels(self._newest_ns, "map", self.map.active, len(self.map.levels), passages)
         self.ctx.publish(GROUND_LEVELS, levels)
+        if not is_new:
+            return
         fields = {"level": self.map.active, "levels": len(self.map.levels)}
         text = f"on level {self.map.active} of {len(self.map.levels)}"
         self.ctx.log("LEVEL", text, **fields)

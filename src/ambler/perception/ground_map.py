@@ -54,6 +54,7 @@ class GroundMapConfig:
     level_cells     and how many of them at least
     level_stand     metres around the robot within which as many cells must agree for it to stand on a level
     level_reach     metres from the robot within which they count: farther away it may see another level from this one
+    apart           metres between two passages of the same levels
     level_back      metres before the place where a level began to the place of the way that counts as being on both
     border          metres beyond the ground that two levels share within which what is known of one is not looked for on the other
     stride          metres between the places that the way of the robot is kept by
@@ -74,6 +75,7 @@ class GroundMapConfig:
     level_cells: int = 120
     level_stand: float = 1.5
     level_reach: float = 3.0
+    apart: float = 9.0
     level_back: float = 2.5
     border: float = 1.0
     stride: float = 1.0
@@ -322,9 +324,7 @@ class GroundMap:
             places += (level.spec.origin_x, level.spec.origin_y)
             found.append(np.column_stack((places, level.heights[y0:y1, x0:x1][iy, ix])))
         points = np.concatenate(found)
-        points = points[
-            np.argsort(-np.abs(points[:, 2] - z), kind="stable")
-        ]  # of several heights the robot's comes last
+        points = points[np.argsort(-np.abs(points[:, 2] - z), kind="stable")]
         rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
         flat = map_from_odom.to_se2().inverse().transform(points[:, :2])
         return np.column_stack((flat, points[:, 2] - rise)).astype(np.float32)
@@ -373,7 +373,7 @@ class GroundMap:
         for k in range(len(self.levels)):
             place = base.to_se2()
             ways = [p.map_from_base for p in self.passages if (p.of_level, p.to_level) == (self.active, k)]
-            if k == self.active or any(way.distance_to(place) < self.config.remembered for way in ways):
+            if k == self.active or any(way.distance_to(place) < self.config.apart for way in ways):
                 continue
             fits = self._agreement(k, window, map_from_odom, rise, base)
             if fits.is_on and not fits.is_contradicted:
@@ -395,7 +395,7 @@ class GroundMap:
             reach = 2 * round(2.0 * c.border / c.resolution) + 1
             beside = cv2.dilate(is_its.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
             if (cells[inner] & beside).sum() >= c.level_cells and not (level.firm[only_here] > 0).any():
-                level.give(only_here, other)
+                level.give(only_here | (cells & level.around(base, c.level_reach, math.inf)), other)
                 self.version += 1
                 return True
         return False
