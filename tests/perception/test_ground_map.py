@@ -312,6 +312,14 @@ def test_firm_ground_is_told_in_odom_where_the_robot_has_been():
     np.testing.assert_allclose(points[:, 2], 0.2, atol=1e-5)
 
 
+def test_a_level_lidar_sees_no_floor_near_itself_but_the_robot_stands_on_another_level():
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    for x in np.arange(0.0, 31.0, 1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 8.0), SE3((x, 0.0, 0.0)))
+    feed(ground, window(19.5, 20.0, 1.0, 7.0, 3.5), SE3((14.0, 4.0, 3.5)), MID_360)
+    assert len(ground.levels) == 2
+    assert ground.active == 1
+
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()

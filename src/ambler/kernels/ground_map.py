@@ -201,7 +201,7 @@ def _meaning(evidence):
 
 @jit
 def agreement(kinds, heights, origin, odom_from_map, rise, base, limits, spec, box, evidence, map_heights, tolerance):
-    """Return how many cells of the map's box agree with a window's ground within `tolerance` (m) and lie within `limits[0]` metres of `base` (x, y), how many
+    """Return how many cells of the map's box agree with a window's ground, seen or too near to be seen, within `tolerance` (m) and lie within `limits[0]` metres of `base` (x, y), how many
     agree at all, how many within `limits[1]` contradict it by more than twice that, and how high the window's and the map's ground is there on average."""
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
@@ -215,7 +215,7 @@ def agreement(kinds, heights, origin, odom_from_map, rise, base, limits, spec, b
             mx = spec[0] + (ix + 0.5) * spec[2]
             u = (c * mx - s * my + tx - origin[0]) / origin[2]
             v = (s * mx + c * my + ty - origin[1]) / origin[2]
-            if not (0.0 <= u < nx and 0.0 <= v < ny) or kinds[int(v), int(u)] != GROUND:
+            if not (0.0 <= u < nx and 0.0 <= v < ny) or kinds[int(v), int(u)] not in (GROUND, BLIND):
                 continue
             height = heights[int(v), int(u)] + rise
             off, away = abs(height - map_heights[iy, ix]), math.hypot(mx - base[0], my - base[1])

@@ -419,23 +419,21 @@ class GroundMap:
             level.heights[y0:y1, x0:x1][gone] = np.nan
 
     def _found_level(self, window: Window, map_from_odom: SE2, height: float, base: SE3) -> None:
-        """Begin another level at `height` with what the present one already holds of it; the last place of the way that lies lower or higher is on both."""
-        step, old, level = 0.5 * self.config.level_step, self.active, self.level
-        of_new = level.joined(height, step, *base.translation[:2], self.config.level_reach)
-        shared = [
-            place
-            for place in self._way
-            if abs(place.translation[2] - height) > step
-            and math.dist(place.translation, base.translation) > self.config.level_back
-        ]
-        on_both = shared[-1] if shared else base
-        place = on_both.to_se2()
-        self.levels.append(Level.empty(level.spec))
-        new = len(self.levels) - 1
-        level.give(of_new, self.levels[new])
-        level.share(level.around(on_both, self.config.level_reach, self.config.level_step), self.levels[new])
-        self.passages += [Passage(old, new, place), Passage(new, old, place)]
-        self._go_to(new)
+        """Begin another level at `height` with what the present one already holds of it; the last place of the way that lies
+        lower or higher is on both, as is the way from there."""
+        c, old, level = self.config, self.active, self.level
+        step, at, new = 0.5 * c.level_step, base.translation, Level.empty(level.spec)
+        of_new = level.joined(height, step, at[0], at[1], c.level_reach)
+        off = [abs(p.translation[2] - height) > step and math.dist(p.translation, at) > c.level_back for p in self._way]
+        first = max(np.flatnonzero(off), default=len(self._way))
+        on_both = [*self._way[first:], base]
+        level.give(of_new, new)
+        for p in on_both:
+            level.share(level.around(p, c.level_reach, c.level_step), new)
+        self.levels.append(new)
+        place, to = on_both[0].to_se2(), len(self.levels) - 1
+        self.passages += [Passage(old, to, place), Passage(to, old, place)]
+        self._go_to(to)
 
     def _go_to(self, level: int) -> None:
         """Take another level for the one that the robot is on."""
