@@ -24,6 +24,8 @@ def test_where_the_ground_is_not_level_a_robot_that_can_maps_it_and_its_gate_tak
     go2 = robot_named("go2").model
     assert config.gate_for(go2).slope == pytest.approx(math.tan(config.ground.steep))
     assert config.global_costmap.inflation.inscribed_radius > go2.inscribed_radius + 0.2
+    assert config.survey.min_size == pytest.approx(2.0 * config.global_costmap.inflation.inscribed_radius)
+    assert min(config.planner.way_out, config.visibility.way_out) > 2.0
     actions = {step.action for step in config.navigation.recoveries}
     assert RecoveryAction.BACK_UP not in actions, "it does not see where it backs up to"
     assert RecoveryAction.ROTATE in actions

@@ -320,6 +320,7 @@ def test_a_level_lidar_sees_no_floor_near_itself_but_the_robot_stands_on_another
     assert len(ground.levels) == 2
     assert ground.active == 1
 
+
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()

@@ -229,3 +229,30 @@ def test_distance_field_agrees_with_planned_lengths() -> None:
     assert np.isinf(field[costs >= 253]).all()
     with pytest.raises(StartOutsideMapError):
         distance_field(costs, SPEC, SE2(99.0, 0.0))
+
+
+def gap(shut: bool = False) -> np.ndarray:
+    """Return a blind gap, 0.7 m wide and 3 m long, that opens into a room; the robot's radius makes all of it inscribed."""
+    cells = np.zeros(SPEC.shape, np.uint8)
+    cells[:, 140:] = 254
+    cells[73:87, 80:140] = 253
+    cells[:73, 80:140], cells[87:, 80:140] = 254, 254
+    if shut:
+        cells[:, 90:92] = 254
+    return cells
+
+
+def test_a_robot_leaves_a_gap_in_which_it_cannot_turn_along_the_gap():
+    start, goal = SE2(*SPEC.center_of(80, 130)), SE2(*SPEC.center_of(20, 20))
+    with pytest.raises(StartOccupiedError):
+        GridPlanner(PlannerConfig(escape_radius=0.5)).plan(gap(), SPEC, start, goal)
+    way = GridPlanner(PlannerConfig(escape_radius=0.5, way_out=4.0)).plan(gap(), SPEC, start, goal).path
+    costs = gap()[tuple(SPEC.cells_of(way[:, :2]).T)]
+    assert costs.max() < 254
+    assert np.isfinite(distance_field(gap(), SPEC, start, escape_radius=0.5, way_out=4.0)[20, 20])
+
+
+def test_it_does_not_leave_it_through_what_shuts_it():
+    start, goal = SE2(*SPEC.center_of(80, 130)), SE2(*SPEC.center_of(20, 20))
+    with pytest.raises(StartOccupiedError):
+        GridPlanner(PlannerConfig(escape_radius=0.5, way_out=4.0)).plan(gap(shut=True), SPEC, start, goal)

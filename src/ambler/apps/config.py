@@ -255,8 +255,8 @@ def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
         config,
         global_costmap=replace(config.global_costmap, inflation=inflation),
         survey=survey,
-        planner=replace(config.planner, escape_radius=max(config.planner.escape_radius, WAY_OUT)),
-        visibility=replace(config.visibility, escape_radius=max(config.visibility.escape_radius, WAY_OUT)),
+        planner=replace(config.planner, way_out=WAY_OUT),
+        visibility=replace(config.visibility, way_out=WAY_OUT),
         navigation=replace(config.navigation, recoveries=onwards),
     )
 

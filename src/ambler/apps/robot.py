@@ -91,7 +91,8 @@ def robot_nodes(
     where there is no map, docking where there are docks, the nodes of `parts`, and the gate. Who gives it tasks comes on top."""
     parts = parts if parts is not None else Parts()
     robot = calibrated_robot(robot, config.scanners)
-    distances = partial(distance_field, escape_radius=config.planner.escape_radius)
+    out = config.planner
+    distances = partial(distance_field, escape_radius=out.escape_radius, way_out=out.way_out)
     maps_ground = site.grid is None and config.mapping == "ground"
     nodes = sensing_nodes(robot, config, closes_loops=maps_ground)
     if site.grid is None:

@@ -13,7 +13,7 @@ from ambler.planning.escape import find_escape
 
 
 def distance_field(
-    costs: NDArray[np.uint8], spec: GridSpec, start: SE2, *, escape_radius: float = 0.6
+    costs: NDArray[np.uint8], spec: GridSpec, start: SE2, *, escape_radius: float = 0.6, way_out: float = 0.0
 ) -> NDArray[np.float32]:
     """Return the shortest path's length from `start` to every cell's centre, float32 [iy, ix] metres, inf where none leads.
 
@@ -26,7 +26,7 @@ def distance_field(
     costs = np.ascontiguousarray(costs)
     if costs[iy, ix] >= COST_INSCRIBED:
         weights = np.pad((costs < COST_INSCRIBED).astype(np.uint16), 1)
-        iy, ix = find_escape(costs, weights, (iy, ix), escape_radius / spec.resolution)[-1]
+        iy, ix = find_escape(costs, weights, (iy, ix), escape_radius / spec.resolution, way_out / spec.resolution)[-1]
     out = np.empty(costs.shape, np.float32)
     kernels.distance_field(costs, iy, ix, COST_INSCRIBED, spec.resolution, out)
     return out

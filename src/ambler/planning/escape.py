@@ -15,12 +15,12 @@ INSCRIBED_WEIGHT, LETHAL_WEIGHT = 10.0, 1000.0
 
 
 def find_escape(
-    costs: NDArray[np.uint8], weights: NDArray[np.uint16], start: tuple[int, int], radius: float
+    costs: NDArray[np.uint8], weights: NDArray[np.uint16], start: tuple[int, int], radius: float, reach: float = 0.0
 ) -> list[tuple[int, int]]:
     """Return the cells (iy, ix) from the start to the first allowed cell; only the start itself when that is allowed.
 
     Least cost within `radius` cells: a step into an inscribed cell counts 10 times, into a lethal or unknown one 1000 times
-    its length, so that the robot leaves a wall on its own side. `weights` has a border of one cell, 0 is forbidden.
+    its length, so that the robot leaves a wall on its own side. Beyond, up to `reach` cells, only over inscribed cells: along a gap that is too narrow to turn in. `weights` has a border of one cell, 0 is forbidden.
     Raises StartOccupiedError.
     """
     if weights[start[0] + 1, start[1] + 1]:
@@ -41,7 +41,10 @@ def find_escape(
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
                 iy, ix = cell[0] + dy, cell[1] + dx
-                if not (0 <= iy < height and 0 <= ix < width) or math.hypot(iy - start[0], ix - start[1]) > radius:
+                if not (0 <= iy < height and 0 <= ix < width):
+                    continue
+                is_crossed = weights[iy + 1, ix + 1] or costs[iy, ix] == COST_INSCRIBED
+                if math.hypot(iy - start[0], ix - start[1]) > (max(radius, reach) if is_crossed else radius):
                     continue
                 factor = 1.0 if weights[iy + 1, ix + 1] else LETHAL_WEIGHT
                 if costs[iy, ix] == COST_INSCRIBED:

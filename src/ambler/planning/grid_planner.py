@@ -37,7 +37,8 @@ INT32_LIMIT = 2**31 - 2**22
 class PlannerConfig:
     """`neutral` and `factor` weigh length against cost (50 and 0.8 as navfn). Cells of cost >= `lethal_from` are forbidden;
     unknown ones too, unless allowed. `goal_tolerance` (m) limits how far a substitute of an occupied or unknown goal may lie;
-    `escape_radius` (m) how far a start on a forbidden cell may lie from a free one: the circumscribed radius of the robot.
+    `escape_radius` (m) how far a start on a forbidden cell may lie from a free one: the circumscribed radius of the robot; `way_out` (m) how far
+    over inscribed cells alone.
     The path leaves the eight directions when it `is_smooth`: it gets corners `corner_cells` apart while it is pulled tight, then half as far, in at most `sweeps` over
     them; a leg replaces up to `shortcut_window` corners. The path's points lie at most `spacing` (m) apart."""
 
@@ -48,6 +49,7 @@ class PlannerConfig:
     margin: float = 10.0  # metres of unknown ground that the map is laid in, where unknown cells are allowed
     goal_tolerance: float = math.inf
     escape_radius: float = 0.6
+    way_out: float = 0.0
     spacing: float = 0.05
     is_smooth: bool = True
     # Of 4, 6, 8, 12 and 16 cells: 8 takes least time within 0.02 % of the least cost, in generated clutter and rooms
@@ -77,7 +79,8 @@ class GridPlanner:
             costs, spec = with_surroundings(costs, spec, [(start.x, start.y), (goal.x, goal.y)], self.config.margin)
         start_cell, goal_cell = self._cells(costs, spec, start, goal)
         self._weigh(costs)
-        escape = find_escape(costs, self._weights, start_cell, self.config.escape_radius / spec.resolution)
+        radius, reach = self.config.escape_radius / spec.resolution, self.config.way_out / spec.resolution
+        escape = find_escape(costs, self._weights, start_cell, radius, reach)
         begin = escape[-1]
         reached = self._search(begin, goal_cell)
         if reached != goal_cell:

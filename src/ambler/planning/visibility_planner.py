@@ -48,7 +48,7 @@ class VisibilityConfig:
     """Cells of cost >= `lethal_from` are forbidden; unknown ones too, unless allowed: then they cost what `price` says, and the map is
     laid in `margin` metres of unknown ground. A way is kept while no other is cheaper by `hysteresis` of it. Inner points of a path
     move away from what is near, up to `clearance` metres beyond what is forbidden, and the path is eased to where the costs, times `factor`, are lower. `goal_tolerance` (m) limits how far a substitute of an occupied goal may
-    lie, `escape_radius` (m) how far a start on a forbidden cell from a free one. A piece of unknown ground counts as attempted when
+    lie, `escape_radius` (m) how far a start on a forbidden cell from a free one, `way_out` (m) how far over inscribed cells alone. A piece of unknown ground counts as attempted when
     the robot came within `attempted` metres of it. The path's points lie at most `spacing` (m) apart."""
 
     lethal_from: int = COST_INSCRIBED
@@ -62,6 +62,7 @@ class VisibilityConfig:
     factor: float = 0.2
     goal_tolerance: float = math.inf
     escape_radius: float = 0.6
+    way_out: float = 0.0
     attempted: float = 1.0
     spacing: float = 0.05
     graph: VisibilityGraphConfig = field(default_factory=VisibilityGraphConfig)
@@ -269,7 +270,8 @@ class VisibilityPlanner:
         if cells[cell] != FORBIDDEN:
             return []
         weights = np.pad((cells != FORBIDDEN).astype(np.uint16), 1)
-        way = find_escape(costs, weights, cell, self.config.escape_radius / spec.resolution)
+        radius, reach = self.config.escape_radius / spec.resolution, self.config.way_out / spec.resolution
+        way = find_escape(costs, weights, cell, radius, reach)
         return [(start.x, start.y), *(spec.center_of(*c) for c in way[1:])]
 
     def _extended(self, spec: GridSpec, way: F64) -> F64:
