@@ -130,7 +130,7 @@ TERRAIN = (
     PlantedFault(
         "whatever lies beside the robot is firm",
         "kernels/ground_map.py",
-        "elif 0 < evidence[iy, ix] != ASSUMED and abs(map_heights[iy, ix] - height) <= off + slope * away:",
+        "elif 0 < evidence[iy, ix] != ASSUMED and is_in_plane:",
         "elif 0 < evidence[iy, ix] != ASSUMED:",
         (
             "tests/perception/test_ground_map.py::test_ground_beside_a_robot_that_lies_lower_than_its_wheels_is_not_firm",

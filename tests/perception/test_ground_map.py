@@ -214,20 +214,20 @@ def test_where_a_robot_has_stood_there_is_ground_whatever_the_terrain_says_later
     ground = GroundMap()
     feed(ground, window(-6.0, 6.0, -3.0, 3.0))
     for _ in range(9):
-        feed(ground, of_kind(kind, -3.0, 3.0, -3.0, 3.0), SE3((5.0, 0.0, 0.0)))
+        feed(ground, of_kind(kind, -3.0, 3.0, -3.0, 3.0), SE3((3.0, 0.0, 0.0)))
     assert at(ground, 0.0, 0.0) == OCC_FREE, "below the robot"
-    assert at(ground, 1.0, 0.5) == OCC_FREE, "beside it, in the plane of its wheels"
-    assert at(ground, 2.5, 0.0) == OCC_OCCUPIED, "there it has not been"
+    assert at(ground, 0.0, 1.5) == OCC_FREE, "beside it, in the plane of its wheels"
+    assert at(ground, 1.5, 0.0) == OCC_OCCUPIED, "there it has not been"
 
 
 def test_ground_beside_a_robot_that_lies_lower_than_its_wheels_is_not_firm():
     ground = GroundMap()
-    feed(ground, window(-3.0, 0.8, -3.0, 3.0))
-    feed(ground, window(0.8, 3.0, -3.0, 3.0, -0.12))
+    feed(ground, window(-3.0, 3.0, -3.0, 0.8))
+    feed(ground, window(-3.0, 3.0, 0.8, 3.0, -0.12))
     for _ in range(9):
-        feed(ground, of_kind(Ground.DROP, 0.4, 1.4, -3.0, 3.0), SE3((-2.0, 0.0, 0.0)))
-    assert at(ground, 0.7, 0.0) == OCC_FREE
-    assert at(ground, 0.9, 0.0) == OCC_OCCUPIED, "a kerb"
+        feed(ground, of_kind(Ground.DROP, -3.0, 3.0, 0.4, 1.4), SE3((2.5, 0.0, 0.0)))
+    assert at(ground, 0.0, 0.7) == OCC_FREE
+    assert at(ground, 0.0, 0.9) == OCC_OCCUPIED, "a kerb"
 
 
 def test_who_stands_where_the_robot_has_stood_is_in_the_way():
@@ -306,9 +306,10 @@ def test_firm_ground_is_told_in_odom_where_the_robot_has_been():
     base = SE3((0.5, 0.0, 0.2))
     ground.update(window(-6.0, 6.0, -3.0, 3.0, 0.2), shifted, base, base @ LEVEL_LIDAR, ALL_ROUND)
     points = ground.remembered(shifted, base)
-    away = np.hypot(points[:, 0] - 0.5, points[:, 1])
-    assert 0.9 * math.pi * 1.5**2 < 0.01 * len(points) <= 1.02 * math.pi * 1.5**2
-    assert away.max() < 1.6
+    ahead, beside = np.abs(points[:, 0] - 0.5), np.abs(points[:, 1])
+    assert 0.8 * 4.0 * 0.2 * 2.5 < 0.01 * len(points) <= 1.2 * 4.0 * 0.2 * 2.5
+    assert ahead.max() < 0.26
+    assert 2.3 < beside.max() < 2.6
     np.testing.assert_allclose(points[:, 2], 0.2, atol=1e-5)
 
 

@@ -113,7 +113,7 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
     map: what is assumed farther than `limits[0]` from it is unknown again. What stands or lies more than `limits[1]` metres above or below what is known there is of
-    another level, and left out, as is a drop farther than `limits[2]` where nothing is known: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
+    another level, and left out, as is a drop farther than `limits[2]`: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
     that the robot has stood, only what stands on the ground is in the way. `spec` (x, y, resolution) of the map's first corner.
     """
     reach, apart, drop_most = limits
@@ -139,7 +139,7 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                 is_marked = marks[int(2.0 * v), int(2.0 * u)] != 0
                 is_other = was != UNKNOWN and abs(heights[jy, jx] + rise - known) > apart
                 if kind not in (0, GROUND, BLIND) and not is_marked:
-                    is_far = kind == DROP and away > drop_most and was in (UNKNOWN, ASSUMED)
+                    is_far = kind == DROP and away > drop_most
                     is_other = is_other or is_far or firm[iy, ix] != 0
                 if kind != 0 and not is_other:
                     is_open = kind == GROUND and not is_marked
@@ -153,11 +153,12 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
 
 
 @jit
-def stand(plane, limits, spec, box, evidence, map_heights, firm):
-    """Make the ground firm on which the robot stands, and what around it is seen to lie in the plane of its wheels: it is the better instrument.
+def stand(plane, heading, limits, spec, box, evidence, map_heights, firm):
+    """Make the ground firm on which the robot stands, and what beside it is seen to lie in the plane of its wheels: it is the better instrument.
 
-    `plane` (x, y, z, rise along x, rise along y) in the map; `limits`: metres around the base that it stands on, those within which seen ground counts, by how
-    much that may lie off the plane, and how much more for each metre; ground farther than the last one off is of another level.
+    `plane` (x, y, z, rise along x, rise along y) and `heading` (cos, sin) of the base in the map; `limits`: metres around the base that it stands on, those to
+    its sides within which seen ground counts, by how much that may lie off the plane, and how much more for each metre; ground farther than the last one off is of
+    another level.
     """
     own, reach, off, slope, apart = limits
     y0, y1, x0, x1 = box
@@ -165,18 +166,19 @@ def stand(plane, limits, spec, box, evidence, map_heights, firm):
         dy = spec[1] + (iy + 0.5) * spec[2] - plane[1]
         for ix in range(x0, x1):
             dx = spec[0] + (ix + 0.5) * spec[2] - plane[0]
-            away = math.hypot(dx, dy)
-            if away > reach:
+            ahead, beside = heading[0] * dx + heading[1] * dy, heading[0] * dy - heading[1] * dx
+            if abs(ahead) > own or abs(beside) > reach:
                 continue
             height = plane[2] + dx * plane[3] + dy * plane[4]
             if abs(map_heights[iy, ix] - height) > apart:
                 continue
-            if away <= own:
+            is_in_plane = abs(map_heights[iy, ix] - height) <= off + slope * abs(beside)
+            if math.hypot(dx, dy) <= own:
                 firm[iy, ix] = 1
                 evidence[iy, ix] = GROUND_MOST
-                if not abs(map_heights[iy, ix] - height) <= off + slope * away:
+                if not is_in_plane:
                     map_heights[iy, ix] = height
-            elif 0 < evidence[iy, ix] != ASSUMED and abs(map_heights[iy, ix] - height) <= off + slope * away:
+            elif 0 < evidence[iy, ix] != ASSUMED and is_in_plane:
                 firm[iy, ix] = 1
 
 
@@ -239,7 +241,7 @@ def warm_up() -> None:
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
     firm = np.zeros((8, 8), np.uint8)
     merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), np.ones(3), spec, box, evidence, map_heights, firm)
-    stand(np.zeros(5), np.ones(5), spec, box, evidence, map_heights, firm)
+    stand(np.zeros(5), np.ones(2), np.ones(5), spec, box, evidence, map_heights, firm)
     agreement(
         kinds, heights, origin, turn, 0.0, np.zeros(2), np.array([1.5, 3.0]), spec, box, evidence, map_heights, 0.5
     )

@@ -44,8 +44,8 @@ class GroundMapConfig:
                     nearest 5 m of where it starts
     step, rise      ground is joined to the robot's where heights differ by at most `step` and `rise` for each metre between
     block           metres by which the map grows
-    drop_most       metres from the robot within which a drop counts where nothing was known: seen from afar, a ramp that begins to fall is one
-    firm            metres around the robot within which ground that lies in the plane of its wheels is firm from then on
+    drop_most       metres from the robot within which a drop counts: seen from afar, a ramp that begins to fall is one
+    firm            metres to the sides of the robot within which ground that lies in the plane of its wheels is firm from then on
     firm_off        how far it may lie off that plane, and
     firm_slope      how much farther for each metre from the robot
     remembered      metres around the robot within which firm ground is told to the terrain analysis
@@ -66,7 +66,7 @@ class GroundMapConfig:
     rise: float = 0.4
     block: float = 12.8
     drop_most: float = 3.0
-    firm: float = 1.5
+    firm: float = 2.5
     firm_off: float = 0.04
     firm_slope: float = 0.03
     remembered: float = 9.0
@@ -79,6 +79,11 @@ class GroundMapConfig:
     level_back: float = 2.5
     border: float = 1.0
     stride: float = 1.0
+
+    @property
+    def firm_limits(self) -> tuple[float, float, float]:
+        """The numbers of firm ground, as the kernel takes them."""
+        return self.firm, self.firm_off, self.firm_slope
 
     def __post_init__(self) -> None:
         for name in ("resolution", "assumed", "block", "level_step"):
@@ -307,7 +312,9 @@ class GroundMap:
         was_unknown, is_first = level.evidence[_inside(box)] == kernels.UNKNOWN, not level.is_begun
         cells = (level.evidence, level.heights, level.firm)
         changed = kernels.merge(window.kinds, window.marks, window.heights, window.origin, *frames, *cells)
-        kernels.stand(of_map, np.array([self._stance, c.firm, c.firm_off, c.firm_slope, limits[1]]), spec, box, *cells)
+        yaw = map_from_base.to_se2().yaw
+        stance = (np.array([math.cos(yaw), math.sin(yaw)]), np.array([self._stance, *c.firm_limits, c.level_step]))
+        kernels.stand(of_map, *stance, spec, box, *cells)
         if len(self.levels) == count and not is_first:  # that is on the level from which the robot comes, too
             self._leave_to_others(level, _inside(box), was_unknown)
         self.version += int(changed > 0)
