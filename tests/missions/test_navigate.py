@@ -15,7 +15,7 @@ from ambler.core.errors import (
     TransformError,
 )
 from ambler.core.grid import GridSpec
-from ambler.core.messages import CostGrid, Path
+from ambler.core.messages import CostGrid, GroundLevels, Path
 from ambler.core.se2 import SE2
 from ambler.missions.navigate import TICK_PERIOD, Navigation, NavigationConfig, NavigationState, is_path_free
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
@@ -79,6 +79,12 @@ class Script:
 
     def map_from_base(self) -> SE2 | None:
         return self.base
+
+    def levels(self) -> GroundLevels | None:
+        return None
+
+    def choose_level(self, level: int) -> None:
+        raise AssertionError("a planar map has one level")
 
     def mark_blocked(self, path: Path) -> bool:
         self.blocked.append(path)

@@ -31,10 +31,11 @@ from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import CAMERA_PICTURES, STOP_CHARGING, Nothing
+from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_GLASS, SAVE_GRAPH, STOP_CHARGING, Nothing
 from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, TRANSFORMS, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
+from ambler.wire.graph_files import graph_file, load_graph
 from ambler.wire.map_files import load_map
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
@@ -129,7 +130,8 @@ def _nodes(saved: dict[str, Any], folder: RunFolder, out: Path) -> list[Node]:
     if folder.first_docks.exists():
         shutil.copyfile(folder.first_docks, out / "docks.yaml")
         docks = DockDatabase.load(out / "docks.yaml")
-    site = Site(load_map(known) if known.exists() else None, docks)
+    graph = graph_file(folder.known_map_stem)
+    site = Site(load_map(known) if known.exists() else None, docks, load_graph(graph) if graph.exists() else None)
     return robot_nodes(robot, build(RobotConfig, saved["robot"]), site, int(saved["run"]["seed"]))
 
 
@@ -137,10 +139,10 @@ def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[
     """Return the operator, and the list of what is called when its program ends."""
     steps: tuple[Step, ...] = steps_from_values(saved["steps"])
     makes_map = bool(saved["run"].get("is_unknown")) or (bool(steps) and isinstance(steps[0], ExploreStep))
-    saves_glass = any(node.name == "glass_mapper" for node in nodes)
+    served = {offer for node in nodes for offer in node.serves}
     config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
     if makes_map:
-        config = OperatorConfig(str(out / "map"), saves_glass=saves_glass)
+        config = OperatorConfig(str(out / "map"), tuple(s for s in (SAVE_GLASS, SAVE_GRAPH) if s in served))
     called: list[Any] = []
 
     def finish(end: ProgramEnd) -> None:

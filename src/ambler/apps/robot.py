@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -59,10 +59,12 @@ MapGrid = tuple[GridSpec, NDArray[np.int8]]
 
 @dataclass(frozen=True)
 class Site:
-    """What a robot is told of the place: a map, occupancy int8 [iy, ix] (None: it makes one), and docks (None: it does not dock)."""
+    """What a robot is told of the place: a map, occupancy int8 [iy, ix] (None: it makes one), docks (None: it does not dock), and the graph that was
+    saved with the map (None: a planner that has one begins anew)."""
 
     grid: MapGrid | None = None
     docks: DockDatabase | None = None
+    graph: Mapping[str, NDArray[Any]] | None = None
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def robot_nodes(
     else:
         localizer = partial(config.make_localizer, seed=seed)
         nodes += [MapServerNode(*site.grid), LocalizationNode(robot, localizer, config.localization)]
-    nodes += _driving_nodes(robot, config, parts)
+    nodes += _driving_nodes(robot, config, parts, site, has_levels=maps_ground)
     if site.grid is None:
         survey = FrontierSurvey(config.survey, distances)
         strategy = parts.strategy or _strategy(config, distances)
@@ -131,9 +133,9 @@ def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
     return [*glass, Slam2dNode(robot, config.slam2d)]
 
 
-def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
+def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: Site, *, has_levels: bool) -> list[Node]:
     """What judges echoes, global planner, controller and navigator."""
-    global_planner = parts.global_planner or _global_planner(config)
+    global_planner = parts.global_planner or _global_planner(config, site)
     controller = parts.local_planner or _local_planner(robot, config)
     (wide_voxels, wide_inputs), (near_voxels, near_inputs) = (_voxels(robot, config, p) for p in (WIDE_VIEWS, 0.0))
     wide_layers = (*global_layers(config.global_costmap), *wide_voxels, *parts.global_layers)
@@ -150,7 +152,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
             movers=config.movers,
             yielding=config.yielding,
         ),
-        NavigatorNode(config.navigation),
+        NavigatorNode(config.navigation, has_levels=has_levels),
     ]
 
 
@@ -164,9 +166,9 @@ def _voxels(
     return (layer,), VoxelFeed(robot, layer, period, has_terrain=config.uses_terrain(robot)).inputs
 
 
-def _global_planner(config: RobotConfig) -> GlobalPlanner:
+def _global_planner(config: RobotConfig, site: Site) -> GlobalPlanner:
     if config.global_planner == "visibility_graph":
-        return VisibilityPlanner(config.visibility)
+        return VisibilityPlanner(config.visibility, site.graph)
     return GridPlanner(config.planner)
 
 

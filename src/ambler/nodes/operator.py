@@ -33,7 +33,6 @@ from ambler.runtime.tasks import (
     FINISH_MAP,
     NAVIGATE,
     RECOVER,
-    SAVE_GLASS,
     SAVE_MAP,
     TEACH_DOCK,
     UNDOCK,
@@ -61,11 +60,11 @@ Progress = Callable[[int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class OperatorConfig:
-    """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_glass` its glass beside it. While it
+    """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_with` what else is, beside it. While it
     is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`; after `patience` seconds it gives up."""
 
     map_stem: str | None = None
-    saves_glass: bool = False
+    saves_with: tuple[Service[SaveMapRequest, Nothing], ...] = ()
     settle_time: float = 1.0
     may_turn: bool = False
     turn: float = 0.8
@@ -121,8 +120,8 @@ class OperatorNode(Node):
         }
         named = (step.task if isinstance(step, TaskStep) else wanted[type(step)] for step in self._steps)
         steps = tuple(dict.fromkeys(named))
-        saving: Offers = (FINISH_MAP, SAVE_MAP) if self._makes_map else (RECOVER,)
-        return (ARM, *steps, *saving, *((SAVE_GLASS,) if self._config.saves_glass else ()))
+        saving: Offers = (FINISH_MAP, *self._config.saves_with, SAVE_MAP) if self._makes_map else (RECOVER,)
+        return (ARM, *steps, *saving)
 
     # Before the first step
 
@@ -176,7 +175,7 @@ class OperatorNode(Node):
             case ExploreStep():
                 self._ticket = self.ctx.send_goal(EXPLORE, ExploreGoal(), self._explored, self._tell_exploration)
             case NavigateStep():
-                goal = NavigateGoal(step.map_from_goal, step.xy_tolerance, step.yaw_tolerance)
+                goal = NavigateGoal(step.map_from_goal, step.xy_tolerance, step.yaw_tolerance, step.level)
                 self._ticket = self.ctx.send_goal(NAVIGATE, goal, self._ended, self._tell_drive)
             case DockStep():
                 self._ticket = self.ctx.send_goal(DOCK, DockGoal(step.dock), self._ended, self._tell_docking)
@@ -221,18 +220,18 @@ class OperatorNode(Node):
             self.ctx.send_goal(FINISH_MAP, Nothing(), lambda _: self._save(then, finishes=False))
             return
         request = SaveMapRequest(str(self._config.map_stem))
+        left = [*self._config.saves_with, SAVE_MAP]
 
-        def saved(reply: Nothing | Exception) -> None:
+        def save_next(reply: Nothing | Exception) -> None:
             if isinstance(reply, Exception):
                 self._finish("MAP_NOT_SAVED", str(reply))
-                return
-            self._is_saved = True
-            then()
+            elif left:
+                self.ctx.call(left.pop(0), request, save_next)
+            else:
+                self._is_saved = True
+                then()
 
-        if self._config.saves_glass:
-            self.ctx.call(SAVE_GLASS, request, lambda reply: self.ctx.call(SAVE_MAP, request, saved))
-        else:
-            self.ctx.call(SAVE_MAP, request, saved)
+        save_next(Nothing())
 
     def _on_end_program(self, request: EndProgramRequest) -> Nothing:
         """End whatever is under way; the map so far is saved as it is."""

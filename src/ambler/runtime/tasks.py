@@ -55,8 +55,10 @@ __all__ = [
     "EXPLORE",
     "FINISH_MAP",
     "FOLLOW_PATH",
+    "LEVEL_NOT_REACHED",
     "NAVIGATE",
     "NEAREST_REACHED",
+    "NO_SUCH_LEVEL",
     "PAUSE",
     "PERMIT_APPROACH",
     "RECOVER",
@@ -64,6 +66,7 @@ __all__ = [
     "RESET_STOP",
     "REVOKE_APPROACH",
     "SAVE_GLASS",
+    "SAVE_GRAPH",
     "SAVE_MAP",
     "SIT",
     "STAND",
@@ -162,6 +165,7 @@ RESET_STOP = _service("reset_stop", GateRequest, GateReply, "ambler_msgs/srv/Gat
 CHOOSE_LEVEL = _service("choose_level", LevelRequest, Nothing, "ambler_msgs/srv/ChooseLevel")
 SAVE_MAP = _service("save_map", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
+SAVE_GRAPH = _service("save_graph", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 CAMERA_PICTURES = _service(
     "camera_pictures", PicturesRequest, Nothing, "ambler_msgs/srv/CameraPictures", is_outside=True
 )
@@ -192,6 +196,10 @@ RECOVER = _task(
 )
 NEAREST_REACHED = "NEAREST_REACHED"
 """The goal of a drive cannot be reached, and the robot stands as near to it as it can."""
+NO_SUCH_LEVEL = "NO_SUCH_LEVEL"
+"""The goal lies on a level that the map does not have."""
+LEVEL_NOT_REACHED = "LEVEL_NOT_REACHED"
+"""No passage led the robot towards the level of its goal."""
 NAVIGATE = _task(
     "navigate",
     NavigateGoal,
@@ -200,6 +208,7 @@ NAVIGATE = _task(
     (
         NEAREST_REACHED,
         *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+        *(NO_SUCH_LEVEL, LEVEL_NOT_REACHED),
     ),
     "ambler_msgs/action/Navigate",
     is_outside=True,
