@@ -330,6 +330,26 @@ def test_a_free_path_near_the_goal_is_kept(script: Script, drive: Navigation) ->
     assert len(script.plans) == 3
 
 
+def test_new_costs_are_planned_on_at_once_but_once_between_two_ticks(script: Script, drive: Navigation) -> None:
+    """A plan made on the tick that comes a moment before them would be on those of a second before."""
+    script.plans[-1](plan_to(9.0))
+    script.follows[-1][2](9.0)
+    for _ in range(3):
+        drive.see_costs()
+        assert len(script.plans) == 2
+        drive.see_costs()
+        script.plans[-1](plan_to(9.0))
+        drive.see_costs()
+        drive.tick()
+        assert len(script.plans) == 2, "no tick plans again what was planned on new costs"
+        script.plans.pop()
+    drive.tick()
+    assert len(script.plans) == 2, "without new costs the tick does"
+    drive.cancel()
+    drive.see_costs()
+    assert len(script.plans) == 2
+
+
 def test_what_lies_behind_does_not_block_a_path() -> None:
     costs = np.zeros(SPEC.shape, np.uint8)
     costs[50, 60] = 253

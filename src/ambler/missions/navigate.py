@@ -129,6 +129,7 @@ class Navigation:
         self._cancel_motion: Cancel | None = None
         self._epoch = 0
         self._is_replanning = False
+        self._has_seen = False  # whether new costs were planned on since the last tick
         self._is_loose = False
         self._has_cleared = False
         self._failed_plans = 0
@@ -169,14 +170,25 @@ class Navigation:
             self._enter(NavigationState.CANCELLED, "cancelled on request")
 
     def tick(self) -> None:
-        """Replan while driving; try again while waiting."""
+        """Replan while driving, unless new costs were planned on since the last tick; try again while waiting."""
+        has_seen, self._has_seen = self._has_seen, False
         if self.state is NavigationState.WAITING:
             self._plan()
         elif self.state is NavigationState.RECOVERING and self._rest > 0.0:
             self._rest -= TICK_PERIOD
             if self._rest <= 0.0:
                 self._plan()
-        elif self.state is NavigationState.FOLLOWING and not self._is_replanning and not self._keeps_path():
+        elif not has_seen:
+            self._replan()
+
+    def see_costs(self) -> None:
+        """Take that there are new costs: the first after a tick are planned on at once. A tick alone would plan on those of a second before, when map and ticks keep step."""
+        if not self._has_seen:
+            self._has_seen = True
+            self._replan()
+
+    def _replan(self) -> None:
+        if self.state is NavigationState.FOLLOWING and not self._is_replanning and not self._keeps_path():
             self._is_replanning = True
             self._driver.plan(self._leg.map_from_goal, self._guarded(self._on_replan))
 

@@ -144,6 +144,8 @@ class NavigatorNode(Node):
 
     def _on_costmap(self, costmap: CostGrid) -> None:
         self._costmap = costmap
+        if self._drive is not None:
+            self._drive.navigation.see_costs()
 
     def _on_levels(self, levels: GroundLevels) -> None:
         before, self._levels = self._level, levels
