@@ -8,6 +8,7 @@ GRAPH = ("tests/planning/test_visibility_graph.py",)
 CONFORMANCE = ("tests/planning/test_conformance.py",)
 PLANNER = ("tests/planning/test_planner_node.py",)
 LEVELS = ("tests/missions/test_navigate_levels.py",)
+WALLS = ("tests/planning/test_wall_ends.py",)
 FILES = ("tests/wire/test_graph_files.py",)
 
 GRAPHS = (
@@ -122,6 +123,27 @@ GRAPHS = (
         "self._filled[y0:y1, x0:x1] = opened[rows, columns] == 0",
         "self._filled[y0:y1, x0:x1] = 0",
         GRAPH,
+    ),
+    PlantedFault(
+        "walls go on through doors that were seen",
+        "kernels/wall_ends.py",
+        "if cost < blocked or (cost == lethal and t > MARGIN):",
+        "if cost == lethal and t > MARGIN:",
+        WALLS,
+    ),
+    PlantedFault(
+        "walls go on backwards",
+        "kernels/wall_ends.py",
+        "    if along > 0.0:\n",
+        "    if along < 0.0:\n",
+        WALLS,
+    ),
+    PlantedFault(
+        "edges keep the price that they had before a wall was supposed there",
+        "planning/clearance_map.py",
+        "other |= (self.hidden[part] != hidden) & (cells == UNKNOWN)",
+        "pass",
+        WALLS,
     ),
     PlantedFault(
         "unknown cells are entered without leave",

@@ -36,6 +36,7 @@ def to_arrays(graph: VisibilityGraph) -> Arrays:
             continue
         s = floor.spec
         out[f"floor{k}.cells"] = floor.cells.copy()
+        out[f"floor{k}.hidden"] = floor.hidden.copy()
         out[f"floor{k}.spec"] = np.array([s.resolution, s.origin_x, s.origin_y])
         if k in graph.pending:
             out[f"floor{k}.freed"] = graph.pending[k][0].copy()
@@ -67,7 +68,8 @@ def from_arrays(
             if not is_alike:
                 continue
             cells, spec = arrays[f"floor{k}.cells"], arrays[f"floor{k}.spec"].tolist()
-            graph.floor(k).update(GridSpec(spec[0], cells.shape[1], cells.shape[0], spec[1], spec[2]), cells)
+            grid = GridSpec(spec[0], cells.shape[1], cells.shape[0], spec[1], spec[2])
+            graph.floor(k).update(grid, cells, arrays[f"floor{k}.hidden"])
             if f"floor{k}.freed" in arrays:
                 graph.pending[k] = (arrays[f"floor{k}.freed"].copy(), int(arrays[f"floor{k}.done"][0]))
     except (KeyError, ValueError, IndexError, TypeError) as error:
@@ -77,7 +79,7 @@ def from_arrays(
 
 def _prices(price: UnknownPrice | None) -> NDArray[np.float64]:
     price = price or UnknownPrice()
-    return np.array([price.unknown, price.doubt, price.gap])
+    return np.array([price.unknown, price.doubt, price.gap, price.wall])
 
 
 def view_of(graph: VisibilityGraph, stamp_ns: int, frame: str, floor: int = 0) -> VisibilityGraphView:

@@ -155,18 +155,18 @@ class VisibilityGraph:
 
     # Updates
 
-    def update(self, spec: GridSpec, cells: U8, floor: int = 0) -> Updated:
-        """Take the cells of a floor: uint8 [iy, ix] of clearance_map.UNKNOWN, FREE, FORBIDDEN."""
-        return self.update_box(spec, cells, (0, spec.height, 0, spec.width), floor)
+    def update(self, spec: GridSpec, cells: U8, floor: int = 0, hidden: U8 | None = None) -> Updated:
+        """Take the cells of a floor: uint8 [iy, ix] of clearance_map.UNKNOWN, FREE, FORBIDDEN, and uint8 where a wall is supposed."""
+        return self.update_box(spec, cells, (0, spec.height, 0, spec.width), floor, hidden)
 
-    def update_box(self, spec: GridSpec, cells: U8, box: Box, floor: int = 0) -> Updated:
+    def update_box(self, spec: GridSpec, cells: U8, box: Box, floor: int = 0, hidden: U8 | None = None) -> Updated:
         """Take the cells of a box (y0, y1, x0, x1) of the grid of a floor; what was known of the rest stays."""
         ground = self.floor(floor)
         if ground.spec != spec:
             ground.set_grid(spec)
             self._place_in_cells(floor, spec)
             self.pending.pop(floor, None)
-        changes = ground.update_box(cells, box)
+        changes = ground.update_box(cells, box, hidden)
         if changes.is_empty:
             self._refresh(floor, ground, changes)
             return Updated()
