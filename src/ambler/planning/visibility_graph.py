@@ -305,10 +305,7 @@ class VisibilityGraph:
         """Join nodes that see each other since something was freed; what the limit leaves is done by the next updates."""
         assert ground.spec is not None
         if self.waiting and self.config.refresh is not None:
-            a = self._a
-            waiting = [n for n in self.waiting if a.is_alive[n]]
-            turn = [n for n in waiting if a.nodes[n, kernels.FLOOR] == floor][: max(1, self.config.refresh // 4)]
-            self.waiting = [n for n in waiting if n not in turn]
+            turn = self._next_waiting(floor, max(1, self.config.refresh // 4))
             self._join(np.array(sorted(set(turn)), np.int64), ground, floor, is_far=True)
         freed, first = changes.freed, 0
         if floor in self.pending:
@@ -330,6 +327,18 @@ class VisibilityGraph:
             self.pending[floor] = (freed, last)
         else:
             self.pending.pop(floor, None)
+
+    def _next_waiting(self, floor: int, count: int) -> list[int]:
+        """Take up to so many nodes of a floor from those that wait; those that are gone do not wait any more."""
+        a, turn, others = self._a, list[int](), list[int]()
+        for k, node in enumerate(self.waiting):
+            if len(turn) == count:
+                others += self.waiting[k:]
+                break
+            if a.is_alive[node]:
+                (turn if a.nodes[node, kernels.FLOOR] == floor else others).append(node)
+        self.waiting = others
+        return turn
 
     def _follow_contours(self, floor: int, ground: ClearanceMap, near: Box, curves: list[Curve]) -> None:
         """Join nodes that follow each other along a contour near what changed."""
