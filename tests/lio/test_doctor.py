@@ -9,7 +9,7 @@ import pytest
 
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
-from ambler.lio.doctor import Diagnosis, examine
+from ambler.lio.doctor import Diagnosis, _compared, examine
 from ambler.recordings.cloud_scan import CloudScan
 from tests.lio.carried import scans_of, walk
 
@@ -61,3 +61,22 @@ def test_a_mount_that_is_turned_is_named() -> None:
 
 def test_a_recording_at_rest_says_nothing() -> None:
     assert examined(with_rates(1.0)[:18]) == Diagnosis(())
+
+
+def pulses(delay: float, late: float, noise: float) -> Diagnosis:
+    """A long turn and a quick one, by a LiDAR whose stamps are `delay` s off, and which follows the quick one `late` s late."""
+    rng = np.random.default_rng(3)
+    at, times = np.arange(-1.0, 7.0, 0.005), np.arange(0.0, 6.0, 0.1)
+    rate = np.exp(-(((at - 2.6) / 0.7) ** 2)) + np.exp(-(((at - 4.8) / 0.35) ** 2))
+    rows = np.column_stack([at, 0.0 * at, 0.0 * at, rate])
+    middles = times[1:] - 0.05
+    seen = np.interp(middles + delay - late * (middles > 4.0), at, rate) + rng.normal(0.0, noise, len(middles))
+    return _compared(np.column_stack([0.0 * seen, 0.0 * seen, seen]), times, rows, SE3())
+
+
+def test_a_lidar_that_follows_one_turn_late_has_no_wrong_clock() -> None:
+    told = pulses(0.15, 0.0, 0.05)
+    assert "the clocks differ by +0.1" in told.troubles[0]
+    assert told.shift == pytest.approx(0.15, abs=0.02)
+    assert pulses(0.0, 0.0, 0.05).troubles == ()
+    assert pulses(0.0, 0.3, 0.05).troubles == ()
