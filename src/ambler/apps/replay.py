@@ -16,6 +16,7 @@ from ambler.apps.config import RobotConfig
 from ambler.apps.programs import steps_from_values
 from ambler.apps.robot import Site, robot_nodes
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.saved_site import is_site, load_site
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message, Odometry, PoseStamped, Transforms, TransformStamped
 from ambler.core.se3 import SE3
@@ -31,7 +32,7 @@ from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import CAMERA_PICTURES, STOP_CHARGING, Nothing
+from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_CLOUD, SAVE_GLASS, STOP_CHARGING, Nothing
 from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, TRANSFORMS, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
@@ -129,18 +130,22 @@ def _nodes(saved: dict[str, Any], folder: RunFolder, out: Path) -> list[Node]:
     if folder.first_docks.exists():
         shutil.copyfile(folder.first_docks, out / "docks.yaml")
         docks = DockDatabase.load(out / "docks.yaml")
-    site = Site(load_map(known) if known.exists() else None, docks)
-    return robot_nodes(robot, build(RobotConfig, saved["robot"]), site, int(saved["run"]["seed"]))
+    config = build(RobotConfig, saved["robot"])
+    if is_site(known):
+        site = Site(None, docks, load_site(known, config.lio.localize.map))
+    else:
+        site = Site(load_map(known) if known.exists() else None, docks)
+    return robot_nodes(robot, config, site, int(saved["run"]["seed"]))
 
 
 def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[OperatorNode, list[Any]]:
     """Return the operator, and the list of what is called when its program ends."""
     steps: tuple[Step, ...] = steps_from_values(saved["steps"])
     makes_map = bool(saved["run"].get("is_unknown")) or (bool(steps) and isinstance(steps[0], ExploreStep))
-    saves_glass = any(node.name == "glass_mapper" for node in nodes)
+    saves_glass, saves_cloud = (any(service in node.serves for node in nodes) for service in (SAVE_GLASS, SAVE_CLOUD))
     config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
     if makes_map:
-        config = OperatorConfig(str(out / "map"), saves_glass=saves_glass)
+        config = OperatorConfig(str(out / "map"), saves_glass=saves_glass, saves_cloud=saves_cloud)
     called: list[Any] = []
 
     def finish(end: ProgramEnd) -> None:

@@ -26,6 +26,7 @@ TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can
 PAIRS_LEAST = 15
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
+SURE = 0.85  # correlation from which on a moderate difference in size counts: a LiDAR alone that follows quick turns in the open badly accuses nobody
 SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
 
 
@@ -121,7 +122,7 @@ def _compared(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnos
         )
     elif max(fits) > 0.5 and 40.0 < ratio < 80.0:
         troubles.append("the gyroscope's rates are too small by a factor of 57: degrees were turned into radians twice")
-    elif max(fits) > 0.6 and not 0.7 < ratio < 1.4:
+    elif max(fits) > SURE and not 0.7 < ratio < 1.4:
         troubles.append(
             f"the LiDAR turns {ratio:.2f} times as fast as the gyroscope says: a wrong unit, or other sensors"
         )

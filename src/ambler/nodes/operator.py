@@ -33,6 +33,7 @@ from ambler.runtime.tasks import (
     FINISH_MAP,
     NAVIGATE,
     RECOVER,
+    SAVE_CLOUD,
     SAVE_GLASS,
     SAVE_MAP,
     TEACH_DOCK,
@@ -61,11 +62,12 @@ Progress = Callable[[int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class OperatorConfig:
-    """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_glass` its glass beside it. While it
-    is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`; after `patience` seconds it gives up."""
+    """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_glass` its glass beside it, `saves_cloud` what was
+    seen in three dimensions. While it is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`; after `patience` seconds it gives up."""
 
     map_stem: str | None = None
     saves_glass: bool = False
+    saves_cloud: bool = False
     settle_time: float = 1.0
     may_turn: bool = False
     turn: float = 0.8
@@ -122,7 +124,12 @@ class OperatorNode(Node):
         named = (step.task if isinstance(step, TaskStep) else wanted[type(step)] for step in self._steps)
         steps = tuple(dict.fromkeys(named))
         saving: Offers = (FINISH_MAP, SAVE_MAP) if self._makes_map else (RECOVER,)
-        return (ARM, *steps, *saving, *((SAVE_GLASS,) if self._config.saves_glass else ()))
+        return (ARM, *steps, *saving, *self._beside())
+
+    def _beside(self) -> tuple[Service[SaveMapRequest, Nothing], ...]:
+        """What is saved beside the map."""
+        wanted = ((SAVE_GLASS, self._config.saves_glass), (SAVE_CLOUD, self._config.saves_cloud))
+        return tuple(service for service, is_saved in wanted if is_saved)
 
     # Before the first step
 
@@ -229,10 +236,18 @@ class OperatorNode(Node):
             self._is_saved = True
             then()
 
-        if self._config.saves_glass:
-            self.ctx.call(SAVE_GLASS, request, lambda reply: self.ctx.call(SAVE_MAP, request, saved))
-        else:
-            self.ctx.call(SAVE_MAP, request, saved)
+        def save(left: tuple[Service[SaveMapRequest, Nothing], ...]) -> None:
+            if left:
+                self.ctx.call(left[0], request, lambda reply: beside(left, reply))
+            else:
+                self.ctx.call(SAVE_MAP, request, saved)
+
+        def beside(left: tuple[Service[SaveMapRequest, Nothing], ...], reply: Nothing | Exception) -> None:
+            if isinstance(reply, Exception):
+                self._say("NOT_SAVED", f"{left[0].name}: {reply}")
+            save(left[1:])
+
+        save(self._beside())
 
     def _on_end_program(self, request: EndProgramRequest) -> Nothing:
         """End whatever is under way; the map so far is saved as it is."""
