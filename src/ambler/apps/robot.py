@@ -37,6 +37,7 @@ from ambler.nodes.glass_mapper import GlassMapperNode
 from ambler.nodes.ground_mapper import GroundMapperNode
 from ambler.nodes.ground_server import GroundServerNode
 from ambler.nodes.layer_inputs import LayerInput
+from ambler.nodes.level_navigator import LevelNavigatorNode
 from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.nodes.localization import LocalizationNode
 from ambler.nodes.map_server import MapServerNode
@@ -109,6 +110,8 @@ def robot_nodes(
         localizer = partial(config.make_localizer, seed=seed)
         nodes += [MapServerNode(*site.grid), LocalizationNode(robot, localizer, config.localization)]
     nodes += _driving_nodes(robot, config, parts)
+    if maps_ground or site.saved is not None:
+        nodes.append(LevelNavigatorNode())
     if makes_map:
         survey = FrontierSurvey(config.survey, distances)
         strategy = parts.strategy or _strategy(config, distances)

@@ -88,7 +88,7 @@ def _title(step: Step) -> str:
         return "explore"
     if isinstance(step, NavigateStep):
         x, y, _ = step.map_from_goal.as_array()
-        return f"drive to {x:.2f}, {y:.2f} m"
+        return f"drive to {x:.2f}, {y:.2f} m" + ("" if step.level is None else f" on level {step.level}")
     if isinstance(step, TaskStep):
         return f"task {step.task.name}"
     return f"{name_of(step)} {step.dock}"

@@ -97,6 +97,8 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     world = load_world(options.world)
     start = _start(options, world)
     config = _config(robot.model, options, world.start.inverse() @ start, is_level=world.is_flat)
+    if config.mapping != "ground" and any(isinstance(s, NavigateStep) and s.level is not None for s in options.steps):
+        raise BadInputError("a goal with a level (X,Y@LEVEL) needs a map of ground: there are no levels here")
     faults = tuple(Fault.parse(text) for text in options.faults)
     FaultInjector(faults, world, robot.faulty_frames)  # raises where a door or a scanner is not there
     _check_steps(options, robot, world)
@@ -121,7 +123,7 @@ def _site(options: RunOptions, config: RobotConfig) -> SavedSite | None:
     if options.makes_map or options.map_file is None or config.mapping != "ground":
         return None
     site = load_site(options.map_file, config.lio.localize.map)
-    goals = [(step.map_from_goal, None) for step in options.steps if isinstance(step, NavigateStep)]
+    goals = [(step.map_from_goal, step.level) for step in options.steps if isinstance(step, NavigateStep)]
     check_places(site, config.localization.initial_pose, goals, str(options.map_file))
     return site
 

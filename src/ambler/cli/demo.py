@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ambler.cli.run_options import add_dock_options, add_run_options, options_of, parse_pose
+from ambler.cli.run_options import add_dock_options, add_run_options, options_of, parse_goal
 from ambler.cli.simulated_run import run_program
 
 
@@ -21,7 +21,7 @@ def add_parser(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="STEP",
-        help="what to do next in the map just made, any number of times: X,Y[,DEG] (a goal), dock:NAME or undock:NAME",
+        help="what to do next in the map just made, any number of times: X,Y[,DEG][@LEVEL] (a goal), dock:NAME or undock:NAME",
     )
     parser.add_argument("--radius", type=float, metavar="M", help="explore no farther than this from the start, metres")
     parser.add_argument(
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     """Explore, and do what comes then; or drive along a route. 0: everything was done, with proof and without a collision."""
     from ambler.cli.simulated_drive import run_drive
     from ambler.core.errors import BadInputError
-    from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, UndockStep
+    from ambler.nodes.steps import DockStep, ExploreStep, Step, UndockStep
 
     if args.drive is not None:
         return run_drive(args, options_of(args, ()))
@@ -72,5 +72,5 @@ def run(args: argparse.Namespace) -> int:
         if colon and kind in ("dock", "undock"):
             steps.append(DockStep(name) if kind == "dock" else UndockStep(name))
         else:
-            steps.append(NavigateStep(parse_pose(text, "--then")))
+            steps.append(parse_goal(text, "--then"))
     return run_program(args, options_of(args, tuple(steps)))

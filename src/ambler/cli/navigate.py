@@ -6,12 +6,12 @@ import argparse
 from typing import Any
 
 from ambler.cli.run_options import (
-    POSE,
+    GOAL,
     add_known_map_options,
     add_run_options,
     add_unknown_options,
     options_of,
-    parse_pose,
+    parse_goal,
 )
 from ambler.cli.simulated_run import run_program
 
@@ -22,7 +22,10 @@ def add_parser(subparsers: Any) -> None:
         "navigate", help="a simulated robot localizes itself in a known map and drives to goals"
     )
     parser.add_argument(
-        "goals", nargs="*", metavar=POSE, help="goals in the map frame (--unknown: from the start), metres and degrees"
+        "goals",
+        nargs="*",
+        metavar=GOAL,
+        help="goals in the map frame (--unknown: from the start), metres and degrees; @ a level of a map of ground",
     )
     add_run_options(parser, world="office", robot="amr_omni", time_limit=900.0)
     add_known_map_options(parser)
@@ -32,7 +35,5 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Drive. 0: every goal was reached without a collision."""
-    from ambler.nodes.steps import NavigateStep
-
-    goals = tuple(NavigateStep(parse_pose(text, "goal")) for text in args.goals)
+    goals = tuple(parse_goal(text, "goal") for text in args.goals)
     return run_program(args, options_of(args, goals))

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ambler.apps.scene import RunOptions
     from ambler.core.se2 import SE2
-    from ambler.nodes.steps import Step
+    from ambler.nodes.steps import NavigateStep, Step
     from ambler.studies.study_settings import StudySettings
 
 POSE = "X,Y[,DEG]"
+GOAL = "X,Y[,DEG][@LEVEL]"
 PLAN, CLOUD = "map.yaml", "map.cloud.pcd"  # what the folder of a run that made a map holds of it
 TOKEN_LENGTH = 8  # characters of a token that opens the robot to a network
 
@@ -230,6 +231,17 @@ def parse_pose(text: str, what: str) -> SE2:
     if max(abs(n) for n in numbers) > 1e5:
         raise BadInputError(f"{what} {text.strip()!r}: lies more than 100 km away")
     return SE2(numbers[0], numbers[1], math.radians(numbers[2]) if len(numbers) == 3 else 0.0)
+
+
+def parse_goal(text: str, what: str) -> NavigateStep:
+    """Read a goal, `x,y` or `x,y,degrees`, on a map of ground with `@level` behind it; raises BadInputError that names `what`."""
+    from ambler.core.errors import BadInputError
+    from ambler.nodes.steps import NavigateStep
+
+    pose, at, level = text.partition("@")
+    if at and not level.strip().isdecimal():
+        raise BadInputError(f"{what} {text.strip()!r}: the level behind @ must be a number from 0 on")
+    return NavigateStep(parse_pose(pose, what), level=int(level) if at else None)
 
 
 def check_outputs(json_file: Path | None, out: Path | None) -> None:

@@ -150,6 +150,16 @@ class NavigateGoal:
 
 
 @dataclass(frozen=True, slots=True)
+class NavigateLevelsGoal:
+    """Drive to a pose of the map on a level of its ground."""
+
+    map_from_goal: SE2
+    level: int
+    xy_tolerance: float = 0.15
+    yaw_tolerance: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
 class NavigateFeedback:
     """Named state of the navigator, path left in metres, and recoveries used so far."""
 

@@ -57,7 +57,7 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     turns = np.array([log(a.T @ b) for a, b in pairwise(rotations)]) / np.diff(times)[:, None]
     if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
-    return _compared(turns, times, np.array(rows), imu_from_lidar)
+    return compare_turns(turns, times, np.array(rows), imu_from_lidar)
 
 
 class StartExamination:
@@ -98,7 +98,8 @@ def _frozen(scan: CloudScan) -> CloudScan:
     return CloudScan(replace(cloud, stamp_ns=middle_ns, time=np.zeros_like(cloud.time)), (), ())
 
 
-def _compared(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:
+def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:
+    """Compare turn rates (N - 1, 3) rad/s of a LiDAR between `times` (N,) s with rows (M, 4) of a gyroscope: seconds and rates."""
     rotation = imu_from_lidar.matrix()[:3, :3]
     sums = np.concatenate(
         [np.zeros((1, 3)), np.cumsum(0.5 * (rows[1:, 1:] + rows[:-1, 1:]) * np.diff(rows[:, :1], axis=0), axis=0)]

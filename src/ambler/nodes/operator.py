@@ -32,6 +32,7 @@ from ambler.runtime.tasks import (
     EXPLORE,
     FINISH_MAP,
     NAVIGATE,
+    NAVIGATE_LEVELS,
     RECOVER,
     SAVE_CLOUD,
     SAVE_GLASS,
@@ -47,6 +48,7 @@ from ambler.runtime.tasks import (
     GateRequest,
     NavigateFeedback,
     NavigateGoal,
+    NavigateLevelsGoal,
     Nothing,
     RecoverGoal,
     RecoveryKind,
@@ -121,8 +123,13 @@ class OperatorNode(Node):
             UndockStep: UNDOCK,
             TeachStep: TEACH_DOCK,
         }
-        named = (step.task if isinstance(step, TaskStep) else wanted[type(step)] for step in self._steps)
-        steps = tuple(dict.fromkeys(named))
+
+        def task_of(step: Step) -> Service[Any, Any] | Task[Any, Any, Any]:
+            if isinstance(step, NavigateStep) and step.level is not None:
+                return NAVIGATE_LEVELS
+            return step.task if isinstance(step, TaskStep) else wanted[type(step)]
+
+        steps = tuple(dict.fromkeys(task_of(step) for step in self._steps))
         saving: Offers = (FINISH_MAP, SAVE_MAP) if self._makes_map else (RECOVER,)
         return (ARM, *steps, *saving, *self._beside())
 
@@ -182,6 +189,9 @@ class OperatorNode(Node):
         match step:
             case ExploreStep():
                 self._ticket = self.ctx.send_goal(EXPLORE, ExploreGoal(), self._explored, self._tell_exploration)
+            case NavigateStep(level=int(level)):
+                there = NavigateLevelsGoal(step.map_from_goal, level, step.xy_tolerance, step.yaw_tolerance)
+                self._ticket = self.ctx.send_goal(NAVIGATE_LEVELS, there, self._ended, self._tell_drive)
             case NavigateStep():
                 goal = NavigateGoal(step.map_from_goal, step.xy_tolerance, step.yaw_tolerance)
                 self._ticket = self.ctx.send_goal(NAVIGATE, goal, self._ended, self._tell_drive)

@@ -24,6 +24,7 @@ from ambler.core.requests import (
     LevelRequest,
     NavigateFeedback,
     NavigateGoal,
+    NavigateLevelsGoal,
     NavigateResult,
     Nothing,
     PicturesRequest,
@@ -55,8 +56,11 @@ __all__ = [
     "EXPLORE",
     "FINISH_MAP",
     "FOLLOW_PATH",
+    "LEVEL_NOT_REACHED",
     "NAVIGATE",
+    "NAVIGATE_LEVELS",
     "NEAREST_REACHED",
+    "NO_PASSAGE",
     "PAUSE",
     "PERMIT_APPROACH",
     "RECOVER",
@@ -86,6 +90,7 @@ __all__ = [
     "LevelRequest",
     "NavigateFeedback",
     "NavigateGoal",
+    "NavigateLevelsGoal",
     "NavigateResult",
     "Nothing",
     "PicturesRequest",
@@ -194,16 +199,28 @@ RECOVER = _task(
 )
 NEAREST_REACHED = "NEAREST_REACHED"
 """The goal of a drive cannot be reached, and the robot stands as near to it as it can."""
+NAVIGATE_FAILURES = (
+    NEAREST_REACHED,
+    *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+)
 NAVIGATE = _task(
     "navigate",
     NavigateGoal,
     NavigateFeedback,
     NavigateResult,
-    (
-        NEAREST_REACHED,
-        *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
-    ),
+    NAVIGATE_FAILURES,
     "ambler_msgs/action/Navigate",
+    is_outside=True,
+)
+NO_PASSAGE, LEVEL_NOT_REACHED = "NO_PASSAGE", "LEVEL_NOT_REACHED"
+"""No way is known to the level of a goal; or there is one, and it did not lead there."""
+NAVIGATE_LEVELS = _task(
+    "navigate_levels",
+    NavigateLevelsGoal,
+    NavigateFeedback,
+    NavigateResult,
+    (*NAVIGATE_FAILURES, NO_PASSAGE, LEVEL_NOT_REACHED),
+    "ambler_msgs/action/NavigateLevels",
     is_outside=True,
 )
 DOCK_FAILURES = (

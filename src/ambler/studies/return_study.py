@@ -89,21 +89,21 @@ def run_case(case: ReturnCase, folder: Path) -> dict[str, Any]:
         return {**fields, "why": str(error)}
     words = (
         *("--map", str(first.root), "--lost", "--may-turn", f"--start={_word(start)}", *case.returning, "--"),
-        *(_word(goal) for goal in goals),
+        *(_word(goal) + (f"@{level}" if len(site.levels) > 1 else "") for goal, level in goals),
     )
     seed = case.seed + ANOTHER_DAY
     returned = run_verb("navigate", folder / "return", case.world, case.robot, seed, words, case.settings)
     fields |= {"ended": returned.get("ended"), "text": returned.get("text") or returned.get("why")}
     if "recording" not in returned:
         return fields
-    way_points = [WayPoint(goal, _height(site, goal)) for goal in goals]
+    way_points = [WayPoint(goal, _height(site, goal, level)) for goal, level in goals]
     second = RunFolder(Path(returned["recording"]).parent)
     quality = judge_return(second.recording, second.log, truth, way_points)
     return {**fields, **told(quality, len(goals)), "sim_seconds": returned.get("sim_seconds")}
 
 
-def draw_places(case: ReturnCase, site: SavedSite) -> tuple[SE2, list[SE2]]:
-    """Return where the robot is switched on, and its way-points, in the frame of the map."""
+def draw_places(case: ReturnCase, site: SavedSite) -> tuple[SE2, list[tuple[SE2, int]]]:
+    """Return where the robot is switched on, and its way-points with their levels, in the frame of the map."""
     rng = np.random.default_rng([case.seed, 93])
     world, model = load_world(case.world), robot_named(case.robot).model
     ground = site.ground()
@@ -111,7 +111,7 @@ def draw_places(case: ReturnCase, site: SavedSite) -> tuple[SE2, list[SE2]]:
     reached = reachable_ground(world, world.start, ground_rules(model))
     height = float(world.ground_at(np.array([[world.start.x, world.start.y]]))[0])
     start, piece = draw_start(ground, pieces, reached, world, SE3.from_se2(world.start, height), rng)
-    return start, [goal for goal, _ in draw_way_points(ground, pieces, piece, case.way_points, rng)]
+    return start, draw_way_points(ground, pieces, piece, case.way_points, rng)
 
 
 def told(quality: ReturnQuality, way_points: int) -> dict[str, Any]:
@@ -191,9 +191,10 @@ def _room(robot: RobotModel, settings: StudySettings) -> float:
     return (robot.inscribed_radius if kept is None else kept) + ROOM
 
 
-def _height(site: SavedSite, place: SE2) -> float:
-    heights = (level.height_at(place.x, place.y) for level in site.levels)
-    return next((h for h in heights if h is not None), math.nan)
+def _height(site: SavedSite, place: SE2, level: int) -> float:
+    height = site.levels[level].height_at(place.x, place.y)
+    assert height is not None  # way-points are drawn where it is known
+    return height
 
 
 def _word(pose: SE2) -> str:
