@@ -54,7 +54,7 @@ def test_a_robot_that_can_drives_on_the_ground_of_a_saved_site_and_others_on_its
     go2 = robot_named("go2").model
     assert scene.config.gate_for(go2).slope > 0.3
     nodes = {node.name for node in robot_nodes(go2, scene.config, Site(saved=scene.site))}
-    assert {"ground_server", "localization", "level_navigator", "terrain"} <= nodes
+    assert {"ground_server", "localization", "navigator", "terrain"} <= nodes
     assert not {"ground_mapper", "slam2d", "explorer", "map_server"} & nodes
     plain = checked_scene(RunOptions(steps[:1], world="lab_empty", robot="diff", map_file=file))
     assert plain.site is None

@@ -15,7 +15,7 @@ from ambler.core.errors import (
     TransformError,
 )
 from ambler.core.grid import GridSpec
-from ambler.core.messages import CostGrid, Path
+from ambler.core.messages import CostGrid, GroundLevels, Path
 from ambler.core.se2 import SE2
 from ambler.missions.navigate import TICK_PERIOD, Navigation, NavigationConfig, NavigationState, is_path_free
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
@@ -79,6 +79,12 @@ class Script:
 
     def map_from_base(self) -> SE2 | None:
         return self.base
+
+    def levels(self) -> GroundLevels | None:
+        return None
+
+    def choose_level(self, level: int) -> None:
+        raise AssertionError("a planar map has one level")
 
     def mark_blocked(self, path: Path) -> bool:
         self.blocked.append(path)
@@ -322,6 +328,26 @@ def test_a_free_path_near_the_goal_is_kept(script: Script, drive: Navigation) ->
     script.grid = CostGrid(0, "map", SPEC, blocked)
     drive.tick()
     assert len(script.plans) == 3
+
+
+def test_new_costs_are_planned_on_at_once_but_once_between_two_ticks(script: Script, drive: Navigation) -> None:
+    """A plan made on the tick that comes a moment before them would be on those of a second before."""
+    script.plans[-1](plan_to(9.0))
+    script.follows[-1][2](9.0)
+    for _ in range(3):
+        drive.see_costs()
+        assert len(script.plans) == 2
+        drive.see_costs()
+        script.plans[-1](plan_to(9.0))
+        drive.see_costs()
+        drive.tick()
+        assert len(script.plans) == 2, "no tick plans again what was planned on new costs"
+        script.plans.pop()
+    drive.tick()
+    assert len(script.plans) == 2, "without new costs the tick does"
+    drive.cancel()
+    drive.see_costs()
+    assert len(script.plans) == 2
 
 
 def test_what_lies_behind_does_not_block_a_path() -> None:

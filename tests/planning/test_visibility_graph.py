@@ -17,9 +17,8 @@ from ambler.core.se2 import SE2
 from ambler.kernels import level_contour
 from ambler.kernels import visibility as kernels
 from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, ClearanceMap, UnknownPrice
-from ambler.planning.graph_state import floors_from_arrays, floors_to_arrays, from_arrays, to_arrays, view_of
-from ambler.planning.terrain_floors import TerrainConfig, TerrainFloors
-from ambler.planning.visibility_graph import VisibilityGraph
+from ambler.planning.graph_state import from_arrays, to_arrays, view_of
+from ambler.planning.visibility_graph import DRIVEN, VisibilityGraph, VisibilityGraphConfig
 from ambler.planning.visibility_planner import PlanStatus, VisibilityConfig, VisibilityPlanner
 from ambler.studies.planner_worlds import inflated
 from ambler.wire.graph_files import load_graph, save_graph
@@ -192,89 +191,83 @@ def test_contours_lie_on_their_level_and_clearance_is_exact() -> None:
         assert kernels.clearance(ground.field, y, x) == pytest.approx(26.0 / 16.0, abs=1e-6)
 
 
-# Observations: votes, people, floors
+# Votes, and several levels
 
 
 def wall_scene(*, is_door_open: bool) -> np.ndarray:
-    """Return a local occupancy grid with a wall across, and a door in it."""
-    grid = np.zeros((120, 160), np.int8)
-    grid[:2], grid[-2:], grid[:, :2], grid[:, -2:] = 100, 100, 100, 100
-    grid[:, 79:81] = 100
+    """Return cells with a wall across, and a door in it."""
+    cells = np.full(LOCAL.shape, FREE, np.uint8)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = (FORBIDDEN,) * 4
+    cells[:, 77:83] = FORBIDDEN
     if is_door_open:
-        grid[52:68, 79:81] = 0
-    return grid
+        cells[52:68, 77:83] = FREE
+    return cells
 
 
 LOCAL = GridSpec(0.1, 160, 120, -8.0, -6.0)
-ROBOT = (-4.0, 0.0, 0.0)
 
 
 def test_votes_remove_a_door_that_closes_and_bring_it_back() -> None:
-    floors = TerrainFloors(VisibilityGraph())
+    graph = VisibilityGraph()
     for _ in range(3):
-        floors.observe_grid(LOCAL, wall_scene(is_door_open=True), ROBOT)
-    graph = floors.graph
+        graph.update(LOCAL, wall_scene(is_door_open=True))
     assert graph.search((-4.0, 0.0), (4.0, 0.0)) is not None
-    for _ in range(10):
-        floors.observe_grid(LOCAL, wall_scene(is_door_open=False), ROBOT)
-        assert graph.search((-4.0, 0.0), (4.0, 0.0), needs_votes=False) is None  # at once: what is blocked is blocked
+    graph.update(LOCAL, wall_scene(is_door_open=False))
+    assert graph.search((-4.0, 0.0), (4.0, 0.0), needs_votes=False) is None  # at once: what is blocked is blocked
     through = [e for e in view_of(graph, 0, "map").edges if e[0, 0] * e[1, 0] < 0.0 and abs(e[:, 1]).max() < 6.0]
     assert not through
-    for _ in range(10):
-        floors.observe_grid(LOCAL, wall_scene(is_door_open=True), ROBOT)
+    for k in range(10):
+        post = wall_scene(is_door_open=True)
+        post[54 + k % 2, 70] = FORBIDDEN
+        graph.update(LOCAL, post)
     assert graph.search((-4.0, 0.0), (4.0, 0.0)) is not None
 
 
-def test_somebody_who_passed_is_forgotten_and_a_flicker_does_not_open_a_wall() -> None:
-    floors = TerrainFloors(VisibilityGraph())
-    empty = np.zeros((120, 160), np.int8)
-    person = empty.copy()
-    person[58:63, 78:83] = 100
-    floors.observe_grid(LOCAL, empty, ROBOT)
-    floors.observe_grid(LOCAL, person, ROBOT)
-    found = floors.graph.search((-4.0, 0.0), (4.0, 0.0))
-    assert found is not None
-    assert found[1] > 8.05
-    for _ in range(3):
-        floors.observe_grid(LOCAL, empty, ROBOT)
-    found = floors.graph.search((-4.0, 0.0), (4.0, 0.0))
-    assert found is not None
-    assert found[1] == pytest.approx(8.0)
-    wall = wall_scene(is_door_open=False)
-    for _ in range(4):
-        floors.observe_grid(LOCAL, wall, ROBOT)
-    floors.observe_grid(LOCAL, empty, ROBOT)
-    assert floors.graph.search((-4.0, 0.0), (4.0, 0.0), needs_votes=False) is None
+def two_levels() -> tuple[np.ndarray, tuple[GridSpec, np.ndarray]]:
+    """Return the costs of a level with a wall across and a door, and a wider one above it with a block in the middle."""
+    lower = np.where(wall_scene(is_door_open=True) == FORBIDDEN, 254, 0).astype(np.uint8)
+    wide = GridSpec(0.1, 200, 140, -10.0, -7.0)
+    upper = np.zeros(wide.shape, np.uint8)
+    upper[60:80, 80:120] = 254
+    return lower, (wide, upper)
 
 
-def terrain(ground: float, obstacle_at: tuple[float, float] | None = None) -> np.ndarray:
-    """Return a terrain cloud (N, 4) of a floor at a height, 12 m wide, with a post of 1 m."""
-    x, y = np.meshgrid(np.arange(-6.0, 6.0, 0.1), np.arange(-6.0, 6.0, 0.1))
-    flat = np.stack([x.ravel(), y.ravel(), np.full(x.size, ground), np.zeros(x.size)], 1)
-    if obstacle_at is None:
-        return flat
-    z = np.arange(0.2, 1.0, 0.1)
-    post = np.array([[*obstacle_at, ground + h, h] for h in z])
-    return np.vstack((flat, post))
+def test_levels_above_each_other_are_kept_apart_and_remembered() -> None:
+    """Coming back to a level finds the same corners, and its ways are those of a planner that never left it."""
+    lower, (wide, upper) = two_levels()
+    planner, alone = VisibilityPlanner(), VisibilityPlanner()
+    start, goal = SE2(-4.0, 2.0), SE2(4.0, 2.0)
+    below = planner.plan(lower, LOCAL, start, goal)
+    np.testing.assert_array_equal(below.path, alone.plan(lower, LOCAL, start, goal).path)
+    corners = planner.view(0, "map").nodes
+    planner.enter_level(1)
+    above = planner.plan(upper, wide, start, goal)
+    np.testing.assert_array_equal(above.path, VisibilityPlanner().plan(upper, wide, start, goal).path)
+    assert abs(above.path[:, 1] - 2.0).max() < 0.3, "nothing of the door below stands in the way"
+    seen = planner.view(0, "map")
+    assert 4 <= len(seen.nodes) < len(corners) + 4
+    assert len(seen.contours) == 1
+    known = planner.graph.arrays.ident[planner.graph.arrays.is_alive].copy()
+    planner.enter_level(0)
+    again = planner.plan(lower, LOCAL, start, goal)
+    np.testing.assert_array_equal(again.path, below.path)
+    np.testing.assert_array_equal(planner.view(0, "map").nodes[: len(corners)], corners)
+    assert set(known) <= set(planner.graph.arrays.ident[planner.graph.arrays.is_alive])
 
 
-def test_floors_above_each_other_are_kept_apart_and_joined_by_the_way_that_was_driven() -> None:
-    floors = TerrainFloors(VisibilityGraph(), TerrainConfig())
-    floors.observe_cloud(terrain(0.0, (0.0, 0.0)), (-3.0, 0.0, 0.0))
-    for height in np.arange(0.0, 3.3, 0.3):  # up a ramp in the corner
-        floors.observe_cloud(terrain(float(height)), (5.0, 5.0, float(height)))
-    floors.observe_cloud(terrain(3.0), (-3.0, 0.0, 3.0))
-    graph = floors.graph
-    assert len(floors.floors) >= 2
-    top = floors.floor_at(3.0)
-    below = graph.search((-3.0, 0.0), (3.0, 0.0))
-    above = graph.search((-3.0, 0.0), (3.0, 0.0), floor=top)
-    assert below is not None
-    assert above is not None
-    assert above[1] == pytest.approx(6.0) or above[1] < below[1]
-    up = graph.search((-3.0, 0.0), (-3.0, 1.0), floor=0, goal_floor=top)
-    assert up is not None
-    assert up[1] > 15.0  # to the ramp and back
+def test_a_way_that_was_driven_begins_anew_on_another_level() -> None:
+    lower, (wide, upper) = two_levels()
+    graph = VisibilityGraph()
+    graph.update(LOCAL, np.where(lower > 0, FORBIDDEN, FREE).astype(np.uint8), 0)
+    graph.update(wide, np.where(upper > 0, FORBIDDEN, FREE).astype(np.uint8), 1)
+    for floor, x, y in ((0, -4.0, 0.0), (0, -2.0, 0.0), (1, -2.0, 0.0), (1, -3.0, 0.0), (0, -3.0, 0.0)):
+        graph.drive(x, y, floor)
+    a = graph.arrays
+    for node in np.flatnonzero(a.is_alive).tolist():
+        others = a.neighbor[node, : a.degree[node]]
+        assert (a.nodes[others, kernels.FLOOR] == a.nodes[node, kernels.FLOOR]).all()
+    driven = np.flatnonzero(a.is_alive & (a.kind == DRIVEN))
+    assert {int(f) for f in a.nodes[driven, kernels.FLOOR]} == {0, 1}
 
 
 # Unknown ground
@@ -358,32 +351,63 @@ def test_what_hides_behind_a_cupboard_costs_more_than_open_unknown_ground() -> N
 # What is kept and shown
 
 
-def test_a_graph_is_saved_and_loaded_without_loss_and_goes_on_alike(tmp_path: Path) -> None:
-    floors = TerrainFloors(VisibilityGraph())
-    for k in range(4):
-        floors.observe_grid(LOCAL, wall_scene(is_door_open=k % 2 == 0), ROBOT)
-    floors.observe_cloud(terrain(3.0, (1.0, 1.0)), (0.0, 0.0, 3.0))
-    arrays = floors_to_arrays(floors)
+def test_a_graph_of_several_levels_is_saved_and_loaded_without_loss_and_goes_on_alike(tmp_path: Path) -> None:
+    lower, (wide, upper) = two_levels()
+    config = VisibilityConfig(is_unknown_allowed=True, margin=2.0, graph=VisibilityGraphConfig(refresh=2))
+    planner, start, goal = VisibilityPlanner(config), SE2(-4.0, 2.0), SE2(4.0, 2.0)
+    upper[:40] = 255
+    for level, spec, costs in ((0, LOCAL, lower), (1, wide, upper), (0, LOCAL, np.where(lower > 0, 0, 254))):
+        planner.enter_level(level)
+        planner.plan(costs.astype(np.uint8), spec, start if level else SE2(0.0, 4.0), goal if level else SE2(0.0, 2.0))
     path = tmp_path / "site.vgraph"
+    arrays = planner.to_arrays()
+    assert len(arrays["waiting"]) > 0, "what is yet to be done belongs to it"
     save_graph(path, arrays)
     loaded = load_graph(path)
     assert sorted(loaded) == sorted(arrays)
     for name, array in arrays.items():
         assert loaded[name].dtype == array.dtype
         np.testing.assert_array_equal(loaded[name], array)
-    other = floors_from_arrays(loaded)
-    for one in (floors, other):
-        one.observe_grid(LOCAL, wall_scene(is_door_open=True), ROBOT)
-    after, again = floors_to_arrays(floors), floors_to_arrays(other)
-    for name, array in after.items():
-        np.testing.assert_array_equal(again[name], array, err_msg=name)
+    other = VisibilityPlanner(config, loaded)
+    planner = VisibilityPlanner(config, arrays)
+    for one in (planner, other):
+        for level, spec, costs in ((0, LOCAL, lower), (1, wide, upper)):
+            one.enter_level(level)
+            one.plan(costs, spec, start, goal)
+    assert other.status is planner.status
+    for name, array in planner.to_arrays().items():
+        np.testing.assert_array_equal(other.to_arrays()[name], array, err_msg=name)
+
+
+def test_a_graph_that_is_loaded_knows_what_the_saved_one_knew_and_need_not_find_it_again() -> None:
+    lower, _ = two_levels()
+    planner = VisibilityPlanner()
+    planner.plan(lower, LOCAL, SE2(-4.0, 2.0), SE2(4.0, 2.0))
+    other = VisibilityPlanner(saved=planner.to_arrays())
+    assert other.graph.node_count == planner.graph.node_count > 0
+    cells = np.where(lower >= 253, FORBIDDEN, FREE).astype(np.uint8)
+    assert other.graph.update(LOCAL, cells).tested == 0, "the same cells: nothing is new"
+
+
+def test_a_graph_loaded_where_unknown_ground_has_another_price_is_weighed_anew() -> None:
+    costs = two_levels()[0]
+    costs[:, 20:60] = np.where(costs[:, 20:60] > 0, 254, 255)
+    start, goal = SE2(4.0, 2.0), SE2(-7.5, -2.0)
+    dear = VisibilityPlanner(VisibilityConfig(is_unknown_allowed=True, margin=1.0))
+    dear.plan(costs, LOCAL, start, goal)
+    cheap = VisibilityConfig(is_unknown_allowed=True, margin=1.0, price=UnknownPrice())
+    loaded = VisibilityPlanner(cheap, dear.to_arrays()).plan(costs, LOCAL, start, goal)
+    assert loaded.cost == pytest.approx(VisibilityPlanner(cheap).plan(costs, LOCAL, start, goal).cost)
+    shut = VisibilityPlanner(VisibilityConfig(), dear.to_arrays())
+    with pytest.raises(NoValidPathError):
+        shut.plan(costs, LOCAL, start, goal)
 
 
 def test_graphs_that_lack_something_are_refused() -> None:
     graph = VisibilityGraph()
     graph.update(SPEC, blocks(0)[1])
     arrays = to_arrays(graph)
-    for name in ("nodes", "state", "counters"):
+    for name in ("nodes", "state", "counters", "waiting", "price"):
         with pytest.raises(BadInputError, match="visibility graph"):
             from_arrays({key: value for key, value in arrays.items() if key != name})
     with pytest.raises(BadInputError, match="visibility graph"):
@@ -392,14 +416,14 @@ def test_graphs_that_lack_something_are_refused() -> None:
 
 def test_the_same_observations_give_the_same_graph() -> None:
     def made() -> dict[str, np.ndarray]:
-        floors = TerrainFloors(VisibilityGraph())
+        graph = VisibilityGraph()
         rng = np.random.default_rng(5)
         for _ in range(6):
-            grid = wall_scene(is_door_open=True)
+            cells = wall_scene(is_door_open=True)
             y, x = rng.integers(10, 100, 2)
-            grid[y : y + 6, x : x + 6] = 100
-            floors.observe_grid(LOCAL, grid, ROBOT)
-        return floors_to_arrays(floors)
+            cells[y : y + 6, x : x + 6] = FORBIDDEN
+            graph.update(LOCAL, cells)
+        return to_arrays(graph)
 
     one, two = made(), made()
     for name, array in one.items():

@@ -32,10 +32,11 @@ from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_CLOUD, SAVE_GLASS, STOP_CHARGING, Nothing
+from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH, STOP_CHARGING, Nothing
 from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, TRANSFORMS, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
+from ambler.wire.graph_files import graph_file, load_graph
 from ambler.wire.map_files import load_map
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
@@ -131,10 +132,12 @@ def _nodes(saved: dict[str, Any], folder: RunFolder, out: Path) -> list[Node]:
         shutil.copyfile(folder.first_docks, out / "docks.yaml")
         docks = DockDatabase.load(out / "docks.yaml")
     config = build(RobotConfig, saved["robot"])
+    graph = graph_file(folder.known_map_stem)
+    kept = load_graph(graph) if graph.exists() else None
     if is_site(known):
-        site = Site(None, docks, load_site(known, config.lio.localize.map))
+        site = Site(None, docks, kept, load_site(known, config.lio.localize.map))
     else:
-        site = Site(load_map(known) if known.exists() else None, docks)
+        site = Site(load_map(known) if known.exists() else None, docks, kept)
     return robot_nodes(robot, config, site, int(saved["run"]["seed"]))
 
 
@@ -142,10 +145,11 @@ def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[
     """Return the operator, and the list of what is called when its program ends."""
     steps: tuple[Step, ...] = steps_from_values(saved["steps"])
     makes_map = bool(saved["run"].get("is_unknown")) or (bool(steps) and isinstance(steps[0], ExploreStep))
-    saves_glass, saves_cloud = (any(service in node.serves for node in nodes) for service in (SAVE_GLASS, SAVE_CLOUD))
+    served = {offer for node in nodes for offer in node.serves}
     config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
     if makes_map:
-        config = OperatorConfig(str(out / "map"), saves_glass=saves_glass, saves_cloud=saves_cloud)
+        saves = tuple(service for service in (SAVE_GLASS, SAVE_GRAPH, SAVE_CLOUD) if service in served)
+        config = OperatorConfig(str(out / "map"), saves)
     called: list[Any] = []
 
     def finish(end: ProgramEnd) -> None:

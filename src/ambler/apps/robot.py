@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -37,7 +37,6 @@ from ambler.nodes.glass_mapper import GlassMapperNode
 from ambler.nodes.ground_mapper import GroundMapperNode
 from ambler.nodes.ground_server import GroundServerNode
 from ambler.nodes.layer_inputs import LayerInput
-from ambler.nodes.level_navigator import LevelNavigatorNode
 from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.nodes.localization import LocalizationNode
 from ambler.nodes.map_server import MapServerNode
@@ -63,11 +62,12 @@ MapGrid = tuple[GridSpec, NDArray[np.int8]]
 
 @dataclass(frozen=True)
 class Site:
-    """What a robot is told of the place: a map, occupancy int8 [iy, ix], or a site with its levels of ground (neither: it makes one), and docks (None: it does not
-    dock)."""
+    """What a robot is told of the place: a map, occupancy int8 [iy, ix], or a site with its levels of ground (neither: it makes one), docks (None: it does not
+    dock), and the graph that was saved with the map or site (None: a planner that has one begins anew)."""
 
     grid: MapGrid | None = None
     docks: DockDatabase | None = None
+    graph: Mapping[str, NDArray[Any]] | None = None
     saved: SavedSite | None = None
 
 
@@ -109,9 +109,7 @@ def robot_nodes(
     else:
         localizer = partial(config.make_localizer, seed=seed)
         nodes += [MapServerNode(*site.grid), LocalizationNode(robot, localizer, config.localization)]
-    nodes += _driving_nodes(robot, config, parts)
-    if maps_ground or site.saved is not None:
-        nodes.append(LevelNavigatorNode())
+    nodes += _driving_nodes(robot, config, parts, site, has_levels=maps_ground or site.saved is not None)
     if makes_map:
         survey = FrontierSurvey(config.survey, distances)
         strategy = parts.strategy or _strategy(config, distances)
@@ -149,9 +147,9 @@ def _site_nodes(robot: RobotModel, config: RobotConfig, site: SavedSite) -> list
     return [GroundServerNode(ground), CloudLocalizationNode(robot, site.cloud, config.lio.localize, guess)]
 
 
-def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list[Node]:
+def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: Site, *, has_levels: bool) -> list[Node]:
     """What judges echoes, global planner, controller and navigator."""
-    global_planner = parts.global_planner or _global_planner(config)
+    global_planner = parts.global_planner or _global_planner(config, site)
     controller = parts.local_planner or _local_planner(robot, config)
     (wide_voxels, wide_inputs), (near_voxels, near_inputs) = (_voxels(robot, config, p) for p in (WIDE_VIEWS, 0.0))
     wide_layers = (*global_layers(config.global_costmap), *wide_voxels, *parts.global_layers)
@@ -168,7 +166,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts) -> list
             movers=config.movers,
             yielding=config.yielding,
         ),
-        NavigatorNode(config.navigation),
+        NavigatorNode(config.navigation, has_levels=has_levels),
     ]
 
 
@@ -182,9 +180,9 @@ def _voxels(
     return (layer,), VoxelFeed(robot, layer, period, has_terrain=config.uses_terrain(robot)).inputs
 
 
-def _global_planner(config: RobotConfig) -> GlobalPlanner:
+def _global_planner(config: RobotConfig, site: Site) -> GlobalPlanner:
     if config.global_planner == "visibility_graph":
-        return VisibilityPlanner(config.visibility)
+        return VisibilityPlanner(config.visibility, site.graph)
     return GridPlanner(config.planner)
 
 

@@ -21,11 +21,8 @@ from ambler.evaluation.results import machine_class
 from ambler.evaluation.trajectory import TrajectoryError
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.steps import ExploreStep, NavigateStep, Step, TaskStep, name_of
-from ambler.planning.graph_state import to_arrays
 from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.wire.glass_files import SUFFIX, load_glass
-from ambler.wire.graph_files import SUFFIX as SUFFIX_OF_GRAPHS
-from ambler.wire.graph_files import save_graph
 from ambler.wire.map_files import load_map
 
 
@@ -132,13 +129,12 @@ def _map_picture(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Front
 
 
 def _graph_picture(robot: SimulatedRobot, verdict: Verdict) -> list[Picture]:
-    """The visibility graph of a planner that has one, over the map, beside it as a file; none when there is no map."""
+    """The visibility graph of a planner that has one, over the map; none when there is no map."""
     folder, node = robot.folder, robot.stack.node("planner")
     stem = folder.map_stem if robot.options.makes_map else folder.known_map_stem
     planner = node.planner if isinstance(node, GlobalPlannerNode) else None
     if not isinstance(planner, VisibilityPlanner) or not stem.with_suffix(".yaml").exists():
         return []
-    save_graph(folder.root / f"graph{SUFFIX_OF_GRAPHS}", to_arrays(planner.graph))
     path = folder.root / "graph.png"
     draw_graph(path, *load_map(stem.with_suffix(".yaml")), planner.view(0, "map"), verdict.record.true_poses)
     return [Picture("The visibility graph as the last plan left it, and the true path", path)]

@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from ambler.apps.config import RobotConfig
 from ambler.apps.docks import docks_of_world
 from ambler.apps.programs import steps_to_values
@@ -28,8 +30,10 @@ from ambler.nodes.operator import OperatorConfig
 from ambler.nodes.steps import ExploreStep, ProgramEnd
 from ambler.runtime.clock import SystemClock
 from ambler.runtime.node import Node
+from ambler.runtime.tasks import SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH
 from ambler.settings.profiles import as_values, save_resolved
 from ambler.sim.world import BodySpec, SimulationConfig, World
+from ambler.wire.graph_files import graph_file, load_graph
 from ambler.wire.map_files import load_map, save_map
 
 FIRST = "robot"  # the name of the first robot in its world
@@ -51,7 +55,7 @@ class SimulatedRobot(RobotInRun):
         self.options = options
         self.scene = scene
         self.model, self.config = scene.robot.model, scene.config
-        site = Site(self._map(folder), self._docks(folder), scene.site)
+        site = Site(self._map(folder), self._docks(folder), self._graph(folder), scene.site)
         saved = {"run": _plain(options), "steps": steps_to_values(options.steps)}
         save_resolved(folder.config, {**saved, "robot": as_values(self.config)})
         nodes = [*devices, *robot_nodes(self.model, self.config, site, options.seed, parts)]
@@ -79,6 +83,14 @@ class SimulatedRobot(RobotInRun):
             return None
         save_map(folder.known_map_stem, *self.scene.grid)
         return load_map(folder.known_map_stem.with_suffix(".yaml"))
+
+    def _graph(self, folder: RunFolder) -> dict[str, NDArray[Any]] | None:
+        """The graph that was saved with the known map, kept in the folder, for a planner that has one; None where there is none."""
+        saved = None if self.options.map_file is None else graph_file(self.options.map_file.with_suffix(""))
+        if saved is None or not saved.exists() or self.config.global_planner != "visibility_graph":
+            return None
+        shutil.copyfile(saved, graph_file(folder.known_map_stem))
+        return load_graph(saved)
 
     def _docks(self, folder: RunFolder) -> DockDatabase | None:
         """The docks that the robot knows, in the frame of its map; the file at the run's start is kept for its replay."""
@@ -214,7 +226,10 @@ def operator_config(options: RunOptions, config: RobotConfig, robot: RobotModel,
     """Return what the operator of a run is told."""
     if not options.makes_map:
         return OperatorConfig(may_turn=options.may_turn)
-    return OperatorConfig(str(folder.map_stem), saves_glass=config.maps_glass(robot), saves_cloud=config.saves_cloud)
+    glass = (SAVE_GLASS,) if config.maps_glass(robot) else ()
+    graph = (SAVE_GRAPH,) if config.global_planner == "visibility_graph" else ()
+    cloud = (SAVE_CLOUD,) if config.saves_cloud else ()
+    return OperatorConfig(str(folder.map_stem), (*glass, *graph, *cloud))
 
 
 def _plain(options: RunOptions) -> dict[str, Any]:

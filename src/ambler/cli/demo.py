@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ambler.cli.run_options import add_dock_options, add_run_options, options_of, parse_goal
+from ambler.cli.run_options import GOAL, add_dock_options, add_run_options, options_of, parse_goal
 from ambler.cli.simulated_run import run_program
 
 
@@ -21,7 +21,7 @@ def add_parser(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="STEP",
-        help="what to do next in the map just made, any number of times: X,Y[,DEG][@LEVEL] (a goal), dock:NAME or undock:NAME",
+        help=f"what to do next in the map just made, any number of times: {GOAL} (a goal), dock:NAME or undock:NAME",
     )
     parser.add_argument("--radius", type=float, metavar="M", help="explore no farther than this from the start, metres")
     parser.add_argument(

@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
         "goals",
         nargs="*",
         metavar=GOAL,
-        help="goals in the map frame (--unknown: from the start), metres and degrees; @ a level of a map of ground",
+        help="goals in the map frame (--unknown: from the start), metres and degrees; on which level of a map of ground (default: the one where the robot then is)",
     )
     add_run_options(parser, world="office", robot="amr_omni", time_limit=900.0)
     add_known_map_options(parser)

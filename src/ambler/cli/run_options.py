@@ -234,13 +234,13 @@ def parse_pose(text: str, what: str) -> SE2:
 
 
 def parse_goal(text: str, what: str) -> NavigateStep:
-    """Read a goal, `x,y` or `x,y,degrees`, on a map of ground with `@level` behind it; raises BadInputError that names `what`."""
+    """Read a pose as `parse_pose` does, and `@LEVEL` after it: on which level of a map of ground it lies. Raises BadInputError that names `what`."""
     from ambler.core.errors import BadInputError
     from ambler.nodes.steps import NavigateStep
 
     pose, at, level = text.partition("@")
     if at and not level.strip().isdecimal():
-        raise BadInputError(f"{what} {text.strip()!r}: the level behind @ must be a number from 0 on")
+        raise BadInputError(f"{what} {text.strip()!r}: the level after @ must be a whole number, counted from 0")
     return NavigateStep(parse_pose(pose, what), level=int(level) if at else None)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +33,32 @@ class GlobalPlanner(Protocol):
         ...
 
 
+class PlanStatus(enum.Enum):
+    """What the last plan was: a way over known ground, an attempt through unknown ground or to the edge of what is known, or none, though every frontier that can be
+    reached was attempted. PLANNING: a goal for which neither is said yet."""
+
+    PLANNING = "PLANNING"
+    FREE_PATH = "FREE_PATH"
+    ATTEMPTING = "ATTEMPTING"
+    UNREACHABLE = "UNREACHABLE"
+
+
 @runtime_checkable
-class DrawsGraph(Protocol):
-    """A planner that has a graph to show."""
+class GraphPlanner(GlobalPlanner, Protocol):
+    """A planner that keeps a graph from plan to plan, one for each level of a map of ground; `status` tells of the last plan."""
+
+    status: PlanStatus
+
+    def enter_level(self, level: int) -> None:
+        """Take that the costs of the next plans are those of this level."""
+        ...
 
     def view(self, stamp_ns: int, frame: str) -> VisibilityGraphView:
-        """Return the graph as people are shown it, in the frame of the last plan."""
+        """Return the graph of the level of the last plan as people are shown it, in the frame of that plan."""
+        ...
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the graphs of all levels without loss, as named arrays of plain numbers."""
         ...
 
 

@@ -71,7 +71,7 @@ class GateReply:
 
 @dataclass(frozen=True, slots=True)
 class SaveMapRequest:
-    """Save the map as `<stem>.pgm` and `<stem>.yaml`."""
+    """Save the map as `<stem>.pgm` and `<stem>.yaml`, or what belongs to it beside them."""
 
     stem: str
 
@@ -142,21 +142,13 @@ class RecoverGoal:
 
 @dataclass(frozen=True, slots=True)
 class NavigateGoal:
-    """Drive to a pose of the map."""
+    """Drive to a pose of the map. `level` is the one of a map of ground (core.messages.GroundLevels) that the pose lies on; None: the one on which the robot
+    is when it gets there."""
 
     map_from_goal: SE2
     xy_tolerance: float = 0.15
     yaw_tolerance: float = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class NavigateLevelsGoal:
-    """Drive to a pose of the map on a level of its ground."""
-
-    map_from_goal: SE2
-    level: int
-    xy_tolerance: float = 0.15
-    yaw_tolerance: float = 0.2
+    level: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,112 +1,83 @@
-"""Driving to a goal on any level of a map of ground: through passages to the level of the goal, then to the goal itself. It knows no bus.
+"""The way from one level of a map of ground to another: which passage next. It knows neither bus nor costs.
 
-`begin`, `came_to`, `passage_ended` and `looked` return what is to be done next; who carries it out answers with what became of it.
+Robots plan and drive on one level at a time, because a planar path cannot say on which of two sheets of ground it lies. So a way to another level is a chain of
+drives, each to a passage, whatever planner finds them. Passages are chosen by the shortest chain of straight lines through them (Dijkstra); one that cannot be reached, or that does
+not lead where it should, is left out, and the next best chain is taken.
 """
 
 from __future__ import annotations
 
+import heapq
+import math
+from collections import Counter
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ambler.core.messages import GroundLevels
 from ambler.core.se2 import SE2
-from ambler.runtime.tasks import LEVEL_NOT_REACHED, NO_PASSAGE
 
-F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class LevelRouteConfig:
-    """A passage is driven to within `tolerance` m; who stands there is given `patience` s to be on the next level; after `tries` drives on one level without that it is given up.
-    On a new level the map is given `settle` s."""
-
-    tolerance: float = 0.3
-    patience: float = 2.0
-    tries: int = 3
-    settle: float = 1.0
+Key = tuple[int, int, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class ToPassage:
-    """Choose `level`, and drive to a place that it shares with the present one."""
+class Hop:
+    """A change of level: `map_from_place` is on both."""
 
-    level: int
-    place: SE2
+    of_level: int
+    to_level: int
+    map_from_place: SE2
 
-
-@dataclass(frozen=True, slots=True)
-class ToGoal:
-    """Drive to the goal: it is on the present level."""
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Wait `seconds` and call `looked`."""
-
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class RouteFailed:
-    """Give up, with the name of the failure and why."""
-
-    code: str
-    text: str
-
-
-Leg = ToPassage | ToGoal | Look | RouteFailed
+    @property
+    def key(self) -> Key:
+        """What tells it from other passages."""
+        return self.of_level, self.to_level, self.map_from_place.x, self.map_from_place.y
 
 
 class LevelRoute:
-    """One way to a goal on `level`."""
+    """The passages of one drive: which were tried how often, and which comes next. A passage that was tried `tries` times is left out."""
 
-    def __init__(self, level: int, config: LevelRouteConfig | None = None) -> None:
-        self.level = level
-        self.config = config if config is not None else LevelRouteConfig()
-        self._tries = 0
+    def __init__(self, tries: int) -> None:
+        self._tries = tries
+        self._tried: Counter[Key] = Counter()
 
-    def begin(self, levels: GroundLevels | None) -> Leg:
-        """Return the first leg."""
-        if levels is None:
-            return RouteFailed(NO_PASSAGE, "there is no map of levels yet")
-        if not 0 <= self.level < levels.count:
-            return RouteFailed(NO_PASSAGE, f"there is no level {self.level}: the map of ground has {levels.count}")
-        if levels.active == self.level:
-            return ToGoal()
-        following = next_level(levels.passages, levels.active, self.level)
-        if following is None:
-            return RouteFailed(NO_PASSAGE, f"no passage is known from level {levels.active} on the way to {self.level}")
-        rows = levels.passages
-        row = rows[(rows[:, 0] == levels.active) & (rows[:, 1] == following)][0]
-        return ToPassage(following, SE2(*row[2:].tolist()))
+    def next_hop(self, levels: GroundLevels, base: SE2, level: int, goal: SE2) -> Hop | None:
+        """Return the first passage of the shortest chain from `base` on the level where the robot is to `goal` on another `level`; None when no chain is left."""
+        hops = [hop for hop in hops_of(levels) if self._tried[hop.key] < self._tries]
+        queue: list[tuple[float, int, int]] = []
+        best = [math.inf] * len(hops)
+        first = list(range(len(hops)))
 
-    def came_to(self) -> Leg:
-        """Another level than that of the last leg: what was planned on that one is void."""
-        self._tries = 0
-        return Look(self.config.settle)
+        def reach(k: int, metres: float, through: int) -> None:
+            if metres < best[k]:
+                best[k], first[k] = metres, through
+                heapq.heappush(queue, (metres, k, hops[k].to_level))
 
-    def passage_ended(self) -> Leg:
-        """A drive to a passage is over, however: whoever stands there may be told to be on the next level a moment later."""
-        self._tries += 1
-        return Look(self.config.patience)
+        for k, hop in enumerate(hops):
+            if hop.of_level == levels.active:
+                reach(k, base.distance_to(hop.map_from_place), k)
+        shortest, found = math.inf, None
+        while queue:
+            metres, k, here = heapq.heappop(queue)
+            if metres > best[k]:
+                continue
+            if metres >= shortest:
+                break
+            place = hops[k].map_from_place
+            if here == level and metres + place.distance_to(goal) < shortest:
+                shortest, found = metres + place.distance_to(goal), hops[first[k]]
+            for m, hop in enumerate(hops):
+                if hop.of_level == here:
+                    reach(m, metres + place.distance_to(hop.map_from_place), first[k])
+        return found
 
-    def looked(self, levels: GroundLevels) -> Leg:
-        """Return the next leg after waiting."""
-        if self._tries >= self.config.tries and levels.active != self.level:
-            text = f"{self._tries} drives to the passage did not lead from level {levels.active} to the next"
-            return RouteFailed(LEVEL_NOT_REACHED, text)
-        return self.begin(levels)
+    def try_hop(self, hop: Hop) -> None:
+        """Count that a passage was tried."""
+        self._tried[hop.key] += 1
+
+    def leave_out(self, hop: Hop) -> None:
+        """Take that a passage cannot be used."""
+        self._tried[hop.key] = self._tries
 
 
-def next_level(passages: F64, here: int, wanted: int) -> int | None:
-    """Return the next level on the way to another one, by the fewest passages (N, 5); None: no way is known."""
-    reached: dict[int, int] = {here: here}
-    queue = [here]
-    for level in queue:
-        for to_level in passages[passages[:, 0] == level, 1].astype(int).tolist():
-            if to_level not in reached:
-                reached[to_level] = to_level if level == here else reached[level]
-                queue.append(to_level)
-    return reached.get(wanted)
+def hops_of(levels: GroundLevels) -> list[Hop]:
+    """Return the passages of a message as records."""
+    return [Hop(round(of), round(to), SE2(x, y, yaw)) for of, to, x, y, yaw in levels.passages.tolist()]

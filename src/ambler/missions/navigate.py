@@ -1,7 +1,7 @@
 """Driving to one goal: plan, follow, replan, recover, and end with a named state. It knows no bus.
 
 PLANNING -> FOLLOWING -> SUCCEEDED, or NEAREST_REACHED when the goal itself cannot be reached; a failed plan or drive leads to RECOVERING and back to PLANNING; WAITING bridges moments
-without a pose or fresh input. Everything that takes time is asked of a `Driver` and answered by a callback; an answer that
+without a pose or fresh input. A goal on another level of a map of ground is driven to in legs: to a passage, until the robot is on the next level, and on from there. Everything that takes time is asked of a `Driver` and answered by a callback; an answer that
 comes after the state has moved on is ignored.
 """
 
@@ -17,11 +17,12 @@ import numpy as np
 
 from ambler.core.errors import AmblerError, StaleInputError, TransformError
 from ambler.core.grid import COST_INSCRIBED, COST_UNKNOWN
-from ambler.core.messages import CostGrid, Path
+from ambler.core.messages import CostGrid, GroundLevels, Path
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.missions.blocked_ways import BlockedWaysConfig
+from ambler.missions.level_route import Hop, LevelRoute
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.tasks import NEAREST_REACHED, NavigateGoal, PlanReply
+from ambler.runtime.tasks import LEVEL_NOT_REACHED, NEAREST_REACHED, NO_SUCH_LEVEL, NavigateGoal, PlanReply
 
 P = ParamSpec("P")
 Cancel = Callable[[], None]
@@ -72,6 +73,14 @@ class Driver(Protocol):
 
     def map_from_base(self) -> SE2 | None: ...
 
+    def levels(self) -> GroundLevels | None:
+        """Return the levels of the map of ground; None on a planar map, which is level 0."""
+        ...
+
+    def choose_level(self, level: int) -> None:
+        """Ask for a level to be taken for the one that the robot is on, as soon as what it sees fits it."""
+        ...
+
     def mark_blocked(self, path: Path) -> bool:
         """Take that a path could not be followed from here; say whether the place is marked now, so that planning goes around it."""
         ...
@@ -86,13 +95,16 @@ class NavigationConfig:
     """`keep_path` metres before the goal a path that is still free is kept; `plan_patience` replans in a row may fail while a
     path is followed; after `wait_patience` ticks without pose or input the robot is lost. When nothing leads to the goal and
     clearing did not help, a way is waited for `blocked_patience` seconds: whoever stands there may leave. The place nearest to a goal
-    that cannot be reached counts as reached within `loose_tolerance` metres, at any heading; the drive then ends NEAREST_REACHED."""
+    that cannot be reached counts as reached within `loose_tolerance` metres, at any heading; the drive then ends NEAREST_REACHED. A passage between two levels is tried `level_tries` times in
+    one drive; the map is asked for the next level from `level_near` metres before it on; where the robot comes to it and is still on the level before, it turns once, for the map to see."""
 
     keep_path: float = 4.0
     plan_patience: int = 3
     wait_patience: int = 8
     blocked_patience: float = 0.0
     loose_tolerance: float = 0.35
+    level_tries: int = 3
+    level_near: float = 0.5
     recoveries: tuple[RecoveryStep, ...] = DEFAULT_SEQUENCE
     blocked: BlockedWaysConfig = field(default_factory=BlockedWaysConfig)
 
@@ -109,10 +121,15 @@ class Navigation:
         self._config = config
         self._driver = driver
         self._goal = goal
+        self._leg = goal  # what is driven to now: the goal, or on another level the passage that leads on, `_hop`
+        self._hop: Hop | None = None
+        self._asked: Hop | None = None
+        self._route = LevelRoute(config.level_tries)
         self._recoveries = recoveries or RecoverySequence(config.recoveries)
         self._cancel_motion: Cancel | None = None
         self._epoch = 0
         self._is_replanning = False
+        self._has_seen = False  # whether new costs were planned on since the last tick
         self._is_loose = False
         self._has_cleared = False
         self._failed_plans = 0
@@ -121,6 +138,7 @@ class Navigation:
         self._blocked = 0.0
         self._path: Path | None = None
         self._arrived_at: Path | None = None
+        self._lost_hop = ""
         self.state = NavigationState.PLANNING
         self.detail = ""
         self.goal_distance = 0.0
@@ -152,22 +170,99 @@ class Navigation:
             self._enter(NavigationState.CANCELLED, "cancelled on request")
 
     def tick(self) -> None:
-        """Replan while driving; try again while waiting."""
+        """Replan while driving, unless new costs were planned on since the last tick; try again while waiting."""
+        has_seen, self._has_seen = self._has_seen, False
         if self.state is NavigationState.WAITING:
             self._plan()
         elif self.state is NavigationState.RECOVERING and self._rest > 0.0:
             self._rest -= TICK_PERIOD
             if self._rest <= 0.0:
                 self._plan()
-        elif self.state is NavigationState.FOLLOWING and not self._is_replanning and not self._keeps_path():
+        elif not has_seen:
+            self._replan()
+
+    def see_costs(self) -> None:
+        """Take that there are new costs: the first after a tick are planned on at once. A tick alone would plan on those of a second before, when map and ticks keep step."""
+        if not self._has_seen:
+            self._has_seen = True
+            self._replan()
+
+    def _replan(self) -> None:
+        if self.state is NavigationState.FOLLOWING and not self._is_replanning and not self._keeps_path():
             self._is_replanning = True
-            self._driver.plan(self._goal.map_from_goal, self._guarded(self._on_replan))
+            self._driver.plan(self._leg.map_from_goal, self._guarded(self._on_replan))
+
+    def change_level(self) -> None:
+        """Take that the robot is on another level now: a goal that says its level is planned to anew from there."""
+        if self.is_over or self._goal.level is None:
+            return
+        if self._hop is not None:
+            self._route.try_hop(self._hop)  # a robot that comes and goes through one passage gets nowhere
+        self._stop_motion()
+        self._begin_leg()
 
     # Planning
 
     def _plan(self) -> None:
-        self._enter(NavigationState.PLANNING, "asking for a path")
-        self._driver.plan(self._goal.map_from_goal, self._guarded(self._on_plan))
+        if self._choose_leg():
+            where = "" if self._hop is None else f" to the passage to level {self._hop.to_level}"
+            self._enter(NavigationState.PLANNING, f"asking for a path{where}")
+            self._driver.plan(self._leg.map_from_goal, self._guarded(self._on_plan))
+
+    def _choose_leg(self) -> bool:
+        """Choose what is driven to now; say whether there is anything."""
+        levels, level = self._driver.levels(), self._goal.level
+        active, count = (0, 1) if levels is None else (levels.active, levels.count)
+        self._leg, self._hop = self._goal, None
+        if level is None or level == active:
+            return True
+        if levels is None or not 0 <= level < count:
+            self._fail(NO_SUCH_LEVEL, f"the map has no level {level}: it has {count}, counted from 0")
+            return False
+        base = self._driver.map_from_base()
+        if base is None:
+            self._wait("the pose of the robot is not known")
+            return False
+        self._hop = self._route.next_hop(levels, base, level, self._goal.map_from_goal)
+        if self._hop is None:
+            why = f"; {self._lost_hop}" if self._lost_hop else ""
+            self._fail(LEVEL_NOT_REACHED, f"no passage is left from level {active} to level {level}{why}")
+            return False
+        self._leg = NavigateGoal(self._hop.map_from_place, self._config.loose_tolerance, math.pi)
+        return True
+
+    def _ask_for_level(self, hop: Hop) -> None:
+        """Ask for the level behind a passage: there and not before, because farther away the robot may stand at the edge of what that level knows."""
+        if self._asked is not hop:
+            self._asked = hop
+            self._driver.choose_level(hop.to_level)
+
+    def _begin_leg(self) -> None:
+        """Plan from another level, or to another passage: what did not help before may help now."""
+        self._arrived_at, self._blocked, self._has_cleared = None, 0.0, False
+        self._recoveries.begin_anew()
+        self._plan()
+
+    def _leave_hop(self, hop: Hop, text: str) -> None:
+        """A passage that cannot be reached: take the next best chain of them."""
+        self._route.leave_out(hop)
+        self._lost_hop = f"the last one, to level {hop.to_level}, failed: {text}"
+        self._begin_leg()
+
+    def _on_passage(self, hop: Hop) -> None:
+        """The robot stands where it should be on the next level, too, and is not: turn, so that the map sees what is around."""
+        self._ask_for_level(hop)
+        self._route.try_hop(hop)
+        self._lost_hop = (
+            f"the robot came to the passage to level {hop.to_level}, and its map stayed on level {hop.of_level}"
+        )
+        self._enter(NavigationState.RECOVERING, f"rotate because {self._lost_hop}")
+        step = RecoveryStep(RecoveryAction.ROTATE, 2.0 * math.pi)
+        self._cancel_motion = self._driver.recover(step, self._guarded(lambda outcome, why: self._on_turned()))
+
+    def _on_turned(self) -> None:
+        self._cancel_motion = None
+        self._plan()
 
     def _on_plan(self, reply: PlanReply | Exception) -> None:
         if isinstance(reply, PlanReply):
@@ -199,7 +294,7 @@ class Navigation:
     def _keeps_path(self) -> bool:
         """Near the goal a path that is still free is better than a new one that differs a little."""
         costs = self._driver.costmap()
-        is_substitute = self.goal_distance > self._goal.xy_tolerance
+        is_substitute = self.goal_distance > self._leg.xy_tolerance
         if self._path is None or costs is None or is_substitute or self.distance_remaining > self._config.keep_path:
             return False
         return is_path_free(self._path, costs, self.distance_remaining)
@@ -215,15 +310,15 @@ class Navigation:
         self._take(reply)
         self._enter(NavigationState.FOLLOWING, "driving")
         self._driver.replace_path(reply.path)
-        self._is_loose = reply.goal_distance > self._goal.xy_tolerance
-        goal = self._loose_goal() if self._is_loose else self._goal
+        self._is_loose = reply.goal_distance > self._leg.xy_tolerance
+        goal = self._loose_goal() if self._is_loose else self._leg
         done = self._guarded(self._on_followed)
         self._cancel_motion = self._driver.follow(reply.path, goal, done, self._on_left)
 
     def _loose_goal(self) -> NavigateGoal:
         """The end of a path to a substitute: it often lies at the edge of what is free, and its heading means nothing."""
         return replace(
-            self._goal, xy_tolerance=max(self._goal.xy_tolerance, self._config.loose_tolerance), yaw_tolerance=math.pi
+            self._leg, xy_tolerance=max(self._leg.xy_tolerance, self._config.loose_tolerance), yaw_tolerance=math.pi
         )
 
     def _on_left(self, distance: float) -> None:
@@ -231,15 +326,17 @@ class Navigation:
             self._waits = 0
             self._blocked = 0.0
             self.distance_remaining = distance
+            if self._hop is not None and distance <= self._config.level_near:
+                self._ask_for_level(self._hop)
             self._recoveries.update(distance)
 
     def _on_followed(self, code: str, text: str) -> None:
         self._cancel_motion = None
-        if code == "SUCCEEDED" and (self._is_loose or self.goal_distance > self._goal.xy_tolerance):
+        if code == "SUCCEEDED" and (self._is_loose or self.goal_distance > self._leg.xy_tolerance):
             self._arrived_at = self._path  # seen from here, the wanted goal may have become reachable
             self._plan()
         elif code == "SUCCEEDED":
-            self._succeed("the goal is reached")
+            self._arrive()
         elif code in MISSING:
             self._wait(text)
         elif code in IN_THE_WAY and self._path is not None and self._driver.mark_blocked(self._path):
@@ -297,27 +394,37 @@ class Navigation:
             self._recover_or_fail(code, f"{text}; {outcome}: {why}")
 
     def _is_no_nearer(self, reply: PlanReply) -> bool:
-        if self._arrived_at is None or reply.goal_distance <= self._goal.xy_tolerance:
+        if self._arrived_at is None or reply.goal_distance <= self._leg.xy_tolerance:
             return False
         gap = reply.path.poses[-1, :2] - self._arrived_at.poses[-1, :2]
         return math.hypot(gap[0], gap[1]) <= self._config.loose_tolerance
 
     def _end_near(self, reply: PlanReply) -> None:
         """The goal cannot be reached and nothing is nearer: say how far the robot stands from it, unless that is near enough."""
-        base, goal = self._driver.map_from_base(), self._goal
+        base, goal = self._driver.map_from_base(), self._leg
         away = reply.goal_distance if base is None else base.distance_to(goal.map_from_goal)
         turn = 0.0 if base is None else abs(wrap_angle(base.yaw - goal.map_from_goal.yaw))
         if away <= goal.xy_tolerance and turn <= goal.yaw_tolerance:
-            self._succeed("the goal is reached")
+            self._arrive()
+            return
+        if self._hop is not None:
+            self._leave_hop(self._hop, f"it cannot be reached, the robot stands {away:.2f} m from it")
             return
         text = f"the goal cannot be reached; the robot stands as near as possible, {away:.2f} m from it"
         self._finish(NavigationState.NEAREST_REACHED, NEAREST_REACHED, text)
 
-    def _succeed(self, text: str) -> None:
-        self._finish(NavigationState.SUCCEEDED, "SUCCEEDED", text)
+    def _arrive(self) -> None:
+        """The robot is where the leg ends."""
+        if self._hop is not None:
+            self._on_passage(self._hop)
+        else:
+            self._finish(NavigationState.SUCCEEDED, "SUCCEEDED", "the goal is reached")
 
     def _fail(self, code: str, text: str) -> None:
-        self._finish(NavigationState.FAILED, code, text)
+        if self._hop is not None and code != "LOST":
+            self._leave_hop(self._hop, text)
+        else:
+            self._finish(NavigationState.FAILED, code, text)
 
     def _finish(self, state: NavigationState, code: str, text: str) -> None:
         base = self._driver.map_from_base()
@@ -335,6 +442,9 @@ class Navigation:
         self._epoch += 1
         self._rest = 0.0
         self._is_replanning = False
+        levels = self._driver.levels() if state in ENDS and self._asked is not None else None
+        if levels is not None:
+            self._driver.choose_level(levels.active)  # nobody is on the way to another one any more
         self.state, self.detail = state, detail
         self._driver.report(state.value, detail)
 

@@ -57,6 +57,10 @@ class RecoverySequence:
         again._index = self._index % len(self._steps) if self._steps else 0
         return again
 
+    def begin_anew(self) -> None:
+        """Give every step once more: the robot drives to another place, or from another one. What was tried stays counted."""
+        self._index, self._shortest = 0, math.inf
+
     def take(self) -> None:
         """Count the next step as tried."""
         self._index += 1

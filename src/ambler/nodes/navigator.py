@@ -5,18 +5,20 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import CostGrid, Path, PointStamped, PoseStamped, Status, Transforms
+from ambler.core.messages import CostGrid, GroundLevels, Path, PointStamped, PoseStamped, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.node import GoalHandle, Node, TaskOutcome
+from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome
 from ambler.runtime.tasks import (
+    CHOOSE_LEVEL,
     CLEAR_GLOBAL_COSTMAP,
     CLEAR_LOCAL_COSTMAP,
     CLICKED_GOAL_OVER,
@@ -25,6 +27,7 @@ from ambler.runtime.tasks import (
     NAVIGATE,
     RECOVER,
     FollowPathGoal,
+    LevelRequest,
     NavigateFeedback,
     NavigateGoal,
     NavigateResult,
@@ -34,7 +37,17 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import BLOCKED, GLOBAL_COSTMAP, GOAL, GOAL_POINT, PATH, STATUS, TRANSFORMS, WAY_POINT
+from ambler.runtime.topics import (
+    BLOCKED,
+    GLOBAL_COSTMAP,
+    GOAL,
+    GOAL_POINT,
+    GROUND_LEVELS,
+    PATH,
+    STATUS,
+    TRANSFORMS,
+    WAY_POINT,
+)
 
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, NavigateResult]
 
@@ -43,29 +56,35 @@ KINDS = {RecoveryAction.ROTATE: RecoveryKind.ROTATE, RecoveryAction.BACK_UP: Rec
 
 
 class NavigatorNode(Node):
-    """Runs one `Navigation` at a time; a new goal preempts the old one."""
+    """Runs one `Navigation` at a time; a new goal preempts the old one. `has_levels`: the map is one of ground, whose levels can be chosen; a goal that somebody
+    clicks then lies on the level that the map shows."""
 
     name = "navigator"
     inputs = (TRANSFORMS,)
-    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP)
+    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP, GROUND_LEVELS)
     outputs = (PATH, STATUS, BLOCKED)
     serves = (NAVIGATE,)
-    calls = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
+    calls: Offers = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
     latency = 0.002
 
-    def __init__(self, config: NavigationConfig | None = None) -> None:
+    def __init__(self, config: NavigationConfig | None = None, *, has_levels: bool = False) -> None:
+        if has_levels:
+            self.calls = (*type(self).calls, CHOOSE_LEVEL)
+        self._has_levels = has_levels
         self._config = config if config is not None else NavigationConfig()
         self._tree = TransformTree()
         self._costmap: CostGrid | None = None
         self._drive: _Drive | None = None
         self._last: Navigation | None = None
-        self._blocked = BlockedWays(self._config.blocked)
+        self._levels: GroundLevels | None = None
+        self._blocked = {0: BlockedWays(self._config.blocked)}  # by level
         self._marked = 0
 
     def start(self) -> None:
         """Subscribe, serve, and start the timers."""
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costmap)
+        self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(GOAL, self._on_click)
         for topic in (GOAL_POINT, WAY_POINT):
             self.ctx.subscribe(topic, self._on_point)
@@ -77,6 +96,15 @@ class NavigatorNode(Node):
     def newest_costmap(self) -> CostGrid | None:
         """The newest global costmap, if any."""
         return self._costmap
+
+    @property
+    def newest_levels(self) -> GroundLevels | None:
+        """The levels of the map of ground; None on a planar map."""
+        return self._levels
+
+    @property
+    def _level(self) -> int:
+        return 0 if self._levels is None else self._levels.active
 
     def map_from_base(self) -> SE2 | None:
         """Return the pose of the robot, or None while it is unknown."""
@@ -94,7 +122,7 @@ class NavigatorNode(Node):
     def mark_blocked(self, path: Path) -> bool:
         """Count a path that could not be followed; say whether it is marked now, and planned around."""
         base = self.map_from_base()
-        if base is None or not self._blocked.fail(path, base, self.ctx.now_ns, self._costmap):
+        if base is None or not self._blocked[self._level].fail(path, base, self.ctx.now_ns, self._costmap):
             return False
         self.ctx.log("WAY_BLOCKED", "a way that could not be followed three times is planned around")
         self._tell_blocked()
@@ -102,7 +130,7 @@ class NavigatorNode(Node):
 
     def _tell_blocked(self) -> None:
         """Publish the places that are marked, when that has changed."""
-        points = self._blocked.points(self.ctx.now_ns)
+        points = self._blocked[self._level].points(self.ctx.now_ns)
         if len(points) == 0 and self._marked == 0:
             return
         self._marked = len(points)
@@ -116,6 +144,27 @@ class NavigatorNode(Node):
 
     def _on_costmap(self, costmap: CostGrid) -> None:
         self._costmap = costmap
+        if self._drive is not None:
+            self._drive.navigation.see_costs()
+
+    def _on_levels(self, levels: GroundLevels) -> None:
+        before, self._levels = self._level, levels
+        if levels.active == before:
+            return
+        self._costmap = None  # of the level before
+        self._blocked.setdefault(levels.active, BlockedWays(self._config.blocked))
+        self._tell_blocked()
+        if self._drive is not None:
+            self._drive.navigation.change_level()
+
+    def choose_level(self, level: int) -> None:
+        """Have a level taken for the one that the robot is on, as soon as what it sees fits it."""
+        if self._has_levels:
+            self.ctx.call(CHOOSE_LEVEL, LevelRequest(level), self._on_chosen)
+
+    def _on_chosen(self, reply: Nothing | Exception) -> None:
+        if isinstance(reply, Exception):
+            self.ctx.log("LEVEL_REFUSED", str(reply))
 
     def _on_click(self, goal: PoseStamped) -> None:
         self._drive_there(goal.frame, NavigateGoal(goal.pose.to_se2()))
@@ -134,7 +183,8 @@ class NavigatorNode(Node):
             if outcome.code != "PREEMPTED":
                 self.say(CLICKED_GOAL_OVER, f"{outcome.code}: {outcome.text}" if outcome.text else outcome.code)
 
-        self.ctx.send_goal(NAVIGATE, goal, over)
+        level = None if self._levels is None else self._levels.active
+        self.ctx.send_goal(NAVIGATE, replace(goal, level=level), over)
 
     def _on_goal(self, handle: NavigateHandle) -> None:
         left = None if self._last is None else self._last.recoveries_left()
@@ -148,7 +198,7 @@ class NavigatorNode(Node):
             drive.navigation.cancel()
 
     def _tick(self) -> None:
-        if self._marked and len(self._blocked.points(self.ctx.now_ns)) != self._marked:
+        if self._marked and len(self._blocked[self._level].points(self.ctx.now_ns)) != self._marked:
             self._tell_blocked()
         if self._drive is not None:
             self._drive.navigation.tick()
@@ -206,6 +256,12 @@ class _Drive:
 
     def map_from_base(self) -> SE2 | None:
         return self._node.map_from_base()
+
+    def levels(self) -> GroundLevels | None:
+        return self._node.newest_levels
+
+    def choose_level(self, level: int) -> None:
+        self._node.choose_level(level)
 
     def mark_blocked(self, path: Path) -> bool:
         return self._node.mark_blocked(path)

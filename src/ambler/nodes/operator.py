@@ -32,10 +32,7 @@ from ambler.runtime.tasks import (
     EXPLORE,
     FINISH_MAP,
     NAVIGATE,
-    NAVIGATE_LEVELS,
     RECOVER,
-    SAVE_CLOUD,
-    SAVE_GLASS,
     SAVE_MAP,
     TEACH_DOCK,
     UNDOCK,
@@ -48,7 +45,6 @@ from ambler.runtime.tasks import (
     GateRequest,
     NavigateFeedback,
     NavigateGoal,
-    NavigateLevelsGoal,
     Nothing,
     RecoverGoal,
     RecoveryKind,
@@ -64,12 +60,11 @@ Progress = Callable[[int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class OperatorConfig:
-    """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_glass` its glass beside it, `saves_cloud` what was
-    seen in three dimensions. While it is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`; after `patience` seconds it gives up."""
+    """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_with` what else is, beside it. While it
+    is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`; after `patience` seconds it gives up."""
 
     map_stem: str | None = None
-    saves_glass: bool = False
-    saves_cloud: bool = False
+    saves_with: tuple[Service[SaveMapRequest, Nothing], ...] = ()
     settle_time: float = 1.0
     may_turn: bool = False
     turn: float = 0.8
@@ -123,20 +118,10 @@ class OperatorNode(Node):
             UndockStep: UNDOCK,
             TeachStep: TEACH_DOCK,
         }
-
-        def task_of(step: Step) -> Service[Any, Any] | Task[Any, Any, Any]:
-            if isinstance(step, NavigateStep) and step.level is not None:
-                return NAVIGATE_LEVELS
-            return step.task if isinstance(step, TaskStep) else wanted[type(step)]
-
-        steps = tuple(dict.fromkeys(task_of(step) for step in self._steps))
-        saving: Offers = (FINISH_MAP, SAVE_MAP) if self._makes_map else (RECOVER,)
-        return (ARM, *steps, *saving, *self._beside())
-
-    def _beside(self) -> tuple[Service[SaveMapRequest, Nothing], ...]:
-        """What is saved beside the map."""
-        wanted = ((SAVE_GLASS, self._config.saves_glass), (SAVE_CLOUD, self._config.saves_cloud))
-        return tuple(service for service, is_saved in wanted if is_saved)
+        named = (step.task if isinstance(step, TaskStep) else wanted[type(step)] for step in self._steps)
+        steps = tuple(dict.fromkeys(named))
+        saving: Offers = (FINISH_MAP, *self._config.saves_with, SAVE_MAP) if self._makes_map else (RECOVER,)
+        return (ARM, *steps, *saving)
 
     # Before the first step
 
@@ -189,11 +174,8 @@ class OperatorNode(Node):
         match step:
             case ExploreStep():
                 self._ticket = self.ctx.send_goal(EXPLORE, ExploreGoal(), self._explored, self._tell_exploration)
-            case NavigateStep(level=int(level)):
-                there = NavigateLevelsGoal(step.map_from_goal, level, step.xy_tolerance, step.yaw_tolerance)
-                self._ticket = self.ctx.send_goal(NAVIGATE_LEVELS, there, self._ended, self._tell_drive)
             case NavigateStep():
-                goal = NavigateGoal(step.map_from_goal, step.xy_tolerance, step.yaw_tolerance)
+                goal = NavigateGoal(step.map_from_goal, step.xy_tolerance, step.yaw_tolerance, step.level)
                 self._ticket = self.ctx.send_goal(NAVIGATE, goal, self._ended, self._tell_drive)
             case DockStep():
                 self._ticket = self.ctx.send_goal(DOCK, DockGoal(step.dock), self._ended, self._tell_docking)
@@ -238,26 +220,18 @@ class OperatorNode(Node):
             self.ctx.send_goal(FINISH_MAP, Nothing(), lambda _: self._save(then, finishes=False))
             return
         request = SaveMapRequest(str(self._config.map_stem))
+        left = [*self._config.saves_with, SAVE_MAP]
 
-        def saved(reply: Nothing | Exception) -> None:
+        def save_next(reply: Nothing | Exception) -> None:
             if isinstance(reply, Exception):
                 self._finish("MAP_NOT_SAVED", str(reply))
-                return
-            self._is_saved = True
-            then()
-
-        def save(left: tuple[Service[SaveMapRequest, Nothing], ...]) -> None:
-            if left:
-                self.ctx.call(left[0], request, lambda reply: beside(left, reply))
+            elif left:
+                self.ctx.call(left.pop(0), request, save_next)
             else:
-                self.ctx.call(SAVE_MAP, request, saved)
+                self._is_saved = True
+                then()
 
-        def beside(left: tuple[Service[SaveMapRequest, Nothing], ...], reply: Nothing | Exception) -> None:
-            if isinstance(reply, Exception):
-                self._say("NOT_SAVED", f"{left[0].name}: {reply}")
-            save(left[1:])
-
-        save(self._beside())
+        save_next(Nothing())
 
     def _on_end_program(self, request: EndProgramRequest) -> Nothing:
         """End whatever is under way; the map so far is saved as it is."""

@@ -16,7 +16,7 @@ class ExploreStep:
 
 @dataclass(frozen=True, slots=True)
 class NavigateStep:
-    """Drive to a pose of the map, of a map of ground on a `level` of it (None: on the present one). One that fails does not end the program."""
+    """Drive to a pose of the map, on a `level` of a map of ground (None: as in core.requests.NavigateGoal). One that fails does not end the program."""
 
     map_from_goal: SE2
     xy_tolerance: float = 0.15

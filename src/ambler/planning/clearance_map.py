@@ -27,11 +27,12 @@ _TABLE[-1] = 0
 @dataclass(frozen=True, slots=True)
 class UnknownPrice:
     """What a metre through unknown cells costs more than one through free ones: `unknown` metres, and `doubt` more where obstacles leave no room for a
-    disc of `gap` metres: what hides between a cupboard and its wall is rarely a way on."""
+    disc of `gap` metres: what hides between a cupboard and its wall is rarely a way on. `wall` metres more within the straight continuation of a wall whose rest is hidden."""
 
     unknown: float = 0.0
     doubt: float = 0.0
     gap: float = 0.5
+    wall: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +51,7 @@ class Changes:
 
 
 class ClearanceMap:
-    """`spec`, `cells` uint8 [iy, ix] of UNKNOWN, FREE, FORBIDDEN, `known` uint8, `field` uint8 (clearance in sixteenths of a cell) and
+    """`spec`, `cells` uint8 [iy, ix] of UNKNOWN, FREE, FORBIDDEN, `known` uint8, `hidden` uint8 (where a wall is supposed), `field` uint8 (clearance in sixteenths of a cell) and
     `price` uint8 (sixteenths of a metre per metre)."""
 
     def __init__(self, price: UnknownPrice | None = None) -> None:
@@ -59,17 +60,18 @@ class ClearanceMap:
         self.price: U8 = np.zeros((0, 0), np.uint8)
         self.spec: GridSpec | None = None
         self.cells: U8 = np.zeros((0, 0), np.uint8)
+        self.hidden: U8 = np.zeros((0, 0), np.uint8)
         self.known: U8 = np.zeros((0, 0), np.uint8)
         self.field: U8 = np.zeros((0, 0), np.uint8)
         self._obstacles: U8 = np.zeros((0, 0), np.uint8)
 
-    def update(self, spec: GridSpec, cells: U8) -> Changes:
+    def update(self, spec: GridSpec, cells: U8, hidden: U8 | None = None) -> Changes:
         """Take new cells of the whole grid; it may have grown, or have another resolution, which starts afresh."""
         self.set_grid(spec)
-        return self.update_box(cells, (0, spec.height, 0, spec.width))
+        return self.update_box(cells, (0, spec.height, 0, spec.width), hidden)
 
-    def update_box(self, cells: U8, box: Box) -> Changes:
-        """Take new cells (y1 - y0, x1 - x0) of a box (y0, y1, x0, x1) of the grid."""
+    def update_box(self, cells: U8, box: Box, hidden: U8 | None = None) -> Changes:
+        """Take new cells (y1 - y0, x1 - x0) of a box (y0, y1, x0, x1) of the grid, and where in it walls are supposed."""
         assert self.spec is not None
         spec, (y0, y1, x0, x1) = self.spec, box
         part = (slice(y0, y1), slice(x0, x1))
@@ -80,6 +82,9 @@ class ClearanceMap:
         self.cells[part] = cells
         self.known[part] = cells != UNKNOWN
         self._obstacles[part] = np.where(now, LETHAL, 0)
+        if hidden is not None:
+            other |= (self.hidden[part] != hidden) & (cells == UNKNOWN)
+            self.hidden[part] = hidden
         forbidding = _tiles(differs, box, spec)
         boxes = tuple(_tight(differs, tiles, box) for tiles in _boxes(forbidding))
         for changed in boxes:
@@ -91,13 +96,14 @@ class ClearanceMap:
         """Set the price of unknown cells; where obstacles changed, look anew for what is too narrow for the disc (an opening of what is free)."""
         c, spec = self._price, self.spec
         assert spec is not None
-        if c.unknown == 0.0 and c.doubt == 0.0:
+        if max(c.unknown, c.doubt, c.wall) == 0.0:
             return
         reach = min(CAP - 1, round(c.gap / spec.resolution))
         for changed in boxes if c.doubt else ():
             self._fill(grown(changed, CAP + reach, spec), reach)
         for y0, y1, x0, x1 in (box, *(grown(changed, CAP + reach, spec) for changed in boxes)):
-            price = np.minimum(255, np.round(16.0 * (c.unknown + c.doubt * self._filled[y0:y1, x0:x1])))
+            doubt = c.doubt * self._filled[y0:y1, x0:x1] + c.wall * self.hidden[y0:y1, x0:x1]
+            price = np.minimum(255, np.round(16.0 * (c.unknown + doubt)))
             self.price[y0:y1, x0:x1] = np.where(self.cells[y0:y1, x0:x1] == UNKNOWN, price, 0)
 
     def _fill(self, box: Box, reach: int) -> None:
@@ -126,7 +132,7 @@ class ClearanceMap:
         old = self.spec
         if old == spec:
             return
-        names = {"cells": UNKNOWN, "known": 0, "field": 255, "price": 0, "_obstacles": 0, "_filled": 0}
+        names = {"cells": UNKNOWN, "known": 0, "field": 255, "price": 0, "hidden": 0, "_obstacles": 0, "_filled": 0}
         new = {name: np.full(spec.shape, value, np.uint8) for name, value in names.items()}
         new["price"][:] = min(255, round(16.0 * self._price.unknown))
         if old is not None and old.resolution == spec.resolution and _is_aligned(old, spec):

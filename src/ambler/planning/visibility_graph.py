@@ -4,7 +4,7 @@ nodes that see each other along a taut line are joined.
 Two layers. The local one is what an update found where cells changed: contours and their corners. The global one holds the nodes and
 edges that lasted: a node of the global layer that a local corner confirms gets a vote, one that is looked for in vain loses one, and an edge
 is used while most of its last tests found it open. What is blocked now is never used, whatever the votes say. Beside edges of sight there are contour edges
-(two corners in turn along one polygon) and trajectory edges (the robot has driven there), which also join floors.
+(two corners in turn along one polygon) and trajectory edges (the robot has driven there). A floor is a level of a map of ground: each has nodes and edges of its own.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class _Arrays:
     kind: U8 = field(default_factory=lambda: np.zeros(0, np.uint8))
     missed: U8 = field(default_factory=lambda: np.zeros(0, np.uint8))
     seen: I64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    place: F64 = field(default_factory=lambda: np.zeros((0, 3)))
+    place: F64 = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def graph(self) -> tuple[F64, NDArray[np.bool_], NDArray[np.int32], NDArray[np.float32], U8, NDArray[np.int32]]:
@@ -82,7 +82,7 @@ def _arrays(nodes: int, slots: int) -> _Arrays:
         np.zeros(nodes, np.int64),
         *(np.zeros(nodes, np.uint8), np.zeros(nodes, np.uint8)),
         np.zeros(nodes, np.int64),
-        np.zeros((nodes, 3)),
+        np.zeros((nodes, 2)),
     )
 
 
@@ -98,18 +98,18 @@ class Updated:
 
 
 class VisibilityGraph:
-    """Feed `update` with the cells of a floor, `drive` with where the robot is; `search` finds ways. Floors are numbered from 0; positions in
-    metres, in the frame of the grids, with the height of their floor."""
+    """Feed `update` with the cells of a floor, `drive` with where the robot is; `search` finds ways on it. Floors are numbered from 0; positions in
+    metres, in the frame of the grids."""
 
     def __init__(self, config: VisibilityGraphConfig | None = None, price: UnknownPrice | None = None) -> None:
         self.config = config or VisibilityGraphConfig()
-        self._price = price
+        self.price = price
         self.floors: list[ClearanceMap] = [ClearanceMap(price)]
         self._a = _arrays(64, 32)
         self.next_ident = 0
         self.pending: dict[int, tuple[U8, int]] = {}
         self.waiting: list[int] = []  # nodes that are yet to be joined with far ones
-        self.track: tuple[int | None, tuple[int, float, float, float] | None] = (None, None)
+        self.track: tuple[int | None, tuple[int, float, float] | None] = (None, None)
 
     # What it holds
 
@@ -135,42 +135,38 @@ class VisibilityGraph:
         self._a = _arrays(nodes, slots)
         return self._a
 
-    def contours(self) -> tuple[NDArray[np.float32], ...]:
-        """Return the simplified contours of all floors, float32 (N, 3) each in metres; those that close end where they begin."""
-        out = []
-        for number, ground in enumerate(self.floors):
-            if ground.spec is None:
-                continue
-            here = self._a.is_alive & (self._a.nodes[:, kernels.FLOOR] == number)
-            height = float(self._a.place[here, 2].mean()) if here.any() else 0.0
-            for curve, is_closed in self._curves(ground, (0, ground.spec.height, 0, ground.spec.width)):
-                line = np.vstack((curve, curve[:1])) if is_closed else curve
-                x, y = (ground.spec.origin_x, ground.spec.origin_y)
-                r = ground.spec.resolution
-                rows = np.stack((x + (line[:, 1] + 0.5) * r, y + (line[:, 0] + 0.5) * r, np.full(len(line), height)), 1)
-                out.append(rows.astype(np.float32))
+    def contours(self, floor: int = 0) -> tuple[NDArray[np.float32], ...]:
+        """Return the simplified contours of a floor, float32 (N, 2) each in metres; those that close end where they begin."""
+        ground, out = self.floor(floor), []
+        if ground.spec is None:
+            return ()
+        x, y, r = ground.spec.origin_x, ground.spec.origin_y, ground.spec.resolution
+        for curve, is_closed in self._curves(ground, (0, ground.spec.height, 0, ground.spec.width)):
+            line = np.vstack((curve, curve[:1])) if is_closed else curve
+            rows = np.stack((x + (line[:, 1] + 0.5) * r, y + (line[:, 0] + 0.5) * r), axis=1)
+            out.append(rows.astype(np.float32))
         return tuple(out)
 
     def floor(self, number: int) -> ClearanceMap:
         """Return what is known of a floor, which begins to exist."""
         while len(self.floors) <= number:
-            self.floors.append(ClearanceMap(self._price))
+            self.floors.append(ClearanceMap(self.price))
         return self.floors[number]
 
     # Updates
 
-    def update(self, spec: GridSpec, cells: U8, floor: int = 0, height: float = 0.0) -> Updated:
-        """Take the cells of a floor at a height (m): uint8 [iy, ix] of clearance_map.UNKNOWN, FREE, FORBIDDEN."""
-        return self.update_box(spec, cells, (0, spec.height, 0, spec.width), floor, height)
+    def update(self, spec: GridSpec, cells: U8, floor: int = 0, hidden: U8 | None = None) -> Updated:
+        """Take the cells of a floor: uint8 [iy, ix] of clearance_map.UNKNOWN, FREE, FORBIDDEN, and uint8 where a wall is supposed."""
+        return self.update_box(spec, cells, (0, spec.height, 0, spec.width), floor, hidden)
 
-    def update_box(self, spec: GridSpec, cells: U8, box: Box, floor: int = 0, height: float = 0.0) -> Updated:
+    def update_box(self, spec: GridSpec, cells: U8, box: Box, floor: int = 0, hidden: U8 | None = None) -> Updated:
         """Take the cells of a box (y0, y1, x0, x1) of the grid of a floor; what was known of the rest stays."""
         ground = self.floor(floor)
         if ground.spec != spec:
             ground.set_grid(spec)
             self._place_in_cells(floor, spec)
             self.pending.pop(floor, None)
-        changes = ground.update_box(cells, box)
+        changes = ground.update_box(cells, box, hidden)
         if changes.is_empty:
             self._refresh(floor, ground, changes)
             return Updated()
@@ -183,7 +179,7 @@ class VisibilityGraph:
             local = self._corners(ground, curves, changed)
             corners += len(local)
             seen.append((grown(changed, self.config.context, spec), curves))
-            new, moved_here, removed_here = self._take(local, ground, floor, height, changed)
+            new, moved_here, removed_here = self._take(local, ground, floor, changed)
             found += new
             moved, removed = moved + moved_here, removed + removed_here
         self._join(np.array(sorted(set(found)), np.int64), ground, floor)
@@ -243,9 +239,7 @@ class VisibilityGraph:
         inside = (rows[:, 0] >= near[0]) & (rows[:, 0] < near[1]) & (rows[:, 1] >= near[2]) & (rows[:, 1] < near[3])
         return rows[inside]
 
-    def _take(
-        self, local: F64, ground: ClearanceMap, floor: int, height: float, box: Box
-    ) -> tuple[list[int], int, int]:
+    def _take(self, local: F64, ground: ClearanceMap, floor: int, box: Box) -> tuple[list[int], int, int]:
         """Let the local layer vote for the nodes of the global one in a box; returns the nodes that are new or moved, how many moved, and how
         many were removed."""
         a, c = self._a, self.config
@@ -260,7 +254,7 @@ class VisibilityGraph:
         changed, moved = [], 0
         for row, node in zip(local, out.tolist(), strict=True):
             if node < 0:
-                changed.append(self._add(row, floor, height, CORNER if row[kernels.IS_CORNER] else GAP))
+                changed.append(self._add(row, floor, CORNER if row[kernels.IS_CORNER] else GAP))
                 continue
             a = self._a
             a.missed[node], a.seen[node] = 0, a.seen[node] + 1
@@ -269,7 +263,7 @@ class VisibilityGraph:
             if off > c.moved or kernels.clearance(ground.field, a.nodes[node, 0], a.nodes[node, 1]) < c.least + 0.1:
                 kernels.drop_node(a.neighbor, a.weight, a.state, a.degree, node)
                 a.nodes[node, :2] = row[:2]
-                a.place[node, :2] = self._metres(ground.spec, row)
+                a.place[node] = self._metres(ground.spec, row)
                 changed.append(node)
                 moved += 1
         is_met = np.zeros(len(self._a.nodes), np.bool_)
@@ -311,11 +305,8 @@ class VisibilityGraph:
         """Join nodes that see each other since something was freed; what the limit leaves is done by the next updates."""
         assert ground.spec is not None
         if self.waiting and self.config.refresh is not None:
-            share = max(1, self.config.refresh // 4)
-            turn, self.waiting = self.waiting[:share], self.waiting[share:]
-            a = self._a
-            mine = [n for n in turn if a.is_alive[n] and a.nodes[n, kernels.FLOOR] == floor]
-            self._join(np.array(sorted(set(mine)), np.int64), ground, floor, is_far=True)
+            turn = self._next_waiting(floor, max(1, self.config.refresh // 4))
+            self._join(np.array(sorted(set(turn)), np.int64), ground, floor, is_far=True)
         freed, first = changes.freed, 0
         if floor in self.pending:
             older, done = self.pending[floor]
@@ -336,6 +327,18 @@ class VisibilityGraph:
             self.pending[floor] = (freed, last)
         else:
             self.pending.pop(floor, None)
+
+    def _next_waiting(self, floor: int, count: int) -> list[int]:
+        """Take up to so many nodes of a floor from those that wait; those that are gone do not wait any more."""
+        a, turn, others = self._a, list[int](), list[int]()
+        for k, node in enumerate(self.waiting):
+            if len(turn) == count:
+                others += self.waiting[k:]
+                break
+            if a.is_alive[node]:
+                (turn if a.nodes[node, kernels.FLOOR] == floor else others).append(node)
+        self.waiting = others
+        return turn
 
     def _follow_contours(self, floor: int, ground: ClearanceMap, near: Box, curves: list[Curve]) -> None:
         """Join nodes that follow each other along a contour near what changed."""
@@ -380,31 +383,29 @@ class VisibilityGraph:
 
     # Where the robot drives
 
-    def drive(self, x: float, y: float, floor: int = 0, height: float = 0.0) -> None:
-        """Take where the robot is: when it no longer sees the last node of its way, or is on another floor, its last place becomes one."""
+    def drive(self, x: float, y: float, floor: int = 0) -> None:
+        """Take where the robot is: when it no longer sees the last node of its way, its last place becomes one."""
         ground = self.floor(floor)
         if ground.spec is None:
             return
         last, before = self.track
-        here = (floor, x, y, height)
+        here = (floor, x, y)
+        if before is not None and before[0] != floor:  # its way begins anew on another floor
+            last, before = None, None
         if last is not None and not self._a.is_alive[last]:
             last = None
         if last is not None and self._sees(last, x, y, floor):
             self.track = (last, here)
             return
-        where = here if last is None or before is None else before
-        node = self._bridge_to(where, last)
-        if last is not None and where[0] != floor:  # the way leads to another floor: both ends of the step are nodes
-            node = self._bridge_to(here, node)
-        self.track = (node, here)
+        self.track = (self._bridge_to(here if last is None or before is None else before, last), here)
 
-    def _bridge_to(self, where: tuple[int, float, float, float], last: int | None) -> int:
-        floor, x, y, height = where
+    def _bridge_to(self, where: tuple[int, float, float], last: int | None) -> int:
+        floor, x, y = where
         ground = self.floor(floor)
         assert ground.spec is not None
         row = np.zeros(8)
         row[kernels.Y], row[kernels.X] = self._cell(ground.spec, x, y)
-        node = self._add(row, floor, height, DRIVEN)
+        node = self._add(row, floor, DRIVEN)
         self._join(np.array([node]), ground, floor)
         if last is not None:
             self._edge(last, node, kernels.TRAJECTORY, ground)
@@ -416,7 +417,7 @@ class VisibilityGraph:
             return False
         return bool(kernels.is_open(ground.field, at[0], at[1], *self._cell(ground.spec, x, y)))
 
-    def add_way(self, points: F64, floor: int = 0, height: float = 0.0) -> None:
+    def add_way(self, points: F64, floor: int = 0) -> None:
         """Add a way (N, 2) in metres that contours and gaps do not show, such as one found cell by cell, as nodes in a row."""
         ground = self.floor(floor)
         assert ground.spec is not None
@@ -424,7 +425,7 @@ class VisibilityGraph:
         for x, y in points.tolist():
             row = np.zeros(8)
             row[kernels.Y], row[kernels.X] = self._cell(ground.spec, x, y)
-            nodes.append(self._add(row, floor, height, DRIVEN))
+            nodes.append(self._add(row, floor, DRIVEN))
         self._join(np.array(nodes, np.int64), ground, floor)
         for i, j in itertools.pairwise(nodes):
             self._edge(i, j, kernels.TRAJECTORY, ground)
@@ -440,39 +441,34 @@ class VisibilityGraph:
         turning: float = 0.0,
         needs_votes: bool = True,
         floor: int = 0,
-        goal_floor: int | None = None,
     ) -> tuple[F64, float] | None:
-        """Return the corners (N, 2) in metres of the least-cost way and its cost (m), None when the graph holds none. A radian of turning from
+        """Return the corners (N, 2) in metres of the least-cost way on a floor and its cost (m), None when the graph holds none. A radian of turning from
         `heading` at the start costs `turning` metres. Without `needs_votes` every edge counts that is open now."""
-        last_floor = floor if goal_floor is None else goal_floor
-        here, there = self.floor(floor), self.floor(last_floor)
-        if here.spec is None or there.spec is None:
+        here = self.floor(floor)
+        if here.spec is None:
             return None
         a, c, resolution = self._a, self.config, here.spec.resolution
         sy, sx = self._cell(here.spec, *start)
-        gy, gx = self._cell(there.spec, *goal)
-        if floor == last_floor:
-            direct = kernels.leg_cost(here.field, here.price, sy, sx, gy, gx, resolution)
-            if (
-                direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9
-            ):  # nothing can be shorter, and it turns towards the goal
-                return np.array([start, goal]), float(direct)
-        else:
-            direct = np.inf
+        gy, gx = self._cell(here.spec, *goal)
+        direct = kernels.leg_cost(here.field, here.price, sy, sx, gy, gx, resolution)
+        if (
+            direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9
+        ):  # nothing can be shorter, and it turns towards the goal
+            return np.array([start, goal]), float(direct)
         direct += turning * float(kernels.turned(heading, gy - sy, gx - sx))
         costs, parent = np.empty(len(a.nodes)), np.empty(len(a.nodes), np.int32)
         kernels.sight_costs(
             a.nodes, a.is_alive, here.field, here.price, floor, sy, sx, heading, turning, c.slack, resolution, costs
         )
         node, cost = kernels.search(
-            *(*a.graph, costs, there.field, there.price, last_floor, gy, gx, needs_votes, c.slack, resolution),
+            *(*a.graph, costs, here.field, here.price, floor, gy, gx, needs_votes, c.slack, resolution),
             parent,
         )
         if node < 0 or direct <= cost:
             return (np.array([start, goal]), float(direct)) if np.isfinite(direct) else None
         way = []
         while node >= 0:
-            way.append(a.place[node, :2])
+            way.append(a.place[node])
             node = int(parent[node])
         points = np.array([start, *way[::-1], goal])
         is_new = np.hypot(*np.diff(points, axis=0).T) > 1e-9
@@ -490,7 +486,7 @@ class VisibilityGraph:
             spec.origin_y + (row[kernels.Y] + 0.5) * spec.resolution,
         )
 
-    def _add(self, row: F64, floor: int, height: float, kind: int) -> int:
+    def _add(self, row: F64, floor: int, kind: int) -> int:
         free = np.flatnonzero(~self._a.is_alive)
         if len(free) == 0:
             free = np.array([len(self._a.nodes)])
@@ -502,7 +498,7 @@ class VisibilityGraph:
         a.nodes[node, kernels.FLOOR] = floor
         a.is_alive[node], a.degree[node] = True, 0
         a.ident[node], a.kind[node], a.missed[node], a.seen[node] = self.next_ident, kind, 0, 1
-        a.place[node] = (*self._metres(spec, row), height)
+        a.place[node] = self._metres(spec, row)
         self.next_ident += 1
         return node
 

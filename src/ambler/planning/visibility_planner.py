@@ -7,40 +7,38 @@ no unknown ground is left that the robot can get to.
 
 from __future__ import annotations
 
-import enum
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError, GoalOutsideMapError, NoValidPathError, StartOutsideMapError
-from ambler.core.grid import COST_INSCRIBED, COST_UNKNOWN, GridSpec
+from ambler.core.grid import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.messages import VisibilityGraphView
-from ambler.core.protocols import PlanResult
+from ambler.core.protocols import PlanResult, PlanStatus
 from ambler.core.se2 import SE2
-from ambler.kernels import any_angle
+from ambler.kernels import any_angle, wall_ends
 from ambler.kernels import graph_search as grid_kernels
 from ambler.kernels import visibility as kernels
-from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, UnknownPrice
+from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, ClearanceMap, UnknownPrice
 from ambler.planning.escape import find_escape
-from ambler.planning.graph_state import view_of
+from ambler.planning.graph_state import from_arrays, to_arrays, view_of
 from ambler.planning.unknown import with_surroundings
 from ambler.planning.visibility_graph import VisibilityGraph, VisibilityGraphConfig
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
+SEEN_WALL, HIDDEN_WALL, WALL_WIDTH = (
+    0.6,
+    3.0,
+    0.5,
+)  # metres: of a wall by which its direction is told, how far it is supposed to go on, and how wide that is
 NEUTRAL = 50  # the weight of a cell that costs nothing, as the grid planner's
-
-
-class PlanStatus(enum.Enum):
-    """What the last plan was: a way over known ground, an attempt through unknown ground, a way to the edge of what is known, or none."""
-
-    PLANNING = "PLANNING"
-    FREE_PATH = "FREE_PATH"
-    ATTEMPTING = "ATTEMPTING"
-    UNREACHABLE = "UNREACHABLE"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,7 @@ class VisibilityConfig:
 
     lethal_from: int = COST_INSCRIBED
     is_unknown_allowed: bool = False
-    price: UnknownPrice = field(default_factory=lambda: UnknownPrice(0.5, 3.0))
+    price: UnknownPrice = field(default_factory=lambda: UnknownPrice(0.5, 3.0, wall=10.0))
     turning: float = 0.5  # m/rad
     margin: float = 10.0
     hysteresis: float = 0.2  # of 0.1 and 0.2, in 16 drawn offices and flats: 0.2 leads there 2 % sooner
@@ -79,18 +77,33 @@ class VisibilityConfig:
 
 
 class VisibilityPlanner:
-    """Implements core.protocols.GlobalPlanner. It remembers its graph, the way it is on and what it attempted; `status` tells of the last plan."""
+    """Implements core.protocols.GraphPlanner. It remembers its graph, the way it is on and what it attempted; `status` tells of the last plan."""
 
-    def __init__(self, config: VisibilityConfig | None = None) -> None:
+    def __init__(self, config: VisibilityConfig | None = None, saved: Mapping[str, NDArray[Any]] | None = None) -> None:
+        """`saved`: what `to_arrays` of another one told, whose graph this one goes on with; raises BadInputError when it is none."""
         self.config = config or VisibilityConfig()
-        self.graph = VisibilityGraph(self.config.graph, self.config.price if self.config.is_unknown_allowed else None)
+        price = self.config.price if self.config.is_unknown_allowed else None
+        if saved is None:
+            self.graph = VisibilityGraph(self.config.graph, price)
+        else:
+            self.graph = from_arrays(saved, self.config.graph, price)
         self.status = PlanStatus.PLANNING
+        self._level = 0
         self._table = self._table_of(self.config)
         self._goal: SE2 | None = None
         self._way: F64 = np.zeros((0, 2))
         self._heading = 0.0
         self._target: tuple[float, float] | None = None
         self._attempted: list[tuple[float, float]] = []
+
+    def enter_level(self, level: int) -> None:
+        """Take that the costs of the next plans are those of this level of the place: its graph is another one, and so is the way there."""
+        if level != self._level:
+            self._level, self._goal = level, None
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the graphs of all levels without loss."""
+        return to_arrays(self.graph)
 
     def plan(self, costs: U8, spec: GridSpec, start: SE2, goal: SE2) -> PlanResult:
         """Return a path from start to goal in the frame of `spec`.
@@ -107,10 +120,10 @@ class VisibilityPlanner:
         check_request(costs, spec, start, goal)
         self._begin(goal)
         cells = classes_of(costs, c.lethal_from, is_unknown_allowed=c.is_unknown_allowed)
-        self.graph.update(spec, cells)
+        self.graph.update(spec, cells, self._level, self._hidden(costs, spec))
         escape = self._escape(costs, cells, spec, start)
         begin = escape[-1] if escape else (start.x, start.y)
-        self.graph.drive(*begin)
+        self.graph.drive(*begin, self._level)
         end = (goal.x, goal.y)
         is_goal_free = cells[spec.cell_of(*end)] != FORBIDDEN
         self._heading = float(start.yaw)
@@ -127,10 +140,25 @@ class VisibilityPlanner:
         return PlanResult(any_angle.to_poses(np.ascontiguousarray(points), float(goal.yaw), c.spacing), cost, away)
 
     def view(self, stamp_ns: int, frame: str) -> VisibilityGraphView:
-        """Return the graph as people are shown it."""
-        return view_of(self.graph, stamp_ns, frame)
+        """Return the graph of the level as people are shown it."""
+        return view_of(self.graph, stamp_ns, frame, self._level)
+
+    def _hidden(self, costs: U8, spec: GridSpec) -> U8 | None:
+        """Return where walls are supposed to go on in unknown ground, uint8; None where it costs nothing."""
+        c = self.config
+        if not c.is_unknown_allowed or c.price.wall == 0.0:
+            return None
+        radius, reach, width = (max(1, round(v / spec.resolution)) for v in (SEEN_WALL, HIDDEN_WALL, WALL_WIDTH))
+        lines = np.zeros(spec.shape, np.uint8)
+        wall_ends.continue_walls(costs, COST_LETHAL, COST_INSCRIBED, COST_UNKNOWN, radius, reach, lines)
+        return np.asarray(cv2.dilate(lines, np.ones((width, width), np.uint8)), np.uint8)
 
     # A goal and the way to it
+
+    @property
+    def _ground(self) -> ClearanceMap:
+        """What is known of the level."""
+        return self.graph.floor(self._level)
 
     def _begin(self, goal: SE2) -> None:
         """Forget what belonged to another goal."""
@@ -141,9 +169,11 @@ class VisibilityPlanner:
     def _to_goal(self, spec: GridSpec, begin: tuple[float, float], end: tuple[float, float]) -> F64 | None:
         """Return the corners of the way to a free goal, None when what is known shuts it off."""
         heading, turning = self._heading, self.config.turning
-        found = self.graph.search(begin, end, heading=heading, turning=turning)
+        found = self.graph.search(begin, end, heading=heading, turning=turning, floor=self._level)
         if found is None:
-            found = self.graph.search(begin, end, heading=heading, turning=turning, needs_votes=False)
+            found = self.graph.search(
+                begin, end, heading=heading, turning=turning, needs_votes=False, floor=self._level
+            )
         if found is None:
             found = self._cell_by_cell(spec, begin, end)
         if found is None:
@@ -172,7 +202,7 @@ class VisibilityPlanner:
         return sum(self._leg(spec, a, b) for a, b in itertools.pairwise(way)) + self.config.turning * float(turn)
 
     def _leg(self, spec: GridSpec, a: F64 | tuple[float, float], b: F64 | tuple[float, float]) -> float:
-        ground, r = self.graph.floor(0), spec.resolution
+        ground, r = self._ground, spec.resolution
         y0, x0 = (a[1] - spec.origin_y) / r - 0.5, (a[0] - spec.origin_x) / r - 0.5
         y1, x1 = (b[1] - spec.origin_y) / r - 0.5, (b[0] - spec.origin_x) / r - 0.5
         return float(kernels.leg_cost(ground.field, ground.price, y0, x0, y1, x1, r))
@@ -181,9 +211,9 @@ class VisibilityPlanner:
         self, spec: GridSpec, begin: tuple[float, float], end: tuple[float, float]
     ) -> tuple[F64, float] | None:
         """Search the cells themselves, for ways too narrow for contours; what is found joins the graph. None proves that there is no way."""
-        cells = self.graph.floor(0).cells
+        cells = self._ground.cells
         weights = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
-        price = 50 + (50 * self.graph.floor(0).price.astype(np.uint16)) // 16
+        price = 50 + (50 * self._ground.price.astype(np.uint16)) // 16
         weights[1:-1, 1:-1] = np.where(cells == FORBIDDEN, 0, price)
         state, cost = np.zeros(weights.shape, np.uint8), np.full(weights.shape, 2**60, np.int64)
         (sy, sx), (gy, gx) = spec.cell_of(*begin), spec.cell_of(*end)
@@ -197,7 +227,7 @@ class VisibilityPlanner:
         points = any_angle.any_angle(weights, points, 50, 8.0, 10, 200)
         metres = ((points + offset) * spec.resolution)[:, ::-1]
         if len(metres) > 2:
-            self.graph.add_way(metres[1:-1])
+            self.graph.add_way(metres[1:-1], self._level)
         return metres, self._cost(spec, metres)
 
     # When there is no way
@@ -206,7 +236,7 @@ class VisibilityPlanner:
         self, spec: GridSpec, begin: tuple[float, float], goal: SE2, *, is_goal_free: bool
     ) -> tuple[tuple[float, float], F64]:
         """Return the place to go to instead and the way there: unknown ground that was not attempted yet, or the nearest cell to an occupied goal."""
-        ground = self.graph.floor(0)
+        ground = self._ground
         reached = np.zeros(spec.shape, np.uint8)
         dark = kernels.flood(ground.field, ground.known, *spec.cell_of(*begin), reached)
         if dark and is_goal_free:
@@ -281,7 +311,7 @@ class VisibilityPlanner:
         origin = np.array([spec.origin_x, spec.origin_y])
         cells = np.ascontiguousarray(((way - origin) / spec.resolution - 0.5)[:, ::-1])
         wanted = min(15.0, self.config.clearance / spec.resolution)
-        kernels.extend(self.graph.floor(0).field, cells, self.config.graph.least, wanted, 12, 1.0)
+        kernels.extend(self._ground.field, cells, self.config.graph.least, wanted, 12, 1.0)
         out = (cells[:, ::-1] + 0.5) * spec.resolution + origin
         out[0], out[-1] = way[0], way[-1]
         return np.asarray(out, np.float64)
@@ -310,7 +340,7 @@ class VisibilityPlanner:
 
     def _dark(self, spec: GridSpec, way: F64) -> float:
         """Return how many metres of a way lie in unknown cells."""
-        ground, r = self.graph.floor(0), spec.resolution
+        ground, r = self._ground, spec.resolution
         cells = ((way - [spec.origin_x, spec.origin_y]) / r - 0.5)[:, ::-1]
         return sum(
             (float(np.hypot(*(b - a))) - float(kernels.sum_along(ground.known, *a, *b))) * r

@@ -24,7 +24,6 @@ from ambler.core.requests import (
     LevelRequest,
     NavigateFeedback,
     NavigateGoal,
-    NavigateLevelsGoal,
     NavigateResult,
     Nothing,
     PicturesRequest,
@@ -58,9 +57,8 @@ __all__ = [
     "FOLLOW_PATH",
     "LEVEL_NOT_REACHED",
     "NAVIGATE",
-    "NAVIGATE_LEVELS",
     "NEAREST_REACHED",
-    "NO_PASSAGE",
+    "NO_SUCH_LEVEL",
     "PAUSE",
     "PERMIT_APPROACH",
     "RECOVER",
@@ -69,6 +67,7 @@ __all__ = [
     "REVOKE_APPROACH",
     "SAVE_CLOUD",
     "SAVE_GLASS",
+    "SAVE_GRAPH",
     "SAVE_MAP",
     "SIT",
     "STAND",
@@ -90,7 +89,6 @@ __all__ = [
     "LevelRequest",
     "NavigateFeedback",
     "NavigateGoal",
-    "NavigateLevelsGoal",
     "NavigateResult",
     "Nothing",
     "PicturesRequest",
@@ -169,6 +167,7 @@ CHOOSE_LEVEL = _service("choose_level", LevelRequest, Nothing, "ambler_msgs/srv/
 SAVE_MAP = _service("save_map", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_CLOUD = _service("save_cloud", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
+SAVE_GRAPH = _service("save_graph", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 CAMERA_PICTURES = _service(
     "camera_pictures", PicturesRequest, Nothing, "ambler_msgs/srv/CameraPictures", is_outside=True
 )
@@ -199,28 +198,21 @@ RECOVER = _task(
 )
 NEAREST_REACHED = "NEAREST_REACHED"
 """The goal of a drive cannot be reached, and the robot stands as near to it as it can."""
-NAVIGATE_FAILURES = (
-    NEAREST_REACHED,
-    *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
-)
+NO_SUCH_LEVEL = "NO_SUCH_LEVEL"
+"""The goal lies on a level that the map does not have."""
+LEVEL_NOT_REACHED = "LEVEL_NOT_REACHED"
+"""No passage led the robot towards the level of its goal."""
 NAVIGATE = _task(
     "navigate",
     NavigateGoal,
     NavigateFeedback,
     NavigateResult,
-    NAVIGATE_FAILURES,
+    (
+        NEAREST_REACHED,
+        *("NO_VALID_PATH", "GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP", "START_OCCUPIED", "RECOVERIES_EXHAUSTED", "LOST"),
+        *(NO_SUCH_LEVEL, LEVEL_NOT_REACHED),
+    ),
     "ambler_msgs/action/Navigate",
-    is_outside=True,
-)
-NO_PASSAGE, LEVEL_NOT_REACHED = "NO_PASSAGE", "LEVEL_NOT_REACHED"
-"""No way is known to the level of a goal; or there is one, and it did not lead there."""
-NAVIGATE_LEVELS = _task(
-    "navigate_levels",
-    NavigateLevelsGoal,
-    NavigateFeedback,
-    NavigateResult,
-    (*NAVIGATE_FAILURES, NO_PASSAGE, LEVEL_NOT_REACHED),
-    "ambler_msgs/action/NavigateLevels",
     is_outside=True,
 )
 DOCK_FAILURES = (

@@ -19,8 +19,13 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.wire.atomic_file import write_whole
 
-MAGIC = b"ambler.vg 1\n"
+MAGIC = b"ambler.vg 2\n"
 SUFFIX = ".vgraph"
+
+
+def graph_file(stem: Path) -> Path:
+    """Return the file of a graph beside the map of a stem."""
+    return stem.with_name(stem.name + SUFFIX)
 
 
 def save_graph(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
