@@ -18,6 +18,8 @@ CLOSED = 6  # cells of a hole in an edge that are closed: no robot is as narrow 
 EVIDENCE_MOST = 12
 SURE = 7.0  # returns from which on the height of a cell is sure to some centimetres
 RUN = 0.8  # metres over which seen ground tells its slope; after shorter runs it may go on by 0.1 lower for each metre
+RAMP = 0.45  # the steepest fall behind an edge that may be a ramp
+BRIDGE = 0.9  # metres behind an edge that are hidden where rays pass above what follows: beyond, it is a drop
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
 
 
@@ -304,8 +306,9 @@ def find_drops(
         known = 0  # cells of the run of seen ground
         run_z = run_r = near_z = near_r = mid_z = mid_r = 0.0
         edge_y = edge_x = last_y = last_x = before_y = before_x = just_y = just_x = -1
-        is_hidden = False
+        is_hidden = is_through = False
         through = below = 0
+        first_off = first_z = first_r = 0.0
         r = 2.0 * cell
         while r < reach:
             r += step_out
@@ -328,7 +331,9 @@ def find_drops(
             if state[y, x] == 1 and not is_below:
                 if is_hidden:
                     if abs(low - expected) >= depth:
-                        known = 0
+                        known = 0  # rays may have passed over it: it falls
+                    elif is_through:
+                        _count_drop(evidence, depths, edge_y, edge_x, 2.0 * depth)
                     elif evidence[edge_y, edge_x] > 0:
                         evidence[edge_y, edge_x] -= 1  # it goes on as it was
                     is_hidden = False
@@ -349,20 +354,26 @@ def find_drops(
                 known = 0
                 continue
             if not is_hidden:
-                is_hidden, edge_y, edge_x, through, below = True, y, x, 0, 0
+                is_hidden, edge_y, edge_x, through, below, is_through = True, y, x, 0, 0, False
             if not math.isnan(low):
                 off = expected - low
                 is_lower = off > depth + unsure * (r - near_r) and r - near_r <= hidden_most + cell
                 if is_lower and below == 0:
-                    below = 1  # one cell may be noise
+                    below, first_off, first_z, first_r = 1, off, low, r  # one cell may be noise
                     continue
-                if is_lower:
-                    evidence[edge_y, edge_x] = min(EVIDENCE_MOST, evidence[edge_y, edge_x] + 2)
-                    depths[edge_y, edge_x] = off
+                is_ramp = first_off < RAMP * (first_r - near_r) + depth
+                if is_lower and below == 1 and is_ramp:
+                    below = 2
+                    continue
+                fall = (first_z - low) / (r - first_r)
+                if is_lower and not (is_ramp and fall > 0.08 and first_off - fall * (first_r - near_r) < depth):
+                    _count_drop(evidence, depths, edge_y, edge_x, off)
                 known = 0
                 is_hidden = False
                 continue
-            if r - near_r > hidden_most:
+            if r - near_r > hidden_most or (is_through and r - near_r > BRIDGE):
+                if is_through:
+                    _count_drop(evidence, depths, edge_y, edge_x, 2.0 * depth)
                 known = 0
                 is_hidden = False
                 continue
@@ -371,11 +382,14 @@ def find_drops(
                 nearest = image[d, row]
                 if nearest < np.inf and nearest > r + 1.0 + 0.2 * r:
                     through += 1
-                    if through >= 2:
-                        evidence[edge_y, edge_x] = min(EVIDENCE_MOST, evidence[edge_y, edge_x] + 2)
-                        depths[edge_y, edge_x] = max(np.float64(depths[edge_y, edge_x]), 2.0 * depth)
-                        known = 0
-                        is_hidden = False
+                    is_through = through >= 2
+
+
+@jit_ieee
+def _count_drop(evidence, depths, y, x, depth):
+    """Count a march that shows a drop of `depth` (m) at a cell."""
+    evidence[y, x] = min(EVIDENCE_MOST, evidence[y, x] + 2)
+    depths[y, x] = depth
 
 
 @jit_ieee

@@ -320,13 +320,15 @@ class GroundMap:
         self.version += int(changed > 0)
 
     def remembered(self, map_from_odom: SE3, odom_from_base: SE3) -> F32:
-        """Return the firm ground around a robot, points float32 (N, 3) in odom; of levels above one another, that nearest to its height comes last."""
+        """Return the ground around a robot that is firm or was seen often, points float32 (N, 3) in odom; of levels above one another, that nearest to its height comes last."""
         c, (x, y, z) = self.config, (map_from_odom @ odom_from_base).translation
         corners = np.array([[x - c.remembered, y - c.remembered], [x + c.remembered, y + c.remembered]])
         found = [np.zeros((0, 3))]
         for level in self.levels:
             y0, y1, x0, x1 = _box(level.spec, corners).tolist()
-            iy, ix = np.nonzero((level.firm[y0:y1, x0:x1] > 0) & (level.evidence[y0:y1, x0:x1] > 0))
+            of_box = level.evidence[y0:y1, x0:x1]
+            is_sure = (of_box >= kernels.GROUND_MOST) & (of_box != kernels.ASSUMED)
+            iy, ix = np.nonzero(is_sure | ((level.firm[y0:y1, x0:x1] > 0) & (of_box > 0)))
             places = (np.column_stack((ix + x0, iy + y0)) + 0.5) * level.spec.resolution
             places += (level.spec.origin_x, level.spec.origin_y)
             found.append(np.column_stack((places, level.heights[y0:y1, x0:x1][iy, ix])))
