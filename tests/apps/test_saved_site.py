@@ -11,16 +11,21 @@ import pytest
 from ambler.apps.config import robot_config
 from ambler.apps.replay import replay_run
 from ambler.apps.robot import Site, robot_nodes
+from ambler.apps.run_folder import RunFolder
 from ambler.apps.saved_site import check_places, is_site, load_site
 from ambler.apps.scene import RunOptions, checked_scene
+from ambler.apps.simulated import SimulatedRun
 from ambler.cli.main import main
 from ambler.core.errors import BadInputError
-from ambler.core.grid import GridSpec
+from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.core.se2 import SE2
+from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.steps import NavigateStep
+from ambler.planning.visibility_planner import VisibilityPlanner
 from ambler.sim.robots import robot_named
 from ambler.wire.cloud_files import write_cloud
-from ambler.wire.ground_files import save_levels
+from ambler.wire.graph_files import save_graph
+from ambler.wire.ground_files import load_levels, save_levels
 from ambler.wire.map_files import save_map
 
 GROUND = {"odometry_source": "lidar", "mapping": "ground"}
@@ -103,13 +108,40 @@ def test_a_site_without_its_cloud_and_levels_elsewhere_are_refused(tmp_path):
         checked_scene(RunOptions(steps, world="ramp", robot="go2", profile=GROUND))
 
 
+def test_the_graph_that_was_saved_with_a_site_is_gone_on_with(tmp_path):
+    file = saved_by_hand(tmp_path)
+    spec, walls, _ = load_levels(tmp_path / "map.levels.npz")[0]
+    costs = np.where(walls == 100, COST_LETHAL, 0).astype(np.uint8)
+    costs[40:80, 90:110] = COST_LETHAL
+    planner = VisibilityPlanner()
+    planner.plan(costs, spec, SE2(-4.0, 0.5), SE2(4.0, 0.5))
+    save_graph(tmp_path / "map.vgraph", planner.to_arrays())
+    options = RunOptions(
+        (NavigateStep(SE2(3.0, 1.0, 0.0)),),
+        world="ramp",
+        robot="go2",
+        map_file=file,
+        physics="kinematic",
+        port=None,
+        profile={"global_planner": "visibility_graph"},
+    )
+    run = SimulatedRun(options, RunFolder(tmp_path / "run"))
+    run.close()
+    node = run.robot.stack.node("planner")
+    assert isinstance(node, GlobalPlannerNode)
+    assert isinstance(node.planner, VisibilityPlanner)
+    assert planner.graph.node_count >= 4
+    np.testing.assert_array_equal(node.planner.to_arrays()["ident"], planner.to_arrays()["ident"])
+
+
 def test_explored_saved_found_again_and_replayed(tmp_path):
     """Some seconds of an exploration, then another run that begins elsewhere and knows so about: it finds its place in the cloud and drives to a place of the map; its replay gives the same bits.
     Told nothing, it would not move: half of the yard looks like the other half turned about."""
     common = ["--world", "ramp", "--robot", "mecanum", "--kinematic", "--exit", "--no-view"]
+    common += ["--set", "global_planner=visibility_graph"]
     main(["demo", *common, "--time-limit", "14", "--out", str(tmp_path / "first")])
     (first,) = (tmp_path / "first").glob("2*")
-    assert {"map.yaml", "map.levels.npz", "map.cloud.pcd"} <= {file.name for file in first.iterdir()}
+    assert {"map.yaml", "map.levels.npz", "map.cloud.pcd", "map.vgraph"} <= {file.name for file in first.iterdir()}
     result = tmp_path / "result.json"
     words = ["navigate", *common, "--map", str(first), "--start=0.6,0.4,25", "--seed", "3"]
     words += ["--time-limit", "60", "--out", str(tmp_path / "second"), "--json", str(result), "--", "1.5,-0.2@0"]
