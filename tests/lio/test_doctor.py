@@ -79,3 +79,22 @@ def test_a_moderate_difference_is_named_where_the_lidar_follows_well_only() -> N
     assert "1.60 times as fast" in turning(rng, 1.6, 0.02).troubles[0]
     # A robot in the open that turns on the spot as soon as it is switched on: its LiDAR alone overshoots by half of the turn, and correlates with 0.7.
     assert turning(rng, 1.6, 0.45).troubles == ()
+
+
+def pulses(delay: float, late: float, noise: float) -> Diagnosis:
+    """A long turn and a quick one, by a LiDAR whose stamps are `delay` s off, and which follows the quick one `late` s late."""
+    rng = np.random.default_rng(3)
+    at, times = np.arange(-1.0, 7.0, 0.005), np.arange(0.0, 6.0, 0.1)
+    rate = np.exp(-(((at - 2.6) / 0.7) ** 2)) + np.exp(-(((at - 4.8) / 0.35) ** 2))
+    rows = np.column_stack([at, 0.0 * at, 0.0 * at, rate])
+    middles = times[1:] - 0.05
+    seen = np.interp(middles + delay - late * (middles > 4.0), at, rate) + rng.normal(0.0, noise, len(middles))
+    return compare_turns(np.column_stack([0.0 * seen, 0.0 * seen, seen]), times, rows, SE3())
+
+
+def test_a_lidar_that_follows_one_turn_late_has_no_wrong_clock() -> None:
+    told = pulses(0.15, 0.0, 0.05)
+    assert "the clocks differ by +0.1" in told.troubles[0]
+    assert told.shift == pytest.approx(0.15, abs=0.02)
+    assert pulses(0.0, 0.0, 0.05).troubles == ()
+    assert pulses(0.0, 0.3, 0.05).troubles == ()

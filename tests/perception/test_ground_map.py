@@ -322,6 +322,19 @@ def test_a_level_lidar_sees_no_floor_near_itself_but_the_robot_stands_on_another
     assert ground.active == 1
 
 
+def test_single_cells_that_were_not_seen_are_ground_and_wider_holes_are_not():
+    ground = GroundMap()
+    feed(ground, window(-3.0, 3.0, -3.0, 3.0))
+    level = ground.level
+    for x, y, half in ((1.0, 0.5, 1), (-1.0, 1.5, 4)):
+        iy, ix = level.spec.cell_of(x, y)
+        level.evidence[iy - half : iy + half, ix - half : ix + half] = kernels.UNKNOWN
+    level.evidence[level.spec.cell_of(1.05, -1.45)] = -3
+    assert at(ground, 1.0, 0.5) == OCC_FREE
+    assert at(ground, -1.0, 1.5) == OCC_UNKNOWN
+    assert at(ground, 1.05, -1.45) == OCC_OCCUPIED, "what is in the way is never a hole"
+
+
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()

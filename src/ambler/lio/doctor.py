@@ -27,6 +27,7 @@ PAIRS_LEAST = 15
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
 SURE = 0.85  # correlation from which on a moderate difference in size counts: a LiDAR alone that follows quick turns in the open badly accuses nobody
+CLEARER = 2.0  # how much worse the turns must fit as they are told than when they are shifted: a LiDAR alone follows quick turns late
 SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
 
 
@@ -127,7 +128,8 @@ def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Dia
         troubles.append(
             f"the LiDAR turns {ratio:.2f} times as fast as the gyroscope says: a wrong unit, or other sensors"
         )
-    if max(fits) > 0.8 and abs(shift) > SHIFT_MOST:
+    as_told = max(fit for fit, at in zip(fits, SHIFTS, strict=True) if abs(at) <= SHIFT_MOST)
+    if max(fits) > 0.8 and 1.0 - as_told > CLEARER * (1.0 - max(fits)):
         troubles.append(f"the clocks differ by {shift:+.2f} s: set lidar_clock={shift:.2f}, or correct the stamps")
     if max(fits) > 0.6 and agreement < 0.6:
         troubles.append(

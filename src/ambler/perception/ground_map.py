@@ -31,6 +31,9 @@ EDGE, BESIDE = (
     0.6,
     0.6,
 )  # metres between the heights of two places beside each other that are no neighbours, and how far beside
+HOLE = (
+    0.2  # metres to either side within which ground goes on where single cells of it were not seen: a terrain is sparse
+)
 FAR = np.float32(1e6)  # metres: no height
 BEYOND = 1.0  # metres beyond what is assumed in which it is unknown again
 
@@ -219,7 +222,9 @@ class Level:
     def occupancy(self) -> NDArray[np.int8]:
         """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied."""
         out = np.full(self.spec.shape, OCC_UNKNOWN, np.int8)
-        out[self.evidence > 0] = OCC_FREE
+        ground, hole = (self.evidence > 0).astype(np.uint8), 2 * round(HOLE / self.spec.resolution) + 1
+        closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8))
+        out[closed > 0] = OCC_FREE
         out[(self.evidence <= 0) & (self.evidence != kernels.UNKNOWN)] = OCC_OCCUPIED
         out[self._below_edges()] = OCC_UNKNOWN
         return out
