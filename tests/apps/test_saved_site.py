@@ -19,9 +19,11 @@ from ambler.cli.main import main
 from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.core.se2 import SE2
+from ambler.nodes.navigator import NavigatorNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.steps import NavigateStep
 from ambler.planning.visibility_planner import VisibilityPlanner
+from ambler.runtime.tasks import CHOOSE_LEVEL
 from ambler.sim.robots import robot_named
 from ambler.wire.cloud_files import write_cloud
 from ambler.wire.graph_files import save_graph
@@ -58,7 +60,9 @@ def test_a_robot_that_can_drives_on_the_ground_of_a_saved_site_and_others_on_its
     assert (scene.config.mapping, scene.config.odometry_source) == ("ground", "lidar")
     go2 = robot_named("go2").model
     assert scene.config.gate_for(go2).slope > 0.3
-    nodes = {node.name for node in robot_nodes(go2, scene.config, Site(saved=scene.site))}
+    stack = robot_nodes(go2, scene.config, Site(saved=scene.site))
+    nodes = {node.name for node in stack}
+    assert any(CHOOSE_LEVEL in node.calls for node in stack if isinstance(node, NavigatorNode))
     assert {"ground_server", "localization", "navigator", "terrain"} <= nodes
     assert not {"ground_mapper", "slam2d", "explorer", "map_server"} & nodes
     plain = checked_scene(RunOptions(steps[:1], world="lab_empty", robot="diff", map_file=file))

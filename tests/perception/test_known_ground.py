@@ -99,6 +99,8 @@ def test_the_server_tells_the_level_before_its_map_and_nothing_while_the_place_i
     assert len(context.messages(MAP)) == 1
     placed(context, at(15.0, 1.0, DECK), odom)
     assert [m.active for m in context.messages(GROUND_LEVELS)] == [0, 1]
+    told = zip(context.messages(GROUND_LEVELS), context.messages(MAP), strict=True)
+    assert all(levels.stamp_ns <= level.stamp_ns for levels, level in told), "the planner waits for the map of a level"
     topics = [topic for _, topic, _ in context.published if topic in (MAP, GROUND_LEVELS)]
     assert topics == [GROUND_LEVELS, MAP, GROUND_LEVELS, MAP]
     np.testing.assert_array_equal(context.messages(MAP)[1].data, ground.levels[1].occupancy)
