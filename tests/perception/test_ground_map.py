@@ -335,6 +335,25 @@ def test_single_cells_that_were_not_seen_are_ground_and_wider_holes_are_not():
     assert at(ground, 1.05, -1.45) == OCC_OCCUPIED, "what is in the way is never a hole"
 
 
+@pytest.mark.parametrize(("height", "is_free"), [(0.0, True), (-3.0, False)])
+def test_a_hole_that_another_level_knows_is_ground_where_it_lies_as_high_as_what_is_around(height, is_free):
+    """The ramp between two decks, of which one saw what the other did not; and a shaft through which the deck below is seen."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    both = window(-4.0, 4.0, -3.0, 3.0)
+    feed(ground, both)
+    ground._begin(both, SE2())
+    ground.active = 1
+    feed(ground, both)
+    upper, lower = ground.levels
+    iy, ix = upper.spec.cell_of(2.0, 1.5)
+    hole = np.s_[iy - 6 : iy + 6, ix - 6 : ix + 6]
+    upper.evidence[hole], upper.heights[hole] = kernels.UNKNOWN, np.nan
+    lower.heights[hole] = height
+    upper.evidence[:, ix + 12 :], upper.heights[:, ix + 12 :] = kernels.UNKNOWN, np.nan
+    lower.evidence[hole], lower.heights[:, : ix - 12] = 4, np.nan
+    assert (at(ground, 2.0, 1.5, level=0) == OCC_FREE) is is_free
+
+
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()

@@ -344,20 +344,27 @@ class GroundMap:
         return np.column_stack((flat, points[:, 2] - rise)).astype(np.float32)
 
     def occupancy(self, k: int) -> NDArray[np.int8]:
-        """Return a level as a map, int8 [iy, ix]. Where another level goes on beyond the ground that both share, it is closed: nothing of this one is
-        to be found there."""
-        level, step = self.levels[k], self.config.level_step
+        """Return a level as a map, int8 [iy, ix]. Holes in it that another level knows as ground, as high as what is around them, are ground. Where another level goes on beyond the
+        ground that both share, it is closed: nothing of this one is to be found there."""
+        level, c = self.levels[k], self.config
         out = level.occupancy()
+        reach = 2 * round(c.border / c.resolution) + 1
+        around = np.ones((reach, reach), np.uint8)
         for other in self.levels:
             inner, of_other = _common(level.spec, other.spec)
             if other is level or inner is None:
                 continue
             known, its = level.evidence[inner] != kernels.UNKNOWN, other.evidence[of_other]
-            near = np.abs(level.heights[inner] - other.heights[of_other]) <= step
-            shared = near & (level.evidence[inner] > 0) & (its > 0)
-            reach = 2 * round(self.config.border / self.config.resolution) + 1
-            beyond = cv2.dilate(shared.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
-            out[inner][beyond & ~known & (its != kernels.UNKNOWN)] = OCC_OCCUPIED
+            heights, its_heights = level.heights[inner], other.heights[of_other]
+            ground = (level.evidence[inner] > 0) & np.isfinite(heights)
+            shared = ground & (its > 0) & (np.abs(heights - its_heights) <= c.level_step)
+            beyond = ~known & (cv2.dilate(shared.astype(np.uint8), around) > 0) & (its != kernels.UNKNOWN)
+            high = cv2.dilate(np.where(ground, heights, -FAR), around)
+            low = cv2.erode(np.where(ground, heights, FAR), around)
+            is_hole = cv2.morphologyEx(ground.astype(np.uint8), cv2.MORPH_CLOSE, around) > 0
+            goes_on = is_hole & (its > 0) & (its_heights <= high + c.step) & (its_heights >= low - c.step)
+            out[inner][beyond & (out[inner] == OCC_UNKNOWN)] = OCC_OCCUPIED
+            out[inner][~known & goes_on] = OCC_FREE
         return out
 
     def _choose(self, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> None:
