@@ -19,7 +19,7 @@ from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.nodes.cloud_localization import CloudLocalizationNode
 from ambler.robots.catalog import robot_model
-from ambler.runtime.topics import MAP_CLOUD, ODOMETRY, REGISTERED_CLOUD, SET_POSE, STATUS, TRANSFORMS
+from ambler.runtime.topics import LOCALIZED_POSE, MAP_CLOUD, ODOMETRY, REGISTERED_CLOUD, SET_POSE, STATUS, TRANSFORMS
 from ambler.sim.hand_path import HandPath
 from ambler.sim.hand_rig import LIDAR_FRAME, HandRig
 from ambler.sim.site import draw_hall
@@ -113,6 +113,24 @@ def test_nothing_is_told_before_the_place_is_found() -> None:
     context = kidnapped()
     found_ns = next(at for at, topic, m in context.published if topic == STATUS and m.code == "CLOUD_FOUND")
     assert min(at for at, topic, _ in context.published if topic == TRANSFORMS) >= found_ns
+
+
+def test_the_pose_of_the_base_is_told_with_its_covariance_about_the_axes_of_the_map() -> None:
+    context = kidnapped()
+    known = {result.stamp_ns: truth @ BASE_FROM_IMU.inverse() for result, truth in other_day()}
+    told = context.messages(LOCALIZED_POSE)
+    assert [m.stamp_ns for m in told] == [e.stamp_ns for e in edges(context)]
+    assert max(apart(known[m.stamp_ns], m.pose)[0] for m in told) < 0.08
+    for message in told:
+        covariance = message.pose_covariance
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+        assert np.linalg.eigvalsh(covariance).min() > 0.0
+    first, last = (np.sqrt(np.diag(m.pose_covariance)) for m in (told[0], told[-1]))
+    assert (last[:3] < 0.05).all()
+    assert (last < first).all(), "following the place says more than finding it"
+    off = np.array([np.subtract(m.pose.translation, known[m.stamp_ns].translation) for m in told[10:]])
+    sigma = np.array([np.sqrt(np.diag(m.pose_covariance))[:3] for m in told[10:]])
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 5.0
 
 
 def test_equal_inputs_give_equal_places() -> None:

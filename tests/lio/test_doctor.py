@@ -9,7 +9,7 @@ import pytest
 
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
-from ambler.lio.doctor import Diagnosis, _compared, examine
+from ambler.lio.doctor import Diagnosis, compare_turns, examine
 from ambler.recordings.cloud_scan import CloudScan
 from tests.lio.carried import scans_of, walk
 
@@ -63,6 +63,24 @@ def test_a_recording_at_rest_says_nothing() -> None:
     assert examined(with_rates(1.0)[:18]) == Diagnosis(())
 
 
+def turning(rng: np.random.Generator, scale: float, noise: float) -> Diagnosis:
+    """Turns about the vertical as a gyroscope says, 1 / `scale` of which a LiDAR does that follows them with `noise` (rad/s)."""
+    times = np.arange(0.0, 6.0, 0.1)
+    at = np.arange(-0.5, 6.5, 0.005)
+    rate = np.abs(np.sin(1.7 * at))
+    rows = np.column_stack([at, np.zeros_like(at), np.zeros_like(at), rate])
+    seen = scale * np.interp(times[1:] - 0.05, at, rate) + rng.normal(0.0, noise, len(times) - 1)
+    return compare_turns(np.column_stack([0.0 * seen, 0.0 * seen, seen]), times, rows, SE3())
+
+
+def test_a_moderate_difference_is_named_where_the_lidar_follows_well_only() -> None:
+    rng = np.random.default_rng(0)
+    assert turning(rng, 1.0, 0.02).troubles == ()
+    assert "1.60 times as fast" in turning(rng, 1.6, 0.02).troubles[0]
+    # A robot in the open that turns on the spot as soon as it is switched on: its LiDAR alone overshoots by half of the turn, and correlates with 0.7.
+    assert turning(rng, 1.6, 0.45).troubles == ()
+
+
 def pulses(delay: float, late: float, noise: float) -> Diagnosis:
     """A long turn and a quick one, by a LiDAR whose stamps are `delay` s off, and which follows the quick one `late` s late."""
     rng = np.random.default_rng(3)
@@ -71,7 +89,7 @@ def pulses(delay: float, late: float, noise: float) -> Diagnosis:
     rows = np.column_stack([at, 0.0 * at, 0.0 * at, rate])
     middles = times[1:] - 0.05
     seen = np.interp(middles + delay - late * (middles > 4.0), at, rate) + rng.normal(0.0, noise, len(middles))
-    return _compared(np.column_stack([0.0 * seen, 0.0 * seen, seen]), times, rows, SE3())
+    return compare_turns(np.column_stack([0.0 * seen, 0.0 * seen, seen]), times, rows, SE3())
 
 
 def test_a_lidar_that_follows_one_turn_late_has_no_wrong_clock() -> None:

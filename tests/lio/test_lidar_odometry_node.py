@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from ambler.apps.config import default_config
 from ambler.apps.robot import sensing_nodes
@@ -18,6 +20,7 @@ from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.nodes.terrain import TerrainNode
 from ambler.perception.air_filter import AirFilterConfig
 from ambler.robots.catalog import robot_model
+from ambler.runtime.tasks import SAVE_CLOUD, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
     IMU,
@@ -29,6 +32,7 @@ from ambler.runtime.topics import (
     TRANSFORMS,
 )
 from ambler.sim.hand_rig import IMU_FRAME, LIDAR_FRAME
+from ambler.wire.cloud_files import read_cloud
 from tests.hand_made_context import HandMadeContext
 from tests.lio.carried import walk
 
@@ -142,6 +146,31 @@ def test_loops_are_closed_while_it_drives_and_the_map_begins_where_odom_does() -
     assert len(off) > 8
     assert max(off) < 0.1  # keyframes lie on the way
     assert path.frame == "map"
+
+
+def test_what_its_keyframes_saw_is_saved_where_it_lies_in_the_map(tmp_path: Path) -> None:
+    rig, recorded = walk()
+    eager = replace(LioConfig(), loops=LoopConfig(keyframe_m=2.0, way_least=10.0))
+    context = driven(len(recorded), config=eager, closes_loops=True)
+    context.services[SAVE_CLOUD.name](SaveMapRequest(str(tmp_path / "map")))
+    saved = read_cloud(tmp_path / "map.cloud.pcd")
+    points = np.column_stack([saved[axis] for axis in "xyz"]).astype(np.float64)
+    assert len(points) > 5000
+    map_from_world = (rig.pose_at(context.messages(ODOMETRY)[0].stamp_ns) @ BASE_FROM_IMU.inverse()).inverse()
+    tree = cKDTree(points)
+    for scan in recorded[
+        40::80
+    ]:  # what was seen from all over the walk is there, in the frame that began under the base
+        end = scan.cloud.points[-300:]  # taken where the scan ended
+        seen = (map_from_world @ scan.world_from_imu @ rig.mount).transform(end[np.linalg.norm(end, axis=1) < 15.0])
+        assert np.median(tree.query(seen)[0]) < 0.15
+
+
+def test_before_the_first_keyframe_there_is_no_cloud_and_who_closes_no_loops_saves_none(tmp_path: Path) -> None:
+    context = driven(5, closes_loops=True)
+    with pytest.raises(BadInputError, match="no keyframe"):
+        context.services[SAVE_CLOUD.name](SaveMapRequest(str(tmp_path / "map")))
+    assert SAVE_CLOUD.name not in driven(5).services
 
 
 def test_only_who_is_asked_tells_where_odom_lies_in_the_map() -> None:

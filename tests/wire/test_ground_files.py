@@ -7,7 +7,7 @@ import pytest
 
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
-from ambler.wire.ground_files import load_levels, save_levels
+from ambler.wire.ground_files import load_levels, load_passages, save_levels
 
 
 def levels():
@@ -48,3 +48,16 @@ def test_what_is_no_level_is_refused(tmp_path):
         load_levels(path)
     with pytest.raises(BadInputError):
         load_levels(tmp_path / "missing.npz")
+
+
+def test_passages_come_back_and_files_of_before_have_none(tmp_path):
+    passages = np.array([[0.0, 1.0, 3.5, -2.0, 0.5], [1.0, 0.0, 3.5, -2.0, 0.5]])
+    np.testing.assert_array_equal(load_passages(save_levels(tmp_path / "map", levels(), passages)), passages)
+    assert load_passages(save_levels(tmp_path / "flat", levels())).shape == (0, 5)
+    (spec, occupancy, heights), *_ = levels()
+    numbers = np.array([spec.resolution, spec.width, spec.height, spec.origin_x, spec.origin_y])
+    np.savez(tmp_path / "old.npz", spec_0=numbers, occupancy_0=occupancy, heights_0=heights)
+    assert load_passages(tmp_path / "old.npz").shape == (0, 5)
+    np.savez(tmp_path / "bad.npz", passages=np.full((1, 5), np.nan))
+    with pytest.raises(BadInputError, match="passages"):
+        load_passages(tmp_path / "bad.npz")

@@ -122,6 +122,11 @@ class RobotConfig:
             self.terrain == "always" or (self.terrain == "auto" and self.odometry_source == "lidar")
         )
 
+    @property
+    def saves_cloud(self) -> bool:
+        """Whether a map that is made holds, besides the ground, what was seen in three dimensions: a later run localizes in it."""
+        return self.mapping == "ground" and self.lio.loops.is_used
+
     def gate_for(self, robot: RobotModel) -> GateConfig:
         """Return the gate's numbers: on a map of ground, slopes that the robot takes are floor for the gate too, unless it is told of others."""
         if self.gate.slope > 0.0 or self.mapping != "ground" or not self.uses_terrain(robot):

@@ -79,7 +79,11 @@ def judge(
             fields |= site_fields(site_quality(robot))
         fields["recovery_time_ratio"] = record.recovery_seconds / run.run_seconds if run.run_seconds > 0.0 else 0.0
     else:
-        fields |= {"localizer": robot.config.localizer, "source": robot.config.localization.source}
+        is_site = robot.scene.site is not None
+        fields |= {
+            "localizer": "cloud" if is_site else robot.config.localizer,
+            "source": "cloud" if is_site else robot.config.localization.source,
+        }
         fields |= {
             "position_error_rms_m": None if trajectory is None else trajectory.unaligned_rms_m,
             "position_error_max_m": None if trajectory is None else float(trajectory.offsets.max()),

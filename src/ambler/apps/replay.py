@@ -16,6 +16,7 @@ from ambler.apps.config import RobotConfig
 from ambler.apps.programs import steps_from_values
 from ambler.apps.robot import Site, robot_nodes
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.saved_site import is_site, load_site
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Message, Odometry, PoseStamped, Transforms, TransformStamped
 from ambler.core.se3 import SE3
@@ -31,7 +32,7 @@ from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_GLASS, SAVE_GRAPH, STOP_CHARGING, Nothing
+from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH, STOP_CHARGING, Nothing
 from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, TRANSFORMS, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
@@ -130,9 +131,14 @@ def _nodes(saved: dict[str, Any], folder: RunFolder, out: Path) -> list[Node]:
     if folder.first_docks.exists():
         shutil.copyfile(folder.first_docks, out / "docks.yaml")
         docks = DockDatabase.load(out / "docks.yaml")
+    config = build(RobotConfig, saved["robot"])
     graph = graph_file(folder.known_map_stem)
-    site = Site(load_map(known) if known.exists() else None, docks, load_graph(graph) if graph.exists() else None)
-    return robot_nodes(robot, build(RobotConfig, saved["robot"]), site, int(saved["run"]["seed"]))
+    kept = load_graph(graph) if graph.exists() else None
+    if is_site(known):
+        site = Site(None, docks, kept, load_site(known, config.lio.localize.map))
+    else:
+        site = Site(load_map(known) if known.exists() else None, docks, kept)
+    return robot_nodes(robot, config, site, int(saved["run"]["seed"]))
 
 
 def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[OperatorNode, list[Any]]:
@@ -142,7 +148,8 @@ def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[
     served = {offer for node in nodes for offer in node.serves}
     config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
     if makes_map:
-        config = OperatorConfig(str(out / "map"), tuple(s for s in (SAVE_GLASS, SAVE_GRAPH) if s in served))
+        saves = tuple(service for service in (SAVE_GLASS, SAVE_GRAPH, SAVE_CLOUD) if service in served)
+        config = OperatorConfig(str(out / "map"), saves)
     called: list[Any] = []
 
     def finish(end: ProgramEnd) -> None:

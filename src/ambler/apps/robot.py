@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.apps.config import RobotConfig
+from ambler.apps.saved_site import SavedSite
 from ambler.control.local_planners import local_planner
 from ambler.core.devices import RobotDevices
 from ambler.core.grid import GridSpec
@@ -26,6 +27,7 @@ from ambler.exploration.strategies import NearestStrategy, Strategy
 from ambler.exploration.survey import DistanceField, FrontierSurvey
 from ambler.exploration.tour import TourStrategy
 from ambler.localization.odometry import WheelInertialOdometry
+from ambler.nodes.cloud_localization import CloudLocalizationNode
 from ambler.nodes.controller import ControllerNode
 from ambler.nodes.docking import DockingNode
 from ambler.nodes.echoes import EchoNode
@@ -33,6 +35,7 @@ from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.gate import GateNode
 from ambler.nodes.glass_mapper import GlassMapperNode
 from ambler.nodes.ground_mapper import GroundMapperNode
+from ambler.nodes.ground_server import GroundServerNode
 from ambler.nodes.layer_inputs import LayerInput
 from ambler.nodes.lidar_odometry import LidarOdometryNode
 from ambler.nodes.localization import LocalizationNode
@@ -59,12 +62,13 @@ MapGrid = tuple[GridSpec, NDArray[np.int8]]
 
 @dataclass(frozen=True)
 class Site:
-    """What a robot is told of the place: a map, occupancy int8 [iy, ix] (None: it makes one), docks (None: it does not dock), and the graph that was
-    saved with the map (None: a planner that has one begins anew)."""
+    """What a robot is told of the place: a map, occupancy int8 [iy, ix], or a site with its levels of ground (neither: it makes one), docks (None: it does not
+    dock), and the graph that was saved with the map or site (None: a planner that has one begins anew)."""
 
     grid: MapGrid | None = None
     docks: DockDatabase | None = None
     graph: Mapping[str, NDArray[Any]] | None = None
+    saved: SavedSite | None = None
 
 
 @dataclass(frozen=True)
@@ -95,15 +99,18 @@ def robot_nodes(
     robot = calibrated_robot(robot, config.scanners)
     out = config.planner
     distances = partial(distance_field, escape_radius=out.escape_radius, way_out=out.way_out)
-    maps_ground = site.grid is None and config.mapping == "ground"
+    makes_map = site.grid is None and site.saved is None
+    maps_ground = makes_map and config.mapping == "ground"
     nodes = sensing_nodes(robot, config, closes_loops=maps_ground)
-    if site.grid is None:
+    if site.saved is not None:
+        nodes += _site_nodes(robot, config, site.saved)
+    elif site.grid is None:
         nodes += _mapping_nodes(robot, config)
     else:
         localizer = partial(config.make_localizer, seed=seed)
         nodes += [MapServerNode(*site.grid), LocalizationNode(robot, localizer, config.localization)]
-    nodes += _driving_nodes(robot, config, parts, site, has_levels=maps_ground)
-    if site.grid is None:
+    nodes += _driving_nodes(robot, config, parts, site, has_levels=maps_ground or site.saved is not None)
+    if makes_map:
         survey = FrontierSurvey(config.survey, distances)
         strategy = parts.strategy or _strategy(config, distances)
         nodes.append(ExplorerNode(config.explore, survey, strategy, has_levels=maps_ground))
@@ -131,6 +138,13 @@ def _mapping_nodes(robot: RobotModel, config: RobotConfig) -> list[Node]:
         return [GroundMapperNode(robot, config.ground, config.ground_map)]
     glass = [GlassMapperNode(robot, config.specular, config.glass_map)] if config.maps_glass(robot) else []
     return [*glass, Slam2dNode(robot, config.slam2d)]
+
+
+def _site_nodes(robot: RobotModel, config: RobotConfig, site: SavedSite) -> list[Node]:
+    """What serves the levels of a saved site, and finds the robot in its cloud: anywhere, unless it is told where it is switched on."""
+    ground, start = site.ground(), config.localization.initial_pose
+    guess = None if start is None else ground.standing_at(start)
+    return [GroundServerNode(ground), CloudLocalizationNode(robot, site.cloud, config.lio.localize, guess)]
 
 
 def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: Site, *, has_levels: bool) -> list[Node]:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from ambler.apps.config import GROUND_PROFILE, RobotConfig, can_map_ground, robot_config
 from ambler.apps.docks import dock_of_world
 from ambler.apps.robot import MapGrid
+from ambler.apps.saved_site import SavedSite, check_places, is_site, load_site
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
@@ -32,7 +33,7 @@ DOCKING_STEPS = (DockStep, UndockStep, TeachStep)
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What to run. A program that begins with exploring makes its map, and so does one in an unknown place (`is_unknown`), whose goals are in the frame of the robot's start; any other drives in a known one: `map_file`, or None: drawn from
+    """What to run. A program that begins with exploring makes its map, and so does one in an unknown place (`is_unknown`), whose goals are in the frame of the robot's start; any other drives in a known one: `map_file` (with levels of ground beside it: a site, for robots that can map ground), or None: drawn from
     the world's plan. `start` is in that map's frame, whose origin is the world's own start; `starts_docked` names a dock to start in
     instead. A robot that `is_lost` is not told where it starts, and `may_turn` to find out. `docks_file` None: the docks are those of
     the world's plan; `camera_file` replaces the calibration that the camera tells. `port` None shows nothing; `time_limit` is in seconds
@@ -77,7 +78,7 @@ class RunOptions:
 @dataclass(frozen=True)
 class Scene:
     """What the options mean, checked: the robot, its configuration, its world, where it starts in the world's frame, and the map that
-    it knows (None: it makes one)."""
+    it knows, or the `site` (neither: it makes one)."""
 
     robot: SimRobot
     config: RobotConfig
@@ -86,6 +87,7 @@ class Scene:
     grid: MapGrid | None
     faults: tuple[Fault, ...]
     camera: CameraModel | None
+    site: SavedSite | None = None
 
 
 def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
@@ -95,6 +97,8 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     world = load_world(options.world)
     start = _start(options, world)
     config = _config(robot.model, options, world.start.inverse() @ start, is_level=world.is_flat)
+    if config.mapping != "ground" and any(isinstance(s, NavigateStep) and s.level is not None for s in options.steps):
+        raise BadInputError("a goal with a level (X,Y@LEVEL) needs a map of ground: there are no levels here")
     faults = tuple(Fault.parse(text) for text in options.faults)
     FaultInjector(faults, world, robot.faulty_frames)  # raises where a door or a scanner is not there
     _check_steps(options, robot, world)
@@ -102,7 +106,8 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
         truth_grid(
             replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION
         )  # raises where it lies in a solid
-    grid = _grid(options, robot, world)
+    site = _site(options, config)
+    grid = _grid(options, robot, world) if site is None else None
     if grid is not None:
         _check_map(options, config, grid)
     if options.docks_file is not None:
@@ -110,7 +115,17 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
         for name in options.docks_wanted:
             known.dock(name)
     camera = None if options.camera_file is None else load_camera_info(options.camera_file)
-    return Scene(robot, config, world, start, grid, faults, camera)
+    return Scene(robot, config, world, start, grid, faults, camera, site)
+
+
+def _site(options: RunOptions, config: RobotConfig) -> SavedSite | None:
+    """The saved site in which a robot drives that was told so (`_config`); None where its map is a plane, or it makes one."""
+    if options.makes_map or options.map_file is None or config.mapping != "ground":
+        return None
+    site = load_site(options.map_file, config.lio.localize.map)
+    goals = [(step.map_from_goal, step.level) for step in options.steps if isinstance(step, NavigateStep)]
+    check_places(site, config.localization.initial_pose, goals, str(options.map_file))
+    return site
 
 
 def _grid(options: RunOptions, robot: SimRobot, world: WorldSpec) -> MapGrid | None:
@@ -142,13 +157,19 @@ def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
 def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2, *, is_level: bool) -> RobotConfig:
     """The configuration of a run. Where the ground is not level, robots that can map it do, unless they are told otherwise."""
     profile = dict(options.profile)
-    if options.makes_map and not is_level and can_map_ground(robot):
+    is_known = options.map_file is not None and is_site(options.map_file)
+    if can_map_ground(robot) and (is_known if not options.makes_map else not is_level):
         profile = {**GROUND_PROFILE, **profile}
     config = robot_config(robot, profile, has_map=not options.makes_map, is_unknown=options.is_unknown)
     config.check_odometry(robot)
     if not options.makes_map:
-        config.check_localizer()
-        config = with_map_bend(config, options.map_file)
+        if config.mapping != "ground":
+            config.check_localizer()
+            config = with_map_bend(config, options.map_file)
+        elif not is_known:
+            raise BadInputError(
+                "mapping ground: a known map of ground is one with levels and a cloud beside it (--map)"
+            )
         if not options.is_lost and config.localization.initial_pose is None:
             config = replace(config, localization=replace(config.localization, initial_pose=map_from_start))
     return config

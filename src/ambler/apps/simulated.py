@@ -17,6 +17,7 @@ from ambler.apps.programs import steps_to_values
 from ambler.apps.robot import MapGrid, Parts, Site, robot_nodes
 from ambler.apps.run import RobotInRun, Run, ViewOptions
 from ambler.apps.run_folder import RunFolder
+from ambler.apps.saved_site import copy_site
 from ambler.apps.scene import RunOptions, Scene, checked_scene
 from ambler.apps.simulated_robot import simulated_nodes
 from ambler.apps.simulator_client import RunningSimulator, SimulatorOptions, live_devices
@@ -29,7 +30,7 @@ from ambler.nodes.operator import OperatorConfig
 from ambler.nodes.steps import ExploreStep, ProgramEnd
 from ambler.runtime.clock import SystemClock
 from ambler.runtime.node import Node
-from ambler.runtime.tasks import SAVE_GLASS, SAVE_GRAPH
+from ambler.runtime.tasks import SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH
 from ambler.settings.profiles import as_values, save_resolved
 from ambler.sim.world import BodySpec, SimulationConfig, World
 from ambler.wire.graph_files import graph_file, load_graph
@@ -54,7 +55,7 @@ class SimulatedRobot(RobotInRun):
         self.options = options
         self.scene = scene
         self.model, self.config = scene.robot.model, scene.config
-        site = Site(self._map(folder), self._docks(folder), self._graph(folder))
+        site = Site(self._map(folder), self._docks(folder), self._graph(folder), scene.site)
         saved = {"run": _plain(options), "steps": steps_to_values(options.steps)}
         save_resolved(folder.config, {**saved, "robot": as_values(self.config)})
         nodes = [*devices, *robot_nodes(self.model, self.config, site, options.seed, parts)]
@@ -73,7 +74,11 @@ class SimulatedRobot(RobotInRun):
         return self.scene.start if self.options.makes_map else self.scene.world.start
 
     def _map(self, folder: RunFolder) -> MapGrid | None:
-        """The known map, kept in the folder; None when the robot makes one."""
+        """The known map, kept in the folder; None when the robot makes one, or knows a site, which is kept there, too."""
+        if self.scene.site is not None and self.options.map_file is not None:
+            copy_site(self.options.map_file, folder.known_map_stem)
+            first = self.scene.site.levels[0]
+            save_map(folder.known_map_stem, first.spec, first.occupancy)
         if self.scene.grid is None:
             return None
         save_map(folder.known_map_stem, *self.scene.grid)
@@ -223,7 +228,8 @@ def operator_config(options: RunOptions, config: RobotConfig, robot: RobotModel,
         return OperatorConfig(may_turn=options.may_turn)
     glass = (SAVE_GLASS,) if config.maps_glass(robot) else ()
     graph = (SAVE_GRAPH,) if config.global_planner == "visibility_graph" else ()
-    return OperatorConfig(str(folder.map_stem), (*glass, *graph))
+    cloud = (SAVE_CLOUD,) if config.saves_cloud else ()
+    return OperatorConfig(str(folder.map_stem), (*glass, *graph, *cloud))
 
 
 def _plain(options: RunOptions) -> dict[str, Any]:

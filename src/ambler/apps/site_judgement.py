@@ -9,7 +9,7 @@ import numpy as np
 
 from ambler.apps.simulated import SimulatedRobot
 from ambler.core.errors import BadInputError
-from ambler.core.robot import SensorKind
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.evaluation.site_quality import SiteQuality, judge_site, read_site
 from ambler.evaluation.site_tour import known_tour_length
 from ambler.sim.reachable_ground import GroundRules, reachable_ground, visible_surface
@@ -25,11 +25,8 @@ def site_quality(robot: SimulatedRobot) -> SiteQuality | None:
     file = stem.with_name(stem.name + SUFFIX)
     if not file.exists():
         return None
-    model = robot.model
-    height = model.of_kind(SensorKind.CLOUD)[0].base_from_sensor.translation[2]
-    clearance = max(model.body_height, height) + 0.1
-    rules = GroundRules(model.inscribed_radius + CLEARANCE, clearance)
-    ground = reachable_ground(robot.scene.world, robot.scene.start, rules)
+    height = _eye(robot.model)
+    ground = reachable_ground(robot.scene.world, robot.scene.start, ground_rules(robot.model))
     surface = visible_surface(ground, height, SIGHT)
     try:
         record = read_site(robot.folder.recording)
@@ -38,6 +35,17 @@ def site_quality(robot: SimulatedRobot) -> SiteQuality | None:
         return None
     tour = known_tour_length(ground, surface, np.array(record.true_poses[0].translation))
     return replace(quality, known_tour=tour)
+
+
+def ground_rules(robot: RobotModel) -> GroundRules:
+    """Return what ground a robot must be able to cross."""
+    clearance = max(robot.body_height, _eye(robot)) + 0.1
+    return GroundRules(robot.inscribed_radius + CLEARANCE, clearance)
+
+
+def _eye(robot: RobotModel) -> float:
+    """Return how high the first LiDAR is above the base, m."""
+    return robot.of_kind(SensorKind.CLOUD)[0].base_from_sensor.translation[2]
 
 
 def site_fields(quality: SiteQuality | None) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
         "--map",
         type=Path,
         metavar="CLOUD",
-        help="find the place in this saved cloud (.pcd, .ply) and follow it, instead of mapping; the robot is not told where it begins",
+        help="find the place in this saved cloud (.pcd, .ply, or the folder of an exploration on ground) and follow it, instead of mapping; the robot is not told where it begins",
     )
     drive.add_argument(
         "--guess", metavar="X,Y,Z,DEG", help="with --map: where in the cloud the base is at first, within 2 m and 30°"

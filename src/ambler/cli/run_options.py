@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 POSE = "X,Y[,DEG]"
 GOAL = "X,Y[,DEG][@LEVEL]"
+PLAN, CLOUD = "map.yaml", "map.cloud.pcd"  # what the folder of a run that made a map holds of it
 TOKEN_LENGTH = 8  # characters of a token that opens the robot to a network
 
 
@@ -80,7 +81,11 @@ def add_settings(parser: argparse._ActionsContainer) -> None:
 def add_known_map_options(parser: argparse.ArgumentParser) -> None:
     """Add what concerns a known map."""
     known = parser.add_argument_group("the known map")
-    known.add_argument("--map", type=Path, help="saved map of that world, its YAML (default: drawn from the world)")
+    known.add_argument(
+        "--map",
+        type=Path,
+        help="saved map of that world: its YAML, or the folder of the run that made it (default: drawn from the world)",
+    )
     known.add_argument("--localizer", choices=("tracker", "particles", "reflectors"), help="(default: tracker)")
     known.add_argument(
         "--source",
@@ -143,7 +148,7 @@ def options_of(args: argparse.Namespace, steps: tuple[Step, ...], starts_docked:
         seed=args.seed,
         start=None if args.start is None else parse_pose(args.start, "--start"),
         starts_docked=starts_docked,
-        map_file=named.get("map"),
+        map_file=_map_file(named.get("map"), CLOUD if named.get("drive") else PLAN),
         docks_file=named.get("docks"),
         camera_file=named.get("camera"),
         is_lost=named.get("lost", False),
@@ -160,6 +165,11 @@ def options_of(args: argparse.Namespace, steps: tuple[Step, ...], starts_docked:
         profile=profile,
         faults=(*faults, *args.fault),
     )
+
+
+def _map_file(path: Path | None, name: str) -> Path | None:
+    """The map that is named, or that of a run whose folder is."""
+    return path / name if path is not None and path.is_dir() else path
 
 
 def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...]]:

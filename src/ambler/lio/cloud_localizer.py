@@ -25,13 +25,15 @@ START_SIGMAS = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.1])  # rad and m: what a 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudPose:
-    """Where the IMU is in the map at a scan's end; None for both until it was found. `match` is the registration or search of this scan, if there was one."""
+    """Where the IMU is in the map at a scan's end; None for both until it was found. `match` is the registration or search of this scan, if there was one.
+    `covariance` float64 (6, 6) is that of translation and rotation about the axes of the odometry's frame, None where the pose is."""
 
     stamp_ns: int
     state: CloudState
     map_from_imu: SE3 | None
     map_from_odom: SE3 | None
     match: CloudMatch | None = None
+    covariance: F64 | None = None
 
 
 class CloudLocalizer:
@@ -57,16 +59,17 @@ class CloudLocalizer:
             self._was_found = True
             map_from_odom = match.map_from_local @ search.odom_from_local.inverse()
             self._tracker = CloudTracker(self.map, self.config, map_from_odom, result)
-            return CloudPose(
-                result.stamp_ns, CloudState.FOUND, map_from_odom @ result.map_from_imu, map_from_odom, match
-            )
+            return self._told(result, CloudState.FOUND, self._tracker, match)
         match = self._tracker.update(result)
         if self._tracker.is_lost:
             self._tracker = None
             self._relocalizer = self._looking(None)
             return CloudPose(result.stamp_ns, CloudState.LOST, None, None, match)
-        shown = self._tracker.map_from_odom
-        return CloudPose(result.stamp_ns, CloudState.TRACKING, shown @ result.map_from_imu, shown, match)
+        return self._told(result, CloudState.TRACKING, self._tracker, match)
+
+    def _told(self, result: LaidScan, state: CloudState, tracker: CloudTracker, match: CloudMatch | None) -> CloudPose:
+        shown = tracker.map_from_odom
+        return CloudPose(result.stamp_ns, state, shown @ result.map_from_imu, shown, match, tracker.covariance)
 
     @property
     def is_tracking(self) -> bool:
@@ -99,6 +102,12 @@ class CloudTracker:
     def is_lost(self) -> bool:
         """Whether too many registrations in a row have failed."""
         return self._misses >= self.config.misses_most
+
+    @property
+    def covariance(self) -> F64:
+        """Covariance (6, 6) of translation and rotation about the axes of the odometry's frame."""
+        order = [3, 4, 5, 0, 1, 2]
+        return self._covariance[np.ix_(order, order)]
 
     def update(self, result: LaidScan) -> CloudMatch | None:
         """Carry the estimate on, register where it is time to, and let what is told follow; returns the registration."""

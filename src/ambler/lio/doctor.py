@@ -26,6 +26,7 @@ TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can
 PAIRS_LEAST = 15
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
+SURE = 0.85  # correlation from which on a moderate difference in size counts: a LiDAR alone that follows quick turns in the open badly accuses nobody
 CLEARER = 2.0  # how much worse the turns must fit as they are told than when they are shifted: a LiDAR alone follows quick turns late
 SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
 
@@ -57,7 +58,7 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     turns = np.array([log(a.T @ b) for a, b in pairwise(rotations)]) / np.diff(times)[:, None]
     if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
-    return _compared(turns, times, np.array(rows), imu_from_lidar)
+    return compare_turns(turns, times, np.array(rows), imu_from_lidar)
 
 
 class StartExamination:
@@ -98,7 +99,8 @@ def _frozen(scan: CloudScan) -> CloudScan:
     return CloudScan(replace(cloud, stamp_ns=middle_ns, time=np.zeros_like(cloud.time)), (), ())
 
 
-def _compared(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:
+def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:
+    """Compare turn rates (N - 1, 3) rad/s of a LiDAR between `times` (N,) s with rows (M, 4) of a gyroscope: seconds and rates."""
     rotation = imu_from_lidar.matrix()[:3, :3]
     sums = np.concatenate(
         [np.zeros((1, 3)), np.cumsum(0.5 * (rows[1:, 1:] + rows[:-1, 1:]) * np.diff(rows[:, :1], axis=0), axis=0)]
@@ -122,7 +124,7 @@ def _compared(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnos
         )
     elif max(fits) > 0.5 and 40.0 < ratio < 80.0:
         troubles.append("the gyroscope's rates are too small by a factor of 57: degrees were turned into radians twice")
-    elif max(fits) > 0.6 and not 0.7 < ratio < 1.4:
+    elif max(fits) > SURE and not 0.7 < ratio < 1.4:
         troubles.append(
             f"the LiDAR turns {ratio:.2f} times as fast as the gyroscope says: a wrong unit, or other sensors"
         )

@@ -82,8 +82,7 @@ class LoopClosure:
 
     def points(self) -> F64:
         """Return the points (M, 3) of all keyframes in the corrected map."""
-        laid = [f.cloud.points @ m[:3, :3].T + m[:3, 3] for f, m in zip(self.keyframes, self.map_from_keyframes, strict=True)]  # fmt: skip
-        return np.concatenate([np.zeros((0, 3)), *laid])
+        return laid_points(self.keyframes, self.map_from_keyframes)
 
     def _correction(self, k: int) -> F64:
         return np.asarray(self.map_from_keyframes[k] @ np.linalg.inv(self.keyframes[k].odom_from_keyframe))
@@ -204,6 +203,12 @@ class LoopClosure:
             moved = pose.copy()
             moved[:3, :3], moved[:3, 3] = solution.rotations[k], solution.places[k]
             self.map_from_keyframes[k] = moved
+
+
+def laid_points(keyframes: Sequence[Keyframe], map_from_keyframes: Sequence[F64]) -> F64:
+    """Return the points (M, 3) of keyframes at their places (4, 4) in a map."""
+    laid = [f.cloud.points @ m[:3, :3].T + m[:3, 3] for f, m in zip(keyframes, map_from_keyframes, strict=True)]
+    return np.concatenate([np.zeros((0, 3)), *laid])
 
 
 def _adjoint(pose: F64) -> F64:

@@ -1,4 +1,4 @@
-"""Localization in a saved cloud on the bus: registered clouds and odometry in, map -> odom out, once the place was found."""
+"""Localization in a saved cloud on the bus: registered clouds and odometry in; map -> odom and the pose with its covariance out, once the place was found."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from ambler.lio.cloud_localizer import CloudLocalizer, CloudPose
 from ambler.lio.cloud_map import CloudMap
 from ambler.lio.cloud_relocalizer import CloudState
 from ambler.lio.config import CloudLocalizerConfig
+from ambler.lio.measurements import skew
 from ambler.lio.sight import SeenScan
 from ambler.lio.thin_cloud import thinned
 from ambler.runtime.node import Node, Topics, WorkKind
-from ambler.runtime.topics import MAP_CLOUD, ODOMETRY, REGISTERED_CLOUD, SET_POSE, STATUS, TRANSFORMS
+from ambler.runtime.topics import LOCALIZED_POSE, MAP_CLOUD, ODOMETRY, REGISTERED_CLOUD, SET_POSE, STATUS, TRANSFORMS
 
 FOLLOWING, SEARCHING = 0.05, 1.0  # simulated seconds that a batch of scans takes in the background
 KEPT = 2.0  # seconds of odometry in which a cloud's pose is looked for
@@ -29,7 +30,7 @@ SHOWN_CELL = 0.4  # metres between the points of the map that viewers get
 
 class CloudLocalizationNode(Node):
     """Looks for the place in `cloud_map` and follows it (`CloudLocalizer`). `guess` is map_from_base at the first cloud; a pose set by people while it runs begins the
-    search anew there. Until the place is found, and after it is lost, map -> odom is not told: who needs it waits. `status` says CLOUD_<state> when that changes.
+    search anew there. Until the place is found, and after it is lost, neither map -> odom nor the pose is told: who needs it waits. `status` says CLOUD_<state> when that changes.
 
     Clouds wait while a search goes on, which in a large map takes seconds; odometry goes on meanwhile.
     """
@@ -37,7 +38,7 @@ class CloudLocalizationNode(Node):
     name = "localization"
     inputs = (REGISTERED_CLOUD, ODOMETRY)
     optional_inputs: Topics = (SET_POSE,)
-    outputs: Topics = (TRANSFORMS, STATUS, MAP_CLOUD)
+    outputs: Topics = (TRANSFORMS, LOCALIZED_POSE, STATUS, MAP_CLOUD)
     latency = 5e-4
 
     def __init__(
@@ -128,7 +129,23 @@ class CloudLocalizationNode(Node):
         if poses[-1].map_from_odom is not None:
             edge = TransformStamped(poses[-1].stamp_ns, "map", "odom", poses[-1].map_from_odom)
             self.ctx.publish(TRANSFORMS, Transforms(poses[-1].stamp_ns, (edge,)))
+            self._tell_pose(poses[-1])
         self._go_on()
+
+    def _tell_pose(self, pose: CloudPose) -> None:
+        """Say where the base was in the map at the end of a scan."""
+        if pose.map_from_imu is None or pose.map_from_odom is None or pose.covariance is None or not self._odometry:
+            return
+        newest = self._odometry[-1]
+        map_from_base = pose.map_from_imu @ self._base_from_lidar.inverse()
+        lever = np.subtract(map_from_base.translation, pose.map_from_imu.translation)
+        turned = pose.map_from_odom.matrix()[:3, :3]
+        carried = np.zeros((6, 6))  # from axes of odom at the LiDAR to axes of the map at the base
+        carried[:3, :3] = carried[3:, 3:] = turned
+        carried[:3, 3:] = -skew(lever) @ turned
+        told = (carried @ pose.covariance @ carried.T, newest.twist_covariance)
+        velocity = (newest.linear, newest.angular)
+        self.ctx.publish(LOCALIZED_POSE, Odometry(pose.stamp_ns, "map", "base", map_from_base, *velocity, *told))
 
     def _tell_state(self, pose: CloudPose) -> None:
         """Say once what has changed."""

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import BadInputError, StaleInputError
@@ -107,9 +108,7 @@ class GroundMapperNode(Node):
 
     def _tell_level(self, *, is_new: bool) -> None:
         """Say on which level the robot is, and how one gets to others: before the map of that level."""
-        ways = [(p.of_level, p.to_level, *p.map_from_base.as_array()) for p in self.map.passages]
-        passages = np.array(ways, np.float64).reshape(-1, 5)
-        levels = GroundLevels(self._newest_ns, "map", self.map.active, len(self.map.levels), passages)
+        levels = GroundLevels(self._newest_ns, "map", self.map.active, len(self.map.levels), self._passages())
         self.ctx.publish(GROUND_LEVELS, levels)
         if not is_new:
             return
@@ -117,6 +116,10 @@ class GroundMapperNode(Node):
         text = f"on level {self.map.active} of {len(self.map.levels)}"
         self.ctx.log("LEVEL", text, **fields)
         self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, "LEVEL", text, json.dumps(fields)))
+
+    def _passages(self) -> NDArray[np.float64]:
+        ways = [(p.of_level, p.to_level, *p.map_from_base.as_array()) for p in self.map.passages]
+        return np.array(ways, np.float64).reshape(-1, 5)
 
     def _on_finish(self, handle: GoalHandle[Nothing, Nothing, Nothing]) -> None:
         self._publish()
@@ -129,7 +132,8 @@ class GroundMapperNode(Node):
         stem = Path(request.stem)
         for k, level in enumerate(self.map.levels):
             save_map(stem if k == 0 else stem.with_name(f"{stem.name}-level-{k}"), level.spec, level.occupancy())
-        save_levels(stem, [(level.spec, level.occupancy(), level.heights) for level in self.map.levels])
+        levels = [(level.spec, level.occupancy(), level.heights) for level in self.map.levels]
+        save_levels(stem, levels, self._passages())
         return Nothing()
 
     def _choose_level(self, request: LevelRequest) -> Nothing:

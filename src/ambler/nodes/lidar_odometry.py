@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path as FilePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,13 @@ from ambler.lio.base_odometry import BaseOdometry, Registered
 from ambler.lio.config import LioConfig
 from ambler.lio.doctor import StartExamination
 from ambler.lio.health import LioResult
-from ambler.lio.loop_closure import LoopClosure
+from ambler.lio.keyframes import Keyframe
+from ambler.lio.loop_closure import LoopClosure, laid_points
 from ambler.lio.thin_cloud import thinned
 from ambler.perception.air_filter import AirFilter, AirFilterConfig
 from ambler.recordings.cloud_scan import CloudScan
-from ambler.runtime.node import Node, Topics, WorkKind
+from ambler.runtime.node import Node, Offers, Topics, WorkKind
+from ambler.runtime.tasks import SAVE_CLOUD, Nothing, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
     IMU,
@@ -33,6 +36,7 @@ from ambler.runtime.topics import (
     TRANSFORMS,
     WHEEL_ODOMETRY,
 )
+from ambler.wire.cloud_files import CLOUD_SUFFIX, write_cloud
 
 REGISTRATION = 0.02  # simulated seconds that a scan takes in the background
 EXAMINATION = 1.0
@@ -42,11 +46,18 @@ MAP_PERIOD = 10  # scans between two tellings of where odom lies in the map
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Closed:
-    """What loop closure said after a scan: the correction in the filter's map, how many closures there are, and the keyframes' places (K, 3)."""
+    """What loop closure said after a scan: the correction in the filter's map, how many closures there are, and the keyframes with their poses (4, 4) as
+    they are now."""
 
     corrected_from_map: SE3
     closures: int
-    places: NDArray[np.float64]
+    keyframes: tuple[Keyframe, ...]
+    poses: tuple[NDArray[np.float64], ...]
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Where the keyframes are, (K, 3)."""
+        return np.array(self.poses)[:, :3, 3]
 
 
 class LidarOdometryNode(Node):
@@ -54,7 +65,7 @@ class LidarOdometryNode(Node):
 
     While nothing can be told (before the start, without scans that fit, or without an IMU) nothing is published, odometry grows stale, and the gate stops the
     robot. Measurements that contradict one another end the node with their reason. With `closes_loops` it also tells map -> odom, for robots that nothing else
-    localizes, and the corrected trajectory.
+    localizes, and the corrected trajectory, and serves SAVE_CLOUD: what its keyframes saw, in the map, to be localized in later.
     """
 
     name = "odometry"
@@ -75,8 +86,11 @@ class LidarOdometryNode(Node):
         self._loops = LoopClosure(config) if closes_loops and config.loops.is_used else None
         self._map_from_odom = SE3()
         self._scans = self._closures = self._clouds = 0
+        self._closed_last: _Closed | None = None
+        self.serves: Offers = ()
         if self._loops is not None:
             self.outputs = (*type(self).outputs, TRAJECTORY)
+            self.serves = (SAVE_CLOUD,)
         mounts = {mount.kind: mount for mount in reversed(robot.sensors)}
         if SensorKind.CLOUD not in mounts or SensorKind.IMU not in mounts:
             raise BadInputError(f"{robot.name}: LiDAR-inertial odometry needs a LiDAR that gives clouds, and an IMU")
@@ -95,6 +109,8 @@ class LidarOdometryNode(Node):
         self.ctx.subscribe(CLOUD, self._on_cloud)
         self.ctx.subscribe(IMU, self._on_imu)
         self.ctx.subscribe(WHEEL_ODOMETRY, self._on_wheels)
+        if self._loops is not None:
+            self.ctx.serve(SAVE_CLOUD, self._save_cloud)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         if cloud.frame == self._lidar.frame:
@@ -146,6 +162,7 @@ class LidarOdometryNode(Node):
         """Take what a new keyframe changed."""
         if closed is None:
             return
+        self._closed_last = closed
         self._map_from_odom = self._odometry.between_odoms(closed.corrected_from_map)
         places = self._odometry.in_odom(closed.places)
         ahead = np.diff(places[:, :2], axis=0, append=places[-1:, :2])
@@ -154,6 +171,16 @@ class LidarOdometryNode(Node):
         if closed.closures > self._closures:
             self.ctx.log("LIO_LOOP_CLOSED", f"{closed.closures} loop closures", closures=closed.closures)
         self._closures = closed.closures
+
+    def _save_cloud(self, request: SaveMapRequest) -> Nothing:
+        """Write what the keyframes saw, `<stem>.cloud.pcd` in the map's frame; what was seen since the last one is left out."""
+        closed = self._closed_last
+        if closed is None:
+            raise BadInputError("there is no keyframe yet, so no cloud to save")
+        points = self._odometry.in_odom(laid_points(closed.keyframes, closed.poses))
+        stem = FilePath(request.stem)
+        write_cloud(stem.with_name(stem.name + CLOUD_SUFFIX), points)
+        return Nothing()
 
     def _tell_cloud(self, registered: Registered) -> None:
         """Publish the whole cloud for the robot's own nodes, and now and then a thin one for recordings and people."""
@@ -195,5 +222,5 @@ def _close(loops: LoopClosure, result: LioResult) -> _Closed | None:
     loops.add(result)
     if len(loops.keyframes) == before:
         return None
-    places = np.array(loops.map_from_keyframes)[:, :3, 3]
-    return _Closed(loops.map_from_odom, len(loops.closures), places)
+    poses = tuple(pose.copy() for pose in loops.map_from_keyframes)
+    return _Closed(loops.map_from_odom, len(loops.closures), tuple(loops.keyframes), poses)

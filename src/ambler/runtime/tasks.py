@@ -65,6 +65,7 @@ __all__ = [
     "RELOCALIZE",
     "RESET_STOP",
     "REVOKE_APPROACH",
+    "SAVE_CLOUD",
     "SAVE_GLASS",
     "SAVE_GRAPH",
     "SAVE_MAP",
@@ -164,6 +165,7 @@ EMERGENCY_STOP = _service("emergency_stop", GateRequest, GateReply, "ambler_msgs
 RESET_STOP = _service("reset_stop", GateRequest, GateReply, "ambler_msgs/srv/GateCommand", is_outside=True)
 CHOOSE_LEVEL = _service("choose_level", LevelRequest, Nothing, "ambler_msgs/srv/ChooseLevel")
 SAVE_MAP = _service("save_map", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
+SAVE_CLOUD = _service("save_cloud", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GRAPH = _service("save_graph", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 CAMERA_PICTURES = _service(

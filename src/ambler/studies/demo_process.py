@@ -1,4 +1,4 @@
-"""One demonstration in a process of its own, for studies that need many."""
+"""One demonstration, or another verb of a simulated robot, in a process of its own, for studies that need many."""
 
 from __future__ import annotations
 
@@ -19,19 +19,33 @@ def run_demo(
     options: tuple[str, ...] = (),
     settings: StudySettings = DEFAULTS,
 ) -> dict[str, Any]:
-    """Run a demonstration in `folder` and return its result; one that died has `ended` = crashed and `why`.
+    """Run a demonstration; see `run_verb`."""
+    return run_verb("demo", folder, world, robot, seed, options, settings)
 
-    `options` are further words of `ambler demo`. What it prints goes to `demo.log`, its result to `demo.json`, its settings stand in
+
+def run_verb(
+    verb: str,
+    folder: Path,
+    world: str,
+    robot: str,
+    seed: int,
+    options: tuple[str, ...] = (),
+    settings: StudySettings = DEFAULTS,
+) -> dict[str, Any]:
+    """Run `ambler VERB` in `folder` and return its result; one that died has `ended` = crashed and `why`.
+
+    `options` are further words of the verb. What it prints goes to `<verb>.log`, its result to `<verb>.json`, its settings stand in
     `profile.yaml`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    result_file, log_file = folder / "demo.json", folder / "demo.log"
+    result_file, log_file = folder / f"{verb}.json", folder / f"{verb}.log"
     result_file.unlink(missing_ok=True)
     command = [
-        *(sys.executable, "-m", "ambler.cli.main", "demo", "--exit", "--no-view"),
+        *(sys.executable, "-m", "ambler.cli.main", verb, "--exit", "--no-view"),
         *("--world", world, "--robot", robot, "--seed", str(seed)),
-        *("--out", str(folder), "--json", str(result_file), *options),
+        *("--out", str(folder), "--json", str(result_file)),
         *settings.words(folder / "profile.yaml"),
+        *options,
     ]
     with log_file.open("w") as log:
         subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False)

@@ -20,6 +20,8 @@ from ambler.wire.atomic_file import write_whole
 from ambler.wire.mesh_files import PLY_ORDERS, PLY_TYPES
 
 Table = NDArray[np.void]
+CLOUD_SUFFIX = ".cloud.pcd"
+"""Of a cloud beside the map that was made with it."""
 KINDS = (".pcd", ".ply", ".bin")
 _PCD_KINDS = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (letter, size): f"<{letter.lower()}{size}" for letter in "IU" for size in (1, 2, 4, 8)

@@ -1,4 +1,4 @@
-"""Levels of ground in a file: what is known of each cell and how high it lies, `<stem>.levels.npz` beside the maps of the levels."""
+"""Levels of ground in a file: what is known of each cell, how high it lies, and where one comes from level to level; `<stem>.levels.npz` beside the maps of the levels."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ GroundLevel = tuple[GridSpec, NDArray[np.int8], NDArray[np.float32]]
 SUFFIX = ".levels.npz"
 
 
-def save_levels(stem: Path, levels: Sequence[GroundLevel]) -> Path:
-    """Write levels, whole or not at all; returns the file."""
-    out: dict[str, NDArray[np.generic]] = {}
+def save_levels(stem: Path, levels: Sequence[GroundLevel], passages: NDArray[np.float64] | None = None) -> Path:
+    """Write levels and `passages` float64 (N, 5) (level from, level to, x, y, yaw), whole or not at all; returns the file."""
+    out: dict[str, NDArray[np.generic]] = {"passages": np.zeros((0, 5)) if passages is None else passages}
     for k, (spec, occupancy, heights) in enumerate(levels):
         out[f"spec_{k}"] = np.array([spec.resolution, spec.width, spec.height, spec.origin_x, spec.origin_y])
         out[f"occupancy_{k}"], out[f"heights_{k}"] = occupancy, heights
@@ -34,11 +34,7 @@ def save_levels(stem: Path, levels: Sequence[GroundLevel]) -> Path:
 
 def load_levels(path: Path) -> list[GroundLevel]:
     """Read levels; raises BadInputError for anything that `save_levels` did not write."""
-    try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            held = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
-        raise BadInputError(f"{path}: not readable as levels of ground: {error}") from error
+    held = _held(path)
     levels: list[GroundLevel] = []
     while f"spec_{len(levels)}" in held:
         k = len(levels)
@@ -54,3 +50,20 @@ def load_levels(path: Path) -> list[GroundLevel]:
     if not levels:
         raise BadInputError(f"{path}: holds no level")
     return levels
+
+
+def load_passages(path: Path) -> NDArray[np.float64]:
+    """Read the passages (N, 5) between levels, none from files of before there were any; raises BadInputError."""
+    passages = np.asarray(_held(path).get("passages", np.zeros((0, 5))))
+    if passages.ndim != 2 or passages.shape[1] != 5 or passages.dtype.kind != "f" or not np.isfinite(passages).all():
+        raise BadInputError(f"{path}: its passages between levels are not whole")
+    return passages
+
+
+def _held(path: Path) -> dict[str, NDArray[np.generic]]:
+    """Return everything that a file holds."""
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
+        raise BadInputError(f"{path}: not readable as levels of ground: {error}") from error
