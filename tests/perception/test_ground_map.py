@@ -354,6 +354,21 @@ def test_a_hole_that_another_level_knows_is_ground_where_it_lies_as_high_as_what
     assert (at(ground, 2.0, 1.5, level=0) == OCC_FREE) is is_free
 
 
+def test_a_wanted_level_is_gone_to_where_nothing_speaks_against_it():
+    """Near the top of a ramp the deck that is seen there speaks a little against the lower level: it is left for good some metres on."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground)
+    ground.wanted = 0
+    lower = ground.levels[0]
+    for x, is_clear in ((23.0, False), (27.0, True)):
+        iy, ix = lower.spec.cell_of(x - 2.0, 6.5)
+        lower.evidence[iy : iy + 7, ix : ix + 10], lower.heights[iy : iy + 7, ix : ix + 10] = 4, -2.0  # 70 cells
+        if is_clear:
+            lower.heights[iy : iy + 7, ix : ix + 10] = np.clip(0.35 * (30.0 - x), 0.0, 3.5)
+        feed(ground, sloping(x - 4.0, x + 4.0, 4.0, 8.0), SE3((x, 6.0, 0.35 * (30.0 - x))))
+        assert ground.active == (0 if is_clear else 1)
+
+
 def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()

@@ -79,7 +79,7 @@ class GroundMapConfig:
     level_stand: float = 1.5
     level_reach: float = 3.0
     apart: float = 9.0
-    level_back: float = 2.5
+    level_back: float = 4.0
     border: float = 1.0
     stride: float = 1.0
 
@@ -251,12 +251,13 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class _Agreement:
-    """How a window fits a level: with how many cells it agrees, whether the robot stands on such, whether it contradicts it, and how high it and the level
+    """How a window fits a level: with how many cells it agrees, whether the robot stands on such, whether it contradicts it, whether it clearly does not, and how high it and the level
     are where it does (m)."""
 
     same: int
     is_on: bool
     is_contradicted: bool
+    is_free: bool
     height: float
     level_height: float
 
@@ -372,7 +373,7 @@ class GroundMap:
         wanted = self.wanted
         if wanted is not None and wanted != self.active and wanted < len(self.levels):
             fits = self._agreement(wanted, window, map_from_odom, rise, base)
-            if not fits.is_contradicted and fits.is_on:
+            if fits.is_free and fits.is_on:
                 return self._go_to(wanted)
         here = self._agreement(self.active, window, map_from_odom, rise, base)
         is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
@@ -397,7 +398,7 @@ class GroundMap:
             if k == self.active or any(way.distance_to(place) < self.config.apart for way in ways):
                 continue
             fits = self._agreement(k, window, map_from_odom, rise, base)
-            if fits.is_on and not fits.is_contradicted:
+            if fits.is_on and fits.is_free:
                 self.passages += [Passage(self.active, k, place), Passage(k, self.active, place)]
                 self.version += 1
 
@@ -470,7 +471,10 @@ class GroundMap:
         found = kernels.agreement(window.kinds, window.heights, window.origin, *frames, c.level_step)
         close, same, other, height, level_height = found
         is_other = other >= c.level_cells and other >= c.level_share * (same + other)
-        return _Agreement(int(same), bool(close >= c.level_cells), is_other, float(height), float(level_height))
+        is_free = 3 * other < c.level_cells  # clearly, else a robot between two levels goes to and fro
+        return _Agreement(
+            int(same), bool(close >= c.level_cells), is_other, is_free, float(height), float(level_height)
+        )
 
     def _begin(self, window: Window, map_from_odom: SE2) -> None:
         """Begin a level around a window."""
