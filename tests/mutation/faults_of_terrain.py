@@ -116,7 +116,7 @@ TERRAIN = (
     PlantedFault(
         "another level is looked for on this one",
         "perception/ground_map.py",
-        "out[inner][beyond & ~known & (its != kernels.UNKNOWN)] = OCC_OCCUPIED",
+        "out[inner][beyond & (out[inner] == OCC_UNKNOWN)] = OCC_OCCUPIED",
         "pass",
         ("tests/perception/test_ground_map.py::test_what_another_level_knows_beyond_shared_ground_is_closed",),
     ),
