@@ -220,13 +220,15 @@ class OperatorNode(Node):
             self.ctx.send_goal(FINISH_MAP, Nothing(), lambda _: self._save(then, finishes=False))
             return
         request = SaveMapRequest(str(self._config.map_stem))
-        left = [*self._config.saves_with, SAVE_MAP]
+        left, troubles = [SAVE_MAP, *self._config.saves_with], list[str]()
 
         def save_next(reply: Nothing | Exception) -> None:
             if isinstance(reply, Exception):
-                self._finish("MAP_NOT_SAVED", str(reply))
-            elif left:
+                troubles.append(str(reply))
+            if left:  # whatever failed before: one that cannot be saved takes no other with it
                 self.ctx.call(left.pop(0), request, save_next)
+            elif troubles:
+                self._finish("MAP_NOT_SAVED", "; ".join(troubles))
             else:
                 self._is_saved = True
                 then()
