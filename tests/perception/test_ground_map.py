@@ -14,8 +14,9 @@ from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
-from ambler.perception.ground_map import GroundMap, GroundMapConfig, Window
+from ambler.perception.ground_map import GroundMap, GroundMapConfig
 from ambler.perception.terrain import Ground
+from ambler.perception.terrain_window import TerrainWindow
 
 CELL, STEP = 0.2, 0.08
 LEVEL_LIDAR = SE3((0.0, 0.0, 0.62))
@@ -24,7 +25,7 @@ ALL_ROUND, MID_360 = (-0.5 * math.pi, 0.5 * math.pi), (math.radians(-7.0), math.
 
 def window(
     x0: float, x1: float, y0: float, y1: float, height: float = 0.0, things: list[tuple[float, float]] = ()
-) -> Window:  # type: ignore[assignment]
+) -> TerrainWindow:  # type: ignore[assignment]
     """Return level ground between limits with voxels that stand on it."""
     xs, ys = np.arange(x0 + 0.1, x1, CELL), np.arange(y0 + 0.1, y1, CELL)
     x, y = (a.ravel() for a in np.meshgrid(xs, ys))
@@ -33,10 +34,12 @@ def window(
     above = np.concatenate((np.zeros(len(x)), np.full(len(voxels), 0.5)))
     kinds = np.concatenate((np.full(len(x), Ground.GROUND), np.zeros(len(voxels))))
     whole = np.concatenate((points, voxels)).astype(np.float32)
-    return Window.of_points(whole, above.astype(np.float32), kinds.astype(np.uint8), CELL, STEP)
+    return TerrainWindow.of_points(whole, above.astype(np.float32), kinds.astype(np.uint8), CELL, STEP)
 
 
-def feed(ground: GroundMap, seen: Window, base: SE3 | None = None, elevation: tuple[float, float] = ALL_ROUND) -> None:
+def feed(
+    ground: GroundMap, seen: TerrainWindow, base: SE3 | None = None, elevation: tuple[float, float] = ALL_ROUND
+) -> None:
     base = base if base is not None else SE3()
     ground.update(seen, SE3(), base, base @ LEVEL_LIDAR, elevation)
 
@@ -97,12 +100,12 @@ def test_a_roof_beside_the_ground_is_no_ground():
         iy, ix = round((part.origin_y + 3.0) / CELL), round((part.origin_x + 3.0) / CELL)
         ny, nx = part.kinds.shape
         whole[iy : iy + ny, ix : ix + nx], heights[iy : iy + ny, ix : ix + nx] = part.kinds, part.heights
-    feed(ground, Window(-3.0, -3.0, CELL, whole, np.zeros((60, 60), np.uint8), heights))
+    feed(ground, TerrainWindow(-3.0, -3.0, CELL, whole, np.zeros((60, 60), np.uint8), heights))
     assert at(ground, 0.0, 0.0) == OCC_FREE
     assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
 
 
-def sloping(x0: float, x1: float, y0: float, y1: float) -> Window:
+def sloping(x0: float, x1: float, y0: float, y1: float) -> TerrainWindow:
     """Return ground that rises from 0 m at x = 30 to 3.5 m at x = 20, and is level before and behind."""
     out = window(x0, x1, y0, y1)
     x = out.origin_x + (np.arange(out.heights.shape[1]) + 0.5) * CELL
@@ -200,13 +203,13 @@ def test_what_another_level_knows_beyond_shared_ground_is_closed():
     assert at(ground, 4.5, 0.0, level=1) == OCC_FREE
 
 
-def of_kind(kind: Ground, x0: float, x1: float, y0: float, y1: float, height: float = 0.0) -> Window:
+def of_kind(kind: Ground, x0: float, x1: float, y0: float, y1: float, height: float = 0.0) -> TerrainWindow:
     """Return a window whose cells are of a kind other than ground, without anything that stands on them."""
     xs, ys = np.arange(x0 + 0.1, x1, CELL), np.arange(y0 + 0.1, y1, CELL)
     x, y = (a.ravel() for a in np.meshgrid(xs, ys))
     points = np.column_stack((x, y, np.full(len(x), height))).astype(np.float32)
     above = np.full(len(x), 0.3, np.float32)
-    return Window.of_points(points, above, np.full(len(x), kind, np.uint8), CELL, STEP)
+    return TerrainWindow.of_points(points, above, np.full(len(x), kind, np.uint8), CELL, STEP)
 
 
 @pytest.mark.parametrize("kind", [Ground.DROP, Ground.STEEP, Ground.OBSTACLE])
@@ -369,7 +372,7 @@ def test_a_wanted_level_is_gone_to_where_nothing_speaks_against_it():
         assert ground.active == (0 if is_clear else 1)
 
 
-def merged_twin(seen: Window, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
+def merged_twin(seen: TerrainWindow, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()
     back = pose.inverse()
@@ -394,7 +397,7 @@ def test_merge_is_its_twin(seed):
     rng = np.random.default_rng(seed)
     kinds = rng.choice([0, 1, 2, 3, 4], (12, 9)).astype(np.uint8)
     marks = (rng.random((24, 18)) < 0.2).astype(np.uint8)
-    seen = Window(-1.0, -1.2, CELL, kinds, marks, rng.normal(size=(12, 9)).astype(np.float32))
+    seen = TerrainWindow(-1.0, -1.2, CELL, kinds, marks, rng.normal(size=(12, 9)).astype(np.float32))
     pose = SE2(*rng.uniform(-0.5, 0.5, 2), float(rng.uniform(-3.0, 3.0)))
     evidence = rng.choice([kernels.UNKNOWN, -6, -2, 1, 4], (40, 40)).astype(np.int8)
     spec = (-2.0, -2.0, 0.1)
@@ -412,6 +415,8 @@ def test_bad_input_is_refused():
     with pytest.raises(BadInputError, match="resolution"):
         GroundMapConfig(resolution=0.0)
     with pytest.raises(BadInputError, match="2 points"):
-        Window.of_points(np.zeros((2, 3), np.float32), np.zeros(1, np.float32), np.zeros(2, np.uint8), CELL, STEP)
+        TerrainWindow.of_points(
+            np.zeros((2, 3), np.float32), np.zeros(1, np.float32), np.zeros(2, np.uint8), CELL, STEP
+        )
     with pytest.raises(BadInputError, match="no level"):
         _ = GroundMap().level

@@ -20,8 +20,9 @@ from ambler.core.messages import (
 )
 from ambler.core.robot import RobotModel
 from ambler.core.se3 import SE3
-from ambler.perception.ground_map import GroundMap, GroundMapConfig, Window
+from ambler.perception.ground_map import GroundMap, GroundMapConfig
 from ambler.perception.terrain_config import TerrainConfig
+from ambler.perception.terrain_window import TerrainWindow
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import CHOOSE_LEVEL, FINISH_MAP, SAVE_MAP, LevelRequest, Nothing, SaveMapRequest
 from ambler.runtime.topics import FIRM_GROUND, GROUND_LEVELS, MAP, ODOMETRY, SLAM_POSE, STATUS, TERRAIN_MAP, TRANSFORMS
@@ -75,7 +76,7 @@ class GroundMapperNode(Node):
             return
         cell, step = self._terrain.cell, self._terrain.step
         kinds = terrain.ring.astype(np.uint8)
-        window = Window.of_points(terrain.points, terrain.intensity, kinds, cell, step)
+        window = TerrainWindow.of_points(terrain.points, terrain.intensity, kinds, cell, step)
         odom_from_sensor = odom_from_base @ self._mount.base_from_sensor
         self.map.update(window, self._map_from_odom, odom_from_base, odom_from_sensor, self._mount.elevation)
         self._newest_ns = terrain.stamp_ns

@@ -8,33 +8,25 @@ or begins one; the ramp between two is on both, and is how one comes from one to
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
-from ambler.perception.terrain import Ground
+from ambler.perception.ground_level import FAR, Level, common_cells
+from ambler.perception.terrain_window import TerrainWindow
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
 
-EDGE, BESIDE = (
-    0.6,
-    0.6,
-)  # metres between the heights of two places beside each other that are no neighbours, and how far beside
-HOLE = (
-    0.2  # metres to either side within which ground goes on where single cells of it were not seen: a terrain is sparse
-)
-FAR = np.float32(1e6)  # metres: no height
 BEYOND = 1.0  # metres beyond what is assumed in which it is unknown again
 
 
@@ -94,152 +86,6 @@ class GroundMapConfig:
                 raise BadInputError(f"ground map {name}: must be positive, is {getattr(self, name)}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    """Terrain around a robot in the odom frame: `kinds` uint8 [iy, ix] of `Ground`, 0 where nothing is known, `heights` float32 [iy, ix] of the ground, and
-    `marks` uint8 [2 iy, 2 ix] of the voxels that stand on it."""
-
-    origin_x: float
-    origin_y: float
-    cell: float
-    kinds: U8
-    marks: U8
-    heights: F32
-
-    @classmethod
-    def of_points(cls, points: F32, heights: F32, kinds: U8, cell: float, step: float) -> Window:
-        """Read a terrain cloud: points (N, 3) in odom, heights above the ground (N,), what they stand for (N,), 0: a voxel. Things lower than
-        `step` are ground."""
-        if not len(points) == len(heights) == len(kinds):
-            raise BadInputError(f"a terrain of {len(points)} points, {len(heights)} heights and {len(kinds)} kinds")
-        is_cell = kinds > 0
-        of_cells = np.floor(points[is_cell, :2].astype(np.float64) / cell).astype(np.int64)
-        if len(of_cells) == 0:
-            return cls(
-                0.0, 0.0, cell, np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.float32)
-            )
-        first, last = of_cells.min(axis=0), of_cells.max(axis=0)
-        shape = (int(last[1] - first[1]) + 1, int(last[0] - first[0]) + 1)
-        out = np.zeros(shape, np.uint8)
-        ground = np.full(shape, np.nan, np.float32)
-        iy, ix = (of_cells - first).T[::-1]
-        crossed = (heights[is_cell] < step) & (kinds[is_cell] != Ground.DROP)
-        out[iy, ix] = np.where(crossed, Ground.GROUND, np.maximum(kinds[is_cell], Ground.OBSTACLE))
-        ground[iy, ix] = points[is_cell, 2]
-        marks = np.zeros((2 * shape[0], 2 * shape[1]), np.uint8)
-        standing = np.floor(points[~is_cell & (heights >= step), :2].astype(np.float64) / (0.5 * cell)).astype(np.int64)
-        standing -= 2 * first
-        inside = ((standing >= 0) & (standing < np.array(marks.shape)[::-1])).all(axis=1)
-        marks[standing[inside, 1], standing[inside, 0]] = 1
-        return cls(float(first[0]) * cell, float(first[1]) * cell, cell, out, marks, _carried(out, ground))
-
-    def around(self, x: float, y: float, reach: float) -> Window:
-        """Return a window that also holds everything within `reach` metres of a place, not known where this one ends."""
-        ny, nx = self.kinds.shape
-        low = np.floor((np.array([x, y]) - reach - (self.origin_x, self.origin_y)) / self.cell).astype(int)
-        high = np.ceil((np.array([x, y]) + reach - (self.origin_x, self.origin_y)) / self.cell).astype(int)
-        left, below = np.maximum(-low, 0).tolist()
-        right, above = np.maximum(high - (nx, ny), 0).tolist()
-        return Window(
-            self.origin_x - left * self.cell,
-            self.origin_y - below * self.cell,
-            self.cell,
-            np.pad(self.kinds, ((below, above), (left, right))),
-            np.pad(self.marks, ((2 * below, 2 * above), (2 * left, 2 * right))),
-            np.pad(self.heights, ((below, above), (left, right)), constant_values=np.nan),
-        )
-
-    @property
-    def origin(self) -> F64:
-        """x, y and the side of a cell, as the kernels take it."""
-        return np.array([self.origin_x, self.origin_y, self.cell])
-
-    def corners(self) -> F64:
-        """Corners (4, 2)."""
-        ny, nx = self.kinds.shape
-        x1, y1 = self.origin_x + nx * self.cell, self.origin_y + ny * self.cell
-        return np.array([[self.origin_x, self.origin_y], [x1, self.origin_y], [x1, y1], [self.origin_x, y1]])
-
-
-@dataclass
-class Level:
-    """One level: `evidence` int8 [iy, ix] of kernels.ground_map, `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known, and
-    `firm` uint8 [iy, ix], 1 where the robot has stood, and beside it where the ground lay in the plane of its wheels."""
-
-    spec: GridSpec
-    evidence: NDArray[np.int8] = field(repr=False)
-    heights: F32 = field(repr=False)
-    firm: U8 = field(repr=False)
-
-    @classmethod
-    def empty(cls, spec: GridSpec) -> Level:
-        """Return a level of which nothing is known."""
-        evidence = np.full(spec.shape, kernels.UNKNOWN, np.int8)
-        return cls(spec, evidence, np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.uint8))
-
-    def grown(self, spec: GridSpec) -> Level:
-        """Return the same level with room for more: `spec` lies on the same lattice and holds this one's."""
-        diy, dix = self.spec.offset_in(spec)
-        inner = np.s_[diy : diy + self.spec.height, dix : dix + self.spec.width]
-        out = Level.empty(spec)
-        out.evidence[inner], out.heights[inner], out.firm[inner] = self.evidence, self.heights, self.firm
-        return out
-
-    def share(self, cells: NDArray[np.bool_], other: Level) -> None:
-        """Tell another level of cells (bool [iy, ix]), where that has room and knows nothing."""
-        inner, of_other = _common(self.spec, other.spec)
-        if inner is None:
-            return
-        new = cells[inner] & (other.evidence[of_other] == kernels.UNKNOWN)
-        for mine, its in ((self.evidence, other.evidence), (self.heights, other.heights), (self.firm, other.firm)):
-            its[of_other][new] = mine[inner][new]
-
-    def give(self, cells: NDArray[np.bool_], other: Level) -> None:
-        """Share cells (bool [iy, ix]) with another level and forget them."""
-        self.share(cells, other)
-        self.evidence[cells], self.heights[cells], self.firm[cells] = kernels.UNKNOWN, np.nan, 0
-
-    def around(self, place: SE3, reach: float, within: float) -> NDArray[np.bool_]:
-        """Return the cells (bool [iy, ix]) within `reach` metres of a place, and `within` metres of its height."""
-        x, y, z = place.translation
-        dy = self.spec.origin_y + (np.arange(self.spec.height) + 0.5) * self.spec.resolution - y
-        dx = self.spec.origin_x + (np.arange(self.spec.width) + 0.5) * self.spec.resolution - x
-        return np.asarray((np.hypot(dy[:, None], dx[None, :]) <= reach) & (np.abs(self.heights - z) <= within))
-
-    def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
-        """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place."""
-        is_like = np.abs(self.heights - height) <= within
-        labels, _ = ndimage.label(is_like, np.ones((3, 3)))
-        (iy, ix), r = self.spec.cell_of(x, y), math.ceil(reach / self.spec.resolution)
-        near = labels[max(0, iy - r) : iy + r + 1, max(0, ix - r) : ix + r + 1]
-        return np.isin(labels, near[near > 0])
-
-    @property
-    def is_begun(self) -> bool:
-        """Whether anything is known of it."""
-        return bool((self.evidence != kernels.UNKNOWN).any())
-
-    def occupancy(self) -> NDArray[np.int8]:
-        """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied."""
-        out = np.full(self.spec.shape, OCC_UNKNOWN, np.int8)
-        ground, hole = (self.evidence > 0).astype(np.uint8), 2 * round(HOLE / self.spec.resolution) + 1
-        closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8))
-        out[closed > 0] = OCC_FREE
-        out[(self.evidence <= 0) & (self.evidence != kernels.UNKNOWN)] = OCC_OCCUPIED
-        out[self._below_edges()] = OCC_UNKNOWN
-        return out
-
-    def _below_edges(self) -> NDArray[np.bool_]:
-        """Say what lies or stands close below ground that ends above it, as the floor under a deck does beside the top of a ramp: for who comes there on the ramp, what follows is not
-        known."""
-        ground = np.where((self.evidence > 0) & np.isfinite(self.heights), self.heights, -FAR)
-        reach = round(BESIDE / self.spec.resolution)
-        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-        high = np.asarray(cv2.dilate(ground.astype(np.float32), around))
-        known = (self.evidence != kernels.UNKNOWN) & np.isfinite(self.heights)
-        return np.asarray(known & (high - np.where(known, self.heights, FAR) > EDGE))
-
-
 @dataclass(frozen=True, slots=True)
 class Passage:
     """A place that two levels share, on the way from one to the other."""
@@ -285,7 +131,7 @@ class GroundMap:
 
     def update(
         self,
-        window: Window,
+        window: TerrainWindow,
         map_from_odom: SE3,
         odom_from_base: SE3,
         odom_from_sensor: SE3,
@@ -352,7 +198,7 @@ class GroundMap:
         reach = 2 * round(c.border / c.resolution) + 1
         around = np.ones((reach, reach), np.uint8)
         for other in self.levels:
-            inner, of_other = _common(level.spec, other.spec)
+            inner, of_other = common_cells(level.spec, other.spec)
             if other is level or inner is None:
                 continue
             known, its = level.evidence[inner] != kernels.UNKNOWN, other.evidence[of_other]
@@ -368,7 +214,7 @@ class GroundMap:
             out[inner][~known & goes_on] = OCC_FREE
         return out
 
-    def _choose(self, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> None:
+    def _choose(self, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> None:
         """Go to the level that a window belongs to: the wanted one where it fits, else the present one, unless it contradicts it."""
         wanted = self.wanted
         if wanted is not None and wanted != self.active and wanted < len(self.levels):
@@ -390,7 +236,7 @@ class GroundMap:
             return None
         return self._found_level(window, map_from_odom, here.height, base)
 
-    def _meet_others(self, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> None:
+    def _meet_others(self, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> None:
         """Remember where the present level meets another one: whoever stands there is on both."""
         for k in range(len(self.levels)):
             place = base.to_se2()
@@ -408,7 +254,7 @@ class GroundMap:
         c, level, x, y = self.config, self.level, *base.translation[:2]
         cells = level.joined(height, c.level_step, x, y, c.level_reach)
         for other in self.levels:
-            inner, of_other = _common(level.spec, other.spec)
+            inner, of_other = common_cells(level.spec, other.spec)
             if other is level or inner is None:
                 continue
             is_its = (other.evidence[of_other] > 0) & (np.abs(other.heights[of_other] - height) <= c.level_step)
@@ -440,7 +286,7 @@ class GroundMap:
             level.evidence[y0:y1, x0:x1][gone] = kernels.UNKNOWN
             level.heights[y0:y1, x0:x1][gone] = np.nan
 
-    def _found_level(self, window: Window, map_from_odom: SE2, height: float, base: SE3) -> None:
+    def _found_level(self, window: TerrainWindow, map_from_odom: SE2, height: float, base: SE3) -> None:
         """Begin another level at `height` with what the present one already holds of it; the last place of the way that lies
         lower or higher is on both, as is the way from there."""
         c, old, level = self.config, self.active, self.level
@@ -462,7 +308,7 @@ class GroundMap:
         self.active, self.wanted, self._way = level, None, []
         self.version += 1
 
-    def _agreement(self, k: int, window: Window, map_from_odom: SE2, rise: float, base: SE3) -> _Agreement:
+    def _agreement(self, k: int, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> _Agreement:
         """Compare a window with a level."""
         level, c = self.levels[k], self.config
         box = _box(level.spec, map_from_odom.transform(window.corners()))
@@ -476,7 +322,7 @@ class GroundMap:
             int(same), bool(close >= c.level_cells), is_other, is_free, float(height), float(level_height)
         )
 
-    def _begin(self, window: Window, map_from_odom: SE2) -> None:
+    def _begin(self, window: TerrainWindow, map_from_odom: SE2) -> None:
         """Begin a level around a window."""
         c = self.config
         low, high = _bounds(map_from_odom.transform(window.corners()), c.block)
@@ -484,7 +330,7 @@ class GroundMap:
         spec = GridSpec(c.resolution, nx, ny, float(low[0]), float(low[1]))
         self.levels.append(Level.empty(spec))
 
-    def _grown(self, window: Window, map_from_odom: SE2) -> Level:
+    def _grown(self, window: TerrainWindow, map_from_odom: SE2) -> Level:
         """Return the present level, with room for a window."""
         c, level = self.config, self.level
         low, high = _bounds(map_from_odom.transform(window.corners()), c.block)
@@ -498,15 +344,6 @@ class GroundMap:
         return level
 
 
-def _carried(kinds: U8, heights: F32) -> F32:
-    """Return the heights of a window with those of what is no ground replaced by that of the nearest ground."""
-    is_ground = kinds == Ground.GROUND
-    if not is_ground.any():
-        return heights
-    iy, ix = ndimage.distance_transform_edt(~is_ground, return_distances=False, return_indices=True)
-    return np.where(kinds > Ground.GROUND, heights[iy, ix], heights)
-
-
 def _plane(odom_from_base: SE3) -> F64:
     """Return the plane on which a base stands: x, y, z and its rise along x and along y."""
     x, y, z = odom_from_base.translation
@@ -514,21 +351,12 @@ def _plane(odom_from_base: SE3) -> F64:
     return np.array([x, y, z, -up[0] / max(up[2], 0.1), -up[1] / max(up[2], 0.1)])
 
 
-def _carry_heights(window: Window, plane: F64) -> None:
+def _carry_heights(window: TerrainWindow, plane: F64) -> None:
     """Give the blind cells of a window the heights of the plane on which the robot stands."""
     iy, ix = np.nonzero(window.kinds == kernels.BLIND)
     x = window.origin_x + (ix + 0.5) * window.cell - plane[0]
     y = window.origin_y + (iy + 0.5) * window.cell - plane[1]
     window.heights[iy, ix] = plane[2] + x * plane[3] + y * plane[4]
-
-
-def _common(spec: GridSpec, other: GridSpec) -> tuple[tuple[slice, slice] | None, tuple[slice, slice]]:
-    """Return the cells of a map, and of another one on the same lattice, where both are; None: nowhere."""
-    diy, dix = spec.offset_in(other)
-    y0, x0 = max(0, -diy), max(0, -dix)
-    y1, x1 = min(spec.height, other.height - diy), min(spec.width, other.width - dix)
-    inner = np.s_[y0:y1, x0:x1] if y1 > y0 and x1 > x0 else None
-    return inner, np.s_[y0 + diy : y1 + diy, x0 + dix : x1 + dix]
 
 
 def _bounds(corners: F64, block: float) -> tuple[F64, F64]:

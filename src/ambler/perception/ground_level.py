@@ -1,0 +1,111 @@
+"""One level of a map of ground: a sheet that may rise and fall as it likes, without anything of it above or below itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.se3 import SE3
+from ambler.kernels import ground_map as kernels
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+# metres between the heights of two places beside each other that are no neighbours, and how far beside
+EDGE, BESIDE = 0.6, 0.6
+# metres to either side within which ground goes on where single cells of it were not seen: a terrain is sparse
+HOLE = 0.2
+FAR = np.float32(1e6)  # metres: no height
+
+
+@dataclass
+class Level:
+    """One level: `evidence` int8 [iy, ix] of kernels.ground_map, `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known, and
+    `firm` uint8 [iy, ix], 1 where the robot has stood, and beside it where the ground lay in the plane of its wheels."""
+
+    spec: GridSpec
+    evidence: NDArray[np.int8] = field(repr=False)
+    heights: F32 = field(repr=False)
+    firm: U8 = field(repr=False)
+
+    @classmethod
+    def empty(cls, spec: GridSpec) -> Level:
+        """Return a level of which nothing is known."""
+        evidence = np.full(spec.shape, kernels.UNKNOWN, np.int8)
+        return cls(spec, evidence, np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.uint8))
+
+    def grown(self, spec: GridSpec) -> Level:
+        """Return the same level with room for more: `spec` lies on the same lattice and holds this one's."""
+        diy, dix = self.spec.offset_in(spec)
+        inner = np.s_[diy : diy + self.spec.height, dix : dix + self.spec.width]
+        out = Level.empty(spec)
+        out.evidence[inner], out.heights[inner], out.firm[inner] = self.evidence, self.heights, self.firm
+        return out
+
+    def share(self, cells: NDArray[np.bool_], other: Level) -> None:
+        """Tell another level of cells (bool [iy, ix]), where that has room and knows nothing."""
+        inner, of_other = common_cells(self.spec, other.spec)
+        if inner is None:
+            return
+        new = cells[inner] & (other.evidence[of_other] == kernels.UNKNOWN)
+        for mine, its in ((self.evidence, other.evidence), (self.heights, other.heights), (self.firm, other.firm)):
+            its[of_other][new] = mine[inner][new]
+
+    def give(self, cells: NDArray[np.bool_], other: Level) -> None:
+        """Share cells (bool [iy, ix]) with another level and forget them."""
+        self.share(cells, other)
+        self.evidence[cells], self.heights[cells], self.firm[cells] = kernels.UNKNOWN, np.nan, 0
+
+    def around(self, place: SE3, reach: float, within: float) -> NDArray[np.bool_]:
+        """Return the cells (bool [iy, ix]) within `reach` metres of a place, and `within` metres of its height."""
+        x, y, z = place.translation
+        dy = self.spec.origin_y + (np.arange(self.spec.height) + 0.5) * self.spec.resolution - y
+        dx = self.spec.origin_x + (np.arange(self.spec.width) + 0.5) * self.spec.resolution - x
+        return np.asarray((np.hypot(dy[:, None], dx[None, :]) <= reach) & (np.abs(self.heights - z) <= within))
+
+    def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
+        """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place."""
+        is_like = np.abs(self.heights - height) <= within
+        labels, _ = ndimage.label(is_like, np.ones((3, 3)))
+        (iy, ix), r = self.spec.cell_of(x, y), math.ceil(reach / self.spec.resolution)
+        near = labels[max(0, iy - r) : iy + r + 1, max(0, ix - r) : ix + r + 1]
+        return np.isin(labels, near[near > 0])
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether anything is known of it."""
+        return bool((self.evidence != kernels.UNKNOWN).any())
+
+    def occupancy(self) -> NDArray[np.int8]:
+        """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied."""
+        out = np.full(self.spec.shape, OCC_UNKNOWN, np.int8)
+        ground, hole = (self.evidence > 0).astype(np.uint8), 2 * round(HOLE / self.spec.resolution) + 1
+        closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8))
+        out[closed > 0] = OCC_FREE
+        out[(self.evidence <= 0) & (self.evidence != kernels.UNKNOWN)] = OCC_OCCUPIED
+        out[self._below_edges()] = OCC_UNKNOWN
+        return out
+
+    def _below_edges(self) -> NDArray[np.bool_]:
+        """Say what lies or stands close below ground that ends above it, as the floor under a deck does beside the top of a ramp: for who comes there on the ramp, what follows is not
+        known."""
+        ground = np.where((self.evidence > 0) & np.isfinite(self.heights), self.heights, -FAR)
+        reach = round(BESIDE / self.spec.resolution)
+        around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        high = np.asarray(cv2.dilate(ground.astype(np.float32), around))
+        known = (self.evidence != kernels.UNKNOWN) & np.isfinite(self.heights)
+        return np.asarray(known & (high - np.where(known, self.heights, FAR) > EDGE))
+
+
+def common_cells(spec: GridSpec, other: GridSpec) -> tuple[tuple[slice, slice] | None, tuple[slice, slice]]:
+    """Return the cells of a map, and of another one on the same lattice, where both are; None: nowhere."""
+    diy, dix = spec.offset_in(other)
+    y0, x0 = max(0, -diy), max(0, -dix)
+    y1, x1 = min(spec.height, other.height - diy), min(spec.width, other.width - dix)
+    inner = np.s_[y0:y1, x0:x1] if y1 > y0 and x1 > x0 else None
+    return inner, np.s_[y0 + diy : y1 + diy, x0 + dix : x1 + dix]
