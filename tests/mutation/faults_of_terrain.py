@@ -8,6 +8,7 @@ GROUND = ("tests/perception/test_terrain.py",)
 LAYER = ("tests/costmap/test_terrain_layer.py",)
 MAP = ("tests/perception/test_ground_map.py",)
 WALK = ("tests/safety/test_floor_walk.py",)
+FLOOR_MEMORY = ("tests/safety/test_floor_memory.py",)
 NODE = ("tests/perception/test_terrain_node.py",)
 
 TERRAIN = (
@@ -186,6 +187,34 @@ TERRAIN = (
         "least = min(least, low - slope * far + TOLERANCE)",
         "least = low - slope * far + TOLERANCE",
         WALK,
+    ),
+    PlantedFault(
+        "the gate's floor memory outlives a jump of odometry",
+        "safety/floor_memory.py",
+        "            is_again[:] = True\n",
+        "            pass\n",
+        FLOOR_MEMORY,
+    ),
+    PlantedFault(
+        "the gate takes the robot's legs for floor",
+        "safety/floor_memory.py",
+        "is_beyond = points[:, 0] ** 2 + points[:, 1] ** 2 > under * under",
+        "is_beyond = points[:, 0] ** 2 >= 0.0",
+        FLOOR_MEMORY,
+    ),
+    PlantedFault(
+        "remembered floor keeps the height that it had from its first place",
+        "safety/floor_memory.py",
+        "return np.asarray(odom_from_level.inverse().transform(kept))",
+        "return np.asarray(odom_from_level.inverse().transform(kept) * (1, 1, 0) + kept * (0, 0, 1))",
+        FLOOR_MEMORY,
+    ),
+    PlantedFault(
+        "what is hidden beside a robot stays at the height of where it was seen",
+        "safety/blind_memory.py",
+        "_moved(odom_from_base.inverse(), self._means_odom, -height)",
+        "_moved(odom_from_base.inverse(), self._means_odom, 0.0)",
+        ("tests/safety/test_blind_memory.py",),
     ),
     PlantedFault(
         "the gate's floor rises by any slope",

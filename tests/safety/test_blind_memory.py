@@ -115,6 +115,14 @@ def test_odometry_is_trusted_for_some_metres_only() -> None:
     assert len(kept) == 0, "a full turn moves the outermost corner by 3.8 m"
 
 
+def test_what_is_hidden_keeps_its_height_while_the_robot_climbs() -> None:
+    memory = BlindMemory(0.6, 4.0)
+    pole = np.tile([0.45, 0.0, 0.8], (5, 1))
+    memory.update(pole, SE2(), MOUNT, PUCK, height=1.0)
+    kept = memory.update(np.empty((0, 3)), SE2(0.3, 0.0), MOUNT, PUCK, height=1.1)
+    assert kept == pytest.approx(np.array([[0.15, 0.0, 0.7]]))
+
+
 def test_a_scanner_that_counts_from_zero_to_a_full_turn_sees_all_around() -> None:
     field = FieldOfView(0.1, azimuth=(0.0, 2.0 * math.pi)).shrunk(0.1, 0.0)
     azimuth = np.radians(np.array([-179.0, -90.0, 0.5, 90.0, 179.0]))

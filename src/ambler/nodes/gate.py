@@ -57,6 +57,7 @@ from ambler.runtime.topics import (
 from ambler.safety.approach_permit import ApproachPermit
 from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
 from ambler.safety.config import GateConfig
+from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
 from ambler.safety.points import F64, Floor, patch_means, points_of_cloud, points_of_scan
 from ambler.safety.stuck_scan import StuckScan
@@ -111,6 +112,7 @@ class GateNode(Node):
         self._rangers = robot.rangers
         self._known = (*self._planar, *self._clouds, *self._rangers)
         self._fields: dict[str, FieldOfView] = {}
+        self._floor_memory = FloorMemory(self._config.memory_travel)
         self._rim = rim_of(robot.footprint)
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
@@ -188,9 +190,13 @@ class GateNode(Node):
         """The floor around the robot, where it may slope."""
         if self._config.slope <= 0.0:
             return None
-        up = _level_from_base(self._motion.pose_at(cloud.stamp_ns)).rotate((0.0, 0.0, 1.0))
+        odom_from_base = self._motion.pose_at(cloud.stamp_ns)
+        level_from_base = _level_from_base(odom_from_base)
+        up = level_from_base.rotate((0.0, 0.0, 1.0))
         upright = max(up[2], 0.5)
-        return Floor(self._config.slope, self._radius, (-up[0] / upright, -up[1] / upright))
+        lean = (-up[0] / upright, -up[1] / upright)
+        odom_from_level = odom_from_base @ level_from_base.inverse()
+        return Floor(self._config.slope, self._radius, lean, self._floor_memory, odom_from_level)
 
     def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
         """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile."""
@@ -214,7 +220,7 @@ class GateNode(Node):
             return  # its last points grow stale, and the robot stops
         level_from_sensor = _level_from_base(odom_from_base) @ self._mounts[scan.frame].base_from_sensor
         points = points_of(level_from_sensor)
-        unseen = self._unseen(scan, points, odom_from_base.to_se2(), level_from_sensor, field)
+        unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
@@ -225,7 +231,7 @@ class GateNode(Node):
             self._ranges.add_points(scan.frame, odom_from_base.to_se2().transform(points[:, :2]))
 
     def _unseen(
-        self, scan: LaserScan | PointCloud, points: F64, odom_from_base: SE2, base_from_sensor: SE3, field: FieldOfView
+        self, scan: LaserScan | PointCloud, points: F64, odom_from_base: SE3, base_from_sensor: SE3, field: FieldOfView
     ) -> F64:
         """Return what was seen before and is in the scanner's blind zone now, float64 (N, 3) in the level base frame."""
         normals, offsets = self._edges
@@ -235,7 +241,8 @@ class GateNode(Node):
         others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != scan.frame]
         all_scanners = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items()]
         seconds = scan.stamp_ns * 1e-9 if see_all_around(self._rim, all_scanners) else 0.0
-        return memory.update(points, odom_from_base, base_from_sensor, field, others, seconds)
+        height = odom_from_base.translation[2]
+        return memory.update(points, odom_from_base.to_se2(), base_from_sensor, field, others, seconds, height)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""

@@ -89,10 +89,11 @@ class BlindMemory:
         field: FieldOfView,
         others: Sequence[tuple[SE3, FieldOfView]] = (),
         seconds: float = 0.0,
+        height: float = 0.0,
     ) -> F64:
         """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
         columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved. `seconds` is the
-        time of the scan, from any beginning."""
+        time of the scan, from any beginning; `height` (m) that of the base in the odom frame, which changes on slopes."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
@@ -104,7 +105,7 @@ class BlindMemory:
             self._visitors.take_down(np.concatenate((seen, self._means_odom[:, :2])), self._travel)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
-        kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom), self._seen_at
+        kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom, -height), self._seen_at
         near_at = self._near_at.copy()
         near_at[self._came] = np.where(
             is_seen_near(kept[self._came, :2], points_base[:, :2]), seconds, near_at[self._came]
@@ -121,7 +122,7 @@ class BlindMemory:
         is_kept &= ~(self._came & (seconds - near_at > GONE))
         kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
         fading = _column_means(points_base[is_fading], rays[0][is_fading], field.range_min + CUT)
-        together = _moved(odom_from_base, np.concatenate((fading, kept)))
+        together = _moved(odom_from_base, np.concatenate((fading, kept)), height)
         first = np.unique(_columns(together), return_index=True)[1]
         self._means_odom = together[first]
         self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
@@ -148,9 +149,9 @@ def see_all_around(rim: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> boo
     return bool(is_seen.all())
 
 
-def _moved(pose: SE2, points: F64) -> F64:
-    """Move points (N, 3) by a planar pose; z stays."""
-    return np.column_stack((pose.transform(points[:, :2]), points[:, 2]))
+def _moved(pose: SE2, points: F64, height: float) -> F64:
+    """Move points (N, 3) by a planar pose, and up."""
+    return np.column_stack((pose.transform(points[:, :2]), points[:, 2] + height))
 
 
 def _rays(sensor_from_base: SE3, points_base: F64) -> Rays:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se3 import SE3
 from ambler.kernels.floor_walk import RING, heights_over_floor
+from ambler.safety.floor_memory import FloorMemory
 
 F64 = NDArray[np.float64]
 
@@ -25,11 +26,14 @@ PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes 
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """A floor that rises by at most `slope` (m per m). `under` (m): the robot's own reach; `lean`: how it leans, as rise per metre along x and y."""
+    """A floor that rises by at most `slope` (m per m). `under` (m): the robot's own reach; `lean`: how it leans, as rise per metre along x and y;
+    `memory`: what was seen before of it, and `odom_from_level`: where the level base is."""
 
     slope: float
     under: float
     lean: tuple[float, float]
+    memory: FloorMemory
+    odom_from_level: SE3
 
 
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
@@ -66,9 +70,10 @@ def points_of_cloud(
         points[part == k] = base_from_sensor.transform(near[part == k])
     heights = points[:, 2]
     if floor is not None:
-        heights = np.empty(len(points))
-        lean = np.array(floor.lean)
-        heights_over_floor(points, floor.slope, FLOOR_GAP, floor.under, lean, math.ceil(reach / RING), heights)
+        together = np.concatenate((points, floor.memory.update(points, floor.odom_from_level, floor.under)))
+        heights, lean, rings = np.empty(len(together)), np.array(floor.lean), math.ceil(reach / RING)
+        heights_over_floor(together, floor.slope, FLOOR_GAP, floor.under, lean, rings, heights)
+        heights = heights[: len(points)]
     is_in_band = (heights >= z_band[0]) & (heights <= z_band[1])
     return carried_to_stamp(points[is_in_band], times[is_in_band], twist)
 

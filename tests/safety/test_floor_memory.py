@@ -1,0 +1,102 @@
+"""Slopes whose foot a scanner cannot see: the gate remembers the floor that it drove towards."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.messages import PointCloud
+from ambler.core.se3 import SE3
+from ambler.safety.floor_memory import FloorMemory
+from ambler.safety.points import Floor, points_of_cloud
+
+MOUNT = SE3((0.0, 0.0, 0.78))
+BAND, REACH, SLOPE = (0.15, 0.9), 3.6, math.tan(math.radians(22.0))
+RINGS = np.radians(np.arange(-15.0, 16.0, 2.0))  # of a VLP-16: the lowest meets level floor 2.9 m away
+
+
+def height_at(x: np.ndarray) -> np.ndarray:
+    """A floor that is level up to 3 m and rises by 10 degrees from there."""
+    return np.maximum(0.0, x - 3.0) * math.tan(math.radians(10.0))
+
+
+def scan_at(x: float, box: tuple[float, float] | None = None) -> PointCloud:
+    """What 16 rings see ahead from a level body at `x`; a box stands at `box` (x, height)."""
+    ranges = np.arange(0.3, 6.0, 0.005)
+    points = []
+    base = float(height_at(np.array([x]))[0])
+    for azimuth in np.radians(np.arange(-20.0, 20.0, 0.5)):
+        for elevation in RINGS:
+            far, z = ranges * math.cos(elevation), base + 0.78 + ranges * math.sin(elevation)
+            at = x + far * math.cos(azimuth)
+            hit = z <= height_at(at)
+            if box is not None:
+                hit |= (at >= box[0]) & (at <= box[0] + 0.5) & (z <= height_at(at) + box[1])
+            if hit.any():
+                k = int(np.argmax(hit))
+                points.append((far[k] * math.cos(azimuth), far[k] * math.sin(azimuth), ranges[k] * math.sin(elevation)))
+    zeros = np.zeros(len(points), np.float32)
+    return PointCloud(0, "lidar", np.array(points, np.float32), zeros, zeros, np.zeros(len(points), np.uint16))
+
+
+def obstacles_on_the_way(places: np.ndarray, memory: FloorMemory, box: tuple[float, float] | None = None) -> list[int]:
+    """How many points of each scan are obstacles, on a drive through places (x)."""
+    counts = []
+    for x in places.tolist():
+        level = SE3((x, 0.0, float(height_at(np.array([x]))[0])))
+        floor = Floor(SLOPE, 0.6, (0.0, 0.0), memory, level)
+        counts.append(len(points_of_cloud(scan_at(x, box), [MOUNT], np.zeros(3), REACH, BAND, floor)))
+    return counts
+
+
+DRIVE = np.arange(0.0, 2.5, 0.1)
+
+
+def test_a_slope_that_begins_where_the_scanner_sees_no_floor_is_no_obstacle_for_who_drove_there() -> None:
+    assert obstacles_on_the_way(DRIVE, FloorMemory(12.0))[-1] == 0
+    assert obstacles_on_the_way(DRIVE[-1:], FloorMemory(12.0))[-1] > 50, "without a memory it may be anything"
+
+
+def test_what_stands_on_the_slope_is_one_all_the_same() -> None:
+    counts = obstacles_on_the_way(DRIVE, FloorMemory(12.0), (4.5, 0.35))
+    assert min(counts[-8:]) > 30
+
+
+def test_what_comes_to_stand_on_remembered_floor_is_an_obstacle() -> None:
+    memory = FloorMemory(12.0)
+    obstacles_on_the_way(DRIVE, memory)
+    assert obstacles_on_the_way(DRIVE[-1:], memory, (4.4, 0.3))[0] > 30
+
+
+def test_the_floor_is_forgotten_after_a_while() -> None:
+    memory = FloorMemory(2.0)
+    obstacles_on_the_way(DRIVE, memory)
+    nothing = np.array([[5.0, 5.0, 0.0]])
+    kept = [memory.update(nothing, SE3((2.5 + 0.1 * k, 0.0, 0.0)), 0.6) for k in range(21)]
+    assert len(kept[0]) > 300
+    assert len(kept[-1]) < 20
+
+
+def test_where_odometry_jumps_everything_is_forgotten() -> None:
+    """Floor that seems to lie 0.3 m higher than it does would hide what stands on it."""
+    memory = FloorMemory(12.0)
+    obstacles_on_the_way(DRIVE, memory)
+    points = MOUNT.transform(scan_at(2.4).points.astype(np.float64))
+    assert len(memory.update(points, SE3((2.4, 0.0, 0.0)), 0.6)) > 300
+    assert len(memory.update(points, SE3((2.4, 0.0, -0.3)), 0.6)) == 0
+
+
+def test_the_body_of_the_robot_is_no_floor() -> None:
+    memory = FloorMemory(12.0)
+    leg = np.array([[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]])
+    memory.update(leg, SE3(), 0.6)
+    assert len(memory.update(np.array([[3.0, 0.0, 0.0]]), SE3((1.0, 0.0, 0.0)), 0.6)) == 0
+
+
+def test_points_come_back_where_they_are_from_another_place_and_heading() -> None:
+    memory = FloorMemory(12.0)
+    memory.update(np.array([[2.0, 1.0, 0.1]]), SE3.from_rpy((1.0, 0.0, 0.2), 0.0, 0.0, 0.5 * math.pi), 0.6)
+    kept = memory.update(np.array([[9.0, 9.0, 0.0]]), SE3((0.0, 0.0, 0.1)), 0.6)
+    assert kept == pytest.approx(np.array([[0.0, 2.0, 0.2]]))
