@@ -8,6 +8,7 @@ GROUND = ("tests/perception/test_terrain.py",)
 LAYER = ("tests/costmap/test_terrain_layer.py",)
 MAP = ("tests/perception/test_ground_map.py",)
 WALK = ("tests/safety/test_floor_walk.py",)
+LEANING = ("tests/safety/test_leaning_cloud.py",)
 FLOOR_MEMORY = ("tests/safety/test_floor_memory.py",)
 NODE = ("tests/perception/test_terrain_node.py",)
 
@@ -194,6 +195,27 @@ TERRAIN = (
         "            is_again[:] = True\n",
         "            pass\n",
         FLOOR_MEMORY,
+    ),
+    PlantedFault(
+        "a gap without floor begins below the robot",
+        "kernels/floor_walk.py",
+        "low, max(far, under), False",
+        "low, far, False",
+        WALK,
+    ),
+    PlantedFault(
+        "the gate does not see who stands behind a tilted scanner",
+        "safety/points.py",
+        "is_in_band |= is_lowest",
+        "is_in_band |= False & is_lowest",
+        LEANING,
+    ),
+    PlantedFault(
+        "the gate stops before what hangs over it",
+        "safety/points.py",
+        "is_in_band |= is_lowest & (heights",
+        "is_in_band |= (heights",
+        LEANING,
     ),
     PlantedFault(
         "the gate takes the robot's legs for floor",

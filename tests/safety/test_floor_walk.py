@@ -88,3 +88,11 @@ def test_what_lies_lower_is_floor_and_what_stands_there_is_higher_than_that():
     ground, thing = floor(lambda x: -0.3 * max(0.0, x - 0.6), x1=2.0), box(2.0, -0.42, 0.0)
     told = heights(np.concatenate((ground, thing)))[len(ground) :]
     assert told.max() > 0.3
+
+
+def test_a_floor_point_below_the_robot_says_no_less_than_none() -> None:
+    """What lies within the robot's own reach does not begin a gap there: the slope ahead is still the one on which it leans."""
+    slope = math.tan(math.radians(9.0))
+    points = floor(lambda x: x * slope, x0=0.85, x1=3.0)
+    below = np.array([[0.2, 0.0, 0.2 * slope]])
+    assert heights(np.concatenate((below, points)), lean=slope).max() < 0.1

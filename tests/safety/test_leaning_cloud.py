@@ -48,3 +48,39 @@ def test_an_obstacle_stays_one_where_it_is() -> None:
     assert points[:, 0] == pytest.approx(3.0, abs=0.02)
     with_one_lean = points_of_cloud(swept(0.3), SWEEP[-1:], np.zeros(3), 4.0, BAND)
     assert len(with_one_lean) < 150  # one lean for the whole turn loses it
+
+
+def seen(mount: SE3, points: np.ndarray) -> PointCloud:
+    """Those of some points in a level base that a Mid-360 at `mount` sees: 7 degrees down to 52 up."""
+    local = mount.inverse().transform(points)
+    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
+    local = local[(elevation >= LOWEST) & (elevation <= math.radians(52.0))]
+    zeros = np.zeros(len(local), np.float32)
+    return PointCloud(0, "lidar", local.astype(np.float32), zeros, zeros, np.zeros(len(local), np.uint16))
+
+
+LOWEST = math.radians(-7.0)
+TILTED, LEVEL = SE3.from_rpy((0.18, 0.0, 0.47), 0.0, math.radians(28.0), 0.0), SE3((0.0, 0.0, 0.62))
+
+
+def test_who_stands_behind_a_scanner_that_is_tilted_forwards_is_in_the_way_though_only_the_trunk_is_seen() -> None:
+    y, z = (a.ravel() for a in np.meshgrid(np.arange(-0.2, 0.21, 0.02), np.arange(0.0, 1.7, 0.02)))
+    cloud = seen(TILTED, np.column_stack((np.full(len(y), -0.6), y, z)))
+    band = (0.15, 0.57)
+    found = points_of_cloud(cloud, [TILTED], np.zeros(3), 4.0, band, None, LOWEST)
+    assert len(found) > 50
+    assert found[:, 0] == pytest.approx(-0.6, abs=0.01)
+    assert len(points_of_cloud(cloud, [TILTED], np.zeros(3), 4.0, band)) == 0
+
+
+def test_what_hangs_over_a_robot_that_sees_the_floor_below_it_is_not_in_the_way() -> None:
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-2.0, 2.0, 0.1), np.arange(-2.0, 2.0, 0.1)))
+    cloud = seen(LEVEL, np.column_stack((x, y, np.full(len(x), 1.2))))
+    assert len(cloud.points) > 300
+    assert len(points_of_cloud(cloud, [LEVEL], np.zeros(3), 4.0, (0.15, 0.72), None, LOWEST)) == 0
+
+
+def test_a_ceiling_behind_a_tilted_scanner_is_not_in_the_way() -> None:
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-6.0, 2.0, 0.05), np.arange(-2.0, 2.0, 0.05)))
+    cloud = seen(TILTED, np.column_stack((x, y, np.full(len(x), 2.0))))
+    assert len(points_of_cloud(cloud, [TILTED], np.zeros(3), 4.0, (0.15, 0.57), None, LOWEST)) == 0

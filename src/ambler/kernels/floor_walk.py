@@ -8,6 +8,7 @@ import numpy as np
 from ambler.kernels.jit import jit
 
 SECTORS, RING = 60, 0.05  # directions, and metres of a step outwards
+WIDE = 0.05  # metres to either side for which a low point stands: directions are narrower than that near the robot
 TOLERANCE = 0.06  # metres by which a low point may lie off a slope: what a gait shakes, and noise
 
 
@@ -22,8 +23,12 @@ def heights_over_floor(points, slope, gap, under, lean, rings, out):
     lows = np.full((SECTORS, rings), np.inf)
     for k in range(len(points)):
         ring, sector = _place(points[k, 0], points[k, 1])
-        if ring < rings and points[k, 2] < lows[sector, ring]:
-            lows[sector, ring] = points[k, 2]
+        if ring >= rings:
+            continue
+        beside = min(int(WIDE / ((ring + 0.5) * RING) * SECTORS / (2.0 * math.pi) + 0.5), SECTORS // 2)
+        for step in range(-beside, beside + 1):
+            near = (sector + step) % SECTORS
+            lows[near, ring] = min(lows[near, ring], points[k, 2])
     floor = np.zeros((SECTORS, rings))
     for sector in range(SECTORS):
         angle = (sector + 0.5) / SECTORS * 2.0 * math.pi - math.pi
@@ -38,7 +43,7 @@ def heights_over_floor(points, slope, gap, under, lean, rings, out):
             else:
                 most = TOLERANCE + (max(0.0, min(leaning, slope)) * far if is_first else here)
             if low <= most:
-                here, last, is_first = low, far, False
+                here, last, is_first = low, max(far, under), False
                 least = min(least, low - slope * far + TOLERANCE)
             floor[sector, ring] = here
     for k in range(len(points)):

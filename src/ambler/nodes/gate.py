@@ -179,12 +179,13 @@ class GateNode(Node):
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
-        reach, band = self._reach, self._z_band
-        self._take_points(
-            cloud,
-            FieldOfView(mount.range_min, elevation=mount.elevation),
-            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), self._twist, reach, band, self._floor_at(cloud)),
-        )
+        around = (self._twist, self._reach, self._z_band)
+
+        def points_of(_: SE3) -> F64:
+            sweep, floor = self._sweep_of(cloud), self._floor_at(cloud)
+            return points_of_cloud(cloud, sweep, *around, floor, mount.elevation[0])
+
+        self._take_points(cloud, FieldOfView(mount.range_min, elevation=mount.elevation), points_of)
 
     def _floor_at(self, cloud: PointCloud) -> Floor | None:
         """The floor around the robot, where it may slope."""

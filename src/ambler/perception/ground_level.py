@@ -93,8 +93,9 @@ class Level:
 
     def _below_edges(self) -> NDArray[np.bool_]:
         """Say what lies or stands close below ground that ends above it, as the floor under a deck does beside the top of a ramp: for who comes there on the ramp, what follows is not
-        known."""
-        ground = np.where((self.evidence > 0) & np.isfinite(self.heights), self.heights, -FAR)
+        known. Ground that is only assumed ends above nothing."""
+        is_seen = (self.evidence > 0) & (self.evidence != kernels.ASSUMED) & np.isfinite(self.heights)
+        ground = np.where(is_seen, self.heights, -FAR)
         reach = round(BESIDE / self.spec.resolution)
         around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         high = np.asarray(cv2.dilate(ground.astype(np.float32), around))

@@ -21,6 +21,10 @@ F64 = NDArray[np.float64]
 
 PATCH = (math.radians(0.5), 0.05)  # azimuth and distance from the sensor that share one mean
 FLOOR_GAP = 0.5  # metres without floor across which a slope goes on: from under the robot to where its scanner sees
+STANDING, ABOVE_LOWEST = (
+    1.4,
+    math.radians(5.0),
+)  # metres, and angle above the lowest beam: who is seen there stands on the floor
 PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
 
 
@@ -54,10 +58,12 @@ def points_of_cloud(
     reach: float,
     z_band: tuple[float, float],
     floor: Floor | None = None,
+    lowest: float = -0.5 * math.pi,
 ) -> F64:
     """Return the points of a 3-D scan within `reach` metres of the sensor and inside the height band above the floor, float64
     (N, 3), in the base frame of the stamp. `sweep` is where the sensor was in a level base, free of the body's lean, at equal times from
-    the scan's first point to its last. `floor`: heights count from a floor that may slope (None: it is level)."""
+    the scan's first point to its last. `floor`: heights count from a floor that may slope (None: it is level). `lowest` (rad) is the elevation of the lowest
+    beam: of somebody behind a scanner that is tilted forwards only the trunk is seen, so what it meets above the band is in the way as well."""
     x, y = cloud.points[:, 0], cloud.points[:, 1]
     is_near = x * x + y * y <= np.float32(reach * reach)
     near, times = cloud.points[is_near], cloud.time[is_near].astype(np.float64)
@@ -75,6 +81,9 @@ def points_of_cloud(
         heights_over_floor(together, floor.slope, FLOOR_GAP, floor.under, lean, rings, heights)
         heights = heights[: len(points)]
     is_in_band = (heights >= z_band[0]) & (heights <= z_band[1])
+    if lowest > -0.5 * math.pi:
+        is_lowest = near[:, 2] <= math.sin(lowest + ABOVE_LOWEST) * np.linalg.norm(near, axis=1)
+        is_in_band |= is_lowest & (heights > z_band[1]) & (heights <= STANDING)
     return carried_to_stamp(points[is_in_band], times[is_in_band], twist)
 
 
