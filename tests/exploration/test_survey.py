@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ambler.core.errors import BadInputError, StartOccupiedError
-from ambler.core.grid import GridSpec
+from ambler.core.grid import OCC_ASSUMED, GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import DriveKind, RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
@@ -114,6 +114,58 @@ def test_a_long_sliver_along_a_wall_shows_too_little() -> None:
     assert len(sliver.cells) * R > 3.0
     assert sliver.state is FrontierState.TOO_SMALL
     assert "of unknown visible" in sliver.reason
+
+
+def test_what_is_only_assumed_is_driven_through_and_still_to_be_seen() -> None:
+    occupancy = corridor()
+    occupancy[10:30, 70] = 100
+    occupancy[10:30, 25:45] = OCC_ASSUMED
+    assert survey_of(occupancy).frontiers == (), "a map that has no such cells has nothing left"
+    survey = survey_of(occupancy, SurveyConfig(assumed=OCC_ASSUMED))
+    assert {round(f.centroid[0], 2) for f in survey.frontiers} == {2.45, 4.55}
+    assert len(survey.open) == 2
+    assert survey.reachable_area == pytest.approx(20 * 60 * R * R), "it may drive there"
+    assert survey.known_area < 20 * 62 * R * R
+
+
+def bay() -> NDArray[np.int8]:
+    """A hall of 11 x 8 m, known but for a bay of 2 x 2 m between two walls at its upper side, of which the first 0.5 m were seen; spec as in `grids`."""
+    occupancy = np.full((100, 120), 100, np.int8)
+    occupancy[5:85, 5:115] = 0
+    occupancy[65:85, 5:115] = 100
+    occupancy[65:85, 50:70] = -1
+    occupancy[65:70, 50:70] = 0
+    return occupancy
+
+
+def test_a_scanner_that_does_not_see_the_floor_beside_itself_looks_from_where_it_does() -> None:
+    near_goal = survey_of(bay()).frontiers[0].goal
+    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    blind = surveyor.update(*grids(bay()), SE2(0.8, 6.2))
+    (frontier,) = (f for f in blind.frontiers if f.state is FrontierState.OPEN)
+    assert near_goal is not None
+    assert frontier.goal is not None
+    x, y, yaw = frontier.goal
+    assert math.hypot(near_goal[0] - 6.0, near_goal[1] - 7.0) < 1.1
+    away = math.hypot(x - frontier.centroid[0], y - frontier.centroid[1])
+    assert 5.1 <= away <= 6.3
+    assert yaw == pytest.approx(math.atan2(frontier.centroid[1] - y, frontier.centroid[0] - x), abs=0.05)
+    in_sight = 0
+    for cell in frontier.cells:
+        line = np.floor(np.linspace((x, y), cell, 300) / R).astype(int)
+        in_sight += bool((bay()[line[:, 1], line[:, 0]] <= 0).all())
+    assert in_sight >= 0.4 * len(frontier.cells)
+
+
+def test_where_there_is_no_such_place_the_goal_is_near() -> None:
+    occupancy = bay()
+    occupancy[5:25] = 100  # nothing within 5 m of the bay is far enough away and in line with it
+    occupancy[25:65, 5:45] = occupancy[25:65, 75:115] = 100
+    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    blind = surveyor.update(*grids(occupancy), SE2(6.0, 4.0))
+    (frontier,) = (f for f in blind.frontiers if f.state is FrontierState.OPEN)
+    assert frontier.goal is not None
+    assert math.hypot(frontier.goal[0] - frontier.centroid[0], frontier.goal[1] - frontier.centroid[1]) < 1.1
 
 
 def test_grids_that_do_not_fit_together_are_refused() -> None:

@@ -206,6 +206,15 @@ def test_an_arrival_far_from_the_frontier_is_an_attempt_not_a_look() -> None:
     assert play.mission.frontiers()[0].reason == "attempt 1 failed: the drive ended 3.0 m away"
 
 
+def test_an_arrival_at_a_viewpoint_far_from_the_frontier_is_a_look() -> None:
+    play = Play(replace(frontier(12, 10, 2.0), goal=(12.0, 4.5, 1.57)))
+    play.pose = SE2(12.0, 4.3)
+    for _ in range(2):
+        play.end(play.drive(2.0))
+    play.step(2.0)
+    assert play.mission.frontiers()[0].reason == "looked at 2 times: nothing changed"
+
+
 def test_the_final_sweep_pardons_each_refused_frontier_once() -> None:
     play = Play(frontier(12, 10, 2.0), goal=ExploreGoal(return_to_start=False))
     play.end(play.drive(), "NO_VALID_PATH")

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambler.core.errors import BadInputError
-from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN
+from ambler.core.grid import OCC_ASSUMED, OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
+from ambler.perception.ground_level import Level
 from ambler.perception.ground_map import GroundMap, GroundMapConfig
 from ambler.perception.terrain import Ground
 from ambler.perception.terrain_window import TerrainWindow
@@ -72,7 +73,8 @@ def test_ground_too_near_for_a_level_lidar_is_assumed_until_the_robot_is_away():
     ground = GroundMap()
     ring = window(5.0, 7.0, -3.0, 3.0)
     feed(ground, ring, elevation=MID_360)
-    assert at(ground, 2.0, 0.0) == OCC_FREE
+    assert at(ground, 2.0, 0.0) == OCC_ASSUMED
+    assert at(ground, 6.0, 0.0) == OCC_FREE
     for x in np.arange(0.5, 10.0, 0.5):
         feed(ground, window(x + 5.0, x + 7.0, -3.0, 3.0), SE3((x, 0.0, 0.0)), MID_360)
     assert at(ground, 2.0, 1.0) == OCC_UNKNOWN, "nobody has ever seen it"
@@ -83,12 +85,34 @@ def test_nothing_is_assumed_behind_a_wall():
     ground = GroundMap()
     wall = [(1.5, y) for y in np.arange(-2.95, 3.0, 0.1).tolist()]
     feed(ground, window(5.0, 7.0, -3.0, 3.0, 0.0), elevation=MID_360)
-    assert at(ground, 2.5, 0.0) == OCC_FREE
+    assert at(ground, 2.5, 0.0) == OCC_ASSUMED
     ground = GroundMap()
     xs = window(1.4, 1.6, -3.0, 3.0, 0.0, wall)
     feed(ground, xs, elevation=MID_360)
-    assert at(ground, 1.0, 0.0) == OCC_FREE
+    assert at(ground, 1.0, 0.0) == OCC_ASSUMED
     assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
+
+
+def test_the_map_says_when_what_was_assumed_has_been_seen():
+    ground = GroundMap()
+    feed(ground, window(5.0, 7.0, -3.0, 3.0), elevation=MID_360)
+    feed(ground, window(5.0, 7.0, -3.0, 3.0), elevation=MID_360)
+    version = ground.version
+    feed(ground, window(2.0, 4.0, -1.0, 1.0), elevation=MID_360)
+    assert ground.version > version
+    assert at(ground, 2.0, 0.0) == OCC_FREE
+
+
+def test_ground_beside_what_is_assumed_to_lie_higher_stays_ground():
+    """A robot on an upper deck assumes its own height for the cells of the ramp that it never saw."""
+    level = Level.empty(GridSpec(0.1, 40, 40, 0.0, 0.0))
+    level.evidence[:], level.heights[:] = 4, 2.2
+    level.evidence[10:30, 10:30], level.heights[10:30, 10:30] = kernels.ASSUMED, 2.9
+    inside = np.zeros((40, 40), bool)
+    inside[10:30, 10:30] = True
+    assert (level.occupancy()[~inside] == OCC_FREE).all()
+    assert (level.occupancy()[inside] == OCC_ASSUMED).mean() > 0.9
+    assert (level.occupancy(OCC_UNKNOWN)[inside] == OCC_UNKNOWN).mean() > 0.9
 
 
 def test_a_roof_beside_the_ground_is_no_ground():

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 
 from ambler.core.messages import PointCloud
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.safety.blind_memory import BlindMemory, FieldOfView
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.points import Floor, points_of_cloud
 
@@ -46,7 +49,7 @@ def obstacles_on_the_way(places: np.ndarray, memory: FloorMemory, box: tuple[flo
     counts = []
     for x in places.tolist():
         level = SE3((x, 0.0, float(height_at(np.array([x]))[0])))
-        floor = Floor(SLOPE, 0.6, (0.0, 0.0), memory, level)
+        floor = Floor(SLOPE, REACH, 0.6, (0.0, 0.0), memory, level)
         counts.append(len(points_of_cloud(scan_at(x, box), [MOUNT], np.zeros(3), REACH, BAND, floor)))
     return counts
 
@@ -100,3 +103,33 @@ def test_points_come_back_where_they_are_from_another_place_and_heading() -> Non
     memory.update(np.array([[2.0, 1.0, 0.1]]), SE3.from_rpy((1.0, 0.0, 0.2), 0.0, 0.0, 0.5 * math.pi), 0.6)
     kept = memory.update(np.array([[9.0, 9.0, 0.0]]), SE3((0.0, 0.0, 0.1)), 0.6)
     assert kept == pytest.approx(np.array([[0.0, 2.0, 0.2]]))
+
+
+def remembered_on_the_way(places: np.ndarray, box: tuple[float, float] | None) -> list[np.ndarray]:
+    """What the gate still holds of what it cannot see any more, on a drive through places (x)."""
+    floor_memory, blind, kept = FloorMemory(12.0), BlindMemory(0.6, 12.0), []
+    field = FieldOfView(0.4, elevation=(math.radians(-15.0), math.radians(15.0)))
+    for x in places.tolist():
+        height = float(height_at(np.array([x]))[0])
+        floor = Floor(SLOPE, REACH, 0.6, (0.0, 0.0), floor_memory, SE3((x, 0.0, height)))
+        points = points_of_cloud(scan_at(x, box), [MOUNT], np.zeros(3), REACH, BAND, floor)
+        is_floor = partial(is_lower, floor)
+        kept.append(blind.update(points, SE2(x, 0.0), MOUNT, field, (), 0.0, height, is_floor))
+    return kept
+
+
+def is_lower(floor: Floor, points: np.ndarray) -> np.ndarray:
+    return floor.heights(points) < BAND[0]
+
+
+def test_what_looked_like_an_obstacle_from_afar_and_proves_to_be_floor_is_let_go() -> None:
+    """It stands where the slope before it is hidden, drives on, and comes to know it."""
+    kept = remembered_on_the_way(np.arange(2.0, 3.6, 0.05), None)
+    assert max(len(points) for points in kept) > 20
+    assert len(kept[-1]) == 0
+
+
+def test_a_low_box_that_is_hidden_below_the_beams_is_held() -> None:
+    kept = remembered_on_the_way(np.arange(0.0, 2.2, 0.05), (3.0, 0.3))
+    front = kept[-1][np.abs(kept[-1][:, 0] - (3.0 - 2.15)) < 0.1]
+    assert len(front) > 5

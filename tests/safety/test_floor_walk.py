@@ -7,15 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from ambler.kernels.floor_walk import heights_over_floor
+from ambler.kernels.floor_walk import SECTORS, heights_over, walk_floor
 
 SLOPE, GAP, RINGS = math.tan(math.radians(22.0)), 0.5, 70
 BAND = 0.15  # metres above the floor from which on a point is an obstacle
 
 
 def heights(points: np.ndarray, lean: float = 0.0) -> np.ndarray:
-    out = np.empty(len(points))
-    heights_over_floor(np.ascontiguousarray(points, np.float64), SLOPE, GAP, 0.38, np.array([lean, 0.0]), RINGS, out)
+    out, around = np.empty(len(points)), np.zeros((SECTORS, RINGS))
+    points = np.ascontiguousarray(points, np.float64)
+    walk_floor(points, SLOPE, GAP, 0.38, np.array([lean, 0.0]), around)
+    heights_over(points, around, out)
     return out
 
 

@@ -16,6 +16,7 @@ from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.pursuit_config import PursuitConfig
 from ambler.control.yielding import YieldConfig
 from ambler.core.errors import BadInputError
+from ambler.core.grid import OCC_ASSUMED
 from ambler.core.robot import DriveKind, RobotModel, SensorKind
 from ambler.costmap.global_costmap import GlobalCostmapConfig
 from ambler.costmap.inflation import InflationConfig, turning_cost
@@ -186,6 +187,10 @@ SEEN_WELL = (
 )
 PADDING = 0.05  # metres that the controller keeps around the footprint; the planner keeps twice as much
 TURNING_MOST = 0.25  # metres
+FLOOR_SEEN = (
+    0.2,
+    6.2,
+)  # metres beyond where a LiDAR begins to see the floor, and from the robot, where its terrain analysis has enough of it
 WAY_OUT = 4.0  # metres: out of a gap between two parked cars into which a robot went before it saw how narrow it is
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 
@@ -250,11 +255,18 @@ def can_map_ground(robot: RobotModel) -> bool:
 def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
     """Return a configuration for sites: the planner leaves out gaps in which the robot could not turn, up to `TURNING_MOST` on either side. Between two parked cars
     a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either; it leaves a gap that proves too narrow by a planned way, up to `WAY_OUT` long. A frontier narrower than
-    what the planner goes through is none."""
+    what the planner goes through is none, and one whose floor the LiDAR sees only from afar is looked at from there."""
     room = min(TURNING_MOST, robot.circumscribed_radius - robot.inscribed_radius + PADDING)
     inscribed = robot.inscribed_radius + max(room, 2.0 * PADDING)
     inflation = replace(config.global_costmap.inflation, inscribed_radius=inscribed)
-    survey = replace(config.survey, roomy_cost=turning_cost(robot, inflation), min_size=2.0 * inscribed)
+    floor_from = robot.clouds[0].sees_floor_from + FLOOR_SEEN[0]
+    survey = replace(
+        config.survey,
+        roomy_cost=turning_cost(robot, inflation),
+        min_size=2.0 * inscribed,
+        assumed=OCC_ASSUMED,
+        sees_floor=(floor_from, FLOOR_SEEN[1]) if floor_from < FLOOR_SEEN[1] else (0.0, 0.0),
+    )
     onwards = tuple(step for step in config.navigation.recoveries if step.action is not RecoveryAction.BACK_UP)
     return replace(
         config,

@@ -16,6 +16,7 @@ COST_UNKNOWN = 255
 # Occupancy (int8), after nav_msgs/OccupancyGrid.
 OCC_UNKNOWN = -1
 OCC_FREE = 0
+OCC_ASSUMED = 25  # of a map of ground: nothing speaks against it, and nobody has seen it
 OCC_OCCUPIED = 100
 
 

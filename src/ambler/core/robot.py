@@ -71,6 +71,15 @@ class SensorMount:
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", SensorKind(self.kind))  # words of a file become kinds
 
+    @property
+    def sees_floor_from(self) -> float:
+        """How far ahead of a level base its lowest beam meets the floor, metres; inf where none does."""
+        down = -self.elevation[0] - math.asin(self.base_from_sensor.rotate((1.0, 0.0, 0.0))[2])
+        if down >= 0.5 * math.pi:
+            return 0.0
+        x, _, z = self.base_from_sensor.translation
+        return x + z / math.tan(down) if down > 0.0 else math.inf
+
 
 @dataclass(frozen=True)
 class RobotModel:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError, PlanningError
-from ambler.core.grid import OCC_OCCUPIED, GridSpec
+from ambler.core.grid import OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
@@ -20,7 +20,7 @@ from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, ch
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
 from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
-from ambler.kernels.frontier_value import visible_unknown
+from ambler.kernels.frontier_value import viewpoints, visible_unknown
 
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
 """(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable.
@@ -32,7 +32,8 @@ class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
     a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
     is such a place: there the robot can turn. In grids of more than `wide_cells` cells (39 m square) distances are those of cells of
-    `wide_cell` (m), so that a look costs no more than in an office."""
+    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: for frontiers
+    they are unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks at a frontier from that far away, where there is such a place."""
 
     min_size: float = 0.5
     min_gain: float = 0.25
@@ -43,6 +44,8 @@ class SurveyConfig:
     roomy_cost: int = 252
     wide_cells: int = 600_000
     wide_cell: float = 0.2
+    assumed: int | None = None
+    sees_floor: tuple[float, float] = (0.0, 0.0)
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     close: CloseLookConfig = field(default_factory=CloseLookConfig)
     fence: FenceConfig = field(default_factory=FenceConfig)
@@ -103,8 +106,9 @@ class FrontierSurvey:
 
         Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
         """
-        found = self._search(occupancy)
         self._close.add(occupancy, map_from_base)
+        drivable, occupancy = occupancy, self._seen(occupancy)
+        found = self._search(occupancy)
         self._fence.update(occupancy, map_from_base, boundary)
         costs = self._fence.inside(costs, map_from_base)
         is_over = self._close.are_over(found.spec, found.cells)
@@ -112,8 +116,9 @@ class FrontierSurvey:
         is_inside = sides == Side.INSIDE
         groups, over = (group(found.spec, np.sort(found.cells[k & is_inside])) for k in (~is_over, is_over))
         distance = self._distances(costs, map_from_base)
-        goals = self._goals(occupancy, groups, costs, distance)
+        goals = self._goals(drivable, groups, costs, distance)
         gains, headings = self._gains(occupancy, groups, goals)
+        self._step_back(occupancy, groups, costs, distance, goals, headings)
         diy, dix = occupancy.spec.offset_in(costs.spec)
         frontiers = []
         for g, (cells, centroid) in enumerate(groups.split()):
@@ -133,6 +138,43 @@ class FrontierSurvey:
         reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
         left_out = float(np.count_nonzero(sides)) * occupancy.spec.resolution
         return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out)
+
+    def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
+        """Return a map in which nothing is assumed."""
+        if self.config.assumed is None:
+            return occupancy
+        data = np.where(occupancy.data == self.config.assumed, np.int8(OCC_UNKNOWN), occupancy.data)
+        return replace(occupancy, data=data)
+
+    def _step_back(
+        self,
+        occupancy: OccupancyGrid,
+        groups: FrontierGroups,
+        costs: CostGrid,
+        distance: NDArray[np.float32],
+        goals: NDArray[np.int64],
+        headings: NDArray[np.float64],
+    ) -> None:
+        """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier."""
+        c, resolution = self.config, occupancy.spec.resolution
+        near, far = (round(reach / resolution) for reach in c.sees_floor)
+        if near * resolution <= c.goal_reach:
+            return
+        shift = _cell_shift(occupancy.spec, costs.spec)
+        worth_it = groups.sizes * resolution >= c.min_size
+        roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
+        viewpoints(
+            occupancy.data,
+            c.free_below,
+            roomy,
+            *shift,
+            groups.cells,
+            groups.starts,
+            worth_it,
+            (near, far),
+            goals,
+            headings,
+        )
 
     def _left_out(self, found: FrontierGroups, sides: NDArray[np.uint8]) -> list[Frontier]:
         """The frontiers beyond the fence, each with its reason."""

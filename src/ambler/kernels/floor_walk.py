@@ -13,13 +13,14 @@ TOLERANCE = 0.06  # metres by which a low point may lie off a slope: what a gait
 
 
 @jit
-def heights_over_floor(points, slope, gap, under, lean, rings, out):
-    """Write the height of points (N, 3), in a level base frame that stands on the floor, over the floor in their direction into `out` (N,).
+def walk_floor(points, slope, gap, under, lean, floor):
+    """Write the height of the floor around the robot into `floor` [sector, ring], from points (N, 3) in a level base frame that stands on it.
 
     A low point is floor when it lies below the line of `slope` (m per m) through every floor point nearer by, so that nothing creeps up a
     wall. Across more than `gap` metres without floor, counted from `under` metres around the base on, it must go on as it was: level, or before the first
     floor point as the robot leans, `lean` (rise per metre along x, along y). Where no floor is seen the last height holds.
     """
+    rings = floor.shape[1]
     lows = np.full((SECTORS, rings), np.inf)
     for k in range(len(points)):
         ring, sector = _place(points[k, 0], points[k, 1])
@@ -29,7 +30,6 @@ def heights_over_floor(points, slope, gap, under, lean, rings, out):
         for step in range(-beside, beside + 1):
             near = (sector + step) % SECTORS
             lows[near, ring] = min(lows[near, ring], points[k, 2])
-    floor = np.zeros((SECTORS, rings))
     for sector in range(SECTORS):
         angle = (sector + 0.5) / SECTORS * 2.0 * math.pi - math.pi
         leaning = lean[0] * math.cos(angle) + lean[1] * math.sin(angle)
@@ -46,9 +46,14 @@ def heights_over_floor(points, slope, gap, under, lean, rings, out):
                 here, last, is_first = low, max(far, under), False
                 least = min(least, low - slope * far + TOLERANCE)
             floor[sector, ring] = here
+
+
+@jit
+def heights_over(points, floor, out):
+    """Write the height of points (N, 3) over the floor [sector, ring] in their direction into `out` (N,)."""
     for k in range(len(points)):
         ring, sector = _place(points[k, 0], points[k, 1])
-        out[k] = points[k, 2] - (floor[sector, ring] if ring < rings else 0.0)
+        out[k] = points[k, 2] - (floor[sector, ring] if ring < floor.shape[1] else 0.0)
 
 
 @jit
@@ -60,4 +65,6 @@ def _place(x, y):
 
 def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
-    heights_over_floor(np.zeros((3, 3)), 0.3, 0.6, 0.3, np.zeros(2), 60, np.empty(3))
+    floor = np.zeros((SECTORS, 60))
+    walk_floor(np.zeros((3, 3)), 0.3, 0.6, 0.3, np.zeros(2), floor)
+    heights_over(np.zeros((3, 3)), floor, np.empty(3))

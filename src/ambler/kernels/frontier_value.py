@@ -8,6 +8,11 @@ from numpy.typing import NDArray
 from ambler.kernels.jit import jit
 
 I64 = NDArray[np.int64]
+SAMPLES, EVERY, BEHIND = (
+    6,
+    3,
+    8,
+)  # of a frontier's cells; of the cells where a viewpoint may be; cells behind a frontier of which half must be unknown
 
 
 @jit
@@ -69,6 +74,74 @@ def visible_unknown(
 
 
 @jit
+def _unknown_behind(occupancy, free_below, y, x, cell, steps):
+    """How many cells of unknown a ray from (y, x) shows in the `steps` cells behind a frontier cell (flat index), 0 when anything but free cells lies before it."""
+    height, width = occupancy.shape
+    ty, tx = cell // width - y, cell % width - x
+    length = math.hypot(ty, tx)
+    before, count = int(length), 0
+    for k in range(1, before + steps + 1):
+        iy, ix = int(math.floor(y + 0.5 + ty * k / length)), int(math.floor(x + 0.5 + tx * k / length))
+        if iy < 0 or ix < 0 or iy >= height or ix >= width:
+            break
+        value = occupancy[iy, ix]
+        if value >= free_below:
+            return 0 if k <= before else count
+        if value < 0 and k < before - 1:
+            return 0
+        count += value < 0
+    return count
+
+
+@jit
+def viewpoints(
+    occupancy: NDArray[np.int8],
+    free_below: int,
+    distance: NDArray[np.float32],
+    diy: int,
+    dix: int,
+    cells: I64,
+    starts: I64,
+    worth_it: NDArray[np.bool_],
+    reach: tuple[int, int],
+    goals: I64,
+    heading: NDArray[np.float64],
+) -> None:
+    """Move the goal of each group that is worth it and has one to the nearest place, in metres of `distance` (indexed [iy + diy, ix + dix]), from where `reach` (cells, from and to) away half of its
+    cells and unknown ones behind them are in sight, with the heading to it; groups without such a place keep their goal.
+
+    Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells stand for all, and places are tried every `EVERY` cells.
+    """
+    height, width = occupancy.shape
+    near, far = reach
+    for g in range(len(starts) - 1):
+        if goals[g] < 0 or not worth_it[g]:
+            continue
+        a, n = starts[g], starts[g + 1] - starts[g]
+        samples = min(n, SAMPLES)
+        my, mx = 0.0, 0.0
+        for k in range(a, a + n):
+            my += cells[k] // width / n
+            mx += cells[k] % width / n
+        best = np.float32(np.inf)
+        for iy in range(max(0, int(my) - far), min(height, int(my) + far + 1), EVERY):
+            for ix in range(max(0, int(mx) - far), min(width, int(mx) + far + 1), EVERY):
+                cy, cx = iy + diy, ix + dix
+                if not near <= math.hypot(iy - my, ix - mx) <= far or occupancy[iy, ix] < 0:
+                    continue
+                if cy < 0 or cx < 0 or cy >= distance.shape[0] or cx >= distance.shape[1] or distance[cy, cx] >= best:
+                    continue
+                seen = 0
+                for k in range(samples):
+                    cell = cells[a + (2 * k + 1) * n // (2 * samples)]
+                    seen += _unknown_behind(occupancy, free_below, iy, ix, cell, BEHIND) >= BEHIND // 2
+                if 2 * seen >= samples:
+                    best = distance[cy, cx]
+                    goals[g] = iy * width + ix
+                    heading[g] = math.atan2(my - iy, mx - ix)
+
+
+@jit
 def shrink_costs(costs: NDArray[np.uint8], factor: int, out: NDArray[np.uint8]) -> None:
     """Shrink a cost grid: each coarse cell takes the least cost of its `factor` x `factor` cells."""
     height, width = costs.shape
@@ -100,5 +173,20 @@ def warm_up() -> None:
     costs = np.zeros((4, 4), np.uint8)
     costs.flags.writeable = False
     visible_unknown(occupancy, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
+    starts, sight = np.array([0, 1], np.int64), (1, 2)
+    distance, is_worth = np.zeros((4, 4), np.float32), np.ones(1, np.bool_)
+    viewpoints(
+        occupancy,
+        50,
+        distance,
+        0,
+        0,
+        np.zeros(1, np.int64),
+        starts,
+        is_worth,
+        sight,
+        np.zeros(1, np.int64),
+        np.empty(1),
+    )
     shrink_costs(costs, 2, np.empty((2, 2), np.uint8))
     spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))

@@ -195,9 +195,11 @@ def _weighed(was, kind, is_open):
 
 @jit
 def _meaning(evidence):
-    """-1 unknown, 0 ground, 1 in the way."""
+    """-1 unknown, 0 ground, 1 in the way, 2 assumed to be ground."""
     if evidence == UNKNOWN:
         return -1
+    if evidence == ASSUMED:
+        return 2
     return 0 if evidence > 0 else 1
 
 

@@ -468,9 +468,8 @@ class ExploreMission:
 
     def _judge_look(self, view: ExploreView, frontier: Frontier) -> None:
         """The robot arrived and the frontier is still there: count it as looked at, or as a goal that was not reached."""
-        base = view.map_from_base
-        away = float(((frontier.cells - (base.x, base.y)) ** 2).sum(axis=1).min() ** 0.5)
-        has_looked = away <= max(self.config.near, self._surveyor.config.goal_reach)
+        away, planned = (_nearest(frontier, place) for place in (view.map_from_base, self._sent))
+        has_looked = away <= max(planned + self.config.near, self._surveyor.config.goal_reach)
         reason = "nothing changed" if has_looked else f"the drive ended {away:.1f} m away"
         self._remember(view, frontier, reason, has_looked=has_looked)
 
@@ -516,3 +515,8 @@ class ExploreMission:
             remaining += left
         result = ExploreResult(remaining, self._goals_reached, self._is_home)
         return [StopDriving(), Ended(code, text, result)]
+
+
+def _nearest(frontier: Frontier, place: SE2) -> float:
+    """Return how far a place is from the nearest cell of a frontier, in metres."""
+    return float(((frontier.cells - (place.x, place.y)) ** 2).sum(axis=1).min() ** 0.5)

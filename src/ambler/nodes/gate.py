@@ -55,7 +55,7 @@ from ambler.runtime.topics import (
     VELOCITY_REQUEST,
 )
 from ambler.safety.approach_permit import ApproachPermit
-from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
+from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, see_all_around
 from ambler.safety.config import GateConfig
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
@@ -179,25 +179,30 @@ class GateNode(Node):
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
+        field = FieldOfView(mount.range_min, elevation=mount.elevation)
         around = (self._twist, self._reach, self._z_band)
-
-        def points_of(_: SE3) -> F64:
-            sweep, floor = self._sweep_of(cloud), self._floor_at(cloud)
-            return points_of_cloud(cloud, sweep, *around, floor, mount.elevation[0])
-
-        self._take_points(cloud, FieldOfView(mount.range_min, elevation=mount.elevation), points_of)
+        floor = self._floor_at(cloud)
+        self._take_points(
+            cloud,
+            field,
+            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), *around, floor, mount.elevation[0]),
+            None if floor is None else lambda points: floor.heights(points) < self._z_band[0],
+        )
 
     def _floor_at(self, cloud: PointCloud) -> Floor | None:
-        """The floor around the robot, where it may slope."""
+        """The floor around the robot, where it may slope and the robot knows how it leans."""
         if self._config.slope <= 0.0:
             return None
-        odom_from_base = self._motion.pose_at(cloud.stamp_ns)
+        try:
+            odom_from_base = self._motion.pose_at(cloud.stamp_ns)
+        except StaleInputError:
+            return None  # nor are any points taken
         level_from_base = _level_from_base(odom_from_base)
         up = level_from_base.rotate((0.0, 0.0, 1.0))
         upright = max(up[2], 0.5)
         lean = (-up[0] / upright, -up[1] / upright)
         odom_from_level = odom_from_base @ level_from_base.inverse()
-        return Floor(self._config.slope, self._radius, lean, self._floor_memory, odom_from_level)
+        return Floor(self._config.slope, self._reach, self._radius, lean, self._floor_memory, odom_from_level)
 
     def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
         """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile."""
@@ -212,7 +217,13 @@ class GateNode(Node):
         ahead_ns = self._ahead_ns.get(message.frame, 0)
         return replace(message, stamp_ns=message.stamp_ns - ahead_ns) if ahead_ns else message
 
-    def _take_points(self, scan: LaserScan | PointCloud, field: FieldOfView, points_of: Callable[[SE3], F64]) -> None:
+    def _take_points(
+        self,
+        scan: LaserScan | PointCloud,
+        field: FieldOfView,
+        points_of: Callable[[SE3], F64],
+        is_floor: IsFloor | None = None,
+    ) -> None:
         try:
             odom_from_base = self._motion.pose_at(scan.stamp_ns)
         except StaleInputError:
@@ -221,7 +232,7 @@ class GateNode(Node):
             return  # its last points grow stale, and the robot stops
         level_from_sensor = _level_from_base(odom_from_base) @ self._mounts[scan.frame].base_from_sensor
         points = points_of(level_from_sensor)
-        unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field)
+        unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field, is_floor)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
@@ -232,7 +243,13 @@ class GateNode(Node):
             self._ranges.add_points(scan.frame, odom_from_base.to_se2().transform(points[:, :2]))
 
     def _unseen(
-        self, scan: LaserScan | PointCloud, points: F64, odom_from_base: SE3, base_from_sensor: SE3, field: FieldOfView
+        self,
+        scan: LaserScan | PointCloud,
+        points: F64,
+        odom_from_base: SE3,
+        base_from_sensor: SE3,
+        field: FieldOfView,
+        is_floor: IsFloor | None,
     ) -> F64:
         """Return what was seen before and is in the scanner's blind zone now, float64 (N, 3) in the level base frame."""
         normals, offsets = self._edges
@@ -243,7 +260,8 @@ class GateNode(Node):
         all_scanners = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items()]
         seconds = scan.stamp_ns * 1e-9 if see_all_around(self._rim, all_scanners) else 0.0
         height = odom_from_base.translation[2]
-        return memory.update(points, odom_from_base.to_se2(), base_from_sensor, field, others, seconds, height)
+        place = odom_from_base.to_se2()
+        return memory.update(points, place, base_from_sensor, field, others, seconds, height, is_floor)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import BadInputError, StaleInputError
+from ambler.core.grid import OCC_UNKNOWN
 from ambler.core.messages import (
     GroundLevels,
     OccupancyGrid,
@@ -127,13 +128,13 @@ class GroundMapperNode(Node):
         handle.succeed(Nothing())
 
     def _save_map(self, request: SaveMapRequest) -> Nothing:
-        """Save every level: the first under the name asked for, the others beside it."""
+        """Save what was seen of every level: the first under the name asked for, the others beside it."""
         if not self.map.levels:
             raise BadInputError("there is no ground in the map yet")
         stem = Path(request.stem)
-        for k, level in enumerate(self.map.levels):
-            save_map(stem if k == 0 else stem.with_name(f"{stem.name}-level-{k}"), level.spec, level.occupancy())
-        levels = [(level.spec, level.occupancy(), level.heights) for level in self.map.levels]
+        levels = [(level.spec, level.occupancy(OCC_UNKNOWN), level.heights) for level in self.map.levels]
+        for k, (spec, seen, _) in enumerate(levels):
+            save_map(stem if k == 0 else stem.with_name(f"{stem.name}-level-{k}"), spec, seen)
         save_levels(stem, levels, self._passages())
         return Nothing()
 

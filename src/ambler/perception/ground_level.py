@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.grid import OCC_ASSUMED, OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
 
@@ -81,12 +81,11 @@ class Level:
         """Whether anything is known of it."""
         return bool((self.evidence != kernels.UNKNOWN).any())
 
-    def occupancy(self) -> NDArray[np.int8]:
-        """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied."""
-        out = np.full(self.spec.shape, OCC_UNKNOWN, np.int8)
-        ground, hole = (self.evidence > 0).astype(np.uint8), 2 * round(HOLE / self.spec.resolution) + 1
-        closed = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8))
-        out[closed > 0] = OCC_FREE
+    def occupancy(self, assumed: int = OCC_ASSUMED) -> NDArray[np.int8]:
+        """Return the level as a map, int8 [iy, ix]: ground is free, what cannot be crossed occupied, and what is too near to be seen `assumed`."""
+        out, ground = np.full(self.spec.shape, OCC_UNKNOWN, np.int8), self.evidence > 0
+        out[_closed(ground, self.spec.resolution)] = assumed
+        out[_closed(ground & (self.evidence != kernels.ASSUMED), self.spec.resolution)] = OCC_FREE
         out[(self.evidence <= 0) & (self.evidence != kernels.UNKNOWN)] = OCC_OCCUPIED
         out[self._below_edges()] = OCC_UNKNOWN
         return out
@@ -101,6 +100,12 @@ class Level:
         high = np.asarray(cv2.dilate(ground.astype(np.float32), around))
         known = (self.evidence != kernels.UNKNOWN) & np.isfinite(self.heights)
         return np.asarray(known & (high - np.where(known, self.heights, FAR) > EDGE))
+
+
+def _closed(ground: NDArray[np.bool_], resolution: float) -> NDArray[np.bool_]:
+    """Return ground with its small holes, bool [iy, ix]."""
+    hole = 2 * round(HOLE / resolution) + 1
+    return np.asarray(cv2.morphologyEx(ground.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8)) > 0)
 
 
 def common_cells(spec: GridSpec, other: GridSpec) -> tuple[tuple[slice, slice] | None, tuple[slice, slice]]:

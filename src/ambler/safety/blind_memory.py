@@ -8,7 +8,7 @@ points are kept, not the points: their extremes would pile up scan by scan and g
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,9 @@ from ambler.safety.visitors import GONE, Visitors, is_seen_near
 F64 = NDArray[np.float64]
 Rays = tuple[F64, F64, F64]
 """Range (m), azimuth and elevation (rad) of points in a scanner's frame, each (N,)."""
+
+IsFloor = Callable[[F64], NDArray[np.bool_]]
+"""Says of points (N, 3), level base frame, which belong to the floor."""
 
 COLUMN = 0.04  # metres; the side of a column of floor, of which one mean point is remembered
 MIN_POINTS = 3  # points of one scan that a column needs: fewer may be noise
@@ -90,10 +93,12 @@ class BlindMemory:
         others: Sequence[tuple[SE3, FieldOfView]] = (),
         seconds: float = 0.0,
         height: float = 0.0,
+        is_floor: IsFloor | None = None,
     ) -> F64:
         """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
         columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved. `seconds` is the
-        time of the scan, from any beginning; `height` (m) that of the base in the odom frame, which changes on slopes."""
+        time of the scan, from any beginning; `height` (m) that of the base in the odom frame, which changes on slopes. `is_floor` says of points (N, 3) in the
+        base frame whether they belong to the floor, as far as that is known now: from afar a slope may have looked like an obstacle."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
@@ -120,6 +125,8 @@ class BlindMemory:
         is_kept &= ~np.isin(_columns(kept), _columns(points_base[is_central]))  # at the rim, few may be left of a thing
         is_kept &= self._travel - seen_at < self._max_travel
         is_kept &= ~(self._came & (seconds - near_at > GONE))
+        if is_floor is not None:
+            is_kept &= ~is_floor(kept)
         kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
         fading = _column_means(points_base[is_fading], rays[0][is_fading], field.range_min + CUT)
         together = _moved(odom_from_base, np.concatenate((fading, kept)), height)

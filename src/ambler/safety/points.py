@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se3 import SE3
-from ambler.kernels.floor_walk import RING, heights_over_floor
+from ambler.kernels.floor_walk import RING, SECTORS, heights_over, walk_floor
 from ambler.safety.floor_memory import FloorMemory
 
 F64 = NDArray[np.float64]
@@ -28,16 +28,32 @@ STANDING, ABOVE_LOWEST = (
 PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Floor:
-    """A floor that rises by at most `slope` (m per m). `under` (m): the robot's own reach; `lean`: how it leans, as rise per metre along x and y;
+    """A floor that rises by at most `slope` (m per m) within `reach` metres of a robot. `under` (m): the robot's own reach; `lean`: how it leans, as rise per metre along x and y;
     `memory`: what was seen before of it, and `odom_from_level`: where the level base is."""
 
     slope: float
+    reach: float
     under: float
     lean: tuple[float, float]
     memory: FloorMemory
     odom_from_level: SE3
+    _heights: F64 = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._heights = np.zeros((SECTORS, math.ceil(self.reach / RING)))
+
+    def find(self, points: F64) -> None:
+        """Find the floor in points (N, 3), level base frame, and in what is remembered."""
+        together = np.concatenate((points, self.memory.update(points, self.odom_from_level, self.under)))
+        walk_floor(together, self.slope, FLOOR_GAP, self.under, np.array(self.lean), self._heights)
+
+    def heights(self, points: F64) -> F64:
+        """Return how high points (N, 3), level base frame, are over the floor below them, float64 (N,)."""
+        out = np.empty(len(points))
+        heights_over(points, self._heights, out)
+        return out
 
 
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
@@ -76,10 +92,8 @@ def points_of_cloud(
         points[part == k] = base_from_sensor.transform(near[part == k])
     heights = points[:, 2]
     if floor is not None:
-        together = np.concatenate((points, floor.memory.update(points, floor.odom_from_level, floor.under)))
-        heights, lean, rings = np.empty(len(together)), np.array(floor.lean), math.ceil(reach / RING)
-        heights_over_floor(together, floor.slope, FLOOR_GAP, floor.under, lean, rings, heights)
-        heights = heights[: len(points)]
+        floor.find(points)
+        heights = floor.heights(points)
     is_in_band = (heights >= z_band[0]) & (heights <= z_band[1])
     if lowest > -0.5 * math.pi:
         is_lowest = near[:, 2] <= math.sin(lowest + ABOVE_LOWEST) * np.linalg.norm(near, axis=1)
