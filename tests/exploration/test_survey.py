@@ -168,6 +168,21 @@ def test_where_there_is_no_such_place_the_goal_is_near() -> None:
     assert math.hypot(frontier.goal[0] - frontier.centroid[0], frontier.goal[1] - frontier.centroid[1]) < 1.1
 
 
+def test_a_ring_of_frontier_around_the_robot_is_gone_to() -> None:
+    """A robot at its start sees a ring of floor from 5 m on; nothing within it."""
+    spec = GridSpec(R, 160, 160, 0.0, 0.0)
+    y, x = np.mgrid[:160, :160] + 0.5
+    away = np.hypot(x - 80.0, y - 80.0)
+    occupancy = np.where(away < 50.0, OCC_ASSUMED, np.where(away < 65.0, 0, 100)).astype(np.int8)
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+    survey = surveyor.update(*grids(occupancy), SE2(8.0, 8.0))
+    (ring,) = survey.open
+    goal = survey.frontiers[ring].goal
+    assert goal is not None
+    assert spec.contains(goal[0], goal[1])
+    assert math.hypot(goal[0] - 8.0, goal[1] - 8.0) < 6.5
+
+
 def test_grids_that_do_not_fit_together_are_refused() -> None:
     occupancy, costs = grids(corridor())
     shifted = CostGrid(0, "map", GridSpec(R, 120, 40, 0.03, 0.0), costs.data)

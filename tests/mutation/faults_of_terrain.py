@@ -204,6 +204,20 @@ TERRAIN = (
         MAP,
     ),
     PlantedFault(
+        "a lone wrong height stands for ever",
+        "kernels/ground_map.py",
+        "return same >= 4 and same >= 3 * other",
+        "return False",
+        MAP,
+    ),
+    PlantedFault(
+        "one look takes a deck for the floor below it",
+        "kernels/ground_map.py",
+        "return same >= 4 and same >= 3 * other",
+        "return True",
+        MAP,
+    ),
+    PlantedFault(
         "ground ends below what is only assumed",
         "perception/ground_level.py",
         "(self.evidence > 0) & (self.evidence != kernels.ASSUMED) & np.isfinite(self.heights)",

@@ -444,3 +444,17 @@ def test_bad_input_is_refused():
         )
     with pytest.raises(BadInputError, match="no level"):
         _ = GroundMap().level
+
+
+def test_single_cells_of_a_deck_in_the_level_below_it_give_way_and_a_deck_does_not():
+    ground = GroundMap()
+    feed(ground, window(-3.0, 3.0, -3.0, 3.0))
+    level = ground.level
+    lone, deck = level.spec.cell_of(1.0, 1.0), level.spec.cell_of(-2.0, 0.0)
+    level.heights[lone], level.firm[lone] = 3.0, 1
+    is_deck = np.s_[deck[0] - 5 : deck[0] + 5, deck[1] - 5 : deck[1] + 5]
+    level.heights[is_deck] = 3.0
+    feed(ground, window(-3.0, 3.0, -3.0, 3.0), SE3((0.0, 0.0, 0.0)))
+    assert level.heights[lone] == pytest.approx(0.0, abs=0.05)
+    assert level.firm[lone] == 0
+    assert (level.heights[is_deck] == 3.0).mean() > 0.7

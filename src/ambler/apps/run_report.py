@@ -13,6 +13,7 @@ from rich.table import Table as TerminalTable
 from ambler.apps.docks import dock_of_world
 from ambler.apps.judgement import Verdict, is_good, true_pose_at
 from ambler.apps.simulated import SimulatedRobot
+from ambler.apps.site_judgement import SITE_PICTURE
 from ambler.core.messages import Frontier
 from ambler.evaluation.curves import draw_errors, draw_speed, worst_mark
 from ambler.evaluation.pictures import Mark, draw_graph, draw_map_with_trajectory, draw_overlay, draw_series
@@ -93,7 +94,7 @@ def _title(step: Step) -> str:
 
 def _pictures(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Frontier, ...]) -> list[Picture]:
     folder, record = robot.folder, verdict.record
-    pictures = _map_picture(robot, verdict, frontiers) + _graph_picture(robot, verdict)
+    pictures = _map_picture(robot, verdict, frontiers) + _site_picture(robot) + _graph_picture(robot, verdict)
     if verdict.quality is not None:
         path = draw_overlay(verdict.quality, folder.root / "overlay.png")
         pictures.append(Picture("Walls of the true map (red) and of the built map (blue), thinned and aligned", path))
@@ -126,6 +127,14 @@ def _map_picture(robot: SimulatedRobot, verdict: Verdict, frontiers: tuple[Front
     draw_map_with_trajectory(path, spec, occupancy, paths, frontiers, glass, _marks(robot, verdict))
     what = "The map as it was built" if robot.options.makes_map else "The known map"
     return [Picture(f"{what}, with the estimated and the true path, the largest error and what was hit", path)]
+
+
+def _site_picture(robot: SimulatedRobot) -> list[Picture]:
+    """The levels of a map of ground, as its judgement drew them; none of other maps."""
+    path = robot.folder.root / SITE_PICTURE
+    if not path.exists():
+        return []
+    return [Picture("The levels of the site, their heights, the estimated path and the passages between them", path)]
 
 
 def _graph_picture(robot: SimulatedRobot, verdict: Verdict) -> list[Picture]:

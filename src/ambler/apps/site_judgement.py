@@ -10,17 +10,19 @@ import numpy as np
 from ambler.apps.simulated import SimulatedRobot
 from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorKind
+from ambler.evaluation.site_picture import draw_site
 from ambler.evaluation.site_quality import SiteQuality, judge_site, read_site
 from ambler.evaluation.site_tour import known_tour_length
 from ambler.sim.reachable_ground import GroundRules, reachable_ground, visible_surface
-from ambler.wire.ground_files import SUFFIX, load_levels
+from ambler.wire.ground_files import SUFFIX, load_levels, load_passages
 
 CLEARANCE = 0.15  # metres beside the robot on a way that it must take, as on level floors
+SITE_PICTURE = "site.png"
 SIGHT = 10.0  # metres from which a surface counts as visible
 
 
 def site_quality(robot: SimulatedRobot) -> SiteQuality | None:
-    """Compare a robot's levels of ground and its clouds with the truth; None when it saved none, or never knew where it was."""
+    """Compare a robot's levels of ground and its clouds with the truth, and draw them; None when it saved none, or never knew where it was."""
     stem = robot.folder.map_stem
     file = stem.with_name(stem.name + SUFFIX)
     if not file.exists():
@@ -31,6 +33,8 @@ def site_quality(robot: SimulatedRobot) -> SiteQuality | None:
     try:
         record = read_site(robot.folder.recording)
         quality = judge_site(record, load_levels(file), ground, surface.points)
+        way = np.array([pose.translation for pose in record.poses]).reshape(-1, 3)
+        draw_site(robot.folder.root / SITE_PICTURE, load_levels(file), way, load_passages(file))
     except BadInputError:
         return None
     tour = known_tour_length(ground, surface, np.array(record.true_poses[0].translation))

@@ -8,11 +8,8 @@ from numpy.typing import NDArray
 from ambler.kernels.jit import jit
 
 I64 = NDArray[np.int64]
-SAMPLES, EVERY, BEHIND = (
-    6,
-    3,
-    8,
-)  # of a frontier's cells; of the cells where a viewpoint may be; cells behind a frontier of which half must be unknown
+SAMPLES, SPREAD = 7, 20  # cells that stand for a frontier, so far at most from its middle
+EVERY, BEHIND = 3, 8  # cells between viewpoints that are tried, and behind a frontier, of which half must be unknown
 
 
 @jit
@@ -74,13 +71,16 @@ def visible_unknown(
 
 
 @jit
-def _unknown_behind(occupancy, free_below, y, x, cell, steps):
-    """How many cells of unknown a ray from (y, x) shows in the `steps` cells behind a frontier cell (flat index), 0 when anything but free cells lies before it."""
+def _unknown_behind(occupancy, free_below, y, x, cell, reach):
+    """How many cells of unknown a ray from (y, x) shows in the `BEHIND` cells behind a frontier cell (flat index) within `reach` (cells, from and to), 0 when anything but free cells
+    lies before it."""
     height, width = occupancy.shape
     ty, tx = cell // width - y, cell % width - x
     length = math.hypot(ty, tx)
+    if not reach[0] <= length <= reach[1]:
+        return 0
     before, count = int(length), 0
-    for k in range(1, before + steps + 1):
+    for k in range(1, before + BEHIND + 1):
         iy, ix = int(math.floor(y + 0.5 + ty * k / length)), int(math.floor(x + 0.5 + tx * k / length))
         if iy < 0 or ix < 0 or iy >= height or ix >= width:
             break
@@ -110,35 +110,64 @@ def viewpoints(
     """Move the goal of each group that is worth it and has one to the nearest place, in metres of `distance` (indexed [iy + diy, ix + dix]), from where `reach` (cells, from and to) away half of its
     cells and unknown ones behind them are in sight, with the heading to it; groups without such a place keep their goal.
 
-    Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells stand for all, and places are tried every `EVERY` cells.
+    Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells around its middle stand for all, and places are tried every `EVERY` cells.
     """
     height, width = occupancy.shape
     near, far = reach
+    samples = np.empty(SAMPLES, np.int64)
     for g in range(len(starts) - 1):
         if goals[g] < 0 or not worth_it[g]:
             continue
-        a, n = starts[g], starts[g + 1] - starts[g]
-        samples = min(n, SAMPLES)
-        my, mx = 0.0, 0.0
-        for k in range(a, a + n):
-            my += cells[k] // width / n
-            mx += cells[k] % width / n
+        count = _samples_around_middle(cells, starts[g], starts[g + 1], width, samples)
+        my, mx = samples[0] // width, samples[0] % width
         best = np.float32(np.inf)
-        for iy in range(max(0, int(my) - far), min(height, int(my) + far + 1), EVERY):
-            for ix in range(max(0, int(mx) - far), min(width, int(mx) + far + 1), EVERY):
+        for iy in range(max(0, my - far), min(height, my + far + 1), EVERY):
+            for ix in range(max(0, mx - far), min(width, mx + far + 1), EVERY):
                 cy, cx = iy + diy, ix + dix
                 if not near <= math.hypot(iy - my, ix - mx) <= far or occupancy[iy, ix] < 0:
                     continue
                 if cy < 0 or cx < 0 or cy >= distance.shape[0] or cx >= distance.shape[1] or distance[cy, cx] >= best:
                     continue
                 seen = 0
-                for k in range(samples):
-                    cell = cells[a + (2 * k + 1) * n // (2 * samples)]
-                    seen += _unknown_behind(occupancy, free_below, iy, ix, cell, BEHIND) >= BEHIND // 2
-                if 2 * seen >= samples:
+                for cell in samples[:count]:
+                    seen += _unknown_behind(occupancy, free_below, iy, ix, cell, reach) >= BEHIND // 2
+                if 2 * seen >= count:
                     best = distance[cy, cx]
                     goals[g] = iy * width + ix
                     heading[g] = math.atan2(my - iy, mx - ix)
+
+
+@jit
+def _samples_around_middle(cells, first, end, width, samples):
+    """Write the cell of a group (cells[first:end], flat indices) that lies next to its mean, and others within `SPREAD` cells of it, into `samples`; returns how many."""
+    my, mx = 0.0, 0.0
+    for k in range(first, end):
+        my += cells[k] // width / (end - first)
+        mx += cells[k] % width / (end - first)
+    least = np.inf
+    for k in range(first, end):
+        away = math.hypot(cells[k] // width - my, cells[k] % width - mx)
+        if away < least:
+            least = away
+            samples[0] = cells[k]
+    near = 0
+    for k in range(first, end):
+        near += _apart(cells[k], samples[0], width) <= SPREAD
+    stride, seen, count = max(1, near // (len(samples) - 1)), 0, 1
+    for k in range(first, end):
+        if _apart(cells[k], samples[0], width) > SPREAD:
+            continue
+        if seen % stride == stride // 2 and count < len(samples):
+            samples[count] = cells[k]
+            count += 1
+        seen += 1
+    return count
+
+
+@jit
+def _apart(cell, other, width):
+    """Distance of two cells (flat indices), in cells."""
+    return math.hypot(cell // width - other // width, cell % width - other % width)
 
 
 @jit

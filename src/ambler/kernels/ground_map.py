@@ -15,6 +15,7 @@ GROUND = 1  # the kind of a window's cell that can be crossed
 BLIND = 255  # the kind of a window's cell that the sensor cannot see from where it is
 DROP = 3  # the kind of a window's cell at which ground ends above something lower
 GROUND_MOST, OBSTACLE_MOST = 4, -6
+BESIDE = 3  # cells to either side that say whether one is alone
 HIT = 3  # looks at ground that one look at an obstacle outweighs
 
 
@@ -113,7 +114,7 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
     map: what is assumed farther than `limits[0]` from it is unknown again. What stands or lies more than `limits[1]` metres above or below what is known there is of
-    another level, and left out, as is a drop farther than `limits[2]`: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
+    another level, and left out, unless nearly all that is known around it lies where it lies (single cells of a deck that were drawn into the level below it); as is a drop farther than `limits[2]`: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
     that the robot has stood, only what stands on the ground is in the way. `spec` (x, y, resolution) of the map's first corner.
     """
     reach, apart, drop_most = limits
@@ -137,7 +138,10 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                 kind = kinds[jy, jx]
                 known = map_heights[iy, ix]
                 is_marked = marks[int(2.0 * v), int(2.0 * u)] != 0
-                is_other = was != UNKNOWN and abs(heights[jy, jx] + rise - known) > apart
+                height = heights[jy, jx] + rise
+                is_other = was != UNKNOWN and abs(height - known) > apart
+                if is_other and kind == GROUND and _is_alone(evidence, map_heights, iy, ix, height, apart):
+                    was, is_other, firm[iy, ix] = UNKNOWN, False, 0
                 if kind not in (0, GROUND, BLIND) and not is_marked:
                     is_far = kind == DROP and away > drop_most
                     is_other = is_other or is_far or firm[iy, ix] != 0
@@ -145,11 +149,26 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                     is_open = kind == GROUND and not is_marked
                     now = _weighed(was, kind, is_open)
                     if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
-                        map_heights[iy, ix] = heights[jy, jx] + rise
+                        map_heights[iy, ix] = height
             if _meaning(now) != _meaning(evidence[iy, ix]):
                 changed += 1
             evidence[iy, ix] = now
     return changed
+
+
+@jit
+def _is_alone(evidence, map_heights, iy, ix, height, apart):
+    """Whether a cell contradicts a height with which at least three quarters of the cells around it agree."""
+    same, other = 0, 0
+    for jy in range(max(0, iy - BESIDE), min(evidence.shape[0], iy + BESIDE + 1)):
+        for jx in range(max(0, ix - BESIDE), min(evidence.shape[1], ix + BESIDE + 1)):
+            if evidence[jy, jx] == UNKNOWN or evidence[jy, jx] == ASSUMED or math.isnan(map_heights[jy, jx]):
+                continue
+            if abs(map_heights[jy, jx] - height) <= apart:
+                same += 1
+            else:
+                other += 1
+    return same >= 4 and same >= 3 * other
 
 
 @jit

@@ -69,9 +69,12 @@ class Level:
         return np.asarray((np.hypot(dy[:, None], dx[None, :]) <= reach) & (np.abs(self.heights - z) <= within))
 
     def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
-        """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place."""
+        """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place, across gaps of
+        twice `HOLE`: of ground that is seen from afar, single cells lie apart."""
         is_like = np.abs(self.heights - height) <= within
-        labels, _ = ndimage.label(is_like, np.ones((3, 3)))
+        wide = np.ones((2 * round(HOLE / self.spec.resolution) + 1,) * 2, np.uint8)
+        labels, _ = ndimage.label(cv2.dilate(is_like.astype(np.uint8), wide), np.ones((3, 3)))
+        labels[~is_like] = 0
         (iy, ix), r = self.spec.cell_of(x, y), math.ceil(reach / self.spec.resolution)
         near = labels[max(0, iy - r) : iy + r + 1, max(0, ix - r) : ix + r + 1]
         return np.isin(labels, near[near > 0])
