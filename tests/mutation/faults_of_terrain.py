@@ -204,6 +204,13 @@ TERRAIN = (
         MAP,
     ),
     PlantedFault(
+        "what is seen of a deck throws a robot off the ramp's lower level",
+        "perception/ground_map.py",
+        "if here.is_on and any(fit.is_on for fit, k in found if k != self.active):",
+        "if False:",
+        MAP,
+    ),
+    PlantedFault(
         "a lone wrong height stands for ever",
         "kernels/ground_map.py",
         "return same >= 4 and same >= 3 * other",

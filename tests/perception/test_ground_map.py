@@ -381,19 +381,19 @@ def test_a_hole_that_another_level_knows_is_ground_where_it_lies_as_high_as_what
     assert (at(ground, 2.0, 1.5, level=0) == OCC_FREE) is is_free
 
 
-def test_a_wanted_level_is_gone_to_where_nothing_speaks_against_it():
-    """Near the top of a ramp the deck that is seen there speaks a little against the lower level: it is left for good some metres on."""
+def test_on_ground_of_two_levels_the_robot_stays_on_the_one_it_wanted_whatever_speaks_against_it():
+    """Near the top of a ramp the deck that is seen there speaks against the lower level: it belongs to the other one."""
     ground = GroundMap(GroundMapConfig(level_cells=100))
     up_a_ramp(ground)
     ground.wanted = 0
-    lower = ground.levels[0]
-    for x, is_clear in ((23.0, False), (27.0, True)):
-        iy, ix = lower.spec.cell_of(x - 2.0, 6.5)
-        lower.evidence[iy : iy + 7, ix : ix + 10], lower.heights[iy : iy + 7, ix : ix + 10] = 4, -2.0  # 70 cells
-        if is_clear:
-            lower.heights[iy : iy + 7, ix : ix + 10] = np.clip(0.35 * (30.0 - x), 0.0, 3.5)
+    lower, x = ground.levels[0], 23.0
+    iy, ix = lower.spec.cell_of(x - 2.0, 4.5)
+    lower.evidence[iy : iy + 30, ix : ix + 10], lower.heights[iy : iy + 30, ix : ix + 10] = 4, -2.0  # 300 cells
+    for _ in range(3):
         feed(ground, sloping(x - 4.0, x + 4.0, 4.0, 8.0), SE3((x, 6.0, 0.35 * (30.0 - x))))
-        assert ground.active == (0 if is_clear else 1)
+        assert ground.active == 0
+    feed(ground, window(12.0, 18.0, 4.0, 8.0, 3.5), SE3((15.0, 6.0, 3.5)))
+    assert ground.active == 1, "it stands on the deck, which the lower level does not know"
 
 
 def merged_twin(seen: TerrainWindow, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:

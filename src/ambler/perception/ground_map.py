@@ -215,11 +215,13 @@ class GroundMap:
         return out
 
     def _choose(self, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> None:
-        """Go to the level that a window belongs to: the wanted one where it fits, else the present one, unless it contradicts it."""
-        wanted = self.wanted
-        if wanted is not None and wanted != self.active and wanted < len(self.levels):
-            fits = self._agreement(wanted, window, map_from_odom, rise, base)
-            if fits.is_free and fits.is_on:
+        """Go to the level that a window belongs to: the wanted one where the robot stands on it, else the present one, unless it contradicts it and the ground below the
+        robot is not on both: there, what speaks against a level is of the other one."""
+        for wanted in range(len(self.levels)):
+            if (
+                wanted == self.wanted != self.active
+                and self._agreement(wanted, window, map_from_odom, rise, base).is_on
+            ):
                 return self._go_to(wanted)
         here = self._agreement(self.active, window, map_from_odom, rise, base)
         is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
@@ -229,6 +231,8 @@ class GroundMap:
                 self._meet_others(window, map_from_odom, rise, base)
             return None
         found = [(self._agreement(k, window, map_from_odom, rise, base), k) for k in range(len(self.levels))]
+        if here.is_on and any(fit.is_on for fit, k in found if k != self.active):
+            return None
         free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.is_on]
         if free:
             return self._go_to(max(free)[1])
