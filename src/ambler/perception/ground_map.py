@@ -217,11 +217,10 @@ class GroundMap:
     def _choose(self, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> None:
         """Go to the level that a window belongs to: the wanted one where the robot stands on it, else the present one, unless it contradicts it and the ground below the
         robot is not on both: there, what speaks against a level is of the other one."""
-        for wanted in range(len(self.levels)):
-            if (
-                wanted == self.wanted != self.active
-                and self._agreement(wanted, window, map_from_odom, rise, base).is_on
-            ):
+        wanted = None if self.wanted == self.active else self.wanted
+        if wanted is not None and wanted < len(self.levels):
+            fits = self._agreement(wanted, window, map_from_odom, rise, base)
+            if fits.is_on:
                 return self._go_to(wanted)
         here = self._agreement(self.active, window, map_from_odom, rise, base)
         is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
