@@ -168,6 +168,21 @@ def test_where_there_is_no_such_place_the_goal_is_near() -> None:
     assert math.hypot(frontier.goal[0] - frontier.centroid[0], frontier.goal[1] - frontier.centroid[1]) < 1.1
 
 
+def test_what_recedes_before_the_robot_is_driven_towards() -> None:
+    """The edge of what it sees ahead is no place to stop five metres before."""
+    occupancy = corridor()
+    occupancy[10:30, 70:90] = 0
+    occupancy[9, 70:90] = occupancy[30, 70:90] = 100
+    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    goals = {}
+    for x in (2.0, 3.5):
+        (end,) = surveyor.update(*grids(occupancy), SE2(x, 2.0)).frontiers
+        assert end.goal is not None
+        goals[x] = end.goal[0]
+    assert goals[2.0] > 8.0, "the edge is 6.9 m away"
+    assert goals[3.5] == pytest.approx(3.5, abs=0.4), "here it should have been seen: look"
+
+
 def test_a_ring_of_frontier_around_the_robot_is_gone_to() -> None:
     """A robot at its start sees a ring of floor from 5 m on; nothing within it."""
     spec = GridSpec(R, 160, 160, 0.0, 0.0)

@@ -118,7 +118,7 @@ class FrontierSurvey:
         distance = self._distances(costs, map_from_base)
         goals = self._goals(drivable, groups, costs, distance)
         gains, headings = self._gains(occupancy, groups, goals)
-        self._step_back(occupancy, groups, costs, distance, goals, headings)
+        self._step_back((occupancy, drivable), groups, costs, distance, map_from_base, goals, headings)
         diy, dix = occupancy.spec.offset_in(costs.spec)
         frontiers = []
         for g, (cells, centroid) in enumerate(groups.split()):
@@ -148,29 +148,34 @@ class FrontierSurvey:
 
     def _step_back(
         self,
-        occupancy: OccupancyGrid,
+        maps: tuple[OccupancyGrid, OccupancyGrid],
         groups: FrontierGroups,
         costs: CostGrid,
         distance: NDArray[np.float32],
+        map_from_base: SE2,
         goals: NDArray[np.int64],
         headings: NDArray[np.float64],
     ) -> None:
-        """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier."""
-        c, resolution = self.config, occupancy.spec.resolution
+        """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier. `maps`: what was seen, and
+        with what is assumed to be free."""
+        (seen, drivable), c = maps, self.config
+        spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
         if near * resolution <= c.goal_reach:
             return
-        shift = _cell_shift(occupancy.spec, costs.spec)
+        shift, base = _cell_shift(spec, costs.spec), spec.cell_of(map_from_base.x, map_from_base.y)
         worth_it = groups.sizes * resolution >= c.min_size
         roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
         viewpoints(
-            occupancy.data,
+            seen.data,
+            drivable.data,
             c.free_below,
             roomy,
             *shift,
             groups.cells,
             groups.starts,
             worth_it,
+            base,
             (near, far),
             goals,
             headings,

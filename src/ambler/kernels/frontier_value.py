@@ -9,6 +9,7 @@ from ambler.kernels.jit import jit
 
 I64 = NDArray[np.int64]
 SAMPLES, SPREAD = 7, 20  # cells that stand for a frontier, so far at most from its middle
+BEYOND = 1 << 30  # cells: no limit
 EVERY, BEHIND = 3, 8  # cells between viewpoints that are tried, and behind a frontier, of which half must be unknown
 
 
@@ -71,7 +72,16 @@ def visible_unknown(
 
 
 @jit
-def _unknown_behind(occupancy, free_below, y, x, cell, reach):
+def _in_sight(occupancy, drivable, free_below, y, x, samples, reach):
+    """How many cells of a frontier, and unknown ones behind them, are in sight from (y, x)."""
+    count = 0
+    for cell in samples:
+        count += _unknown_behind(occupancy, drivable, free_below, y, x, cell, reach) >= BEHIND // 2
+    return count
+
+
+@jit
+def _unknown_behind(occupancy, drivable, free_below, y, x, cell, reach):
     """How many cells of unknown a ray from (y, x) shows in the `BEHIND` cells behind a frontier cell (flat index) within `reach` (cells, from and to), 0 when anything but free cells
     lies before it."""
     height, width = occupancy.shape
@@ -87,7 +97,7 @@ def _unknown_behind(occupancy, free_below, y, x, cell, reach):
         value = occupancy[iy, ix]
         if value >= free_below:
             return 0 if k <= before else count
-        if value < 0 and k < before - 1:
+        if drivable[iy, ix] < 0 and k < before - 1:
             return 0
         count += value < 0
     return count
@@ -96,6 +106,7 @@ def _unknown_behind(occupancy, free_below, y, x, cell, reach):
 @jit
 def viewpoints(
     occupancy: NDArray[np.int8],
+    drivable: NDArray[np.int8],
     free_below: int,
     distance: NDArray[np.float32],
     diy: int,
@@ -103,14 +114,16 @@ def viewpoints(
     cells: I64,
     starts: I64,
     worth_it: NDArray[np.bool_],
+    base: tuple[int, int],
     reach: tuple[int, int],
     goals: I64,
     heading: NDArray[np.float64],
 ) -> None:
     """Move the goal of each group that is worth it and has one to the nearest place, in metres of `distance` (indexed [iy + diy, ix + dix]), from where `reach` (cells, from and to) away half of its
-    cells and unknown ones behind them are in sight, with the heading to it; groups without such a place keep their goal.
+    cells and unknown ones behind them are in sight, with the heading to it; groups without such a place keep their goal,
+    and those that are in sight of the robot's cell `base` (iy, ix) from farther away: it drives towards them, and they recede.
 
-    Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells around its middle stand for all, and places are tried every `EVERY` cells.
+    `drivable` is `occupancy` with what is only assumed to be free: a look passes there. Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells around its middle stand for all, and places are tried every `EVERY` cells.
     """
     height, width = occupancy.shape
     near, far = reach
@@ -119,19 +132,18 @@ def viewpoints(
         if goals[g] < 0 or not worth_it[g]:
             continue
         count = _samples_around_middle(cells, starts[g], starts[g + 1], width, samples)
+        if 2 * _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (far, BEYOND)) >= count:
+            continue
         my, mx = samples[0] // width, samples[0] % width
         best = np.float32(np.inf)
         for iy in range(max(0, my - far), min(height, my + far + 1), EVERY):
             for ix in range(max(0, mx - far), min(width, mx + far + 1), EVERY):
                 cy, cx = iy + diy, ix + dix
-                if not near <= math.hypot(iy - my, ix - mx) <= far or occupancy[iy, ix] < 0:
+                if not near <= math.hypot(iy - my, ix - mx) <= far or drivable[iy, ix] < 0:
                     continue
                 if cy < 0 or cx < 0 or cy >= distance.shape[0] or cx >= distance.shape[1] or distance[cy, cx] >= best:
                     continue
-                seen = 0
-                for cell in samples[:count]:
-                    seen += _unknown_behind(occupancy, free_below, iy, ix, cell, reach) >= BEHIND // 2
-                if 2 * seen >= count:
+                if 2 * _in_sight(occupancy, drivable, free_below, iy, ix, samples[:count], reach) >= count:
                     best = distance[cy, cx]
                     goals[g] = iy * width + ix
                     heading[g] = math.atan2(my - iy, mx - ix)
@@ -206,6 +218,7 @@ def warm_up() -> None:
     distance, is_worth = np.zeros((4, 4), np.float32), np.ones(1, np.bool_)
     viewpoints(
         occupancy,
+        occupancy,
         50,
         distance,
         0,
@@ -213,6 +226,7 @@ def warm_up() -> None:
         np.zeros(1, np.int64),
         starts,
         is_worth,
+        (3, 3),
         sight,
         np.zeros(1, np.int64),
         np.empty(1),
