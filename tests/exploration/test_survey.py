@@ -121,7 +121,10 @@ def test_what_is_only_assumed_is_driven_through_and_still_to_be_seen() -> None:
     occupancy[10:30, 70] = 100
     occupancy[10:30, 25:45] = OCC_ASSUMED
     assert survey_of(occupancy).frontiers == (), "a map that has no such cells has nothing left"
-    survey = survey_of(occupancy, SurveyConfig(assumed=OCC_ASSUMED))
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED), path_distances)
+    assert surveyor.update(*grids(occupancy), SE2(2.0, 2.0)).frontiers == (), "it will see that when it drives on"
+    surveyor.is_strict = True
+    survey = surveyor.update(*grids(occupancy), SE2(2.0, 2.0))
     assert {round(f.centroid[0], 2) for f in survey.frontiers} == {2.45, 4.55}
     assert len(survey.open) == 2
     assert survey.reachable_area == pytest.approx(20 * 60 * R * R), "it may drive there"
@@ -190,6 +193,7 @@ def test_a_ring_of_frontier_around_the_robot_is_gone_to() -> None:
     away = np.hypot(x - 80.0, y - 80.0)
     occupancy = np.where(away < 50.0, OCC_ASSUMED, np.where(away < 65.0, 0, 100)).astype(np.int8)
     surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+    surveyor.is_strict = True
     survey = surveyor.update(*grids(occupancy), SE2(8.0, 8.0))
     (ring,) = survey.open
     goal = survey.frontiers[ring].goal

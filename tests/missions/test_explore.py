@@ -46,6 +46,8 @@ class ScriptedSurveyor:
         self.frontiers: list[Frontier] = []
         self.full_searches = 0
         self.reachable_area = 50.0
+        self.is_strict = False
+        self.left_when_strict: list[Frontier] = []
         self.reset()
 
     def reset(self) -> None:
@@ -56,7 +58,7 @@ class ScriptedSurveyor:
 
     def update(self, occupancy: OccupancyGrid, costs: CostGrid, base: SE2, boundary: object = ()) -> Survey:
         judged = []
-        for f in self.frontiers:
+        for f in [*self.frontiers, *(self.left_when_strict if self.is_strict else [])]:
             reason = self.memory.reason_against(f, occupancy.spec, occupancy.data)
             judged.append(replace(f, state=FrontierState.UNREACHABLE, reason=reason) if reason else f)
         is_open = tuple(i for i, f in enumerate(judged) if f.state is FrontierState.OPEN)
@@ -213,6 +215,14 @@ def test_an_arrival_at_a_viewpoint_far_from_the_frontier_is_a_look() -> None:
         play.end(play.drive(2.0))
     play.step(2.0)
     assert play.mission.frontiers()[0].reason == "looked at 2 times: nothing changed"
+
+
+def test_before_it_is_over_it_asks_for_what_is_only_assumed() -> None:
+    play = Play(frontier(12, 10, 2.0), goal=ExploreGoal(return_to_start=False))
+    play.surveyor.left_when_strict = [frontier(5, 10, 5.0)]
+    assert play.drive().map_from_goal.x == 12.0
+    play.surveyor.frontiers.clear()
+    assert play.drive().map_from_goal.x == 5.0
 
 
 def test_the_final_sweep_pardons_each_refused_frontier_once() -> None:

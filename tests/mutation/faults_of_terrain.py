@@ -197,6 +197,13 @@ TERRAIN = (
         ("tests/exploration/test_survey.py",),
     ),
     PlantedFault(
+        "a level is left without asking for what is only assumed",
+        "missions/explore.py",
+        "            self._surveyor.is_strict = True\n",
+        "            pass\n",
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
         "the map is not told again when assumed ground has been seen",
         "kernels/ground_map.py",
         "    if evidence == ASSUMED:\n        return 2\n",

@@ -32,8 +32,7 @@ class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
     a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
     is such a place: there the robot can turn. In grids of more than `wide_cells` cells (39 m square) distances are those of cells of
-    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: for frontiers
-    they are unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks at a frontier from that far away, where there is such a place."""
+    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: a strict look takes them for unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks at a frontier from that far away, where there is such a place."""
 
     min_size: float = 0.5
     min_gain: float = 0.25
@@ -75,7 +74,8 @@ class Survey:
 
 
 class FrontierSurvey:
-    """Finds the frontiers of a map that changes, and judges them."""
+    """Finds the frontiers of a map that changes, and judges them. What is only assumed to be free lies around the robot and mostly shows itself when it moves on; `is_strict` for who wants to
+    know what is left."""
 
     def __init__(self, config: SurveyConfig, distance_field: DistanceField) -> None:
         self.config = config
@@ -85,6 +85,7 @@ class FrontierSurvey:
         self._distance_field = distance_field
         self._frontier_map = FrontierMap(config.free_below)
         self._last: OccupancyGrid | None = None
+        self.is_strict = False
 
     def another(self) -> FrontierSurvey:
         """Return a survey of another place by the same rules."""
@@ -95,6 +96,7 @@ class FrontierSurvey:
         self.memory = FrontierMemory(self.config.memory, self.config.free_below)
         self._close = CloseLooks(self.config.close, self.config.free_below)
         self._fence = Fence(self.config.fence)
+        self.is_strict = False
         self.forget_map()
 
     def forget_map(self) -> None:
@@ -140,8 +142,8 @@ class FrontierSurvey:
         return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out)
 
     def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
-        """Return a map in which nothing is assumed."""
-        if self.config.assumed is None:
+        """Return the map, for a strict look one in which nothing is assumed."""
+        if self.config.assumed is None or not self.is_strict:
             return occupancy
         data = np.where(occupancy.data == self.config.assumed, np.int8(OCC_UNKNOWN), occupancy.data)
         return replace(occupancy, data=data)

@@ -194,6 +194,10 @@ class ExploreMission:
     def _choosing(self, view: ExploreView) -> list[Command]:
         self._switches = 0
         best = choose(self._now, self._strategy, view.map_from_base, None, self.config.choice)
+        if best is None and not self._surveyor.is_strict:
+            self._surveyor.is_strict = True
+            self._look(view)
+            best = choose(self._now, self._strategy, view.map_from_base, None, self.config.choice)
         if best is not None:
             self._has_swept = False
             return self._drive_to_frontier(view, best)
