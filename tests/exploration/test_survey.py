@@ -160,6 +160,18 @@ def test_a_scanner_that_does_not_see_the_floor_beside_itself_looks_from_where_it
     assert in_sight >= 0.4 * len(frontier.cells)
 
 
+def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:
+    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
+    spec, data = grids(bay())[0].spec, bay()
+    surveyor.memory.refuse(frontier, "nothing changed", spec, data, has_looked=True)
+    (again,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
+    assert again.state is FrontierState.OPEN
+    ways = [math.hypot(f.goal[0] - f.centroid[0], f.goal[1] - f.centroid[1]) for f in (frontier, again) if f.goal]
+    assert ways[0] > 5.0
+    assert ways[1] < 1.1
+
+
 def test_where_there_is_no_such_place_the_goal_is_near() -> None:
     occupancy = bay()
     occupancy[5:25] = 100  # nothing within 5 m of the bay is far enough away and in line with it

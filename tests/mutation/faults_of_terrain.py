@@ -197,6 +197,13 @@ TERRAIN = (
         ("tests/exploration/test_survey.py",),
     ),
     PlantedFault(
+        "what hides behind a crest is looked for from afar for ever",
+        "exploration/survey.py",
+        "worth_it[g] &= self.memory.find(",
+        "worth_it[g] |= self.memory.find(",
+        ("tests/exploration/test_survey.py",),
+    ),
+    PlantedFault(
         "a level is left without asking for what is only assumed",
         "missions/explore.py",
         "            self._surveyor.is_strict = True\n",

@@ -158,8 +158,8 @@ class FrontierSurvey:
         goals: NDArray[np.int64],
         headings: NDArray[np.float64],
     ) -> None:
-        """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier. `maps`: what was seen, and
-        with what is assumed to be free."""
+        """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier: once, then it goes near, as one must
+        where ground falls away behind a crest. `maps`: what was seen, and with what is assumed to be free."""
         (seen, drivable), c = maps, self.config
         spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
@@ -167,6 +167,8 @@ class FrontierSurvey:
             return
         shift, base = _cell_shift(spec, costs.spec), spec.cell_of(map_from_base.x, map_from_base.y)
         worth_it = groups.sizes * resolution >= c.min_size
+        for g, (cells, centroid) in enumerate(groups.split()):
+            worth_it[g] &= self.memory.find(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN)) is None
         roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
         viewpoints(
             seen.data,
