@@ -132,3 +132,34 @@ def test_a_passage_that_leads_nowhere_ends_with_a_reason_and_what_is_left() -> N
     assert "level 1 to level 0" in ended.text
     assert [f.state for f in ended.result.remaining] == [FrontierState.OPEN], "what is open on the other level is told"
     assert not ended.result.is_home
+
+
+def left_behind(*open_on_the_way: tuple[float, float]) -> dict[int, tuple[FrontierState, ...]]:
+    """Leave level 0 with one refused frontier at (5, 5) for what is open on level 1, and see others open on the way."""
+    house = House()
+    house.come_to(0)
+    house.come_to(1)
+    house.surveyor.others[0].frontiers = []
+    house.surveyor.frontiers = [frontier(5.0, 5.0, 3.0)]
+    house.mission._left[1] = (frontier(3.0, 3.0, 1.0),)
+    house.come_to(0)
+    house.mission._left[1] = (frontier(3.0, 3.0, 1.0),)
+    for _ in range(2):
+        house.surveyor.memory.refuse(
+            house.surveyor.frontiers[0], "-", SPEC, np.zeros(SPEC.shape, np.int8), has_looked=True
+        )
+    while not any(isinstance(c, ChangeLevel) for c in house.step()):
+        assert house.now_ns < 100 * S
+    house.surveyor.reset()
+    house.surveyor.frontiers = [frontier(*place, 3.0) for place in open_on_the_way]
+    house.step()
+    house.come_to(1)
+    return {0: tuple(f.state for f in house.mission._left[0])}
+
+
+def test_what_was_judged_before_a_level_was_left_does_not_call_the_robot_back():
+    assert left_behind((5.2, 5.0)) == {0: (FrontierState.UNREACHABLE,)}
+
+
+def test_what_opens_elsewhere_on_the_way_does():
+    assert left_behind((15.0, 15.0)) == {0: (FrontierState.OPEN,)}

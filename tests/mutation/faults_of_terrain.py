@@ -204,6 +204,20 @@ TERRAIN = (
         ("tests/exploration/test_survey.py",),
     ),
     PlantedFault(
+        "what was judged on a level calls the robot back to it",
+        "missions/explore.py",
+        "        self._settled = self._now.frontiers\n",
+        "",
+        ("tests/missions/test_explore_levels.py",),
+    ),
+    PlantedFault(
+        "whatever opens on the way to another level is left",
+        "missions/explore.py",
+        "if not is_open or all(math.dist(f.centroid, frontier.centroid) > self.config.near for f in self._settled):",
+        "if not is_open:",
+        ("tests/missions/test_explore_levels.py",),
+    ),
+    PlantedFault(
         "a level is left without asking for what is only assumed",
         "missions/explore.py",
         "            self._surveyor.is_strict = True\n",

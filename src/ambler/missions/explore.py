@@ -56,6 +56,9 @@ class ExploreMission:
         self._surveyors = {0: self._surveyor}
         self._level = self._home_level = 0
         self._left: dict[int, tuple[Frontier, ...]] = {}  # what was open or refused on levels that the robot has left
+        self._settled: tuple[
+            Frontier, ...
+        ] = ()  # what was left on a level when nothing on it was open and the robot set out for another one
         self._level_tries: dict[int, int] = {}
         self.survey = None
         self.target = None
@@ -234,6 +237,7 @@ class ExploreMission:
     def _change_level(self, view: ExploreView, level: int, following: int) -> list[Command]:
         """Drive to where the present level meets the next one on the way to another."""
         self._level_tries[level] = self._level_tries.get(level, 0) + 1
+        self._settled = self._now.frontiers
         is_way = (view.passages[:, 0] == view.level) & (view.passages[:, 1] == following)
         places = [SE2(*row) for row in view.passages[is_way, 2:].tolist()]
         place = min(places, key=view.map_from_base.distance_to)
@@ -252,7 +256,8 @@ class ExploreMission:
     def _come_to_level(self, view: ExploreView) -> list[Command]:
         """Another level: what was chosen on the last one is not on it."""
         if self.survey is not None:
-            self._left[self._level] = self.survey.frontiers
+            self._left[self._level] = tuple(map(self._as_settled, self.survey.frontiers))
+        self._settled = ()
         self._level = view.level
         self._left.pop(view.level, None)
         if view.level not in self._surveyors:
@@ -265,6 +270,13 @@ class ExploreMission:
         self._next_drive()
         self._look(view)
         return [StopDriving(), *self._wait(view, self.config.look_time, f"on level {view.level}")]
+
+    def _as_settled(self, frontier: Frontier) -> Frontier:
+        """A frontier that was judged before the robot set out for another level has not opened because it did."""
+        is_open = frontier.state is FrontierState.OPEN
+        if not is_open or all(math.dist(f.centroid, frontier.centroid) > self.config.near for f in self._settled):
+            return frontier
+        return replace(frontier, state=FrontierState.UNREACHABLE, reason="it was left when nothing else was open")
 
     def _driving(self, view: ExploreView) -> list[Command]:
         code, self._drive_code = self._drive_code, None
