@@ -58,23 +58,23 @@ DRIVE = np.arange(0.0, 2.5, 0.1)
 
 
 def test_a_slope_that_begins_where_the_scanner_sees_no_floor_is_no_obstacle_for_who_drove_there() -> None:
-    assert obstacles_on_the_way(DRIVE, FloorMemory(12.0))[-1] == 0
-    assert obstacles_on_the_way(DRIVE[-1:], FloorMemory(12.0))[-1] > 50, "without a memory it may be anything"
+    assert obstacles_on_the_way(DRIVE, FloorMemory(REACH, 12.0))[-1] == 0
+    assert obstacles_on_the_way(DRIVE[-1:], FloorMemory(REACH, 12.0))[-1] > 50, "without a memory it may be anything"
 
 
 def test_what_stands_on_the_slope_is_one_all_the_same() -> None:
-    counts = obstacles_on_the_way(DRIVE, FloorMemory(12.0), (4.5, 0.35))
+    counts = obstacles_on_the_way(DRIVE, FloorMemory(REACH, 12.0), (4.5, 0.35))
     assert min(counts[-8:]) > 30
 
 
 def test_what_comes_to_stand_on_remembered_floor_is_an_obstacle() -> None:
-    memory = FloorMemory(12.0)
+    memory = FloorMemory(REACH, 12.0)
     obstacles_on_the_way(DRIVE, memory)
     assert obstacles_on_the_way(DRIVE[-1:], memory, (4.4, 0.3))[0] > 30
 
 
 def test_the_floor_is_forgotten_after_a_while() -> None:
-    memory = FloorMemory(2.0)
+    memory = FloorMemory(8.0, 2.0)
     obstacles_on_the_way(DRIVE, memory)
     nothing = np.array([[5.0, 5.0, 0.0]])
     kept = [memory.update(nothing, SE3((2.5 + 0.1 * k, 0.0, 0.0)), 0.6) for k in range(21)]
@@ -82,9 +82,16 @@ def test_the_floor_is_forgotten_after_a_while() -> None:
     assert len(kept[-1]) < 20
 
 
+def test_what_is_far_away_is_forgotten() -> None:
+    memory = FloorMemory(REACH, 100.0)
+    memory.update(np.array([[2.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), SE3(), 0.6)
+    kept = memory.update(np.array([[1.0, 3.0, 0.0]]), SE3((1.0, 0.0, 0.0)), 0.6)
+    assert kept == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
+
+
 def test_where_odometry_jumps_everything_is_forgotten() -> None:
     """Floor that seems to lie 0.3 m higher than it does would hide what stands on it."""
-    memory = FloorMemory(12.0)
+    memory = FloorMemory(REACH, 12.0)
     obstacles_on_the_way(DRIVE, memory)
     points = MOUNT.transform(scan_at(2.4).points.astype(np.float64))
     assert len(memory.update(points, SE3((2.4, 0.0, 0.0)), 0.6)) > 300
@@ -92,14 +99,14 @@ def test_where_odometry_jumps_everything_is_forgotten() -> None:
 
 
 def test_the_body_of_the_robot_is_no_floor() -> None:
-    memory = FloorMemory(12.0)
+    memory = FloorMemory(REACH, 12.0)
     leg = np.array([[0.3, 0.2, 0.1], [0.3, -0.2, 0.1]])
     memory.update(leg, SE3(), 0.6)
     assert len(memory.update(np.array([[3.0, 0.0, 0.0]]), SE3((1.0, 0.0, 0.0)), 0.6)) == 0
 
 
 def test_points_come_back_where_they_are_from_another_place_and_heading() -> None:
-    memory = FloorMemory(12.0)
+    memory = FloorMemory(REACH, 12.0)
     memory.update(np.array([[2.0, 1.0, 0.1]]), SE3.from_rpy((1.0, 0.0, 0.2), 0.0, 0.0, 0.5 * math.pi), 0.6)
     kept = memory.update(np.array([[9.0, 9.0, 0.0]]), SE3((0.0, 0.0, 0.1)), 0.6)
     assert kept == pytest.approx(np.array([[0.0, 2.0, 0.2]]))
@@ -107,7 +114,7 @@ def test_points_come_back_where_they_are_from_another_place_and_heading() -> Non
 
 def remembered_on_the_way(places: np.ndarray, box: tuple[float, float] | None) -> list[np.ndarray]:
     """What the gate still holds of what it cannot see any more, on a drive through places (x)."""
-    floor_memory, blind, kept = FloorMemory(12.0), BlindMemory(0.6, 12.0), []
+    floor_memory, blind, kept = FloorMemory(REACH, 12.0), BlindMemory(0.6, 12.0), []
     field = FieldOfView(0.4, elevation=(math.radians(-15.0), math.radians(15.0)))
     for x in places.tolist():
         height = float(height_at(np.array([x]))[0])

@@ -112,7 +112,6 @@ class GateNode(Node):
         self._rangers = robot.rangers
         self._known = (*self._planar, *self._clouds, *self._rangers)
         self._fields: dict[str, FieldOfView] = {}
-        self._floor_memory = FloorMemory(self._config.memory_travel)
         self._rim = rim_of(robot.footprint)
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
@@ -123,6 +122,7 @@ class GateNode(Node):
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
         self._reach = robot.circumscribed_radius + 3.0
+        self._floor_memory = FloorMemory(self._reach, self._config.memory_travel)
         self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._status: GateStep | None = None

@@ -15,14 +15,15 @@ F64 = NDArray[np.float64]
 
 CELL = 0.1  # metres; of which the lowest point counts
 MOST_OFF = 0.06  # metres between what is seen and what is remembered, of the quarter of places that agrees best: more, and odometry has jumped
+LEVELS = 1 << 16  # millimetres of height that are told apart
 LEAST_BOTH = 30  # cells that are seen again, for that to be judged
 
 
 class FloorMemory:
-    """`update` it with every cloud. Points are forgotten after `max_travel` metres of the robot, and all of them when they do not fit what is seen."""
+    """`update` it with every cloud. Points are forgotten `reach` metres from the robot, or after `max_travel` metres of its way, and all of them when they do not fit what is seen."""
 
-    def __init__(self, max_travel: float) -> None:
-        self._max_travel = max_travel
+    def __init__(self, reach: float, max_travel: float) -> None:
+        self._reach, self._max_travel = reach, max_travel
         self._lows_odom = np.empty((0, 3))
         self._seen_at = np.empty(0)
         self._travel = 0.0
@@ -36,8 +37,9 @@ class FloorMemory:
         self._at = here
         is_beyond = points[:, 0] ** 2 + points[:, 1] ** 2 > under * under
         lows = _lowest(np.asarray(odom_from_level.transform(points[is_beyond])))
-        is_new = self._travel - self._seen_at < self._max_travel
-        kept, seen_at = self._lows_odom[is_new], self._seen_at[is_new]
+        away = self._lows_odom[:, :2] - here[:2]
+        is_kept = (self._travel - self._seen_at < self._max_travel) & ((away**2).sum(axis=1) < self._reach**2)
+        kept, seen_at = self._lows_odom[is_kept], self._seen_at[is_kept]
         is_again, of_seen = _found_in(_cells(kept), _cells(lows))
         if is_again.sum() >= LEAST_BOTH and np.quantile(np.abs(kept[is_again, 2] - lows[of_seen, 2]), 0.25) > MOST_OFF:
             is_again[:] = True
@@ -49,13 +51,14 @@ class FloorMemory:
 
 def _cells(points: F64) -> NDArray[np.int64]:
     cells = np.floor(points[:, :2] / CELL).astype(np.int64)
-    return np.asarray(cells[:, 0] * 1_000_003 + cells[:, 1], np.int64)
+    return np.asarray((cells[:, 0] << 20) + cells[:, 1], np.int64)
 
 
 def _lowest(points: F64) -> F64:
-    """Return the lowest point of every cell, ordered by cell."""
+    """Return the lowest point, to the millimetre, of every cell, ordered by cell."""
     cells = _cells(points)
-    order = np.lexsort((points[:, 2], cells))
+    height = np.clip(1000.0 * (points[:, 2] - points[:, 2].min(initial=0.0)), 0.0, LEVELS - 1.0)
+    order = np.argsort(cells * LEVELS + height.astype(np.int64))
     is_first = np.ones(len(order), np.bool_)
     is_first[1:] = np.diff(cells[order]) > 0
     return points[order[is_first]]
