@@ -121,7 +121,7 @@ def viewpoints(
 ) -> None:
     """Move the goal of each group that is worth it and has one to the nearest place, in metres of `distance` (indexed [iy + diy, ix + dix]), from where `reach` (cells, from and to) away half of its
     cells and unknown ones behind them are in sight, with the heading to it; groups without such a place keep their goal,
-    and those that are in sight of the robot's cell `base` (iy, ix) from farther away: it drives towards them, and they recede.
+    and those that are in sight of the robot's cell `base` (iy, ix) from there or farther away: it drives towards them, and they recede.
 
     `drivable` is `occupancy` with what is only assumed to be free: a look passes there. Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells around its middle stand for all, and places are tried every `EVERY` cells.
     """
@@ -132,7 +132,7 @@ def viewpoints(
         if goals[g] < 0 or not worth_it[g]:
             continue
         count = _samples_around_middle(cells, starts[g], starts[g + 1], width, samples)
-        if 2 * _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (far, BEYOND)) >= count:
+        if 2 * _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (near, BEYOND)) >= count:
             continue
         my, mx = samples[0] // width, samples[0] % width
         best = np.float32(np.inf)
