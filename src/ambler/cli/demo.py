@@ -29,6 +29,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="X,Y;X,Y;...",
         help="explore inside this polygon only; corners in metres from the start",
     )
+    parser.add_argument(
+        "--stations",
+        type=float,
+        metavar="METRES",
+        help="on ground: hold still for a dense cloud wherever the robot has come so far away from every earlier station (default: never)",
+    )
     drive = parser.add_argument_group("a drive along a route, in place of an exploration")
     drive.add_argument(
         "--drive",
@@ -61,6 +67,8 @@ def run(args: argparse.Namespace) -> int:
         return run_drive(args, options_of(args, ()))
     if args.speed is not None:
         raise BadInputError("--speed belongs to a drive along a route (--drive)")
+    if args.stations is not None and not args.stations > 0.0:
+        raise BadInputError(f"--stations {args.stations:g}: must be a positive distance in metres")
     for option, value in (("--map", args.map), ("--guess", args.guess)):
         if value is not None:
             raise BadInputError(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from typing import Any
 
 from ambler.core.errors import TransformError
@@ -16,7 +18,7 @@ from ambler.core.messages import (
     Status,
     Transforms,
 )
-from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey
@@ -29,6 +31,7 @@ from ambler.missions.explore_commands import (
     Ended,
     ExploreConfig,
     ExploreView,
+    HoldStation,
     StopDriving,
     TurnAround,
 )
@@ -40,6 +43,7 @@ from ambler.runtime.tasks import (
     EXPLORE,
     NAVIGATE,
     RECOVER,
+    SCAN_STATION,
     ExploreFeedback,
     ExploreGoal,
     ExploreResult,
@@ -48,6 +52,7 @@ from ambler.runtime.tasks import (
     Nothing,
     RecoverGoal,
     RecoveryKind,
+    ScanStationGoal,
 )
 from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, GROUND_LEVELS, MAP, STATUS, TRANSFORMS, Topic
 
@@ -75,7 +80,9 @@ class ExplorerNode(Node):
         has_levels: bool = False,
     ) -> None:
         if has_levels:
-            self.calls = (*type(self).calls, CHOOSE_LEVEL)
+            self.calls = (*self.calls, CHOOSE_LEVEL)
+        if config.stations.spacing > 0.0:
+            self.calls = (*self.calls, SCAN_STATION)
         self._mission = ExploreMission(config, survey, strategy)
         self._period = period
         self._tree = TransformTree()
@@ -140,9 +147,9 @@ class ExplorerNode(Node):
             self._carry_out(self._mission.cancel())
             self._tell()
 
-    def _pose(self) -> SE2 | None:
+    def _pose(self) -> SE3 | None:
         try:
-            return self._tree.lookup("map", "base").to_se2()
+            return self._tree.lookup("map", "base")
         except TransformError:
             return None
 
@@ -150,10 +157,12 @@ class ExplorerNode(Node):
         pose = self._pose()
         if self._map is None or self._costs is None or pose is None:
             return None
+        up = pose.rotate((0.0, 0.0, 1.0))[2]
+        tilt = math.acos(max(-1.0, min(1.0, up)))
+        view = ExploreView(self.ctx.now_ns, self._map, self._costs, pose.to_se2(), tilt=tilt)
         if self._levels is None:
-            return ExploreView(self.ctx.now_ns, self._map, self._costs, pose)
-        levels = self._levels
-        return ExploreView(self.ctx.now_ns, self._map, self._costs, pose, levels.active, levels.passages)
+            return view
+        return replace(view, level=self._levels.active, passages=self._levels.passages)
 
     def _update(self) -> None:
         mission = self._mission
@@ -195,6 +204,10 @@ class ExplorerNode(Node):
                 case TurnAround():
                     turn = RecoverGoal(RecoveryKind.ROTATE, command.angle)
                     self._ticket = self.ctx.send_goal(RECOVER, turn, self._reporter(command.drive))
+                case HoldStation():
+                    self._drive = None
+                    scan = ScanStationGoal(command.seconds, command.level)
+                    self._ticket = self.ctx.send_goal(SCAN_STATION, scan, self._reporter(command.drive))
                 case StopDriving():
                     if self._ticket is not None:
                         self._ticket.cancel()
