@@ -21,7 +21,7 @@ from ambler.missions.explore_commands import (
     TurnAround,
 )
 from ambler.missions.stations import Stations, StationsConfig
-from tests.missions.test_explore import S, Play, frontier
+from tests.missions.test_explore import Play, S, frontier
 
 SPACING = 4.0
 NOWHERE = np.zeros((0, 5))
