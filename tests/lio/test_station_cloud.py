@@ -185,7 +185,9 @@ def test_it_does_not_wait_for_ever() -> None:
 
 
 def station(points: NDArray[np.floating]) -> Station:
-    return Station(S, 0, SE3(), 5.0, 50, 30.0, points.astype(np.float32), np.arange(len(points), dtype=np.float32))
+    return Station(
+        S, 0, SE3(), 5.0, 50, 30.0, CONFIG.cell, points.astype(np.float32), np.arange(len(points), dtype=np.float32)
+    )
 
 
 def test_memory_is_bounded_by_larger_cubes_for_all() -> None:
@@ -199,6 +201,21 @@ def test_memory_is_bounded_by_larger_cubes_for_all() -> None:
     for s in clouds.stations:
         assert len(s.points) == len(s.intensity) > 100
         assert s.density == 30.0
+        cells = np.floor(s.points.astype(np.float64) / clouds.cell)
+        assert len(np.unique(cells, axis=0)) == len(s.points)
+
+
+def test_a_single_station_is_bounded_as_well() -> None:
+    config = replace(CONFIG, points_most=1000)
+    robot = Robot(hold=10.0, config=config)
+    robot.live(11.0)
+    assert robot.scan.cell > CONFIG.cell
+    found = robot.scan.station()
+    assert found is not None
+    assert 300 < len(found.points) <= 1000
+    clouds = StationClouds(config)
+    clouds.add(found)
+    assert clouds.cell == found.cell
 
 
 def test_what_cannot_be_is_refused() -> None:

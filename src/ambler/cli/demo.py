@@ -63,12 +63,15 @@ def run(args: argparse.Namespace) -> int:
     from ambler.core.errors import BadInputError
     from ambler.nodes.steps import DockStep, ExploreStep, Step, UndockStep
 
+    if args.stations is not None:
+        if args.drive is not None:
+            raise BadInputError("--stations belongs to an exploration, not to a drive along a route (--drive)")
+        if not args.stations > 0.0:
+            raise BadInputError(f"--stations {args.stations:g}: must be a positive distance in metres")
     if args.drive is not None:
         return run_drive(args, options_of(args, ()))
     if args.speed is not None:
         raise BadInputError("--speed belongs to a drive along a route (--drive)")
-    if args.stations is not None and not args.stations > 0.0:
-        raise BadInputError(f"--stations {args.stations:g}: must be a positive distance in metres")
     for option, value in (("--map", args.map), ("--guess", args.guess)):
         if value is not None:
             raise BadInputError(

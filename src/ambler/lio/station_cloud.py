@@ -51,7 +51,7 @@ class StationCloudConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """A dense cloud: `points` float32 (N, 3) in the base as it stood at `stamp_ns`, with `intensity` float32 (N,); `odom_from_base` is where that was by the
+    """A dense cloud: `points` float32 (N, 3) in the base as it stood at `stamp_ns`, one per cube of `cell` m, with `intensity` float32 (N,); `odom_from_base` is where that was by the
     odometry. It held for `seconds` and saw `scans`; `density` is how many times as many points it has as one of them (in cubes of the same size, on average)."""
 
     stamp_ns: int
@@ -60,6 +60,7 @@ class Station:
     seconds: float
     scans: int
     density: float
+    cell: float
     points: F32
     intensity: F32
 
@@ -178,7 +179,7 @@ class StationScan:
         self._merge(self._parts[-1].stamp_ns)
         part, scan_points = self._parts[0], self._scan_points / self.scans
         density = len(part.points) / max(1.0, scan_points)
-        told = (self._held.stamp_ns, self.level, self._held.pose, self._seconds, self.scans, density)
+        told = (self._held.stamp_ns, self.level, self._held.pose, self._seconds, self.scans, density, self.cell)
         return Station(*told, part.points, part.intensity)
 
     def _end(self, code: str, text: str) -> None:
@@ -200,6 +201,9 @@ class StationScan:
             return
         points, intensity = np.concatenate([p.points for p in old]), np.concatenate([p.intensity for p in old])
         kept = first_in_cells(points, self.cell)
+        while len(kept) > self.config.points_most:
+            self.cell *= GROWTH
+            kept = first_in_cells(points, self.cell)
         merged = _Part(old[-1].stamp_ns, points[kept], intensity[kept])
         self._parts = deque([merged, *(part for part in self._parts if part.stamp_ns > until_ns)])
 
@@ -214,12 +218,16 @@ class StationClouds:
 
     def add(self, station: Station) -> None:
         """Keep a station; where that is too much, all are thinned out."""
-        self.stations.append(station)
+        self.cell = max(self.cell, station.cell)
+        self.stations = [_thinned(s, self.cell) for s in (*self.stations, station)]
         while sum(len(s.points) for s in self.stations) > self._config.points_most:
             self.cell *= GROWTH
             self.stations = [_thinned(s, self.cell) for s in self.stations]
 
 
 def _thinned(station: Station, cell: float) -> Station:
+    """Return a station with one point per cube of `cell` m; itself when it has no more."""
+    if station.cell >= cell:
+        return station
     kept = first_in_cells(station.points, cell)
-    return replace(station, points=station.points[kept], intensity=station.intensity[kept])
+    return replace(station, cell=cell, points=station.points[kept], intensity=station.intensity[kept])

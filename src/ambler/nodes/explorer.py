@@ -15,6 +15,8 @@ from ambler.core.messages import (
     GateStatus,
     GroundLevels,
     OccupancyGrid,
+    PointStamped,
+    PoseStamped,
     Status,
     Transforms,
 )
@@ -30,6 +32,7 @@ from ambler.missions.explore_commands import (
     DriveTo,
     Ended,
     ExploreConfig,
+    ExploreState,
     ExploreView,
     HoldStation,
     StopDriving,
@@ -54,7 +57,19 @@ from ambler.runtime.tasks import (
     RecoveryKind,
     ScanStationGoal,
 )
-from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, GROUND_LEVELS, MAP, STATUS, TRANSFORMS, Topic
+from ambler.runtime.topics import (
+    FRONTIERS,
+    GATE_STATUS,
+    GLOBAL_COSTMAP,
+    GOAL,
+    GOAL_POINT,
+    GROUND_LEVELS,
+    MAP,
+    STATUS,
+    TRANSFORMS,
+    WAY_POINT,
+    Topic,
+)
 
 Handle = GoalHandle[ExploreGoal, ExploreFeedback, ExploreResult]
 
@@ -64,7 +79,7 @@ class ExplorerNode(Node):
 
     name: str = "explorer"
     inputs: tuple[Topic[Any], ...] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
-    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS)
+    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS, GOAL, GOAL_POINT, WAY_POINT)
     outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
     serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
     calls: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
@@ -103,6 +118,8 @@ class ExplorerNode(Node):
         self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(STATUS, self._on_status)
         self.ctx.subscribe(GATE_STATUS, self._on_gate)
+        for clicked in (GOAL, GOAL_POINT, WAY_POINT):
+            self.ctx.subscribe(clicked, self._on_click)
         self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
         self.ctx.timer(self._period, self._update)
 
@@ -132,6 +149,13 @@ class ExplorerNode(Node):
             self._mission.resume(self.ctx.now_ns)
             if self._mission.is_active and self._drive is not None:
                 self._carry_out([self._drive])
+
+    def _on_click(self, goal: PoseStamped | PointStamped) -> None:
+        """A person's own goal during a station, which displaces no drive of the exploration: break it off, and go on when the goal is over."""
+        if self._mission.state is ExploreState.SCANNING and goal.frame == "map" and not self._is_yielding:
+            self._is_yielding = True
+            self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
+            self._carry_out([StopDriving()])
 
     def _on_gate(self, gate: GateStatus) -> None:
         self._mission.hold(gate.reason if gate.state is GateState.FAULT else "", self.ctx.now_ns)

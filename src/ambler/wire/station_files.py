@@ -41,10 +41,11 @@ class StationCloud:
 
 def save_stations(stem: Path, stations: Sequence[StationCloud], cell: float) -> None:
     """Write the stations of a map; `cell` (m) is the cube of which each holds one point. Raises OSError."""
-    points, intensity, rows, first = [np.zeros((0, 3))], [np.zeros(0)], [], 0
+    points, intensity = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.float32)]
+    rows, first = [], 0
     for s in stations:
-        points.append(s.map_from_base.transform(s.points))
-        intensity.append(s.intensity.astype(np.float64))
+        points.append(s.map_from_base.transform(s.points).astype(np.float32))
+        intensity.append(s.intensity)
         rows.append(
             {
                 "number": s.number,
@@ -59,11 +60,7 @@ def save_stations(stem: Path, stations: Sequence[StationCloud], cell: float) -> 
             }
         )
         first += len(s.points)
-    write_cloud(
-        stem.with_name(stem.name + CLOUD_SUFFIX),
-        np.concatenate(points).astype(np.float32),
-        np.concatenate(intensity).astype(np.float32),
-    )
+    write_cloud(stem.with_name(stem.name + CLOUD_SUFFIX), np.concatenate(points), np.concatenate(intensity))
     table = {"frame": "map", "cell_m": cell, "points": first, "stations": rows}
     write_whole(stem.with_name(stem.name + TABLE_SUFFIX), json.dumps(table, indent=1) + "\n")
 
