@@ -18,7 +18,7 @@ from ambler.lio.config import LioConfig, LoopConfig
 from ambler.nodes.stations import StationNode
 from ambler.runtime.node import GoalHandle
 from ambler.runtime.tasks import SAVE_STATIONS, SCAN_STATION, SaveMapRequest, ScanStationFeedback, ScanStationGoal
-from ambler.runtime.topics import MAP_CORRECTIONS, ODOMETRY, REGISTERED_CLOUD, STATUS, TRAJECTORY
+from ambler.runtime.topics import MAP_CORRECTIONS, ODOMETRY, REGISTERED_CLOUD, STATUS, TRAJECTORY, TRANSFORMS
 from ambler.wire.station_files import load_stations
 from tests.hand_made_context import HandMadeContext
 from tests.lio.test_lidar_odometry_node import driven
@@ -107,7 +107,10 @@ def test_corrections_are_those_of_the_odometry_that_closes_loops() -> None:
     assert 1 < len(told) < len(trajectory)  # told only when something has moved
     edges = told[-1].transforms
     assert [(e.parent, e.child) for e in edges] == [("map", "odom")] * len(edges)
-    assert max(np.linalg.norm(e.parent_from_child.translation) for e in edges[1:]) > 1e-4
+    now = [e for m in context.messages(TRANSFORMS) for e in m.transforms if e.parent == "map"][-1].parent_from_child
+    assert np.linalg.norm(now.translation) > 1e-3
+    assert edges[-1].parent_from_child.translation == pytest.approx(now.translation, abs=1e-9)
+    assert edges[-1].parent_from_child.rotation == pytest.approx(now.rotation, abs=1e-9)
     odometry_poses = {m.stamp_ns: m.pose for m in context.messages(ODOMETRY)}
     stamps = np.array(list(odometry_poses))
     first = next(k for k, p in enumerate(trajectory) if len(p.poses) == len(edges))

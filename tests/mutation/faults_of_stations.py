@@ -84,10 +84,10 @@ STATIONS = (
         MISSION,
     ),
     PlantedFault(
-        "a robot in doubt of its map holds stations",
+        "a station goes on while the map is in doubt",
         "missions/explore.py",
-        "        if self.state is ExploreState.SCANNING:\n            return self._scanning(view)\n        self._trail",
-        "        self._trail",
+        "if self._doubt or self.state is ExploreState.DOUBTING:",
+        "if (self._doubt and self.state is not ExploreState.SCANNING) or self.state is ExploreState.DOUBTING:",
         MISSION,
     ),
     PlantedFault(

@@ -118,7 +118,8 @@ class ExplorerNode(Node):
         self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(STATUS, self._on_status)
         self.ctx.subscribe(GATE_STATUS, self._on_gate)
-        for clicked in (GOAL, GOAL_POINT, WAY_POINT):
+        self.ctx.subscribe(GOAL, self._on_click)
+        for clicked in (GOAL_POINT, WAY_POINT):
             self.ctx.subscribe(clicked, self._on_click)
         self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
         self.ctx.timer(self._period, self._update)
