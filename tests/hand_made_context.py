@@ -18,6 +18,7 @@ class HandMadeContext:
         self.published: list[tuple[int, Topic[Any], Any]] = []
         self.callbacks: dict[str, Callable[[Any], None]] = {}
         self.services: dict[str, Callable[[Any], Any]] = {}
+        self.tasks: dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]] = {}
         self.logged: list[tuple[str, str]] = []
         self._due: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
@@ -27,6 +28,10 @@ class HandMadeContext:
 
     def serve(self, service: Any, handler: Callable[[Any], Any]) -> None:
         self.services[service.name] = handler
+
+    def serve_task(self, task: Any, on_goal: Callable[[Any], None], on_cancel: Callable[[Any], None]) -> None:
+        """Remember what begins and what cancels a goal."""
+        self.tasks[task.name] = (on_goal, on_cancel)
 
     def log(self, code: str, text: str, **fields: Any) -> None:
         self.logged.append((code, text))

@@ -52,6 +52,7 @@ NOT_RUN = {
     "demo --robot go2 --world campus": WHOLE_RUN,
     "demo --robot mecanum --world plot-17": WHOLE_RUN,
     "demo --robot go2 --world garage": WHOLE_RUN,
+    "demo --robot go2 --world plot-1 --stations 8": WHOLE_RUN,
     "eval sites --seed draw --runs 4 --json sites.json": STUDY,
     "demo --robot go2 --world plot-17": WHOLE_RUN,
     "navigate --robot go2 --world plot-17 --map runs/LATEST --lost --may-turn --start 12,30,90 -- 5,5 20,-8,180": WHOLE_RUN,

@@ -10,7 +10,7 @@ import pytest
 from ambler.core.errors import BadInputError
 from ambler.nodes.operator import OperatorConfig, OperatorNode
 from ambler.nodes.steps import ExploreStep
-from ambler.runtime.tasks import SAVE_CLOUD, SAVE_GRAPH, SAVE_MAP, EndProgramRequest, Nothing
+from ambler.runtime.tasks import SAVE_CLOUD, SAVE_GRAPH, SAVE_MAP, SAVE_STATIONS, EndProgramRequest, Nothing
 from tests.hand_made_context import HandMadeContext
 
 
@@ -28,13 +28,13 @@ class SavingContext(HandMadeContext):
         then(BadInputError(f"no {service.name}") if service.name in self._broken else Nothing())
 
 
-@pytest.mark.parametrize("broken", [set(), {SAVE_CLOUD.name}, {SAVE_MAP.name, SAVE_GRAPH.name}])
+@pytest.mark.parametrize("broken", [set(), {SAVE_CLOUD.name}, {SAVE_MAP.name, SAVE_GRAPH.name}, {SAVE_STATIONS.name}])
 def test_everything_that_can_be_saved_is_and_what_cannot_is_named(tmp_path: Path, broken: set[str]) -> None:
     ended: list[Any] = []
-    config = OperatorConfig(str(tmp_path / "map"), (SAVE_CLOUD, SAVE_GRAPH))
+    config = OperatorConfig(str(tmp_path / "map"), (SAVE_CLOUD, SAVE_STATIONS, SAVE_GRAPH))
     node, context = OperatorNode((ExploreStep(),), config, ended.append), SavingContext(broken)
     node.ctx = context  # type: ignore[assignment]
     node._on_end_program(EndProgramRequest("TIME_LIMIT", "enough"))
-    assert context.called == [SAVE_MAP.name, SAVE_CLOUD.name, SAVE_GRAPH.name]
+    assert context.called == [SAVE_MAP.name, SAVE_CLOUD.name, SAVE_STATIONS.name, SAVE_GRAPH.name]
     assert ended[0].code == ("MAP_NOT_SAVED" if broken else "TIME_LIMIT")
     assert all(name in ended[0].text for name in broken)

@@ -13,9 +13,22 @@ from tests.mutation.faults_of_motion import MOTION
 from tests.mutation.faults_of_places import PLACES
 from tests.mutation.faults_of_safety import SAFETY
 from tests.mutation.faults_of_sensors import SENSORS
+from tests.mutation.faults_of_stations import STATIONS
 from tests.mutation.faults_of_terrain import TERRAIN
 from tests.mutation.planted import PlantedFault
 
 FAULTS: tuple[PlantedFault, ...] = (
-    METRICS + SENSORS + LOCALIZATION + MAPPING + LIO + SAFETY + MOTION + PLACES + DRIVES + GRAPHS + TERRAIN + DEPTH
+    METRICS
+    + SENSORS
+    + LOCALIZATION
+    + MAPPING
+    + LIO
+    + SAFETY
+    + MOTION
+    + PLACES
+    + DRIVES
+    + GRAPHS
+    + TERRAIN
+    + DEPTH
+    + STATIONS
 )

@@ -192,9 +192,9 @@ LIO = (
     ),
     PlantedFault(
         "a correction is applied from the wrong side",
-        "lio/loop_closure.py",
-        "here = _se3(self._correction(k)) @ pose",
-        "here = pose @ _se3(self._correction(k))",
+        "lio/corrections.py",
+        "here = correction(k) @ odom_from_body",
+        "here = odom_from_body @ correction(k)",
         LOOPS,
     ),
     PlantedFault(

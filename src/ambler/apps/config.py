@@ -28,6 +28,7 @@ from ambler.exploration.survey import SurveyConfig
 from ambler.exploration.tour import TourConfig
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.lio.config import LioConfig
+from ambler.lio.station_cloud import StationCloudConfig
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.localization.localizer import Localizer
 from ambler.localization.odometry import OdometryConfig
@@ -66,7 +67,7 @@ class RobotConfig:
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
     is the floor of the local costmap. `mapping`: a robot that explores makes its map of planar `scans` (`slam2d`), on a level floor, or of the
     `ground` that its terrain analysis sees (`ground_map`), on slopes and levels above one another. Depth cameras, or where `voxels` are always wanted clouds alone, fill a layer of voxels (`voxel`) in both
-    costmaps. `topic_names`: how the live view calls topics (`runtime.names`). `scanners` holds calibrated mounts and
+    costmaps. Where an exploration holds `stations` is in `explore.stations`. `topic_names`: how the live view calls topics (`runtime.names`). `scanners` holds calibrated mounts and
     clocks, `calibration` says how they are found; `reflector_positions` (x, y) in the map frame are what the reflector localizer looks for.
     """
 
@@ -105,6 +106,7 @@ class RobotConfig:
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)
+    stations: StationCloudConfig = field(default_factory=StationCloudConfig)
     tour: TourConfig = field(default_factory=TourConfig)
     greedy: GreedyStrategy = field(default_factory=GreedyStrategy)
     docking: DockingNodeConfig = field(default_factory=DockingNodeConfig)
@@ -127,6 +129,18 @@ class RobotConfig:
     def saves_cloud(self) -> bool:
         """Whether a map that is made holds, besides the ground, what was seen in three dimensions: a later run localizes in it."""
         return self.mapping == "ground" and self.lio.loops.is_used
+
+    @property
+    def holds_stations(self) -> bool:
+        """Whether an exploration holds still now and then for a dense cloud."""
+        return self.explore.stations.spacing > 0.0
+
+    def check_stations(self) -> None:
+        """Raise BadInputError when stations are wanted where no odometry registers clouds and closes loops, before anything runs."""
+        if self.holds_stations and not self.saves_cloud:
+            raise BadInputError(
+                "stations (explore.stations.spacing): need a map of ground and loop closure, so odometry_source lidar, mapping ground and lio.loops.is_used"
+            )
 
     def gate_for(self, robot: RobotModel) -> GateConfig:
         """Return the gate's numbers: on a map of ground, slopes that the robot takes are floor for the gate too, unless it is told of others."""

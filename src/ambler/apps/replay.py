@@ -32,7 +32,15 @@ from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.log import RunLog
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import CAMERA_PICTURES, SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH, STOP_CHARGING, Nothing
+from ambler.runtime.tasks import (
+    CAMERA_PICTURES,
+    SAVE_CLOUD,
+    SAVE_GLASS,
+    SAVE_GRAPH,
+    SAVE_STATIONS,
+    STOP_CHARGING,
+    Nothing,
+)
 from ambler.runtime.topics import LOCALIZED_POSE, SLAM_POSE, TRANSFORMS, Topic, all_topics, topic_named
 from ambler.settings.profiles import build, load_profile
 from ambler.sim.robots import robot_named
@@ -148,7 +156,7 @@ def _operator(saved: dict[str, Any], nodes: Sequence[Node], out: Path) -> tuple[
     served = {offer for node in nodes for offer in node.serves}
     config = OperatorConfig(may_turn=bool(saved["run"]["may_turn"]))
     if makes_map:
-        saves = tuple(service for service in (SAVE_GLASS, SAVE_GRAPH, SAVE_CLOUD) if service in served)
+        saves = tuple(service for service in (SAVE_GLASS, SAVE_GRAPH, SAVE_CLOUD, SAVE_STATIONS) if service in served)
         config = OperatorConfig(str(out / "map"), saves)
     called: list[Any] = []
 

@@ -45,6 +45,7 @@ from ambler.nodes.odometry import OdometryNode
 from ambler.nodes.planner import GlobalPlannerNode
 from ambler.nodes.scan_merger import ScanMergerNode
 from ambler.nodes.slam2d import Slam2dNode
+from ambler.nodes.stations import StationNode
 from ambler.nodes.terrain import TerrainNode
 from ambler.nodes.voxel_inputs import VoxelFeed
 from ambler.perception.merger import MergerConfig
@@ -113,7 +114,9 @@ def robot_nodes(
     if makes_map:
         survey = FrontierSurvey(config.survey, distances)
         strategy = parts.strategy or _strategy(config, distances)
+        config.check_stations()
         nodes.append(ExplorerNode(config.explore, survey, strategy, has_levels=maps_ground))
+        nodes += [StationNode(config.stations)] if config.holds_stations else []
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
     return [*nodes, *parts.nodes, GateNode(robot, config.gate_for(robot), clock_offsets=clock_offsets(config.scanners))]

@@ -162,7 +162,9 @@ def _config(robot: RobotModel, options: RunOptions, map_from_start: SE2, *, is_l
         profile = {**GROUND_PROFILE, **profile}
     config = robot_config(robot, profile, has_map=not options.makes_map, is_unknown=options.is_unknown)
     config.check_odometry(robot)
-    if not options.makes_map:
+    if options.makes_map:
+        config.check_stations()
+    else:
         if config.mapping != "ground":
             config.check_localizer()
             config = with_map_bend(config, options.map_file)

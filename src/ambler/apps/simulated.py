@@ -30,7 +30,7 @@ from ambler.nodes.operator import OperatorConfig
 from ambler.nodes.steps import ExploreStep, ProgramEnd
 from ambler.runtime.clock import SystemClock
 from ambler.runtime.node import Node
-from ambler.runtime.tasks import SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH
+from ambler.runtime.tasks import SAVE_CLOUD, SAVE_GLASS, SAVE_GRAPH, SAVE_STATIONS
 from ambler.settings.profiles import as_values, save_resolved
 from ambler.sim.world import BodySpec, SimulationConfig, World
 from ambler.wire.graph_files import graph_file, load_graph
@@ -229,7 +229,8 @@ def operator_config(options: RunOptions, config: RobotConfig, robot: RobotModel,
     glass = (SAVE_GLASS,) if config.maps_glass(robot) else ()
     graph = (SAVE_GRAPH,) if config.global_planner == "visibility_graph" else ()
     cloud = (SAVE_CLOUD,) if config.saves_cloud else ()
-    return OperatorConfig(str(folder.map_stem), (*glass, *graph, *cloud))
+    stations = (SAVE_STATIONS,) if config.holds_stations else ()
+    return OperatorConfig(str(folder.map_stem), (*glass, *graph, *cloud, *stations))
 
 
 def _plain(options: RunOptions) -> dict[str, Any]:

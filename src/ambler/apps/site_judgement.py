@@ -11,10 +11,12 @@ from ambler.apps.simulated import SimulatedRobot
 from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.evaluation.site_picture import draw_site
-from ambler.evaluation.site_quality import SiteQuality, judge_site, read_site
+from ambler.evaluation.site_quality import SiteQuality, SiteRecord, aligned, judge_site, read_site
 from ambler.evaluation.site_tour import known_tour_length
-from ambler.sim.reachable_ground import GroundRules, reachable_ground, visible_surface
+from ambler.evaluation.station_quality import StationQuality, judge_stations
+from ambler.sim.reachable_ground import GroundRules, ReachableGround, reachable_ground, visible_surface
 from ambler.wire.ground_files import SUFFIX, load_levels, load_passages
+from ambler.wire.station_files import TABLE_SUFFIX, load_stations
 
 CLEARANCE = 0.15  # metres beside the robot on a way that it must take, as on level floors
 SITE_PICTURE = "site.png"
@@ -38,7 +40,16 @@ def site_quality(robot: SimulatedRobot) -> SiteQuality | None:
     except BadInputError:
         return None
     tour = known_tour_length(ground, surface, np.array(record.true_poses[0].translation))
-    return replace(quality, known_tour=tour)
+    return replace(quality, known_tour=tour, stations=_station_quality(robot, record, ground))
+
+
+def _station_quality(robot: SimulatedRobot, record: SiteRecord, ground: ReachableGround) -> StationQuality | None:
+    """Judge the stations that were saved; None where none were wanted, or they could not be saved."""
+    stem = robot.folder.map_stem
+    if not robot.config.holds_stations or not stem.with_name(stem.name + TABLE_SUFFIX).exists():
+        return None
+    truth = (record.true_ns, record.true_poses)
+    return judge_stations(load_stations(stem), aligned(record), truth, ground.scene)
 
 
 def ground_rules(robot: RobotModel) -> GroundRules:
@@ -69,4 +80,5 @@ def site_fields(quality: SiteQuality | None) -> dict[str, Any]:
         "ate_unaligned_max_m": quality.error.start_max_m,
         "height_range_m": quality.height_range,
         "known_tour_m": quality.known_tour,
+        **({} if quality.stations is None else quality.stations.fields()),
     }

@@ -29,6 +29,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="X,Y;X,Y;...",
         help="explore inside this polygon only; corners in metres from the start",
     )
+    parser.add_argument(
+        "--stations",
+        type=float,
+        metavar="METRES",
+        help="on ground: hold still for a dense cloud wherever the robot has come so far away from every earlier station (default: never)",
+    )
     drive = parser.add_argument_group("a drive along a route, in place of an exploration")
     drive.add_argument(
         "--drive",
@@ -57,6 +63,11 @@ def run(args: argparse.Namespace) -> int:
     from ambler.core.errors import BadInputError
     from ambler.nodes.steps import DockStep, ExploreStep, Step, UndockStep
 
+    if args.stations is not None:
+        if args.drive is not None:
+            raise BadInputError("--stations belongs to an exploration, not to a drive along a route (--drive)")
+        if not args.stations > 0.0:
+            raise BadInputError(f"--stations {args.stations:g}: must be a positive distance in metres")
     if args.drive is not None:
         return run_drive(args, options_of(args, ()))
     if args.speed is not None:

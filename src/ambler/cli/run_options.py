@@ -192,6 +192,8 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
         profile = merge(profile, {"localizer": args.localizer})
     if named.get("source"):
         profile = merge(profile, {"localization": {"source": args.source}})
+    if named.get("stations") is not None:
+        profile = merge(profile, {"explore": {"stations": {"spacing": args.stations}}})
     fence: dict[str, Any] = {}
     if named.get("radius") is not None:
         fence["radius"] = args.radius

@@ -179,12 +179,13 @@ class ExploreGoal:
 
 @dataclass(frozen=True, slots=True)
 class ExploreFeedback:
-    """Named state of the explorer and what is still open."""
+    """Named state of the explorer, what is still open, and at how many stations it has held still."""
 
     state: str
     frontiers_open: int
     goals_reached: int
     known_area: float
+    stations: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +195,32 @@ class ExploreResult:
     remaining: tuple[Frontier, ...]
     goals_reached: int
     is_home: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ScanStationGoal:
+    """Collect a dense cloud for `seconds` while the base is at rest; `level` is the one of a map of ground on which it stands."""
+
+    seconds: float
+    level: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ScanStationFeedback:
+    """What is being done, in words, and for how many seconds the base has held still."""
+
+    state: str
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class ScanStationResult:
+    """The station's number, from 1 on (0: nothing was kept), for how long it held, and how many scans and points it holds."""
+
+    number: int
+    seconds: float
+    scans: int
+    points: int
 
 
 @dataclass(frozen=True, slots=True)

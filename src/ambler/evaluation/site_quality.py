@@ -16,6 +16,7 @@ from ambler.core.grid import OCC_FREE
 from ambler.core.messages import Odometry, PointCloud, PoseStamped, Transforms
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import SpatialError, spatial_error, truth_at
+from ambler.evaluation.station_quality import StationQuality
 from ambler.runtime.topics import REGISTERED_VIEW, SLAM_POSE, TRANSFORMS, TRUE_POSE
 from ambler.sim.reachable_ground import ReachableGround
 from ambler.wire.ground_files import GroundLevel
@@ -43,7 +44,7 @@ class SiteRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteQuality:
     """Shares: of the ground that the robot can reach that its map holds as ground; of the ground in the map that is none; of the visible surface that its
-    clouds show. `error` is that of its trajectory, `height_range` (m) of what it climbed; `missed` (N, 3) places and `unseen` (N, 3) points of the truth that the map lacks. `known_tour` (m): the round of somebody who knows the site."""
+    clouds show. `error` is that of its trajectory, `height_range` (m) of what it climbed; `missed` (N, 3) places and `unseen` (N, 3) points of the truth that the map lacks. `known_tour` (m): the round of somebody who knows the site; `stations`: None where none were wanted."""
 
     ground_coverage: float
     false_ground: float
@@ -56,6 +57,7 @@ class SiteQuality:
     missed: F64
     unseen: F64
     known_tour: float | None = None
+    stations: StationQuality | None = None
 
 
 def read_site(recording: Path, cell: float = 0.2) -> SiteRecord:
@@ -94,7 +96,7 @@ def read_site(recording: Path, cell: float = 0.2) -> SiteRecord:
 def judge_site(record: SiteRecord, levels: Sequence[GroundLevel], ground: ReachableGround, surface: F64) -> SiteQuality:
     """Compare with the truth, after the best rigid motion of the trajectory. `surface` (N, 3) in the world. Raises BadInputError when no pose has a truth."""
     error = spatial_error(record.stamps_ns, record.poses, record.true_ns, record.true_poses, max_gap=GAP)
-    world_from_map = _aligned(record)
+    world_from_map = aligned(record)
     places = ground.places()
     is_covered = _is_ground(world_from_map.inverse().transform(places), levels)
     shown = np.asarray(world_from_map.transform(record.points))
@@ -119,7 +121,7 @@ def _share(is_true: NDArray[np.bool_]) -> float:
     return float(np.mean(is_true)) if len(is_true) else 0.0
 
 
-def _aligned(record: SiteRecord) -> SE3:
+def aligned(record: SiteRecord) -> SE3:
     """Return world_from_map, the first true pose upright where the map begins, moved and turned about the vertical as fits the whole way best."""
     pairs: list[tuple[SE3, SE3]] = [
         (pose, true)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
+from ambler.lio.corrections import corrected_pose
 from ambler.lio.health import LioResult
 from ambler.lio.keyframes import Keyframe, KeyframeBuilder
 from ambler.lio.loop_match import Closure, error_of, match_keyframes, search_keyframes
@@ -63,16 +64,11 @@ class LoopClosure:
         """Return poses of the odometry (map_from_anything) at stamps in the corrected map: corrections are blended from keyframe to keyframe by time."""
         if not self.keyframes:
             return list(poses)
-        begins = np.array([frame.stamp_ns for frame in self.keyframes])
-        last = np.clip(np.searchsorted(begins, stamps_ns, side="right") - 1, 0, len(begins) - 1)
-        out = []
-        for k, stamp_ns, pose in zip(last.tolist(), stamps_ns.tolist(), poses, strict=True):
-            here = _se3(self._correction(k)) @ pose
-            if k + 1 < len(begins):
-                ratio = float(np.clip((stamp_ns - begins[k]) / (begins[k + 1] - begins[k]), 0.0, 1.0))
-                here = here.interpolate(_se3(self._correction(k + 1)) @ pose, ratio)
-            out.append(here)
-        return out
+        begins = np.array([frame.stamp_ns for frame in self.keyframes], np.int64)
+        return [
+            corrected_pose(begins, lambda k: _se3(self._correction(k)), stamp_ns, pose)
+            for stamp_ns, pose in zip(stamps_ns.tolist(), poses, strict=True)
+        ]
 
     def links(self) -> F64:
         """Return the places (K, 2, 3) in the corrected map that closures join."""

@@ -24,12 +24,15 @@ from ambler.missions.explore_commands import (
     ExploreConfig,
     ExploreState,
     ExploreView,
+    HoldStation,
     StopDriving,
     TurnAround,
 )
+from ambler.missions.stations import Stations
 from ambler.missions.trail import Trail
 from ambler.runtime.tasks import NEAREST_REACHED, ExploreFeedback, ExploreGoal, ExploreResult
 
+_ON_THE_WAY = (ExploreState.DRIVING, ExploreState.RETURNING, ExploreState.CHANGING_LEVEL)
 _OVER = (ExploreState.IDLE, ExploreState.FINISHED, ExploreState.FAILED, ExploreState.CANCELLED)
 
 
@@ -44,6 +47,7 @@ class ExploreMission:
         self.target: int | None = None
         self._surveyor = survey
         self._strategy = strategy
+        self._stations = Stations(config.stations)
         self._drive = 0
         self._held = ""
         self._held_ns = 0
@@ -62,6 +66,9 @@ class ExploreMission:
         self._level_tries: dict[int, int] = {}
         self.survey = None
         self.target = None
+        self._stations.begin()
+        self._before = (ExploreState.STARTING, "")  # what a station interrupted
+        self._way: DriveTo | None = None
         self._goal = goal
         self._home: SE2 | None = None
         self._trail = Trail()
@@ -106,6 +113,7 @@ class ExploreMission:
             0 if survey is None else len(survey.open),
             self._goals_reached,
             0.0 if survey is None else survey.known_area,
+            self._stations.count,
         )
 
     def frontiers(self) -> tuple[Frontier, ...]:
@@ -154,7 +162,7 @@ class ExploreMission:
         """Look at the map and decide; `view` is None while map, costmap or pose are missing."""
         if not self.is_active:
             return []
-        if self._drive_code == "LOST":
+        if self._drive_code == "LOST" and self.state is not ExploreState.SCANNING:
             return self._end(ExploreState.FAILED, "LOST", self._drive_text)
         if self._held and now_ns - self._held_ns > self.config.held_timeout * 1e9:
             text = f"not allowed to move for {self.config.held_timeout:.0f} s: {self._held}"
@@ -170,7 +178,11 @@ class ExploreMission:
             return self._come_to_level(view)
         if self._doubt or self.state is ExploreState.DOUBTING:
             return self._doubting(view)
+        if self.state is ExploreState.SCANNING:
+            return self._scanning(view)
         self._trail.add(view.map_from_base)
+        if self._is_station_due(view):
+            return self._hold_station(view)
         self._look(view, must=self._drive_code is not None or self.state is not ExploreState.DRIVING)
         steps = {
             ExploreState.STARTING: self._starting,
@@ -244,7 +256,8 @@ class ExploreMission:
         self._next_drive()
         self.target, self._is_home = None, False
         self._enter(ExploreState.CHANGING_LEVEL, f"from level {view.level} to level {following}")
-        return [ChangeLevel(following), DriveTo(self._drive, place, self.config.xy_tolerance, math.pi)]
+        drive = self._send(DriveTo(self._drive, place, self.config.xy_tolerance, math.pi))
+        return [ChangeLevel(following), drive]
 
     def _changing_level(self, view: ExploreView) -> list[Command]:
         """A drive between levels that ended without one: look around, and try again."""
@@ -372,6 +385,33 @@ class ExploreMission:
             return [StopDriving()]
         return [StopDriving(), DriveTo(self._drive, place, self.config.xy_tolerance, math.pi)]
 
+    def _is_station_due(self, view: ExploreView) -> bool:
+        """Only on a way, or where the robot stands and waits for the map anyway; how a drive ended is judged first."""
+        stands = self.state is ExploreState.LOOKING and self._arrived
+        can = (stands or self.state in _ON_THE_WAY) and self._drive_code is None and not self._held
+        return can and self._stations.is_due(view.level, view.map_from_base, view.tilt, view.passages)
+
+    def _hold_station(self, view: ExploreView) -> list[Command]:
+        self._before = (self.state, self.text)
+        number = self._stations.start(view.level, view.map_from_base)
+        self._next_drive()
+        self._enter(ExploreState.SCANNING, f"scanning station {number}")
+        return [StopDriving(), HoldStation(self._drive, self.config.stations.hold, view.level)]
+
+    def _scanning(self, view: ExploreView) -> list[Command]:
+        """When the station is over, go on with what it interrupted, as if it had not been."""
+        code = self._drive_code
+        if code is None:
+            return []
+        self._stations.end(is_held=code == "SUCCEEDED")
+        self._drive_code = None
+        self._enter(*self._before)
+        self.resume(view.now_ns)
+        if self.state not in _ON_THE_WAY or self._way is None:
+            return []
+        self._next_drive()
+        return [self._send(replace(self._way, drive=self._drive))]
+
     def _watch_the_way(self, view: ExploreView, code: str) -> list[Command]:
         """Go to where the way that the robot came is shut, and look; there, turn: a map renews itself only where scans move."""
         self._next_drive()
@@ -406,6 +446,11 @@ class ExploreMission:
 
     def _enter(self, state: ExploreState, text: str) -> None:
         self.state, self.text = state, text
+
+    def _send(self, way: DriveTo) -> DriveTo:
+        """Remember a drive, to go on with it after a station."""
+        self._way = way
+        return way
 
     def _next_drive(self) -> None:
         self._drive += 1
@@ -443,7 +488,7 @@ class ExploreMission:
         if self.state is not ExploreState.DRIVING:
             self._still_at, self._still_ns = view.map_from_base, view.now_ns
         self._enter(ExploreState.DRIVING, f"to a frontier {frontier.path_distance:.1f} m away")
-        return [DriveTo(self._drive, self._sent, self.config.xy_tolerance, self.config.yaw_tolerance)]
+        return [self._send(DriveTo(self._drive, self._sent, self.config.xy_tolerance, self.config.yaw_tolerance))]
 
     def _choosing_or_stop(self, view: ExploreView) -> list[Command]:
         """Choose anew because the target is gone; a running drive is replaced, or stopped when nothing replaces it."""
@@ -515,7 +560,7 @@ class ExploreMission:
         self._next_drive()
         self._enter(ExploreState.RETURNING, f"to the start, attempt {self._returns}")
         c = self.config
-        return [DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance)]
+        return [self._send(DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance))]
 
     def _proof(self) -> str:
         remaining = len(self._now.frontiers) + sum(len(left) for left in self._left.values())

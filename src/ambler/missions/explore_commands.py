@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig
+from ambler.missions.stations import StationsConfig
 from ambler.runtime.tasks import ExploreResult
 
 
@@ -25,6 +26,7 @@ class ExploreState(enum.Enum):
     RETURNING = "returning"
     CHANGING_LEVEL = "changing_level"
     DOUBTING = "doubting"
+    SCANNING = "scanning"
     FINISHED = "finished"
     FAILED = "failed"
     CANCELLED = "cancelled"
@@ -66,12 +68,13 @@ class ExploreConfig:
     doubt_way: float = 4.0
     doubt_time: float = 90.0
     choice: ChoiceConfig = field(default_factory=ChoiceConfig)
+    stations: StationsConfig = field(default_factory=StationsConfig)
 
 
 @dataclass(frozen=True, slots=True)
 class ExploreView:
     """What the mission sees at one instant; both grids and the pose are in the map frame. In a place of several levels the grids are those of `level`, and
-    `passages` are as in core.messages.GroundLevels."""
+    `passages` are as in core.messages.GroundLevels. `tilt` (rad) is by how much the base leans."""
 
     now_ns: int
     map: OccupancyGrid
@@ -79,6 +82,7 @@ class ExploreView:
     map_from_base: SE2
     level: int = 0
     passages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
+    tilt: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +104,17 @@ class TurnAround:
 
 
 @dataclass(frozen=True, slots=True)
+class HoldStation:
+    """Collect a dense cloud for `seconds` as soon as the robot is at rest; the end must be reported with the same `drive`."""
+
+    drive: int
+    seconds: float
+    level: int
+
+
+@dataclass(frozen=True, slots=True)
 class StopDriving:
-    """Cancel the running drive; its end need not be reported."""
+    """Cancel the running drive or station; its end need not be reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,4 +138,4 @@ class Ended:
     result: ExploreResult
 
 
-Command = DriveTo | TurnAround | StopDriving | ClearCosts | ChangeLevel | Ended
+Command = DriveTo | TurnAround | HoldStation | StopDriving | ClearCosts | ChangeLevel | Ended

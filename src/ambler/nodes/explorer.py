@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from typing import Any
 
 from ambler.core.errors import TransformError
@@ -13,10 +15,12 @@ from ambler.core.messages import (
     GateStatus,
     GroundLevels,
     OccupancyGrid,
+    PointStamped,
+    PoseStamped,
     Status,
     Transforms,
 )
-from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey
@@ -28,7 +32,9 @@ from ambler.missions.explore_commands import (
     DriveTo,
     Ended,
     ExploreConfig,
+    ExploreState,
     ExploreView,
+    HoldStation,
     StopDriving,
     TurnAround,
 )
@@ -40,6 +46,7 @@ from ambler.runtime.tasks import (
     EXPLORE,
     NAVIGATE,
     RECOVER,
+    SCAN_STATION,
     ExploreFeedback,
     ExploreGoal,
     ExploreResult,
@@ -48,8 +55,21 @@ from ambler.runtime.tasks import (
     Nothing,
     RecoverGoal,
     RecoveryKind,
+    ScanStationGoal,
 )
-from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, GROUND_LEVELS, MAP, STATUS, TRANSFORMS, Topic
+from ambler.runtime.topics import (
+    FRONTIERS,
+    GATE_STATUS,
+    GLOBAL_COSTMAP,
+    GOAL,
+    GOAL_POINT,
+    GROUND_LEVELS,
+    MAP,
+    STATUS,
+    TRANSFORMS,
+    WAY_POINT,
+    Topic,
+)
 
 Handle = GoalHandle[ExploreGoal, ExploreFeedback, ExploreResult]
 
@@ -59,7 +79,7 @@ class ExplorerNode(Node):
 
     name: str = "explorer"
     inputs: tuple[Topic[Any], ...] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
-    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS)
+    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS, GOAL, GOAL_POINT, WAY_POINT)
     outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
     serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
     calls: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
@@ -75,7 +95,9 @@ class ExplorerNode(Node):
         has_levels: bool = False,
     ) -> None:
         if has_levels:
-            self.calls = (*type(self).calls, CHOOSE_LEVEL)
+            self.calls = (*self.calls, CHOOSE_LEVEL)
+        if config.stations.spacing > 0.0:
+            self.calls = (*self.calls, SCAN_STATION)
         self._mission = ExploreMission(config, survey, strategy)
         self._period = period
         self._tree = TransformTree()
@@ -96,6 +118,9 @@ class ExplorerNode(Node):
         self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(STATUS, self._on_status)
         self.ctx.subscribe(GATE_STATUS, self._on_gate)
+        self.ctx.subscribe(GOAL, self._on_click)
+        for clicked in (GOAL_POINT, WAY_POINT):
+            self.ctx.subscribe(clicked, self._on_click)
         self.ctx.serve_task(EXPLORE, self._on_goal, self._on_cancel)
         self.ctx.timer(self._period, self._update)
 
@@ -126,6 +151,13 @@ class ExplorerNode(Node):
             if self._mission.is_active and self._drive is not None:
                 self._carry_out([self._drive])
 
+    def _on_click(self, goal: PoseStamped | PointStamped) -> None:
+        """A person's own goal during a station, which displaces no drive of the exploration: break it off, and go on when the goal is over."""
+        if self._mission.state is ExploreState.SCANNING and goal.frame == "map" and not self._is_yielding:
+            self._is_yielding = True
+            self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
+            self._carry_out([StopDriving()])
+
     def _on_gate(self, gate: GateStatus) -> None:
         self._mission.hold(gate.reason if gate.state is GateState.FAULT else "", self.ctx.now_ns)
 
@@ -140,9 +172,9 @@ class ExplorerNode(Node):
             self._carry_out(self._mission.cancel())
             self._tell()
 
-    def _pose(self) -> SE2 | None:
+    def _pose(self) -> SE3 | None:
         try:
-            return self._tree.lookup("map", "base").to_se2()
+            return self._tree.lookup("map", "base")
         except TransformError:
             return None
 
@@ -150,10 +182,12 @@ class ExplorerNode(Node):
         pose = self._pose()
         if self._map is None or self._costs is None or pose is None:
             return None
+        up = pose.rotate((0.0, 0.0, 1.0))[2]
+        tilt = math.acos(max(-1.0, min(1.0, up)))
+        view = ExploreView(self.ctx.now_ns, self._map, self._costs, pose.to_se2(), tilt=tilt)
         if self._levels is None:
-            return ExploreView(self.ctx.now_ns, self._map, self._costs, pose)
-        levels = self._levels
-        return ExploreView(self.ctx.now_ns, self._map, self._costs, pose, levels.active, levels.passages)
+            return view
+        return replace(view, level=self._levels.active, passages=self._levels.passages)
 
     def _update(self) -> None:
         mission = self._mission
@@ -195,6 +229,10 @@ class ExplorerNode(Node):
                 case TurnAround():
                     turn = RecoverGoal(RecoveryKind.ROTATE, command.angle)
                     self._ticket = self.ctx.send_goal(RECOVER, turn, self._reporter(command.drive))
+                case HoldStation():
+                    self._drive = None
+                    scan = ScanStationGoal(command.seconds, command.level)
+                    self._ticket = self.ctx.send_goal(SCAN_STATION, scan, self._reporter(command.drive))
                 case StopDriving():
                     if self._ticket is not None:
                         self._ticket.cancel()

@@ -20,6 +20,7 @@ from ambler.lio.doctor import StartExamination
 from ambler.lio.health import LioResult
 from ambler.lio.keyframes import Keyframe
 from ambler.lio.loop_closure import LoopClosure, laid_points
+from ambler.lio.state import to_se3
 from ambler.lio.thin_cloud import thinned
 from ambler.perception.air_filter import AirFilter, AirFilterConfig
 from ambler.recordings.cloud_scan import CloudScan
@@ -28,6 +29,7 @@ from ambler.runtime.tasks import SAVE_CLOUD, Nothing, SaveMapRequest
 from ambler.runtime.topics import (
     CLOUD,
     IMU,
+    MAP_CORRECTIONS,
     ODOMETRY,
     REGISTERED_CLOUD,
     REGISTERED_VIEW,
@@ -59,13 +61,19 @@ class _Closed:
         """Where the keyframes are, (K, 3)."""
         return np.array(self.poses)[:, :3, 3]
 
+    @property
+    def corrections(self) -> list[SE3]:
+        """The correction in the filter's map at each keyframe."""
+        moved = [m @ np.linalg.inv(f.odom_from_keyframe) for f, m in zip(self.keyframes, self.poses, strict=True)]
+        return [to_se3(m[:3, 3], m[:3, :3]) for m in moved]
+
 
 class LidarOdometryNode(Node):
     """Runs `BaseOdometry` with the robot's first LiDAR and first IMU, at their places on the robot.
 
     While nothing can be told (before the start, without scans that fit, or without an IMU) nothing is published, odometry grows stale, and the gate stops the
     robot. Measurements that contradict one another end the node with their reason. With `closes_loops` it also tells map -> odom, for robots that nothing else
-    localizes, and the corrected trajectory, and serves SAVE_CLOUD: what its keyframes saw, in the map, to be localized in later.
+    localizes, the corrected trajectory, and where odom lay in the map at each keyframe, as loop closures have it now, and serves SAVE_CLOUD: what its keyframes saw, in the map, to be localized in later.
     """
 
     name = "odometry"
@@ -89,7 +97,7 @@ class LidarOdometryNode(Node):
         self._closed_last: _Closed | None = None
         self.serves: Offers = ()
         if self._loops is not None:
-            self.outputs = (*type(self).outputs, TRAJECTORY)
+            self.outputs = (*type(self).outputs, TRAJECTORY, MAP_CORRECTIONS)
             self.serves = (SAVE_CLOUD,)
         mounts = {mount.kind: mount for mount in reversed(robot.sensors)}
         if SensorKind.CLOUD not in mounts or SensorKind.IMU not in mounts:
@@ -168,9 +176,18 @@ class LidarOdometryNode(Node):
         ahead = np.diff(places[:, :2], axis=0, append=places[-1:, :2])
         poses = np.column_stack([places[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])]).astype(np.float64)
         self.ctx.publish(TRAJECTORY, Path(self.ctx.now_ns, "map", poses))
+        if closed.closures > self._closures or len(closed.keyframes) <= 2:  # else the new keyframe is as the last one
+            self._tell_corrections(closed)
         if closed.closures > self._closures:
             self.ctx.log("LIO_LOOP_CLOSED", f"{closed.closures} loop closures", closures=closed.closures)
         self._closures = closed.closures
+
+    def _tell_corrections(self, closed: _Closed) -> None:
+        edges = tuple(
+            TransformStamped(frame.stamp_ns, "map", "odom", self._odometry.between_odoms(correction))
+            for frame, correction in zip(closed.keyframes, closed.corrections, strict=True)
+        )
+        self.ctx.publish(MAP_CORRECTIONS, Transforms(self.ctx.now_ns, edges))
 
     def _save_cloud(self, request: SaveMapRequest) -> Nothing:
         """Write what the keyframes saw, `<stem>.cloud.pcd` in the map's frame; what was seen since the last one is left out."""

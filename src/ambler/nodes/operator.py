@@ -258,8 +258,11 @@ class OperatorNode(Node):
     # Telling
 
     def _tell_exploration(self, feedback: ExploreFeedback) -> None:
+        state = feedback.state.lower()
+        if feedback.state == "SCANNING":
+            state = f"scanning station {feedback.stations + 1}"
         self._show(
-            f"{feedback.state.lower():<9}  {feedback.known_area:6.1f} m² known  {feedback.frontiers_open:2d} frontiers open  "
+            f"{state:<9}  {feedback.known_area:6.1f} m² known  {feedback.frontiers_open:2d} frontiers open  "
             f"{feedback.goals_reached:3d} goals"
         )
 

@@ -32,6 +32,9 @@ from ambler.core.requests import (
     RecoverGoal,
     RecoveryKind,
     SaveMapRequest,
+    ScanStationFeedback,
+    ScanStationGoal,
+    ScanStationResult,
     TeachDockGoal,
     TeachDockReport,
     UndockGoal,
@@ -69,6 +72,8 @@ __all__ = [
     "SAVE_GLASS",
     "SAVE_GRAPH",
     "SAVE_MAP",
+    "SAVE_STATIONS",
+    "SCAN_STATION",
     "SIT",
     "STAND",
     "STOP_CHARGING",
@@ -97,6 +102,9 @@ __all__ = [
     "RecoverGoal",
     "RecoveryKind",
     "SaveMapRequest",
+    "ScanStationFeedback",
+    "ScanStationGoal",
+    "ScanStationResult",
     "TeachDockGoal",
     "TeachDockReport",
     "UndockGoal",
@@ -168,6 +176,7 @@ SAVE_MAP = _service("save_map", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMa
 SAVE_CLOUD = _service("save_cloud", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GLASS = _service("save_glass", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 SAVE_GRAPH = _service("save_graph", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
+SAVE_STATIONS = _service("save_stations", SaveMapRequest, Nothing, "ambler_msgs/srv/SaveMap")
 CAMERA_PICTURES = _service(
     "camera_pictures", PicturesRequest, Nothing, "ambler_msgs/srv/CameraPictures", is_outside=True
 )
@@ -253,6 +262,15 @@ EXPLORE = _task(
     ("STUCK", "LOST", "RETURN_FAILED"),
     "ambler_msgs/action/Explore",
     is_outside=True,
+)
+
+SCAN_STATION = _task(
+    "scan_station",
+    ScanStationGoal,
+    ScanStationFeedback,
+    ScanStationResult,
+    ("NOT_AT_REST", "MOVED", "LOST", "STALE_INPUT"),
+    "ambler_msgs/action/ScanStation",
 )
 
 CLICKED_GOAL_OVER = "CLICKED_GOAL_OVER"

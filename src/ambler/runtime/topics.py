@@ -95,6 +95,7 @@ GROUND_LEVELS = _topic("ground_levels", m.GroundLevels, "/ground_levels", "latch
 SLAM_HEALTH = _topic("slam_health", m.SlamHealth, "/slam_health")
 GLASS = _topic("glass", m.GlassWalls, "/glass", "latched", 1)
 TRAJECTORY = _topic("trajectory", m.Path, "/trajectory", "latched", 1)
+MAP_CORRECTIONS = _topic("map_corrections", m.Transforms, "/map_corrections", "latched", 1, is_bulk=True)
 MAP_CLOUD = _topic("map_cloud", m.PointCloud, "/overall_map", "latched", 1)
 # Localization in a known map
 LOCALIZED_POSE = _topic("localized_pose", m.Odometry, "/localized_pose", depth=50)

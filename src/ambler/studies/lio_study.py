@@ -36,6 +36,7 @@ from ambler.sim.air import Air, Airborne
 from ambler.sim.hand_path import Burst, HandPath, Sway
 from ambler.sim.hand_rig import BEGIN_NS, IMU_FRAME, LIDAR_FRAME, LIDARS, HandRig, RigScan
 from ambler.sim.site import Site, draw_hall, draw_site, draw_tunnel, draw_twins
+from ambler.sim.surface_distance import surface_distances
 from ambler.studies.lio_peer import KissIcp
 from ambler.studies.study import CRASHED, Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
@@ -348,18 +349,13 @@ def _surfaces(
 ) -> dict[str, float]:
     """Return how far points of a map (M, 3) lie from true surfaces, the best rigid motion of the way taken out.
 
-    The distance is measured along the six axes, each times the cosine at which its ray meets a surface; points farther than `STRAY` from all
-    are counted apart (between two surfaces, at edges).
+    Points farther than `STRAY` from all are counted apart (between two surfaces, at edges).
     """
     places, known = (np.array([p.translation for p in poses]) for poses in (poses, truth))
     rotation, shift = best_motion(places, known)
     points = mapped[:: max(1, len(mapped) // SURFACE_POINTS)]
     world = points.astype(np.float64) @ rotation.T + shift
-    # Rays meet the floor from above and the ceiling from below only.
-    distances = np.fmin(np.abs(world[:, 2] - rig.scene.floor), np.abs(world[:, 2] - rig.scene.ceiling))
-    for axis in (*np.eye(3), *-np.eye(3)):
-        found, _, cosine = rig.scene.cast(world, np.tile(axis, (len(world), 1)), 2.0)
-        distances = np.fmin(distances, np.where(np.isfinite(found), found, np.inf) * np.maximum(cosine, 0.05))
+    distances = surface_distances(rig.scene, world)
     near = distances[distances < STRAY]
     return {
         "surface_rms_m": float(np.sqrt(np.mean(near**2))),
