@@ -14,7 +14,7 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "sites", help="explore drawn sites with three dimensions: slopes, kerbs, garages of two levels"
     )
-    add_site_options(parser, ("go2", "mecanum"))
+    add_site_options(parser, ("go2", "mecanum", "spot"))
     parser.set_defaults(run=run)
 
 

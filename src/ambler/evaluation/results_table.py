@@ -558,7 +558,7 @@ ROWS: Sequence[Row] = (
         _at_most("with_voxels_", collisions=0),
     ),
     Row(
-        "sites in three dimensions, drawn (plots with slopes and kerbs, garages of two levels), explored by `go2` and `mecanum`",
+        "sites in three dimensions, drawn (plots with slopes and kerbs, garages of two levels), explored by `go2`, `mecanum` and `spot`",
         "10 sites: ≥ 98 % of the visible surface, with proof, at home, 0 collisions; path ≤ 2 × the tour with full knowledge",
         "sites.json",
         "{all_done} of {all_runs} done ({all_finished} with proof, {all_at_home} at home), {all_collisions} collisions; surface {all_surface_coverage_ratio_median:.1%} (worst "
