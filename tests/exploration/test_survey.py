@@ -131,6 +131,14 @@ def test_what_is_only_assumed_is_driven_through_and_still_to_be_seen() -> None:
     assert survey.known_area < 20 * 62 * R * R
 
 
+def from_afar(occupancy: NDArray[np.int8], *, is_overlooked: bool = True) -> FrontierSurvey:
+    """A survey for a scanner that sees the floor from 5.2 m on; what is unknown of a map was near it once, and only assumed."""
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+    before = np.where(occupancy < 0, OCC_ASSUMED, occupancy).astype(np.int8) if is_overlooked else occupancy
+    surveyor.update(*grids(before), SE2(6.0, 2.0))
+    return surveyor
+
+
 def bay() -> NDArray[np.int8]:
     """A hall of 11 x 8 m, known but for a bay of 2 x 2 m between two walls at its upper side, of which the first 0.5 m were seen; spec as in `grids`."""
     occupancy = np.full((100, 120), 100, np.int8)
@@ -143,7 +151,7 @@ def bay() -> NDArray[np.int8]:
 
 def test_a_scanner_that_does_not_see_the_floor_beside_itself_looks_from_where_it_does() -> None:
     near_goal = survey_of(bay()).frontiers[0].goal
-    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    surveyor = from_afar(bay())
     blind = surveyor.update(*grids(bay()), SE2(0.8, 6.2))
     (frontier,) = (f for f in blind.frontiers if f.state is FrontierState.OPEN)
     assert near_goal is not None
@@ -161,7 +169,7 @@ def test_a_scanner_that_does_not_see_the_floor_beside_itself_looks_from_where_it
 
 
 def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:
-    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    surveyor = from_afar(bay())
     (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
     spec, data = grids(bay())[0].spec, bay()
     surveyor.memory.refuse(frontier, "nothing changed", spec, data, has_looked=True)
@@ -172,11 +180,18 @@ def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:
     assert ways[1] < 1.1
 
 
+def test_what_the_robot_has_not_been_near_is_gone_to() -> None:
+    surveyor = from_afar(bay(), is_overlooked=False)
+    (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(0.8, 6.2)).frontiers if f.goal is not None)
+    assert frontier.goal is not None
+    assert math.hypot(frontier.goal[0] - frontier.centroid[0], frontier.goal[1] - frontier.centroid[1]) < 1.1
+
+
 def test_where_there_is_no_such_place_the_goal_is_near() -> None:
     occupancy = bay()
     occupancy[5:25] = 100  # nothing within 5 m of the bay is far enough away and in line with it
     occupancy[25:65, 5:45] = occupancy[25:65, 75:115] = 100
-    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    surveyor = from_afar(occupancy)
     blind = surveyor.update(*grids(occupancy), SE2(6.0, 4.0))
     (frontier,) = (f for f in blind.frontiers if f.state is FrontierState.OPEN)
     assert frontier.goal is not None
@@ -188,7 +203,7 @@ def test_what_recedes_before_the_robot_is_driven_towards() -> None:
     occupancy = corridor()
     occupancy[10:30, 70:90] = 0
     occupancy[9, 70:90] = occupancy[30, 70:90] = 100
-    surveyor = FrontierSurvey(SurveyConfig(sees_floor=(5.2, 6.2)), path_distances)
+    surveyor = from_afar(occupancy)
     goals = {}
     for x in (2.0, 3.5, 4.5):
         (end,) = surveyor.update(*grids(occupancy), SE2(x, 2.0)).frontiers
@@ -205,7 +220,7 @@ def test_a_ring_of_frontier_around_the_robot_is_gone_to() -> None:
     y, x = np.mgrid[:160, :160] + 0.5
     away = np.hypot(x - 80.0, y - 80.0)
     occupancy = np.where(away < 50.0, OCC_ASSUMED, np.where(away < 65.0, 0, 100)).astype(np.int8)
-    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+    surveyor = from_afar(occupancy)
     surveyor.is_strict = True
     survey = surveyor.update(*grids(occupancy), SE2(8.0, 8.0))
     (ring,) = survey.open

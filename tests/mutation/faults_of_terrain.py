@@ -218,6 +218,13 @@ TERRAIN = (
         ("tests/missions/test_explore_levels.py",),
     ),
     PlantedFault(
+        "everything is looked at from afar",
+        "exploration/overlooked.py",
+        "return np.asarray(hits >= SHARE * groups.sizes, np.bool_)",
+        "return np.ones(len(groups), np.bool_)",
+        ("tests/exploration/test_survey.py",),
+    ),
+    PlantedFault(
         "a level is left without asking for what is only assumed",
         "missions/explore.py",
         "            self._surveyor.is_strict = True\n",

@@ -107,10 +107,10 @@ class CloseLooks:
             self._counts = np.zeros(spec.shape, np.uint8)
             return
         dy, dx = old.offset_in(spec)
-        self._counts = _moved(self._counts, spec.shape, dy, dx)
+        self._counts = moved_grid(self._counts, spec.shape, dy, dx)
 
 
-def _moved(old: NDArray[np.uint8], shape: tuple[int, int], dy: int, dx: int) -> NDArray[np.uint8]:
+def moved_grid(old: NDArray[np.uint8], shape: tuple[int, int], dy: int, dx: int) -> NDArray[np.uint8]:
     """Return a grid of zeros that holds `old`, whose cell [0, 0] becomes [dy, dx]."""
     new = np.zeros(shape, np.uint8)
     y0, y1 = max(0, dy), min(old.shape[0] + dy, shape[0])

@@ -18,6 +18,7 @@ from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
+from ambler.exploration.overlooked import Overlooked
 from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import viewpoints, visible_unknown
@@ -32,7 +33,7 @@ class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
     a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
     is such a place: there the robot can turn. In grids of more than `wide_cells` cells (39 m square) distances are those of cells of
-    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: a strict look takes them for unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks at a frontier from that far away, where there is such a place."""
+    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: a strict look takes them for unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks from that far away, where there is such a place, at what was only assumed when it was near."""
 
     min_size: float = 0.5
     min_gain: float = 0.25
@@ -82,6 +83,7 @@ class FrontierSurvey:
         self.memory = FrontierMemory(config.memory, config.free_below)
         self._close = CloseLooks(config.close, config.free_below)
         self._fence = Fence(config.fence)
+        self._overlooked = None if config.assumed is None else Overlooked(config.assumed)
         self._distance_field = distance_field
         self._frontier_map = FrontierMap(config.free_below)
         self._last: OccupancyGrid | None = None
@@ -96,6 +98,7 @@ class FrontierSurvey:
         self.memory = FrontierMemory(self.config.memory, self.config.free_below)
         self._close = CloseLooks(self.config.close, self.config.free_below)
         self._fence = Fence(self.config.fence)
+        self._overlooked = None if self.config.assumed is None else Overlooked(self.config.assumed)
         self.is_strict = False
         self.forget_map()
 
@@ -109,6 +112,8 @@ class FrontierSurvey:
         Both grids must be aligned to whole cells of one resolution; raises BadInputError otherwise.
         """
         self._close.add(occupancy, map_from_base)
+        if self._overlooked is not None:
+            self._overlooked.add(occupancy)
         drivable, occupancy = occupancy, self._seen(occupancy)
         found = self._search(occupancy)
         self._fence.update(occupancy, map_from_base, boundary)
@@ -163,10 +168,10 @@ class FrontierSurvey:
         (seen, drivable), c = maps, self.config
         spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
-        if near * resolution <= c.goal_reach:
+        if near * resolution <= c.goal_reach or self._overlooked is None:
             return
         shift, base = _cell_shift(spec, costs.spec), spec.cell_of(map_from_base.x, map_from_base.y)
-        worth_it = groups.sizes * resolution >= c.min_size
+        worth_it = (groups.sizes * resolution >= c.min_size) & self._overlooked.are_of(groups)
         for g, (cells, centroid) in enumerate(groups.split()):
             worth_it[g] &= self.memory.find(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN)) is None
         roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
