@@ -74,7 +74,8 @@ class SensorMount:
     @property
     def sees_floor_from(self) -> float:
         """How far ahead of a level base its lowest beam meets the floor, metres; inf where none does."""
-        down = -self.elevation[0] - math.asin(self.base_from_sensor.rotate((1.0, 0.0, 0.0))[2])
+        rise = self.base_from_sensor.rotate((1.0, 0.0, 0.0))[2]
+        down = -self.elevation[0] - math.asin(max(-1.0, min(1.0, rise)))
         if down >= 0.5 * math.pi:
             return 0.0
         x, _, z = self.base_from_sensor.translation
