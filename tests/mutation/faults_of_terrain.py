@@ -295,6 +295,13 @@ TERRAIN = (
         FLOOR_MEMORY,
     ),
     PlantedFault(
+        "what stands below a robot that has climbed is let go",
+        "safety/points.py",
+        "np.abs(self.heights(points)) < within",
+        "self.heights(points) < within",
+        FLOOR_MEMORY,
+    ),
+    PlantedFault(
         "what is hidden below the beams is taken for floor",
         "safety/blind_memory.py",
         "is_kept &= ~is_floor(kept)",

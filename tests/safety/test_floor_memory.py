@@ -120,13 +120,9 @@ def remembered_on_the_way(places: np.ndarray, box: tuple[float, float] | None) -
         height = float(height_at(np.array([x]))[0])
         floor = Floor(SLOPE, REACH, 0.6, (0.0, 0.0), floor_memory, SE3((x, 0.0, height)))
         points = points_of_cloud(scan_at(x, box), [MOUNT], np.zeros(3), REACH, BAND, floor)
-        is_floor = partial(is_lower, floor)
+        is_floor = partial(floor.holds, within=BAND[0])
         kept.append(blind.update(points, SE2(x, 0.0), MOUNT, field, (), 0.0, height, is_floor))
     return kept
-
-
-def is_lower(floor: Floor, points: np.ndarray) -> np.ndarray:
-    return floor.heights(points) < BAND[0]
 
 
 def test_what_looked_like_an_obstacle_from_afar_and_proves_to_be_floor_is_let_go() -> None:
@@ -140,3 +136,12 @@ def test_a_low_box_that_is_hidden_below_the_beams_is_held() -> None:
     kept = remembered_on_the_way(np.arange(0.0, 2.2, 0.05), (3.0, 0.3))
     front = kept[-1][np.abs(kept[-1][:, 0] - (3.0 - 2.15)) < 0.1]
     assert len(front) > 5
+
+
+def test_what_stands_lower_than_any_floor_that_was_found_is_held() -> None:
+    """A robot that has climbed away from it does not know the floor there: the height of its own is told instead."""
+    floor = Floor(SLOPE, REACH, 0.6, (0.0, 0.0), FloorMemory(REACH, 12.0), SE3())
+    floor.find(np.array([[3.0, 0.0, 0.0]]))
+    behind, below = np.array([[-0.8, 0.0, 0.02]]), np.array([[-0.8, 0.0, -0.5]])
+    assert floor.holds(behind, BAND[0]).all()
+    assert not floor.holds(below, BAND[0]).any()

@@ -186,7 +186,7 @@ class GateNode(Node):
             cloud,
             field,
             lambda _: points_of_cloud(cloud, self._sweep_of(cloud), *around, floor, mount.elevation[0]),
-            None if floor is None else lambda points: floor.heights(points) < self._z_band[0],
+            None if floor is None else lambda points: floor.holds(points, self._z_band[0]),
         )
 
     def _floor_at(self, cloud: PointCloud) -> Floor | None:

@@ -55,6 +55,11 @@ class Floor:
         heights_over(points, self._heights, out)
         return out
 
+    def holds(self, points: F64, within: float) -> NDArray[np.bool_]:
+        """Say which points (N, 3), level base frame, lie `within` metres of the floor, above or below it. What lies lower is none: behind a robot that has climbed away from it, floor
+        may not be known, and the last height that was found is told instead."""
+        return np.asarray(np.abs(self.heights(points)) < within)
+
 
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
     """Return the returns of a planar scan in the base frame of its stamp, float64 (N, 3); `twist` (vx, vy, wz) of the base."""
