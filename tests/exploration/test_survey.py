@@ -171,8 +171,7 @@ def test_a_scanner_that_does_not_see_the_floor_beside_itself_looks_from_where_it
 def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:
     surveyor = from_afar(bay())
     (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
-    spec, data = grids(bay())[0].spec, bay()
-    surveyor.memory.refuse(frontier, "nothing changed", spec, data, has_looked=True)
+    surveyor.memory.refuse(frontier, "nothing changed", grids(bay())[0], has_looked=True)
     (again,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
     assert again.state is FrontierState.OPEN
     ways = [math.hypot(f.goal[0] - f.centroid[0], f.goal[1] - f.centroid[1]) for f in (frontier, again) if f.goal]

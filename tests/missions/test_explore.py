@@ -47,6 +47,7 @@ class ScriptedSurveyor:
         self.full_searches = 0
         self.reachable_area = 50.0
         self.is_strict = False
+        self.is_hiding = False
         self.left_when_strict: list[Frontier] = []
         self.reset()
 
@@ -56,10 +57,13 @@ class ScriptedSurveyor:
     def forget_map(self) -> None:
         self.full_searches += 1
 
+    def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
+        return self.is_hiding
+
     def update(self, occupancy: OccupancyGrid, costs: CostGrid, base: SE2, boundary: object = ()) -> Survey:
         judged = []
         for f in [*self.frontiers, *(self.left_when_strict if self.is_strict else [])]:
-            reason = self.memory.reason_against(f, occupancy.spec, occupancy.data)
+            reason = self.memory.reason_against(f, occupancy)
             judged.append(replace(f, state=FrontierState.UNREACHABLE, reason=reason) if reason else f)
         is_open = tuple(i for i, f in enumerate(judged) if f.state is FrontierState.OPEN)
         return Survey(tuple(judged), np.ones(len(judged)), is_open, 100.0, self.reachable_area, costs)

@@ -145,9 +145,8 @@ def left_behind(*open_on_the_way: tuple[float, float]) -> dict[int, tuple[Fronti
     house.come_to(0)
     house.mission._left[1] = (frontier(3.0, 3.0, 1.0),)
     for _ in range(2):
-        house.surveyor.memory.refuse(
-            house.surveyor.frontiers[0], "-", SPEC, np.zeros(SPEC.shape, np.int8), has_looked=True
-        )
+        empty = OccupancyGrid(0, "map", SPEC, np.zeros(SPEC.shape, np.int8))
+        house.surveyor.memory.refuse(house.surveyor.frontiers[0], "-", empty, has_looked=True)
     while not any(isinstance(c, ChangeLevel) for c in house.step()):
         assert house.now_ns < 100 * S
     house.surveyor.reset()

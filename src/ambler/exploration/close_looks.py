@@ -16,6 +16,7 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import OccupancyGrid
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
+from ambler.exploration.lattice import carried
 from ambler.kernels.frontier import look_around
 
 I64 = NDArray[np.int64]
@@ -102,19 +103,4 @@ class CloseLooks:
         """Take another geometry of the same lattice; what lies outside is forgotten."""
         if spec == self._spec:
             return
-        old, self._spec = self._spec, spec
-        if old is None or old.resolution != spec.resolution:
-            self._counts = np.zeros(spec.shape, np.uint8)
-            return
-        dy, dx = old.offset_in(spec)
-        self._counts = moved_grid(self._counts, spec.shape, dy, dx)
-
-
-def moved_grid(old: NDArray[np.uint8], shape: tuple[int, int], dy: int, dx: int) -> NDArray[np.uint8]:
-    """Return a grid of zeros that holds `old`, whose cell [0, 0] becomes [dy, dx]."""
-    new = np.zeros(shape, np.uint8)
-    y0, y1 = max(0, dy), min(old.shape[0] + dy, shape[0])
-    x0, x1 = max(0, dx), min(old.shape[1] + dx, shape[1])
-    if y1 > y0 and x1 > x0:
-        new[y0:y1, x0:x1] = old[y0 - dy : y1 - dy, x0 - dx : x1 - dx]
-    return new
+        self._counts, self._spec = carried(self._counts, self._spec, spec), spec

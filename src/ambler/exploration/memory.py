@@ -2,6 +2,8 @@
 
 A refusal belongs to a place, not to a number: a later frontier is the same one when most of its cells lie beside the cells
 of the remembered one. A refused frontier may be tried again when the map near it has changed, at most `max_attempts` times.
+Where the ground near the robot is assumed, frontiers close when it comes near and open with another shape when it leaves: these are known by
+where they lie (`exploration/visits.py`).
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ambler.core.grid import GridSpec
-from ambler.core.messages import Frontier
+from ambler.core.messages import Frontier, OccupancyGrid
+from ambler.exploration.visits import Visits, VisitsConfig
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
@@ -29,25 +31,28 @@ class MemoryConfig:
     match_ratio: float = 0.5
     change_radius: float = 1.5
     change_cells: int = 40
+    visits: VisitsConfig = field(default_factory=VisitsConfig)
 
 
-def classify(occupancy: NDArray[np.int8], free_below: int) -> NDArray[np.uint8]:
-    """Return UNKNOWN, FREE or OCCUPIED for each cell."""
+def classify(occupancy: NDArray[np.int8], free_below: int, assumed: int | None = None) -> NDArray[np.uint8]:
+    """Return UNKNOWN, FREE or OCCUPIED for each cell; what is only `assumed` is unknown."""
     known = np.where(occupancy < free_below, FREE, OCCUPIED)
-    return np.where(occupancy < 0, UNKNOWN, known).astype(np.uint8)
+    is_unknown = (occupancy < 0) | (occupancy == assumed if assumed is not None else False)
+    return np.where(is_unknown, UNKNOWN, known).astype(np.uint8)
 
 
 def patch_around(
-    spec: GridSpec, occupancy: NDArray[np.int8], center: tuple[float, float], radius: float, free_below: int
+    occupancy: OccupancyGrid, center: tuple[float, float], radius: float, free_below: int, assumed: int | None = None
 ) -> NDArray[np.uint8]:
     """Return the classes of a square about a point, uint8 (2 n + 1, 2 n + 1); outside the grid is unknown."""
+    spec, data = occupancy.spec, occupancy.data
     n = round(radius / spec.resolution)
     iy, ix = spec.cell_of(*center)
     patch = np.zeros((2 * n + 1, 2 * n + 1), np.uint8)
     y0, y1 = max(0, iy - n), min(spec.height, iy + n + 1)
     x0, x1 = max(0, ix - n), min(spec.width, ix + n + 1)
     if y0 < y1 and x0 < x1:
-        inside = classify(occupancy[y0:y1, x0:x1], free_below)
+        inside = classify(data[y0:y1, x0:x1], free_below, assumed)
         patch[y0 - iy + n : y1 - iy + n, x0 - ix + n : x1 - ix + n] = inside
     return patch
 
@@ -74,19 +79,20 @@ class Refusal:
 class FrontierMemory:
     """Remembers refusals and says which frontiers are not worth another drive."""
 
-    def __init__(self, config: MemoryConfig, free_below: int) -> None:
+    def __init__(self, config: MemoryConfig, free_below: int, assumed: int | None = None) -> None:
         self.config = config
-        self._free_below = free_below
+        self._free_below, self._assumed = free_below, assumed
         self._refusals: list[Refusal] = []
+        self._visits = None if assumed is None else Visits(config.visits)
 
     def __len__(self) -> int:
         return len(self._refusals)
 
-    def refuse(
-        self, frontier: Frontier, reason: str, spec: GridSpec, occupancy: NDArray[np.int8], *, has_looked: bool
-    ) -> None:
+    def refuse(self, frontier: Frontier, reason: str, occupancy: OccupancyGrid, *, has_looked: bool) -> None:
         """Remember that a drive to this frontier failed, or (`has_looked`) that the robot stood there and nothing changed."""
-        patch = patch_around(spec, occupancy, frontier.centroid, self.config.change_radius, self._free_below)
+        if has_looked and self._visits is not None:
+            self._visits.add(frontier, occupancy)
+        patch = self._patch(occupancy, frontier.centroid)
         old = self.find(frontier)
         attempts, looks = (0, 0) if old is None else (old.attempts, old.looks)
         if old is not None:
@@ -116,8 +122,10 @@ class FrontierMemory:
                 return refusal
         return None
 
-    def reason_against(self, frontier: Frontier, spec: GridSpec, occupancy: NDArray[np.int8]) -> str:
+    def reason_against(self, frontier: Frontier, occupancy: OccupancyGrid) -> str:
         """Return why this frontier must not be tried now, or an empty text."""
+        if self._visits is not None and self._visits.at(frontier, occupancy.spec) >= self.config.max_attempts:
+            return f"given up after {self.config.max_attempts} looks: it closes and opens again"
         refusal = self.find(frontier)
         if refusal is None or refusal.is_pardoned:
             return ""
@@ -125,7 +133,7 @@ class FrontierMemory:
         if tried >= self.config.max_attempts:
             return f"given up after {tried} attempts: {refusal.reason}"
         is_refused = refusal.attempts > 0 or refusal.looks >= self.config.max_looks
-        if not is_refused or self._has_changed(refusal, spec, occupancy):
+        if not is_refused or self._has_changed(refusal, occupancy):
             return ""
         if refusal.looks >= self.config.max_looks:
             return f"looked at {refusal.looks} times: {refusal.reason}"
@@ -141,6 +149,9 @@ class FrontierMemory:
                 pardoned += 1
         return pardoned
 
-    def _has_changed(self, refusal: Refusal, spec: GridSpec, occupancy: NDArray[np.int8]) -> bool:
-        now = patch_around(spec, occupancy, refusal.center, self.config.change_radius, self._free_below)
+    def _has_changed(self, refusal: Refusal, occupancy: OccupancyGrid) -> bool:
+        now = self._patch(occupancy, refusal.center)
         return int(np.count_nonzero(now != refusal.patch)) >= self.config.change_cells
+
+    def _patch(self, occupancy: OccupancyGrid, center: tuple[float, float]) -> NDArray[np.uint8]:
+        return patch_around(occupancy, center, self.config.change_radius, self._free_below, self._assumed)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
-from ambler.core.messages import OccupancyGrid
-from ambler.exploration.close_looks import moved_grid
+from ambler.core.messages import Frontier, OccupancyGrid
 from ambler.exploration.frontier_map import FrontierGroups
+from ambler.exploration.lattice import carried
 
 BESIDE = 2  # cells around what was assumed
 SHARE = 0.5  # of a frontier's cells
@@ -27,17 +27,30 @@ class Overlooked:
         """Take down what is only assumed now."""
         spec = occupancy.spec
         if spec != self._spec:
-            old, self._spec = self._spec, spec
-            if old is None or old.resolution != spec.resolution:
-                self._cells = np.zeros(spec.shape, np.uint8)
-            else:
-                self._cells = moved_grid(self._cells, spec.shape, *old.offset_in(spec))
+            self._cells, self._spec = carried(self._cells, self._spec, spec), spec
         self._cells |= occupancy.data == self._assumed
 
     def are_of(self, groups: FrontierGroups) -> NDArray[np.bool_]:
         """Tell which groups (N,) of frontier cells of the last map border mostly on what was assumed once."""
         if not len(groups):
             return np.zeros(0, np.bool_)
-        around = cv2.dilate(self._cells, np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8))
-        hits = np.add.reduceat(around.ravel()[groups.cells].astype(np.int64), groups.starts[:-1])
+        hits = np.add.reduceat(_around(self._cells).ravel()[groups.cells].astype(np.int64), groups.starts[:-1])
         return np.asarray(hits >= SHARE * groups.sizes, np.bool_)
+
+
+def is_hidden(frontier: Frontier, occupancy: OccupancyGrid, assumed: int) -> bool:
+    """Tell whether a frontier borders mostly on what is assumed in this map: it may have closed only because the robot came near."""
+    spec = occupancy.spec
+    iy, ix = spec.cells_of(frontier.cells).T
+    is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
+    if not is_inside.any():
+        return False
+    (y0, x0), (y1, x1) = ((int(f(k[is_inside])) for k in (iy, ix)) for f in (np.min, np.max))
+    y0, x0 = max(0, y0 - BESIDE), max(0, x0 - BESIDE)
+    around = _around((occupancy.data[y0 : y1 + BESIDE + 1, x0 : x1 + BESIDE + 1] == assumed).astype(np.uint8))
+    hits = int(np.count_nonzero(around[iy[is_inside] - y0, ix[is_inside] - x0]))
+    return hits >= SHARE * len(iy)
+
+
+def _around(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.dilate(cells, np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)), np.uint8)

@@ -18,7 +18,7 @@ from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
-from ambler.exploration.overlooked import Overlooked
+from ambler.exploration.overlooked import Overlooked, is_hidden
 from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import viewpoints, visible_unknown
@@ -80,7 +80,7 @@ class FrontierSurvey:
 
     def __init__(self, config: SurveyConfig, distance_field: DistanceField) -> None:
         self.config = config
-        self.memory = FrontierMemory(config.memory, config.free_below)
+        self.memory = FrontierMemory(config.memory, config.free_below, config.assumed)
         self._close = CloseLooks(config.close, config.free_below)
         self._fence = Fence(config.fence)
         self._overlooked = None if config.assumed is None else Overlooked(config.assumed)
@@ -95,7 +95,7 @@ class FrontierSurvey:
 
     def reset(self) -> None:
         """Forget the map and every refusal."""
-        self.memory = FrontierMemory(self.config.memory, self.config.free_below)
+        self.memory = FrontierMemory(self.config.memory, self.config.free_below, self.config.assumed)
         self._close = CloseLooks(self.config.close, self.config.free_below)
         self._fence = Fence(self.config.fence)
         self._overlooked = None if self.config.assumed is None else Overlooked(self.config.assumed)
@@ -145,6 +145,10 @@ class FrontierSurvey:
         reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
         left_out = float(np.count_nonzero(sides)) * occupancy.spec.resolution
         return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out)
+
+    def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
+        """Tell whether a frontier that is gone may have closed only because the map assumes ground there now."""
+        return self.config.assumed is not None and is_hidden(frontier, occupancy, self.config.assumed)
 
     def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
         """Return the map, for a strict look one in which nothing is assumed."""
@@ -276,7 +280,7 @@ class FrontierSurvey:
                 FrontierState.TOO_SMALL,
                 f"only {gain:.2f} m² of unknown visible, less than {c.min_gain:.2f} m²",
             )
-        reason = self.memory.reason_against(frontier, occupancy.spec, occupancy.data)
+        reason = self.memory.reason_against(frontier, occupancy)
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
 
     def _judge_over(self, cells: NDArray[np.float32], centroid: tuple[float, float], resolution: float) -> Frontier:

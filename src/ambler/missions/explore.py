@@ -302,6 +302,8 @@ class ExploreMission:
             self._gets_on()
             self._arrived = True
             return self._wait(view, self.config.look_time, "arrived, waiting for the map")
+        if again is None and code is None and self._surveyor.hides(self._target_frontier, view.map):
+            return self._drive_on(view)
         if again is None:
             if find_again(self._target_frontier, self._now, self.config.choice, is_open=False) is None:
                 self._goals_reached += 1
@@ -311,8 +313,8 @@ class ExploreMission:
         self._track(again, view)
         if code is not None:
             return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
-        if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e9:
-            return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
+        if self._is_late(view, min(self._progress_ns, self._still_ns)):
+            return self._give_up_late(view)
         if not self._is_fresh:
             return []
         best = choose(self._now, self._strategy, view.map_from_base, again, self._choice_while_driving())
@@ -324,6 +326,17 @@ class ExploreMission:
         if best != again or has_moved:
             return self._drive_to_frontier(view, best)
         return []
+
+    def _drive_on(self, view: ExploreView) -> list[Command]:
+        """The target closed because the ground around the robot is assumed: only where the robot was sent to does it see what is there."""
+        self._note_motion(view)
+        return self._give_up_late(view) if self._is_late(view, self._still_ns) else []
+
+    def _is_late(self, view: ExploreView, since_ns: int) -> bool:
+        return view.now_ns - since_ns > self.config.progress_timeout * 1e9
+
+    def _give_up_late(self, view: ExploreView) -> list[Command]:
+        return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
 
     def _choice_while_driving(self) -> ChoiceConfig:
         """Ask for twice the saving after each change of mind, so that a robot between two targets decides for one."""
@@ -342,6 +355,8 @@ class ExploreMission:
             again = find_again(self._target_frontier, self._now, self.config.choice)
             if again is not None:
                 self._judge_look(view, self._now.frontiers[again])
+            elif self._surveyor.hides(self._target_frontier, view.map):
+                self._remember(view, self._target_frontier, "its ground is only assumed", has_looked=True)
         self.target = None
         return self._choosing(view)
 
@@ -464,8 +479,7 @@ class ExploreMission:
     def _track(self, index: int, view: ExploreView) -> None:
         """Take frontier `index` as the present shape of the target, and note progress: towards it, and of the robot at all, because
         a change of the target begins the former anew."""
-        if self._still_at.distance_to(view.map_from_base) > self.config.progress_distance:
-            self._still_at, self._still_ns = view.map_from_base, view.now_ns
+        self._note_motion(view)
         self.target = index
         self._target_frontier = self._now.frontiers[index]
         distance = self._target_frontier.path_distance
@@ -474,6 +488,10 @@ class ExploreMission:
                 self._still_ns = view.now_ns
             self._best_distance = distance
             self._progress_ns = view.now_ns
+
+    def _note_motion(self, view: ExploreView) -> None:
+        if self._still_at.distance_to(view.map_from_base) > self.config.progress_distance:
+            self._still_at, self._still_ns = view.map_from_base, view.now_ns
 
     def _drive_to_frontier(self, view: ExploreView, index: int) -> list[Command]:
         frontier = self._now.frontiers[index]
@@ -535,7 +553,7 @@ class ExploreMission:
         self._remember(view, frontier, reason, has_looked=has_looked)
 
     def _remember(self, view: ExploreView, frontier: Frontier, reason: str, *, has_looked: bool) -> None:
-        self._surveyor.memory.refuse(frontier, reason, view.map.spec, view.map.data, has_looked=has_looked)
+        self._surveyor.memory.refuse(frontier, reason, view.map, has_looked=has_looked)
         self._look(view)
 
     def _sweep(self, view: ExploreView) -> list[Command]:
