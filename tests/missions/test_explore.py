@@ -149,6 +149,44 @@ def test_it_turns_to_the_next_as_soon_as_the_target_is_gone() -> None:
     assert play.mission.feedback.goals_reached == 1
 
 
+def test_a_target_that_closed_by_assumption_is_driven_to_and_counts_as_looked_at() -> None:
+    play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0))
+    drive = play.drive()
+    play.surveyor.is_hiding = True
+    play.surveyor.frontiers = [frontier(5, 5, 7.0)]
+    for _ in range(3):
+        assert play.step() == [], "it is not known yet what is there"
+    assert play.mission.feedback.goals_reached == 0
+    play.pose = drive.map_from_goal
+    play.end(drive)
+    assert play.drive(2.0).map_from_goal.x == 5.0
+    refusal = play.surveyor.memory.find(frontier(12, 10, 2.0))
+    assert refusal is not None
+    assert (refusal.looks, refusal.reason) == (1, "its ground is only assumed")
+
+
+def test_a_drive_to_what_closed_by_assumption_ends_when_it_fails_or_stands_still() -> None:
+    play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0), progress_timeout=10.0)
+    drive = play.drive()
+    play.surveyor.is_hiding = True
+    play.surveyor.frontiers = [frontier(5, 5, 7.0)]
+    for k in range(10):
+        play.pose = SE2(10.0 + 0.4 * k, 10.0)
+        assert play.step() == [], "it moves on"
+    for _ in range(20):
+        if StopDriving() in play.step():
+            break
+    else:
+        raise AssertionError("it stands still for ever")
+    play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0))
+    drive = play.drive()
+    play.surveyor.is_hiding = True
+    play.surveyor.frontiers = [frontier(5, 5, 7.0)]
+    play.step()
+    play.end(drive, "NO_VALID_PATH")
+    assert play.drive(2.0).map_from_goal.x == 5.0
+
+
 def test_hysteresis_keeps_the_target_unless_another_is_clearly_better() -> None:
     play = Play(frontier(5, 5, 5.0), frontier(15, 15, 5.5))
     play.drive()

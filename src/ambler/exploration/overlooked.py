@@ -41,15 +41,15 @@ class Overlooked:
 def is_hidden(frontier: Frontier, occupancy: OccupancyGrid, assumed: int) -> bool:
     """Tell whether a frontier borders mostly on what is assumed in this map: it may have closed only because the robot came near."""
     spec = occupancy.spec
-    iy, ix = spec.cells_of(frontier.cells).T
-    is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
-    if not is_inside.any():
+    cells = spec.cells_of(frontier.cells)
+    cells = cells[np.all((cells >= 0) & (cells < spec.shape), axis=1)]
+    if len(cells) == 0:
         return False
-    (y0, x0), (y1, x1) = ((int(f(k[is_inside])) for k in (iy, ix)) for f in (np.min, np.max))
-    y0, x0 = max(0, y0 - BESIDE), max(0, x0 - BESIDE)
-    around = _around((occupancy.data[y0 : y1 + BESIDE + 1, x0 : x1 + BESIDE + 1] == assumed).astype(np.uint8))
-    hits = int(np.count_nonzero(around[iy[is_inside] - y0, ix[is_inside] - x0]))
-    return hits >= SHARE * len(iy)
+    y0, x0 = np.maximum(cells.min(axis=0) - BESIDE, 0)
+    y1, x1 = cells.max(axis=0) + BESIDE + 1
+    around = _around((occupancy.data[y0:y1, x0:x1] == assumed).astype(np.uint8))
+    iy, ix = (cells - (y0, x0)).T
+    return int(np.count_nonzero(around[iy, ix])) >= SHARE * len(frontier.cells)
 
 
 def _around(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -302,8 +302,8 @@ class ExploreMission:
             self._gets_on()
             self._arrived = True
             return self._wait(view, self.config.look_time, "arrived, waiting for the map")
-        if again is None and code is None and self._surveyor.hides(self._target_frontier, view.map):
-            return self._drive_on(view)
+        if again is None and self._surveyor.hides(self._target_frontier, view.map):
+            return self._drive_on(view, code)
         if again is None:
             if find_again(self._target_frontier, self._now, self.config.choice, is_open=False) is None:
                 self._goals_reached += 1
@@ -311,10 +311,8 @@ class ExploreMission:
                 self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
             return self._choosing_or_stop(view)
         self._track(again, view)
-        if code is not None:
-            return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
-        if self._is_late(view, min(self._progress_ns, self._still_ns)):
-            return self._give_up_late(view)
+        if (failed := self._failed(view, code, min(self._progress_ns, self._still_ns))) is not None:
+            return failed
         if not self._is_fresh:
             return []
         best = choose(self._now, self._strategy, view.map_from_base, again, self._choice_while_driving())
@@ -327,15 +325,17 @@ class ExploreMission:
             return self._drive_to_frontier(view, best)
         return []
 
-    def _drive_on(self, view: ExploreView) -> list[Command]:
+    def _drive_on(self, view: ExploreView, code: str | None) -> list[Command]:
         """The target closed because the ground around the robot is assumed: only where the robot was sent to does it see what is there."""
         self._note_motion(view)
-        return self._give_up_late(view) if self._is_late(view, self._still_ns) else []
+        return self._failed(view, code, self._still_ns) or []
 
-    def _is_late(self, view: ExploreView, since_ns: int) -> bool:
-        return view.now_ns - since_ns > self.config.progress_timeout * 1e9
-
-    def _give_up_late(self, view: ExploreView) -> list[Command]:
+    def _failed(self, view: ExploreView, code: str | None, progress_ns: int) -> list[Command] | None:
+        """Give up a drive that ended with a code, or made no progress for long; None while it is neither."""
+        if code is not None:
+            return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
+        if view.now_ns - progress_ns <= self.config.progress_timeout * 1e9:
+            return None
         return [StopDriving(), *self._give_up(view, f"no progress for {self.config.progress_timeout:.0f} s")]
 
     def _choice_while_driving(self) -> ChoiceConfig:
