@@ -165,6 +165,21 @@ def test_a_target_that_closed_by_assumption_is_driven_to_and_counts_as_looked_at
     assert (refusal.looks, refusal.reason) == (1, "its ground is only assumed")
 
 
+@pytest.mark.parametrize(("away", "is_given_up"), [(4.0, True), (9.0, False)])
+def test_a_place_that_shuts_whenever_the_robot_comes_near_is_given_up(away: float, *, is_given_up: bool) -> None:
+    play = Play(frontier(12, 10, 20.0), frontier(5, 5, 40.0), progress_timeout=500.0)
+    play.surveyor.memory = FrontierMemory(play.surveyor.config.memory, 50, assumed=25)
+    for _ in range(3):
+        play.pose = SE2(12.0, 10.0 - away)
+        play.surveyor.frontiers[0] = frontier(12, 10, 20.0)
+        assert play.drive(20.0).map_from_goal.x == 12.0
+        play.surveyor.frontiers[0] = replace(frontier(12, 10, 20.0), state=FrontierState.UNREACHABLE)
+        assert play.drive().map_from_goal.x == 5.0
+    play.surveyor.frontiers[0] = frontier(12, 10, 2.0)
+    play.step(20.0)
+    assert (play.mission.frontiers()[0].reason == "given up after 3 visits: it closes and opens again") == is_given_up
+
+
 def test_a_drive_to_what_closed_by_assumption_ends_when_it_fails_or_stands_still() -> None:
     play = Play(frontier(12, 10, 2.0), frontier(5, 5, 8.0), progress_timeout=10.0)
     drive = play.drive()

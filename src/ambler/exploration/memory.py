@@ -90,8 +90,8 @@ class FrontierMemory:
 
     def refuse(self, frontier: Frontier, reason: str, occupancy: OccupancyGrid, *, has_looked: bool) -> None:
         """Remember that a drive to this frontier failed, or (`has_looked`) that the robot stood there and nothing changed."""
-        if has_looked and self._visits is not None:
-            self._visits.add(frontier, occupancy)
+        if has_looked:
+            self.visit(frontier, occupancy)
         patch = self._patch(occupancy, frontier.centroid)
         old = self.find(frontier)
         attempts, looks = (0, 0) if old is None else (old.attempts, old.looks)
@@ -107,6 +107,11 @@ class FrontierMemory:
                 patch,
             )
         )
+
+    def visit(self, frontier: Frontier, occupancy: OccupancyGrid) -> None:
+        """Remember that the robot was there, where ground is assumed: three visits are enough, whatever comes of them."""
+        if self._visits is not None:
+            self._visits.add(frontier, occupancy)
 
     def find(self, frontier: Frontier) -> Refusal | None:
         """Return the remembered place that this frontier is, or None."""
@@ -125,7 +130,7 @@ class FrontierMemory:
     def reason_against(self, frontier: Frontier, occupancy: OccupancyGrid) -> str:
         """Return why this frontier must not be tried now, or an empty text."""
         if self._visits is not None and self._visits.at(frontier, occupancy.spec) >= self.config.max_attempts:
-            return f"given up after {self.config.max_attempts} looks: it closes and opens again"
+            return f"given up after {self.config.max_attempts} visits: it closes and opens again"
         refusal = self.find(frontier)
         if refusal is None or refusal.is_pardoned:
             return ""

@@ -309,6 +309,8 @@ class ExploreMission:
                 self._goals_reached += 1
                 self._gets_on()
                 self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
+            elif _nearest(self._target_frontier, view.map_from_base) <= self.config.visit_range:
+                self._surveyor.memory.visit(self._target_frontier, view.map)
             return self._choosing_or_stop(view)
         self._track(again, view)
         if (failed := self._failed(view, code, min(self._progress_ns, self._still_ns))) is not None:

@@ -35,6 +35,7 @@ class ExploreState(enum.Enum):
 @dataclass(frozen=True, slots=True)
 class ExploreConfig:
     """Times in seconds, lengths in metres. `goal_shift` is how far a frontier's goal may move before it is sent again;
+    a target that cannot be reached any more once the robot is within `visit_range` of it counts as looked at;
     a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
     shut. After drives to `shut_failures` places that failed from one it waits and turns
     there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
@@ -45,6 +46,7 @@ class ExploreConfig:
     look_time: float = 1.5
     sweep_time: float = 2.5
     near: float = 1.0
+    visit_range: float = 6.0
     progress_timeout: float = 30.0
     progress_distance: float = 0.3
     goal_shift: float = 0.4
