@@ -141,9 +141,9 @@ def left_behind(*open_on_the_way: tuple[float, float]) -> dict[int, tuple[Fronti
     house.come_to(1)
     house.surveyor.others[0].frontiers = []
     house.surveyor.frontiers = [frontier(5.0, 5.0, 3.0)]
-    house.mission._left[1] = (frontier(3.0, 3.0, 1.0),)
+    house.mission._left.leave(1, (frontier(3.0, 3.0, 1.0),))
     house.come_to(0)
-    house.mission._left[1] = (frontier(3.0, 3.0, 1.0),)
+    house.mission._left.leave(1, (frontier(3.0, 3.0, 1.0),))
     for _ in range(2):
         empty = OccupancyGrid(0, "map", SPEC, np.zeros(SPEC.shape, np.int8))
         house.surveyor.memory.refuse(house.surveyor.frontiers[0], "-", empty, has_looked=True)
@@ -153,7 +153,7 @@ def left_behind(*open_on_the_way: tuple[float, float]) -> dict[int, tuple[Fronti
     house.surveyor.frontiers = [frontier(*place, 3.0) for place in open_on_the_way]
     house.step()
     house.come_to(1)
-    return {0: tuple(f.state for f in house.mission._left[0])}
+    return {0: tuple(f.state for f in house.mission._left.frontiers)}
 
 
 def test_what_was_judged_before_a_level_was_left_does_not_call_the_robot_back():

@@ -126,7 +126,7 @@ MOTION = (
     PlantedFault(
         "a robot that is shut in blames the frontiers",
         "missions/explore.py",
-        "if len(self._failed_goals) < c.shut_failures:",
+        "if self._failed.goals < c.shut_failures:",
         "if True:",
         EXPLORE,
     ),
@@ -273,8 +273,8 @@ MOTION = (
     PlantedFault(
         "a robot whose drives all fail is never stuck",
         "missions/explore.py",
-        "if self._failures >= c.stuck_failures and",
-        "if self._failures >= 10 * c.stuck_failures and",
+        "if self._failed.count >= c.stuck_failures and",
+        "if self._failed.count >= 10 * c.stuck_failures and",
         EXPLORE,
     ),
     PlantedFault(
@@ -287,8 +287,8 @@ MOTION = (
     PlantedFault(
         "a drive that does not get on goes on for ever",
         "missions/explore.py",
-        "if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e9:",
-        "if view.now_ns - min(self._progress_ns, self._still_ns) > self.config.progress_timeout * 1e10:",
+        "if view.now_ns - progress_ns <= self.config.progress_timeout * 1e9:",
+        "if view.now_ns - progress_ns <= self.config.progress_timeout * 1e10:",
         EXPLORE,
     ),
     PlantedFault(
@@ -308,7 +308,7 @@ MOTION = (
     PlantedFault(
         "frontiers that were refused are open again at once",
         "exploration/memory.py",
-        "if not is_refused or self._has_changed(refusal, spec, occupancy):",
+        "if not is_refused or self._has_changed(refusal, occupancy):",
         "if True:",
         EXPLORE,
     ),

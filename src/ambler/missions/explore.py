@@ -28,6 +28,8 @@ from ambler.missions.explore_commands import (
     StopDriving,
     TurnAround,
 )
+from ambler.missions.left_levels import LeftLevels, nearest_level
+from ambler.missions.progress import FailedDrives, Progress
 from ambler.missions.stations import Stations
 from ambler.missions.trail import Trail
 from ambler.runtime.tasks import NEAREST_REACHED, ExploreFeedback, ExploreGoal, ExploreResult
@@ -59,11 +61,7 @@ class ExploreMission:
         self._surveyor.reset()
         self._surveyors = {0: self._surveyor}
         self._level = self._home_level = 0
-        self._left: dict[int, tuple[Frontier, ...]] = {}  # what was open or refused on levels that the robot has left
-        self._settled: tuple[
-            Frontier, ...
-        ] = ()  # what was left on a level when nothing on it was open and the robot set out for another one
-        self._level_tries: dict[int, int] = {}
+        self._left = LeftLevels(self.config.level_tries, self.config.near)
         self.survey = None
         self.target = None
         self._stations.begin()
@@ -87,13 +85,8 @@ class ExploreMission:
         self._shut_ns: int | None = None
         self._pause_until_ns = 0
         self._resumes = 0
-        self._failures = 0
-        self._failed_from, self._failing_ns = SE2(), now_ns
-        self._failed_goals: list[SE2] = []
-        self._best_distance = math.inf
-        self._progress_ns = 0
-        self._still_at = SE2()
-        self._still_ns = now_ns
+        self._failed = FailedDrives(self.config.near, self.config.stuck_distance)
+        self._progress = Progress(self.config.progress_distance, now_ns)
         self._switches = 0
         self._arrived = False
         self._drive_code: str | None = None
@@ -134,8 +127,7 @@ class ExploreMission:
     def resume(self, now_ns: int) -> None:
         """Go on after somebody else drove the robot: progress counts from now."""
         if self.is_active:
-            self._best_distance = math.inf
-            self._progress_ns = self._still_ns = now_ns
+            self._progress.resume(now_ns)
 
     def hold(self, reason: str, now_ns: int) -> None:
         """Take why the robot may not move at all, empty when it may. What lasts ends the exploration with that reason."""
@@ -216,7 +208,7 @@ class ExploreMission:
         if best is not None:
             self._has_swept = False
             return self._drive_to_frontier(view, best)
-        unfinished = self._next_level(view, self._unfinished())
+        unfinished = nearest_level(view.level, view.passages, self._left.unfinished())
         if unfinished is not None:
             return self._change_level(view, *unfinished)
         if not self._has_swept:
@@ -228,28 +220,9 @@ class ExploreMission:
             return self._end(ExploreState.FAILED, "STUCK", text)
         return self._end(ExploreState.FINISHED, "SUCCEEDED", self._proof())
 
-    def _unfinished(self) -> set[int]:
-        """Levels on which something was open when the robot left them, unless it has tried too often to get there."""
-        open_on = {k for k, left in self._left.items() if any(f.state is FrontierState.OPEN for f in left)}
-        return {k for k in open_on if self._level_tries.get(k, 0) < self.config.level_tries}
-
-    def _next_level(self, view: ExploreView, wanted: set[int]) -> tuple[int, int] | None:
-        """Return the nearest of some levels and the next one on the way there, by the fewest passages; None: no way is known."""
-        reached = {view.level: view.level}
-        queue = [view.level]
-        for here in queue:
-            if here in wanted:
-                return here, reached[here]
-            for _, to_level in view.passages[view.passages[:, 0] == here, :2].astype(int).tolist():
-                if to_level not in reached:
-                    reached[to_level] = to_level if here == view.level else reached[here]
-                    queue.append(to_level)
-        return None
-
     def _change_level(self, view: ExploreView, level: int, following: int) -> list[Command]:
         """Drive to where the present level meets the next one on the way to another."""
-        self._level_tries[level] = self._level_tries.get(level, 0) + 1
-        self._settled = self._now.frontiers
+        self._left.set_out(level, self._now.frontiers)
         is_way = (view.passages[:, 0] == view.level) & (view.passages[:, 1] == following)
         places = [SE2(*row) for row in view.passages[is_way, 2:].tolist()]
         place = min(places, key=view.map_from_base.distance_to)
@@ -269,27 +242,19 @@ class ExploreMission:
     def _come_to_level(self, view: ExploreView) -> list[Command]:
         """Another level: what was chosen on the last one is not on it."""
         if self.survey is not None:
-            self._left[self._level] = tuple(map(self._as_settled, self.survey.frontiers))
-        self._settled = ()
+            self._left.leave(self._level, self.survey.frontiers)
         self._level = view.level
-        self._left.pop(view.level, None)
+        self._left.come_to(view.level)
         if view.level not in self._surveyors:
             self._surveyors[view.level] = self._surveyors[0].another()
         self._surveyor = self._surveyors[view.level]
         self._surveyor.forget_map()
         self.survey, self.target, self._trail = None, None, Trail()
         self._arrived, self._has_swept, self._drive_code = False, False, None
-        self._gets_on()
+        self._failed.forget()
         self._next_drive()
         self._look(view)
         return [StopDriving(), *self._wait(view, self.config.look_time, f"on level {view.level}")]
-
-    def _as_settled(self, frontier: Frontier) -> Frontier:
-        """A frontier that was judged before the robot set out for another level has not opened because it did."""
-        is_open = frontier.state is FrontierState.OPEN
-        if not is_open or all(math.dist(f.centroid, frontier.centroid) > self.config.near for f in self._settled):
-            return frontier
-        return replace(frontier, state=FrontierState.UNREACHABLE, reason="it was left when nothing else was open")
 
     def _driving(self, view: ExploreView) -> list[Command]:
         code, self._drive_code = self._drive_code, None
@@ -299,7 +264,7 @@ class ExploreMission:
             NEAREST_REACHED,
         ):  # as near as possible will do: how much was seen from there is judged anyway
             self._goals_reached += 1
-            self._gets_on()
+            self._failed.forget()
             self._arrived = True
             return self._wait(view, self.config.look_time, "arrived, waiting for the map")
         if again is None and self._surveyor.hides(self._target_frontier, view.map):
@@ -307,14 +272,14 @@ class ExploreMission:
         if again is None:
             if find_again(self._target_frontier, self._now, self.config.choice, is_open=False) is None:
                 self._goals_reached += 1
-                self._gets_on()
+                self._failed.forget()
                 self._remember(view, self._target_frontier, "it closes and opens again", has_looked=True)
             elif _nearest(self._target_frontier, view.map_from_base) <= self.config.visit_range:
                 self._surveyor.memory.visit(self._target_frontier, view.map)
             return self._choosing_or_stop(view)
         self._track(again, view)
-        if (failed := self._failed(view, code, min(self._progress_ns, self._still_ns))) is not None:
-            return failed
+        if (given_up := self._given_up(view, code, self._progress.since_ns)) is not None:
+            return given_up
         if not self._is_fresh:
             return []
         best = choose(self._now, self._strategy, view.map_from_base, again, self._choice_while_driving())
@@ -329,10 +294,10 @@ class ExploreMission:
 
     def _drive_on(self, view: ExploreView, code: str | None) -> list[Command]:
         """The target closed because the ground around the robot is assumed: only where the robot was sent to does it see what is there."""
-        self._note_motion(view)
-        return self._failed(view, code, self._still_ns) or []
+        self._progress.note_motion(view.map_from_base, view.now_ns)
+        return self._given_up(view, code, self._progress.moved_ns) or []
 
-    def _failed(self, view: ExploreView, code: str | None, progress_ns: int) -> list[Command] | None:
+    def _given_up(self, view: ExploreView, code: str | None, progress_ns: int) -> list[Command] | None:
         """Give up a drive that ended with a code, or made no progress for long; None while it is neither."""
         if code is not None:
             return self._give_up(view, f"{code}: {self._drive_text}" if self._drive_text else code)
@@ -481,32 +446,22 @@ class ExploreMission:
     def _track(self, index: int, view: ExploreView) -> None:
         """Take frontier `index` as the present shape of the target, and note progress: towards it, and of the robot at all, because
         a change of the target begins the former anew."""
-        self._note_motion(view)
+        self._progress.note_motion(view.map_from_base, view.now_ns)
         self.target = index
         self._target_frontier = self._now.frontiers[index]
-        distance = self._target_frontier.path_distance
-        if distance < self._best_distance - self.config.progress_distance:
-            if math.isfinite(self._best_distance):
-                self._still_ns = view.now_ns
-            self._best_distance = distance
-            self._progress_ns = view.now_ns
-
-    def _note_motion(self, view: ExploreView) -> None:
-        if self._still_at.distance_to(view.map_from_base) > self.config.progress_distance:
-            self._still_at, self._still_ns = view.map_from_base, view.now_ns
+        self._progress.note_distance(self._target_frontier.path_distance, view.now_ns)
 
     def _drive_to_frontier(self, view: ExploreView, index: int) -> list[Command]:
         frontier = self._now.frontiers[index]
         assert frontier.goal is not None
         if self.target != index:
-            self._best_distance = math.inf
-            self._progress_ns = view.now_ns
+            self._progress.aim(view.now_ns)
         self._track(index, view)
         self._sent = SE2(*frontier.goal)
         self._is_home = False
         self._next_drive()
         if self.state is not ExploreState.DRIVING:
-            self._still_at, self._still_ns = view.map_from_base, view.now_ns
+            self._progress.set_out(view.map_from_base, view.now_ns)
         self._enter(ExploreState.DRIVING, f"to a frontier {frontier.path_distance:.1f} m away")
         return [self._send(DriveTo(self._drive, self._sent, self.config.xy_tolerance, self.config.yaw_tolerance))]
 
@@ -520,26 +475,15 @@ class ExploreMission:
         """Remember a drive that failed. Where drives to several places fail, it is where they begin and not where they lead: the robot
         waits, turns and tries again; one that fails for long without moving is stuck."""
         c = self.config
-        if self._failures and self._failed_from.distance_to(view.map_from_base) > c.stuck_distance:
-            self._gets_on()
-        if self._failures == 0:
-            self._failed_from, self._failing_ns = view.map_from_base, view.now_ns
-        self._failures += 1
-        if all(self._sent.distance_to(place) > c.near for place in self._failed_goals):
-            self._failed_goals.append(self._sent)
-        if self._failures >= c.stuck_failures and view.now_ns - self._failing_ns >= c.stuck_time * 1e9:
-            text = f"{self._failures} drives failed at one place, the last one: {reason}"
+        self._failed.add(self._sent, view.map_from_base, view.now_ns)
+        if self._failed.count >= c.stuck_failures and view.now_ns - self._failed.since_ns >= c.stuck_time * 1e9:
+            text = f"{self._failed.count} drives failed at one place, the last one: {reason}"
             return self._end(ExploreState.FAILED, "STUCK", text)
-        if len(self._failed_goals) < c.shut_failures:
+        if self._failed.goals < c.shut_failures:
             self._remember(view, self._target_frontier, reason, has_looked=False)
             return self._wait(view, c.look_time, f"gave up a frontier ({reason})")
         self._next_drive()
         return [ClearCosts(), *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
-
-    def _gets_on(self) -> None:
-        """Forget failures at one place."""
-        self._failures = 0
-        self._failed_goals.clear()
 
     def _turn_and_wait(self, view: ExploreView, text: str) -> list[Command]:
         """Turn once, because a map renews itself only where scans move, and wait for who stands in the way."""
@@ -571,8 +515,8 @@ class ExploreMission:
     def _go_home(self, view: ExploreView) -> list[Command]:
         assert self._home is not None
         if view.level != self._home_level:
-            way = self._next_level(view, {self._home_level})
-            if way is None or self._level_tries.get(self._home_level, 0) >= 3 * self.config.level_tries:
+            way = nearest_level(view.level, view.passages, {self._home_level})
+            if way is None or self._left.is_hopeless(self._home_level, times=3):
                 text = f"no way from level {view.level} to level {self._home_level}"
                 return self._end(ExploreState.FAILED, "RETURN_FAILED", text)
             return self._change_level(view, *way)
@@ -583,7 +527,7 @@ class ExploreMission:
         return [self._send(DriveTo(self._drive, self._home, c.home_xy_tolerance, c.home_yaw_tolerance))]
 
     def _proof(self) -> str:
-        remaining = len(self._now.frontiers) + sum(len(left) for left in self._left.values())
+        remaining = len(self._now.frontiers) + len(self._left.frontiers)
         left_out = self._now.left_out
         text = "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
         return f"{text}; {left_out:.1f} m of frontier were left out on purpose" if left_out else text
@@ -591,9 +535,8 @@ class ExploreMission:
     def _end(self, state: ExploreState, code: str, text: str) -> list[Command]:
         self._enter(state, text)
         self.target = None
-        remaining = () if self.survey is None else self.survey.frontiers
-        for left in self._left.values():
-            remaining += left
+        seen = () if self.survey is None else self.survey.frontiers
+        remaining = seen + self._left.frontiers
         result = ExploreResult(remaining, self._goals_reached, self._is_home)
         return [StopDriving(), Ended(code, text, result)]
 
