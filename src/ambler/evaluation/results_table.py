@@ -562,12 +562,24 @@ ROWS: Sequence[Row] = (
         "10 sites: ≥ 98 % of the visible surface, with proof, at home, 0 collisions; path ≤ 2 × the tour with full knowledge",
         "sites.json",
         "{all_done} of {all_runs} done ({all_finished} with proof, {all_at_home} at home), {all_collisions} collisions; surface {all_surface_coverage_ratio_median:.1%} (worst "
-        "{all_surface_coverage_ratio_worst:.1%}), {all_ate_unaligned_rms_m_median:.2f} m in the frame of the start",
+        "{all_surface_coverage_ratio_worst:.1%}), {all_ate_unaligned_rms_m_median:.2f} m in the frame of the start; path "
+        "{all_ratio_vs_known_tour_median:.2f} × (worst {all_ratio_vs_known_tour_worst:.2f})",
         _all(
             lambda fields: bool(fields["bars_done"]) and fields["all_collisions"] == 0,
             _at_most("all_", ratio_vs_known_tour_median=2.0),
             _at_least("all_", runs=10),
         ),
+    ),
+    *(
+        Row(
+            f"a drawn {kind}, `{robot}`: explored, saved; switched on elsewhere, lost; five way-points",
+            "10 sites: all of it with nobody's hand, 0 collisions",
+            f"return_{kind}_{robot}.json",
+            "{done} of {runs}; found itself after {found_s_worst:.1f} s, {found_m_worst:.3f} m off; {way_points_reached} of {way_points} way-points, "
+            "{way_point_error_max_m_worst:.3f} m off at worst; {collisions} collisions",
+            _every("", "done", of=10),
+        )
+        for kind, robot in (("garage", "mecanum"), ("garage", "spot"), ("plot", "go2"))
     ),
     Row(
         "goals in unknown offices and flats, drawn, `diff`: visibility graph beside the grid planner in the same run",
