@@ -469,4 +469,18 @@ TERRAIN = (
         "<= 1e9:",
         ("tests/missions/test_explore.py",),
     ),
+    PlantedFault(
+        "islands of a deck stay in the level below it",
+        "perception/ground_map.py",
+        " | level.islands(height, step, c.level_step)",
+        "",
+        ("tests/perception/test_ground_map.py",),
+    ),
+    PlantedFault(
+        "a hill as high as a deck is taken for one",
+        "perception/ground_level.py",
+        "goes_on[labels[(off > within) & (off <= step)]] = True",
+        "goes_on[0] = True",
+        ("tests/perception/test_ground_map.py",),
+    ),
 )

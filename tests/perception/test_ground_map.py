@@ -314,6 +314,29 @@ def test_a_new_level_takes_along_what_was_seen_of_it_before():
     assert np.isnan(lower.heights[lower.spec.cell_of(25.0, 12.0)])
 
 
+def test_a_new_level_takes_along_islands_of_it_and_leaves_what_goes_on_below():
+    """Where nothing of the deck was seen between the robot and an island of it, the island would stand in the level below it, and hide that."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    for x in np.arange(0.0, 20.0, 1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
+    feed(ground, window(14.0, 26.0, 3.0, 13.0, 3.5), SE3((20.0, 8.0, 3.5)))
+    lower = ground.levels[0]
+
+    def cells(x0: float, x1: float) -> tuple[slice, slice]:
+        (y0, a), (y1, b) = lower.spec.cell_of(x0, 5.0), lower.spec.cell_of(x1, 7.0)
+        return slice(y0, y1), slice(a, b)
+
+    island, hill = cells(1.0, 2.0), cells(4.0, 9.0)
+    for patch in (island, hill):
+        lower.evidence[patch], lower.heights[patch] = 4, 3.5
+    lower.heights[hill][:, :20] = np.linspace(2.5, 3.5, 20)
+    feed(ground, window(9.0, 20.0, -2.0, 8.0, 3.5), SE3((15.0, 4.0, 3.5)))
+    lower, upper = ground.levels
+    assert np.isnan(lower.heights[island]).all()
+    assert upper.heights[upper.spec.cell_of(1.5, 6.0)] == pytest.approx(3.5)
+    assert lower.heights[lower.spec.cell_of(8.5, 6.0)] == pytest.approx(3.5), "a hill is no deck"
+
+
 def test_where_two_levels_meet_is_remembered_as_a_passage():
     ground = GroundMap(GroundMapConfig(level_cells=100))
     up_a_ramp(ground)

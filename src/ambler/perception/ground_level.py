@@ -72,12 +72,27 @@ class Level:
         """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place, across gaps of
         twice `HOLE`: of ground that is seen from afar, single cells lie apart."""
         is_like = np.abs(self.heights - height) <= within
-        wide = np.ones((2 * round(HOLE / self.spec.resolution) + 1,) * 2, np.uint8)
-        labels, _ = ndimage.label(cv2.dilate(is_like.astype(np.uint8), wide), np.ones((3, 3)))
+        labels, _ = self._patches(is_like)
         labels[~is_like] = 0
         (iy, ix), r = self.spec.cell_of(x, y), math.ceil(reach / self.spec.resolution)
         near = labels[max(0, iy - r) : iy + r + 1, max(0, ix - r) : ix + r + 1]
         return np.isin(labels, near[near > 0])
+
+    def islands(self, height: float, within: float, step: float) -> NDArray[np.bool_]:
+        """Return the patches of cells (bool [iy, ix]) whose heights are `within` of a height and that nothing goes on from: no cell beside them is higher or lower by less than `step`. They
+        were seen from another level."""
+        off = np.abs(self.heights - height)
+        is_like = off <= within
+        labels, count = self._patches(is_like)
+        goes_on = np.zeros(count + 1, np.bool_)
+        goes_on[labels[(off > within) & (off <= step)]] = True
+        return is_like & ~goes_on[labels]
+
+    def _patches(self, cells: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
+        """Number cells that hang together across gaps of twice `HOLE`, and what lies within `HOLE` of them: labels [iy, ix] from 1 on, and how many there are."""
+        wide = np.ones((2 * round(HOLE / self.spec.resolution) + 1,) * 2, np.uint8)
+        labels, count = ndimage.label(cv2.dilate(cells.astype(np.uint8), wide), np.ones((3, 3)))
+        return labels, int(count)
 
     @property
     def is_begun(self) -> bool:

@@ -290,11 +290,11 @@ class GroundMap:
             level.heights[y0:y1, x0:x1][gone] = np.nan
 
     def _found_level(self, window: TerrainWindow, map_from_odom: SE2, height: float, base: SE3) -> None:
-        """Begin another level at `height` with what the present one already holds of it; the last place of the way that lies
+        """Begin another level at `height` with what the present one already holds of it, islands too: they were seen from here and are joined to nothing of the present one. The last place of the way that lies
         lower or higher is on both, as is the way from there."""
         c, old, level = self.config, self.active, self.level
         step, at, new = 0.5 * c.level_step, base.translation, Level.empty(level.spec)
-        of_new = level.joined(height, step, at[0], at[1], c.level_reach)
+        of_new = level.joined(height, step, at[0], at[1], c.level_reach) | level.islands(height, step, c.level_step)
         off = [abs(p.translation[2] - height) > step and math.dist(p.translation, at) > c.level_back for p in self._way]
         first = max(np.flatnonzero(off), default=len(self._way))
         on_both = [*self._way[first:], base]
