@@ -86,9 +86,9 @@ class Level:
         labels, count = self._patches(is_like)
         goes_on = np.zeros(count + 1, np.bool_)
         goes_on[labels[(off > within) & (off <= step)]] = True
-        return is_like & ~goes_on[labels]
+        return np.asarray(is_like & ~goes_on[labels])
 
-    def _patches(self, cells: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
+    def _patches(self, cells: NDArray[np.bool_]) -> tuple[NDArray[np.integer], int]:
         """Number cells that hang together across gaps of twice `HOLE`, and what lies within `HOLE` of them: labels [iy, ix] from 1 on, and how many there are."""
         wide = np.ones((2 * round(HOLE / self.spec.resolution) + 1,) * 2, np.uint8)
         labels, count = ndimage.label(cv2.dilate(cells.astype(np.uint8), wide), np.ones((3, 3)))
