@@ -50,6 +50,11 @@ class SurveyConfig:
     close: CloseLookConfig = field(default_factory=CloseLookConfig)
     fence: FenceConfig = field(default_factory=FenceConfig)
 
+    @property
+    def looks_from_afar(self) -> bool:
+        """Whether ground is assumed that the scanner cannot see from a goal beside it."""
+        return self.assumed is not None and self.sees_floor[0] > self.goal_reach
+
     @classmethod
     def from_robot(cls, robot: RobotModel, roomy_cost: int) -> SurveyConfig:
         """Take sizes from the robot: a gap that it does not fit through is no frontier, a goal is near enough to look.
@@ -172,7 +177,7 @@ class FrontierSurvey:
         (seen, drivable), c = maps, self.config
         spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
-        if near * resolution <= c.goal_reach or self._overlooked is None:
+        if not c.looks_from_afar or self._overlooked is None:
             return
         shift, base = _cell_shift(spec, costs.spec), spec.cell_of(map_from_base.x, map_from_base.y)
         worth_it = (groups.sizes * resolution >= c.min_size) & self._overlooked.are_of(groups)
@@ -230,8 +235,14 @@ class FrontierSurvey:
     def _goals(
         self, occupancy: OccupancyGrid, groups: FrontierGroups, costs: CostGrid, distance: NDArray[np.float32]
     ) -> NDArray[np.int64]:
-        """Return the goal of each group, a flat index or -1: where the robot can turn, or else anywhere that it can reach."""
+        """Return the goal of each group, a flat index or -1: where the robot can turn, or else anywhere that it can reach. A scanner that does not see the floor beside itself is led
+        to ground that was seen: what is only assumed is passed over on the way to it, and no goal, because a kerb may hide there."""
         shift = _cell_shift(occupancy.spec, costs.spec)
+        if self.config.looks_from_afar:
+            iy, ix = np.nonzero(occupancy.data == self.config.assumed) + np.array(shift)[:, None]
+            is_inside = (iy >= 0) & (iy < distance.shape[0]) & (ix >= 0) & (ix < distance.shape[1])
+            distance = distance.copy()
+            distance[iy[is_inside], ix[is_inside]] = np.inf
         roomy = np.where(costs.data <= self.config.roomy_cost, distance, np.float32(np.inf))
         goals = self._goals_within(occupancy, groups, shift, roomy)
         if np.any(goals < 0):
