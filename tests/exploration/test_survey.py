@@ -168,6 +168,24 @@ def test_a_scanner_that_does_not_see_the_floor_beside_itself_looks_from_where_it
     assert in_sight >= 0.4 * len(frontier.cells)
 
 
+@pytest.mark.parametrize(("depth", "nearest", "is_goal"), [(4, 5.2, True), (15, 5.2, False), (15, 0.5, True)])
+def test_who_does_not_see_the_floor_beside_himself_is_not_sent_to_where_it_is_only_assumed(
+    depth: int, nearest: float, *, is_goal: bool
+) -> None:
+    occupancy = bay()
+    occupancy[70 - depth : 70, 50:70] = OCC_ASSUMED
+    occupancy[60:65, 5:50] = occupancy[60:65, 70:115] = 100
+    config = SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(nearest, 6.2))
+    surveyor = FrontierSurvey(config, path_distances)
+    for _ in range(2):  # the first look at it may be from afar
+        survey = surveyor.update(*grids(occupancy), SE2(6.0, 2.0))
+        (frontier,) = (f for f in survey.frontiers if f.centroid[1] > 6.5)
+        surveyor.memory.refuse(frontier, "nothing changed", grids(occupancy)[0], has_looked=True)
+    assert (frontier.goal is not None) == is_goal
+    if frontier.goal is not None and nearest > 1.0:
+        assert occupancy[round(frontier.goal[1] / R - 0.5), round(frontier.goal[0] / R - 0.5)] == 0
+
+
 def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:
     surveyor = from_afar(bay())
     (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)

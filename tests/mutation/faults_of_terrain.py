@@ -483,4 +483,11 @@ TERRAIN = (
         "goes_on[0] = True",
         ("tests/perception/test_ground_map.py",),
     ),
+    PlantedFault(
+        "a blind robot is sent to where a kerb may hide",
+        "exploration/survey.py",
+        "            distance[iy[is_inside], ix[is_inside]] = np.inf\n",
+        "",
+        ("tests/exploration/test_survey.py",),
+    ),
 )
