@@ -173,8 +173,8 @@ def test_who_does_not_see_the_floor_beside_himself_is_not_sent_to_where_it_is_on
     depth: int, nearest: float, *, is_goal: bool
 ) -> None:
     occupancy = bay()
-    occupancy[70 - depth : 70, 50:70] = OCC_ASSUMED
-    occupancy[60:65, 5:50] = occupancy[60:65, 70:115] = 100
+    band = occupancy[70 - depth : 70]
+    band[band == 0] = OCC_ASSUMED
     config = SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(nearest, 6.2))
     surveyor = FrontierSurvey(config, path_distances)
     for _ in range(2):  # the first look at it may be from afar
