@@ -179,24 +179,24 @@ class GateNode(Node):
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
+        try:
+            sweep, floor = self._sweep_of(cloud), self._floor_at(cloud)
+        except StaleInputError:
+            return  # its end was measured nobody knows where; if that lasts, its points are stale
         field = FieldOfView(mount.range_min, elevation=mount.elevation)
         around = (self._twist, self._reach, self._z_band)
-        floor = self._floor_at(cloud)
         self._take_points(
             cloud,
             field,
-            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), *around, floor, mount.elevation[0]),
+            lambda _: points_of_cloud(cloud, sweep, *around, floor, mount.elevation[0]),
             None if floor is None else lambda points: floor.holds(points, self._z_band[0]),
         )
 
     def _floor_at(self, cloud: PointCloud) -> Floor | None:
-        """The floor around the robot, where it may slope and the robot knows how it leans."""
+        """The floor around the robot, where it may slope. Raises StaleInputError."""
         if self._config.slope <= 0.0:
             return None
-        try:
-            odom_from_base = self._motion.pose_at(cloud.stamp_ns)
-        except StaleInputError:
-            return None  # nor are any points taken
+        odom_from_base = self._motion.pose_at(cloud.stamp_ns)
         level_from_base = _level_from_base(odom_from_base)
         up = level_from_base.rotate((0.0, 0.0, 1.0))
         upright = max(up[2], 0.5)
@@ -205,7 +205,7 @@ class GateNode(Node):
         return Floor(self._config.slope, self._reach, self._radius, lean, self._floor_memory, odom_from_level)
 
     def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
-        """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile."""
+        """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile. Raises StaleInputError."""
         duration_ns = round(float(cloud.time.max(initial=0.0)) * 1e9)
         parts = max(1, math.ceil(duration_ns / SWEEP_STEP_NS))
         mount = self._mounts[cloud.frame].base_from_sensor
