@@ -74,6 +74,7 @@ from ambler.runtime.topics import (
     STOP,
     TRANSFORMS,
     VELOCITY_REQUEST,
+    Topic,
 )
 
 FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
@@ -142,6 +143,16 @@ class ControllerNode(Node):
         self._steering, self._teller, self._lean = Steering(), StateTeller(), LeanMeter()
         self._speed_most = math.inf
         self._stop_order = 0
+
+    @property
+    def scans(self) -> Topic[Any]:
+        """The topic whose messages the costmap is drawn with."""
+        return self._view.topics[-1]
+
+    @property
+    def seen_ns(self) -> int | None:
+        """The stamp of the newest of them that the costmap holds, None before the first."""
+        return self._view.stamp_ns
 
     def start(self) -> None:
         """Subscribe, serve, and start the two timers."""
