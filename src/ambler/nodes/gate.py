@@ -165,7 +165,8 @@ class GateNode(Node):
     def _on_odometry(self, odometry: Odometry) -> None:
         self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
-        self._ranges.add_odometry(odometry)
+        if self._rangers:
+            self._ranges.add_odometry(odometry)
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
