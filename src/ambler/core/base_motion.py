@@ -53,7 +53,7 @@ def _sweep_times(seconds: float) -> list[float]:
 class _Knot:
     """A pose that was told. What is asked of few of the many poses is worked out when it is asked for."""
 
-    __slots__ = ("pose", "stamp_ns", "tilt", "twist", "told")
+    __slots__ = ("pose", "stamp_ns", "tilt", "told", "twist")
 
     def __init__(self, stamp_ns: int, told: SE3 | SE2) -> None:
         self.stamp_ns, self.told = stamp_ns, told

@@ -99,6 +99,7 @@ class ControllerNode(Node):
     name = "controller"
     inputs: Topics = (SCAN, ODOMETRY, TRANSFORMS)
     optional_inputs: Topics = (PATH, GATE_STATUS, STEER_REQUEST)
+    kept_inputs: Topics = (ODOMETRY, TRANSFORMS)
     outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT, STATUS)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
     latency = 0.01

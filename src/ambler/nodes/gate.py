@@ -85,6 +85,7 @@ class GateNode(Node):
     name = "gate"
     inputs: Topics = (VELOCITY_REQUEST, ODOMETRY, SCAN)
     optional_inputs = (TELEOP_REQUEST, DOCKING_REQUEST, STOP)
+    kept_inputs: Topics = (ODOMETRY,)
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
     serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, PERMIT_APPROACH, REVOKE_APPROACH)
     latency = 0.001
