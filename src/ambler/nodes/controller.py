@@ -116,6 +116,10 @@ class ControllerNode(Node):
     ) -> None:
         self._robot = robot
         self._planner = planner
+        # Asked once: whether an object follows a Protocol takes longer than taking in a message.
+        self._lean_aware = planner if isinstance(planner, LeanAware) else None
+        self._mover_aware = planner if isinstance(planner, MoverAware) else None
+        self._telling = planner if isinstance(planner, TellsState) else None
         self._view = LocalView(robot, costmap, planar, movers)
         self._yield_config = yielding if yielding is not None else YieldConfig()
         self._yielding = Yielding(self._yield_config, robot)
@@ -201,8 +205,8 @@ class ControllerNode(Node):
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)
-        if isinstance(self._planner, LeanAware):
-            self._planner.set_lean(self._lean.read(odometry))
+        if self._lean_aware is not None:
+            self._lean_aware.set_lean(self._lean.read(odometry))
             if self._lean.is_blind:
                 self.ctx.log("LEAN_NOT_MEASURED", "the odometry is planar: the limits of inclination cannot act")
 
@@ -307,8 +311,8 @@ class ControllerNode(Node):
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
             movers = self._view.movers(self.ctx.now_ns)
             self._yielding.set_movers(movers, odom_from_base, velocity)
-            if isinstance(self._planner, MoverAware):
-                self._planner.set_movers(movers)
+            if self._mover_aware is not None:
+                self._mover_aware.set_movers(movers)
             if steered is not None:
                 self._steer_step(odom_from_base, velocity, steered)
             elif self._recover is not None:
@@ -337,9 +341,9 @@ class ControllerNode(Node):
 
     def _tell_state(self, *, is_idle: bool) -> None:
         """Tell people what a planner that knows it does, and why the robot stands."""
-        if not isinstance(self._planner, TellsState):
+        if self._telling is None:
             return
-        state, reason = self._planner.state, self._planner.reason
+        state, reason = self._telling.state, self._telling.reason
         if is_idle and state is not LocalState.GOAL_REACHED:
             state, reason = LocalState.IDLE, "there is nothing to do"
         news = self._teller.news(self.ctx.now_ns, state, reason, self._gate)
