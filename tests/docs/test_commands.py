@@ -48,6 +48,7 @@ NOT_RUN = {
     "demo --robot go2 --world garage --then 20,0@1 --then 14,0@0": WHOLE_RUN,
     "demo --robot porter+depth --world office": WHOLE_RUN,
     "eval overhangs --seed draw --runs 10 --json docs/results/overhangs.json": STUDY,
+    "bench live --robot go2 --world plot-1 --seconds 60 --json live.json": WHOLE_RUN,
     "demo --robot go2 --world campus --drive built-in": WHOLE_RUN,
     "demo --robot go2 --world campus": WHOLE_RUN,
     "demo --robot mecanum --world plot-17": WHOLE_RUN,

@@ -11,7 +11,7 @@ import pytest
 
 from ambler.core import messages as m
 from ambler.core.camera import CameraModel
-from ambler.core.devices import DeviceState
+from ambler.core.devices import DeviceHealth, DeviceState
 from ambler.core.errors import BadInputError, DeviceError
 from ambler.drivers import stream_server
 from ambler.drivers.stream_device import (
@@ -25,8 +25,11 @@ from ambler.drivers.stream_device import (
 )
 from ambler.drivers.stream_frame import StreamFrame, StreamKind, StreamReader
 from ambler.drivers.stream_server import StreamServer
+from ambler.nodes.devices.sensors import ImuNode
+from ambler.runtime.topics import IMU
 from ambler.wire.ros_messages import encode
 from tests.devices.fakes import HOST, FakeBattery, Stepper, wait_until
+from tests.hand_made_context import HandMadeContext
 
 OFFSET = -987_654_321_012
 """What the other side's clock says less what ours says, nanoseconds."""
@@ -302,3 +305,48 @@ def test_frames_cut_anywhere_are_put_together(size: int) -> None:
     assert [f for i in range(0, len(data), size) for f in reader.feed(data[i : i + size])] == frames
     with pytest.raises(BadInputError):
         list(StreamReader().feed(b"\x10\x00\x00\x00" + b"\x01\xff\xff" + bytes(13)))
+
+
+def test_a_sensor_says_once_that_there_is_something_to_read(rig: Rig) -> None:
+    """Whoever reads only when it is told misses nothing, and is not told again before it has read."""
+    told: list[int] = []
+    rig.imu.announce(lambda: told.append(rig.imu.health().messages))
+    rig.imu.open()
+    wait_until(lambda: rig.imu.health().messages > 5)
+    assert told == [1]
+    got: list[Any] = []
+    rig.imu.announce(lambda: got.extend(rig.imu.read(HOST())))
+    first = list(rig.imu.read(HOST()))
+    wait_until(lambda: len(got) >= 10)
+    sent = [sample.angular_velocity for sample in rig.chip.sent]
+    assert [sample.angular_velocity for sample in (*first, *got)] == sent[: len(first) + len(got)]
+    assert [sample.stamp_ns for sample in (*first, *got)] == sorted({s.stamp_ns for s in (*first, *got)})
+
+
+def test_a_node_reads_a_sensor_when_it_is_told_and_others_in_their_rhythm() -> None:
+    class Silent:
+        name, frame, poll_period = "a", "a", 0.005
+        reads = 0
+
+        def open(self) -> None: ...
+
+        def health(self) -> DeviceHealth:
+            return DeviceHealth(DeviceState.OPEN)
+
+        def read(self, now_ns: int) -> Sequence[Any]:
+            self.reads += 1
+            return ()
+
+    class Announcing(Silent):
+        def announce(self, tell: Any) -> None:
+            self.tell = tell
+
+    for device, reads in ((Silent(), 21), (Announcing(), 1)):
+        context = HandMadeContext()
+        context.start(ImuNode(device, IMU))  # type: ignore[arg-type]
+        context.run(0.1)
+        assert device.reads == reads
+        if isinstance(device, Announcing):
+            device.tell()
+            context.run(0.001)
+            assert device.reads == 2

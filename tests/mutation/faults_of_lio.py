@@ -109,7 +109,7 @@ LIO = (
     PlantedFault(
         "the base moves as the IMU does",
         "lio/base_odometry.py",
-        " + np.cross(self._carried.rate, self._lever))",
+        " + _cross(self._carried.rate, self._lever))",
         ")",
         BASE,
     ),

@@ -12,8 +12,37 @@ JUDGEMENT = ("tests/apps/test_judgement.py",)
 LOST = ("tests/studies/test_lost_robot.py",)
 DOCKING = ("tests/cli/test_docking.py",)
 MERGING = ("tests/evaluation/test_merging.py",)
+REACTION = ("tests/evaluation/test_scan_reaction.py", "tests/studies/test_live_measures.py")
 
 METRICS = (
+    PlantedFault(
+        "a robot acts on a scan at once",
+        "evaluation/scan_reaction.py",
+        "1e-9 * (command.sent_ns - scan.end_ns)",
+        "0.0 * (command.sent_ns - scan.end_ns)",
+        REACTION,
+    ),
+    PlantedFault(
+        "the time to a command begins when the scan arrives",
+        "evaluation/scan_reaction.py",
+        "1e-9 * (command.sent_ns - scan.end_ns)",
+        "1e-9 * (command.sent_ns - scan.arrival_ns)",
+        REACTION,
+    ),
+    PlantedFault(
+        "a request knows of every scan that has arrived",
+        "studies/scan_watch.py",
+        "            seen_ns = self._controller.seen_ns\n",
+        "            seen_ns = self._scans[-1].stamp_ns if self._scans else None\n",
+        REACTION,
+    ),
+    PlantedFault(
+        "a live robot's share of the processor is that of a moment",
+        "studies/processor_share.py",
+        "100.0 * (end.process - begin.process) / seconds",
+        "100.0 * (end.process - end.process) / seconds",
+        REACTION,
+    ),
     PlantedFault(
         "the gyroscope of noisy wheels measures without errors",
         "evaluation/merging.py",

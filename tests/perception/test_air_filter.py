@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ambler.core.messages import PointCloud
-from ambler.perception.air_filter import AirFilter, AirFilterConfig
+from ambler.perception.air_filter import AirFilter, AirFilterConfig, CloudLooks
 from ambler.sim.air import Air, Airborne
 from ambler.sim.hand_rig import LIDARS, LidarSpec
 from ambler.sim.lidar import LidarSensor
@@ -161,3 +161,19 @@ def test_an_empty_cloud_and_a_filter_that_is_off() -> None:
     ahead = beams(0)
     dusty = cloud_of(np.random.default_rng(0).uniform(0.3, 5.0, len(ahead)), np.full(len(ahead), 0.01), ahead)
     assert kept(AirFilter(AirFilterConfig(is_used=False)), dusty).all()
+
+
+def test_filters_that_share_their_looks_say_what_each_would_say_alone() -> None:
+    rng, looks = np.random.default_rng(3), CloudLooks(AirFilterConfig())
+    together, alone = [AirFilter(None, looks) for _ in range(2)], [AirFilter() for _ in range(2)]
+    for scan in range(4):
+        ahead = beams(scan)
+        ranges, intensity = hall(ahead, rng)
+        dusty = rng.random(len(ranges)) < 0.05
+        cloud = cloud_of(np.where(dusty, 2.0, ranges), np.where(dusty, 0.01, intensity), ahead)
+        some, every = np.arange(0, len(cloud.points), 3), np.arange(len(cloud.points))
+        for shared, own in zip(together, alone, strict=True):
+            asked = some if shared is together[0] else every
+            verdict, expected = (f.keep(cloud, asked, lambda n, c=cloud: c.points[n]) for f in (shared, own))  # type: ignore[misc]
+            assert np.array_equal(verdict, expected)
+            assert not expected.all()

@@ -121,3 +121,40 @@ def test_beams_are_moved_to_the_instant_of_the_stamp() -> None:
     first, last = taken[-1]
     assert first[0] == pytest.approx(0.35, abs=1e-6)
     assert last[0] == pytest.approx(0.45, abs=1e-6)
+
+
+def test_a_cloud_that_ends_after_the_odometry_is_left_out_and_the_robot_stops_when_that_lasts() -> None:
+    """Odometry may be as old as 0.25 s: a turn of 0.1 s that began 0.2 s after it ends beyond that."""
+    rig = Rig(PUCK)
+    for _ in range(50):
+        command = rig.tick(0.4)
+    assert command.vx == pytest.approx(0.4)
+    taken = taken_points(rig)
+    for k in range(30):
+        rig.context.now_ns += 20_000_000
+        now_ns = rig.context.now_ns
+        points = np.array([[6.0, 0.0, 0.0], [6.0, 0.1, 0.001 * k]], np.float32)
+        late = np.array([0.0, 0.1], np.float32)
+        cloud = PointCloud(now_ns - 100_000_000, "puck", points, late, late, np.zeros(2, np.uint16))
+        rig.context.callbacks["cloud"](cloud)
+        rig.context.callbacks["velocity_request"](VelocityCommand(now_ns, 0.4, 0.0, 0.0))
+        rig.context.step()
+        assert len(taken) == min(k + 1, 12), "until the cloud's end is 0.25 s after the odometry"
+    assert rig.context.last["velocity_command"].vx == 0.0
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_new_request_is_passed_on_at_the_next_beat_or_at_once(at_once: bool) -> None:
+    rig = Rig(PUCK)
+    rig.node = GateNode(rig.model, steps_on_request=at_once)
+    rig.node.ctx = rig.context  # type: ignore[assignment]
+    rig.node.start()
+    rig.context.callbacks["arm"](GateRequest("test", ""))
+    for _ in range(60):
+        rig.tick(0.2)
+    before = rig.context.last["velocity_command"]
+    for later_ms in (3, 10):
+        rig.context.now_ns += later_ms * 1_000_000
+        rig.context.callbacks["velocity_request"](VelocityCommand(rig.context.now_ns, 0.1, 0.0, 0.0))
+        is_new = rig.context.last["velocity_command"] is not before
+        assert is_new == (at_once and later_ms == 10), "not oftener than every 5 ms"

@@ -50,6 +50,38 @@ def _sweep_times(seconds: float) -> list[float]:
     return [k * step for k in range(steps + 1)]
 
 
+class _Knot:
+    """A pose that was told. What is asked of few of the many poses is worked out when it is asked for."""
+
+    __slots__ = ("pose", "stamp_ns", "tilt", "told", "twist")
+
+    def __init__(self, stamp_ns: int, told: SE3 | SE2) -> None:
+        self.stamp_ns, self.told = stamp_ns, told
+        self.pose: SE2 | None = told if isinstance(told, SE2) else None
+        self.tilt: tuple[float, Quaternion] | None = None
+        self.twist: F64 | None = None
+
+    def planar(self) -> SE2:
+        """The pose in the plane."""
+        if self.pose is None:
+            self.pose = self.told.to_se2() if isinstance(self.told, SE3) else self.told
+        return self.pose
+
+    def lean(self) -> tuple[float, Quaternion]:
+        """Height, and the lean of the body."""
+        if self.tilt is None:
+            told = self.told
+            self.tilt = (told.translation[2], lean_of(told)) if isinstance(told, SE3) else (0.0, LEVEL)
+        return self.tilt
+
+    def twist_to(self, after: _Knot) -> F64:
+        """The constant twist that leads to the knot after this one."""
+        if self.twist is None:
+            seconds = (after.stamp_ns - self.stamp_ns) * 1e-9
+            self.twist = (self.planar().inverse() @ after.planar()).log() / seconds
+        return self.twist
+
+
 class BaseMotion:
     """Keeps `span` seconds of poses; answers up to `max_extrapolation` seconds beyond the newest, where the last twist goes on."""
 
@@ -57,9 +89,7 @@ class BaseMotion:
         self._span_ns = round(span * 1e9)
         self._max_extrapolation_ns = round(max_extrapolation * 1e9)
         self._times: deque[int] = deque()
-        self._poses: deque[SE2] = deque()
-        self._twists: deque[F64] = deque()
-        self._tilts: deque[tuple[float, Quaternion]] = deque()
+        self._knots: deque[_Knot] = deque()
 
     def add(self, odometry: Odometry) -> None:
         """Take a message of the odometry topic; see `add_pose`."""
@@ -71,25 +101,16 @@ class BaseMotion:
             if stamp_ns == self._times[-1]:
                 return
             self.reset()
-        if isinstance(odom_from_base, SE2):
-            pose, tilt = odom_from_base, (0.0, LEVEL)
-        else:
-            pose = odom_from_base.to_se2()
-            tilt = (odom_from_base.translation[2], lean_of(odom_from_base))
-        if self._times:
-            seconds = (stamp_ns - self._times[-1]) * 1e-9
-            self._twists.append((self._poses[-1].inverse() @ pose).log() / seconds)
         self._times.append(stamp_ns)
-        self._poses.append(pose)
-        self._tilts.append(tilt)
+        self._knots.append(_Knot(stamp_ns, odom_from_base))
         while stamp_ns - self._times[0] > self._span_ns and len(self._times) > 2:
-            for kept in (self._times, self._poses, self._twists, self._tilts):
-                kept.popleft()
+            self._times.popleft()
+            self._knots.popleft()
 
     def reset(self) -> None:
         """Forget everything."""
-        for kept in (self._times, self._poses, self._twists, self._tilts):
-            kept.clear()
+        self._times.clear()
+        self._knots.clear()
 
     @property
     def newest_ns(self) -> int | None:
@@ -104,7 +125,7 @@ class BaseMotion:
     @property
     def newest(self) -> SE2 | None:
         """The newest pose, or None."""
-        return self._poses[-1] if self._poses else None
+        return self._knots[-1].planar() if self._knots else None
 
     def covers(self, begin_ns: int, end_ns: int) -> bool:
         """Say whether the motion is known over the whole interval."""
@@ -115,16 +136,17 @@ class BaseMotion:
         """Return odom_from_base in the plane at an instant; raises StaleInputError outside of what `covers` allows."""
         k = self._segment(stamp_ns)
         seconds = (stamp_ns - self._times[k]) * 1e-9
-        return self._poses[k] if seconds == 0.0 else self._poses[k] @ SE2.exp(self._twist_from(k) * seconds)
+        pose = self._knots[k].planar()
+        return pose if seconds == 0.0 else pose @ SE2.exp(self._twist_from(k) * seconds)
 
     def pose_at(self, stamp_ns: int) -> SE3:
         """Return odom_from_base with height and lean at an instant; raises StaleInputError like `planar_at`."""
         planar = self.planar_at(stamp_ns)
         k = self._segment(stamp_ns)
-        (z, lean), after = self._tilts[k], min(k + 1, len(self._times) - 1)
+        (z, lean), after = self._knots[k].lean(), min(k + 1, len(self._times) - 1)
         if after > k:
             ratio = min(1.0, (stamp_ns - self._times[k]) / (self._times[after] - self._times[k]))
-            next_z, next_lean = self._tilts[after]
+            next_z, next_lean = self._knots[after].lean()
             z += ratio * (next_z - z)
             lean = _blend(lean, next_lean, ratio)
         level = SE3.from_se2(planar, z)
@@ -151,7 +173,7 @@ class BaseMotion:
 
     def twist(self) -> F64:
         """Return the newest twist (vx, vy, wz) of the base, float64 (3,); zero before there are two poses."""
-        return self._twists[-1].copy() if self._twists else np.zeros(3)
+        return self._twist_from(len(self._knots) - 1).copy()
 
     def knots(self, begin_ns: int, end_ns: int, reference_ns: int) -> MotionKnots:
         """Return the knots that cover an interval, relative to an instant; raises StaleInputError when they do not."""
@@ -161,7 +183,8 @@ class BaseMotion:
         first = max(0, min(first, last - 1))
         times = np.array(list(islice(self._times, first, last + 1)), np.int64)
         reference_from_odom = self.planar_at(reference_ns).inverse()
-        poses = np.array([(reference_from_odom @ p).as_array() for p in islice(self._poses, first, last + 1)])
+        between = islice(self._knots, first, last + 1)
+        poses = np.array([(reference_from_odom @ knot.planar()).as_array() for knot in between])
         twists = np.array([self._twist_from(k) for k in range(first, last + 1)])
         return MotionKnots((times - reference_ns).astype(np.float64) * 1e-9, poses, twists)
 
@@ -172,7 +195,9 @@ class BaseMotion:
         return bisect_right(self._times, stamp_ns) - 1
 
     def _twist_from(self, k: int) -> F64:
-        return self._twists[min(k, len(self._twists) - 1)] if self._twists else STILL
+        """Return the twist from a knot to the next; the last one continues."""
+        first = min(k, len(self._knots) - 2)
+        return self._knots[first].twist_to(self._knots[first + 1]) if first >= 0 else STILL
 
     def _describe_gap(self, stamp_ns: int) -> str:
         if not self._times:

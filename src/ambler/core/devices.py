@@ -8,9 +8,9 @@ those of the device at its border and counts jumps. A device whose line breaks b
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from ambler.core import messages as m
 from ambler.core.camera import CameraModel
@@ -61,6 +61,15 @@ class Device(Protocol):
 
     def close(self) -> None:
         """End; a base stops first. Calling it again does nothing."""
+        ...
+
+
+@runtime_checkable
+class Announces(Protocol):
+    """A device that says when there is something to read, so that nobody has to look again and again."""
+
+    def announce(self, tell: Callable[[], None]) -> None:
+        """From now on call `tell`, from any thread, when something has come since the last `read`."""
         ...
 
 

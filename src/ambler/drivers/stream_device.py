@@ -126,6 +126,8 @@ class StreamDevice(Generic[M]):
         self.name, self.frame, self.poll_period = name, frame, poll_period
         self._stream = stream
         self._queue: deque[M] = deque(maxlen=QUEUE)
+        self._tell: Callable[[], None] | None = None
+        self._is_told = False
         self._begin()
         stream.receive(name, self, self._on_frame)
 
@@ -155,6 +157,7 @@ class StreamDevice(Generic[M]):
 
     def read(self, now_ns: int) -> Sequence[M]:
         """Return what has come since the last call, oldest first; nothing when the connection is broken."""
+        self._is_told = False  # before it looks: what comes from now on is told again
         if not self._stream.is_open(self):
             return ()
         return [self._queue.popleft() for _ in range(len(self._queue))]
@@ -174,21 +177,32 @@ class StreamDevice(Generic[M]):
         self._messages += 1
         self._lost += len(self._queue) == QUEUE
         self._queue.append(replace(message, stamp_ns=stamp_ns, frame=self.frame))
+        if self._tell is not None and not self._is_told:
+            self._is_told = True
+            self._tell()
 
 
-class StreamLidar(StreamDevice[m.LaserScan | m.PointCloud]):
+class StreamSensor(StreamDevice[M]):
+    """A device that says when it has measured."""
+
+    def announce(self, tell: Callable[[], None]) -> None:
+        """Call `tell` in the stream's thread for what comes first after a `read`."""
+        self._tell = tell
+
+
+class StreamLidar(StreamSensor[m.LaserScan | m.PointCloud]):
     """A `Lidar` of a stream."""
 
     types = (m.LaserScan, m.PointCloud)
 
 
-class StreamImu(StreamDevice[m.Imu]):
+class StreamImu(StreamSensor[m.Imu]):
     """An `Imu` of a stream."""
 
     types = (m.Imu,)
 
 
-class StreamRangeSensor(StreamDevice[m.Range]):
+class StreamRangeSensor(StreamSensor[m.Range]):
     """A `RangeSensor` of a stream."""
 
     types = (m.Range,)

@@ -45,7 +45,8 @@ def sort_cells(points, columns, rows, cell_of, begins, order):
 
 @jit
 def judge(points, is_dim, asked, columns, rows, cell_of, begins, order, spacing, depth, thickness, share, verdicts):
-    """Judge the returns `asked` int64 (M,) of a sorted cloud: `verdicts` uint8 (M,).
+    """Judge the returns `asked` int64 (M,) of a sorted cloud: `verdicts` uint8 (M,). `points` float32 (N, 3) and `is_dim` bool (N,) are in the order of their cells; `cell_of` and `asked` count as
+    `order` does, which says where each of them was.
 
     Neighbours lie within three beams' distances (`spacing` rad) beside a return and max(0.2 m, `depth` * range) before or behind it. Fewer than LEAST: LONELY. When `share`
     of them lie within `thickness` (plus 3 mm per metre of range) of one plane, the return is a SURFACE if it does so too, else LONELY. In a plane through the scanner, such as
@@ -53,32 +54,41 @@ def judge(points, is_dim, asked, columns, rows, cell_of, begins, order, spacing,
     leaves: a SURFACE.
     """
     near = np.empty((128, 3))
+    place = np.empty(order.shape[0], np.int64)
+    for at in range(order.shape[0]):
+        place[order[at]] = at
     for k in range(asked.shape[0]):
-        i = asked[k]
+        i = place[asked[k]]
         x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
         r = math.sqrt(x * x + y * y + z * z)
         bx, by, bz = x / r, y / r, z / r
         aside, along = 3.0 * spacing * r, max(0.2, depth * r)
-        row, column = cell_of[i] // columns, cell_of[i] % columns
+        row, column = cell_of[asked[k]] // columns, cell_of[asked[k]] % columns
         level = max(math.sqrt(x * x + y * y) / r, 0.2)
         wide = min(int(math.ceil(SIDE / level)), columns // 2 - 1)
         found, dim = 0, 0
         mx = my = mz = 0.0
         for q in range(max(row - SIDE, 0), min(row + SIDE + 1, rows)):
-            for s in range(-wide, wide + 1):
-                c = q * columns + (column + s) % columns
-                for at in range(begins[c], begins[c + 1]):
-                    j = order[at]
-                    dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+            # Columns go round: those before the first one and behind the last one are a second run of cells.
+            for run in range(2):
+                first, last = max(column - wide, 0), min(column + wide, columns - 1)
+                if column - wide < 0 and run == 0:
+                    first, last = column - wide + columns, columns - 1
+                elif column + wide >= columns and run == 1:
+                    first, last = 0, column + wide - columns
+                elif column - wide >= 0 and run == 1:
+                    break
+                for at in range(begins[q * columns + first], begins[q * columns + last + 1]):
+                    dx, dy, dz = points[at, 0] - x, points[at, 1] - y, points[at, 2] - z
                     ahead = dx * bx + dy * by + dz * bz
                     beside = dx * dx + dy * dy + dz * dz - ahead * ahead
-                    if j == i or abs(ahead) > along or beside > aside * aside or found == near.shape[0]:
+                    if at == i or abs(ahead) > along or beside > aside * aside or found == near.shape[0]:
                         continue
                     near[found, 0], near[found, 1], near[found, 2] = dx, dy, dz
                     mx += dx
                     my += dy
                     mz += dz
-                    dim += is_dim[j]
+                    dim += is_dim[at]
                     found += 1
         if found < LEAST:
             verdicts[k] = LONELY

@@ -63,9 +63,11 @@ class BaseOdometry:
         self._carried = CarriedState(config.imu)
         mount = imu_from_base.matrix()
         self._imu_from_base, self._lever, self._base_from_imu = imu_from_base, mount[:3, 3], mount[:3, :3].T
+        self._minus_skew = -skew(self._lever)
         self._drift = np.zeros((6, 6))
         self._fitted_ns: int | None = None
         self._odom_from_map = SE3()
+        self._turn_of_map = np.eye(3)
 
     def add(self, message: PointCloud | Imu | Odometry) -> Odometry | None:
         """Take a cloud, an inertial measurement, or the wheels' own odometry; an inertial measurement may give odometry of its stamp."""
@@ -102,6 +104,7 @@ class BaseOdometry:
         if self._fitted_ns is None:
             map_from_base = result.map_from_imu @ self._imu_from_base
             self._odom_from_map = SE3.from_se2(map_from_base.to_se2(), map_from_base.translation[2]).inverse()
+            self._turn_of_map = self._odom_from_map.matrix()[:3, :3]
         if self._fitted_ns is None or not result.health.is_lost:
             self._fitted_ns = estimate.stamp_ns
 
@@ -119,7 +122,7 @@ class BaseOdometry:
     def _tell(self, stamp_ns: int) -> Odometry:
         state = self._carried.state
         place = self._odom_from_map @ to_se3(state.position, state.rotation)
-        velocity = self._base_from_imu @ (state.rotation.T @ state.velocity + np.cross(self._carried.rate, self._lever))
+        velocity = self._base_from_imu @ (state.rotation.T @ state.velocity + _cross(self._carried.rate, self._lever))
         return Odometry(
             stamp_ns,
             *TOLD_AS,
@@ -134,8 +137,8 @@ class BaseOdometry:
         """Return (6, 6) of the base's position and of rotations about the axes of odom, from the IMU's of the filter."""
         covariance = self._carried.covariance[:6, :6] + self._drift
         jacobian = np.zeros((6, 6))
-        jacobian[:3, :3] = self._odom_from_map.matrix()[:3, :3]
-        jacobian[:3, 3:] = -odom_from_imu @ skew(self._lever)
+        jacobian[:3, :3] = self._turn_of_map
+        jacobian[:3, 3:] = odom_from_imu @ self._minus_skew
         jacobian[3:, 3:] = odom_from_imu
         return np.asarray(jacobian @ covariance @ jacobian.T)
 
@@ -149,6 +152,13 @@ class BaseOdometry:
         covariance[3:, 3:] = self._base_from_imu @ self._carried.covariance[b, b] @ self._base_from_imu.T
         covariance[3:, 3:] += noise * np.eye(3)
         return covariance
+
+
+def _cross(a: F64, b: F64) -> F64:
+    """`np.cross` of two vectors (3,), in a tenth of its time."""
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _vector(values: F64) -> Vector3:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 
 import numpy as np
@@ -23,6 +25,7 @@ class InertialBuffer:
         self.refused = 0
         self.scale = 1.0
         self._rows: list[tuple[float, ...]] = []
+        self._times: list[float] = []
 
     def add(self, samples: Iterable[Imu]) -> None:
         """Take new samples."""
@@ -30,10 +33,11 @@ class InertialBuffer:
             if self.origin_ns is None:
                 self.origin_ns = sample.stamp_ns
             row = (self.seconds(sample.stamp_ns), *sample.angular_velocity, *sample.linear_acceleration)
-            if not np.isfinite(row).all() or (self._rows and row[0] <= self._rows[-1][0]):
+            if not all(map(math.isfinite, row)) or (self._times and row[0] <= self._times[-1]):
                 self.refused += 1
                 continue
             self._rows.append(row)
+            self._times.append(row[0])
 
     def seconds(self, stamp_ns: int) -> float:
         """Return the time of a stamp in this buffer."""
@@ -42,36 +46,47 @@ class InertialBuffer:
     @property
     def last(self) -> float:
         """The time of the newest sample; -inf without any."""
-        return self._rows[-1][0] if self._rows else -np.inf
+        return self._times[-1] if self._times else -math.inf
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def rows(self) -> F64:
         """Return all samples, float64 (K, 7), forces scaled."""
-        out = np.array(self._rows, np.float64).reshape(-1, 7)
+        return self._scaled(0, len(self._rows))
+
+    def _scaled(self, first: int, end: int) -> F64:
+        out = np.array(self._rows[first:end], np.float64).reshape(-1, 7)
         out[:, 4:] *= self.scale
         return out
 
     def between(self, begin: float, end: float) -> F64:
         """Return rows from `begin` to `end`, float64 (K, 7) with K >= 2: both ends interpolated, or held where no sample lies beyond."""
-        rows = self.rows()
-        times = rows[:, 0]
-        inside = rows[(times > begin) & (times < end)]
-        ends = np.array([begin, end])
-        edges = np.column_stack([ends, *(np.interp(ends, times, rows[:, j]) for j in range(1, 7))])
-        return np.ascontiguousarray(np.vstack([edges[:1], inside, edges[1:]]))
+        inside = self._scaled(bisect_right(self._times, begin), bisect_left(self._times, end))
+        out = np.empty((len(inside) + 2, 7))
+        out[0], out[1:-1], out[-1] = self._at(begin), inside, self._at(end)
+        return out
+
+    def _at(self, time: float) -> tuple[float, ...]:
+        """Return the row at a time, its force scaled: interpolated, or the nearest one held where no sample lies beyond."""
+        k = bisect_right(self._times, time) - 1
+        here = self._rows[min(max(k, 0), len(self._rows) - 1)]
+        fx, fy, fz = (self.scale * force for force in here[4:])
+        row = (*here[1:4], fx, fy, fz)
+        if 0 <= k < len(self._rows) - 1 and here[0] != time:
+            there, span, part = self._rows[k + 1], self._times[k + 1] - here[0], time - here[0]
+            fx, fy, fz = (self.scale * force for force in there[4:])
+            row = tuple((b - a) / span * part + a for a, b in zip(row, (*there[1:4], fx, fy, fz), strict=True))
+        return (time, *row)
 
     def longest_gap(self, begin: float, end: float) -> float:
         """Return the longest time (s) between `begin` and `end` that no two samples enclose more closely, samples beyond the ends included."""
-        times = np.array([row[0] for row in self._rows])
-        first = max(0, int(np.searchsorted(times, begin, side="right")) - 1)
-        near = times[first : int(np.searchsorted(times, end, side="left")) + 1]
+        first = max(0, bisect_right(self._times, begin) - 1)
+        near = np.array(self._times[first : bisect_left(self._times, end) + 1])
         edges = np.concatenate([[begin] if near[0] > begin else [], near, [end] if near[-1] < end else []])
         return float(np.diff(edges).max())
 
     def forget(self, before: float) -> None:
         """Drop what is older than a time, but the last sample before it."""
-        times = [row[0] for row in self._rows]
-        keep = max(0, int(np.searchsorted(times, before, side="right")) - 1)
-        del self._rows[:keep]
+        keep = max(0, bisect_right(self._times, before) - 1)
+        del self._rows[:keep], self._times[:keep]

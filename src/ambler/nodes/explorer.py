@@ -80,6 +80,7 @@ class ExplorerNode(Node):
     name: str = "explorer"
     inputs: tuple[Topic[Any], ...] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
     optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS, GOAL, GOAL_POINT, WAY_POINT)
+    kept_inputs: tuple[Topic[Any], ...] = (TRANSFORMS,)
     outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
     serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
     calls: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)

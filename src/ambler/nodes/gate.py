@@ -64,6 +64,7 @@ from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
 
 PERIOD = 0.02
+LEAST_STEP_NS = 5_000_000  # between two steps, those that a request asks for included
 STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
 SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
@@ -79,12 +80,14 @@ class GateNode(Node):
     robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
     each one's own scans, not the merged one, and remembers what leaves its sector for where no other one looks. A sensor of the
     robot that falls silent, or never speaks, stops it. `clock_offsets` are the seconds by which a sensor's clock is ahead, by frame:
-    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is.
+    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is. `steps_on_request`: what is
+    wanted anew does not wait for the next beat.
     """
 
     name = "gate"
     inputs: Topics = (VELOCITY_REQUEST, ODOMETRY, SCAN)
     optional_inputs = (TELEOP_REQUEST, DOCKING_REQUEST, STOP)
+    kept_inputs: Topics = (ODOMETRY,)
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
     serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, PERMIT_APPROACH, REVOKE_APPROACH)
     latency = 0.001
@@ -95,7 +98,10 @@ class GateNode(Node):
         config: GateConfig | None = None,
         z_band: tuple[float, float] | None = None,
         clock_offsets: Mapping[str, float] | None = None,
+        *,
+        steps_on_request: bool = False,
     ) -> None:
+        self._steps_on_request = steps_on_request
         self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._config = config if config is not None else GateConfig()
         self.gate = VelocityGate(self._config, robot)
@@ -127,6 +133,7 @@ class GateNode(Node):
         self._twist = np.zeros(3)
         self._status: GateStep | None = None
         self._status_ns = 0
+        self._stepped_ns = NEVER_NS
 
     def start(self) -> None:
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
@@ -158,6 +165,8 @@ class GateNode(Node):
     def _on_request(self, source: str, command: VelocityCommand) -> None:
         velocity = BodyVelocity(command.vx, command.vy, command.wz)
         self.gate.request(source, command.stamp_ns, velocity, self.ctx.now_ns)
+        if self._steps_on_request and self.ctx.now_ns - self._stepped_ns >= LEAST_STEP_NS:
+            self._step()
 
     def _on_stop_order(self, order: Code) -> None:
         self.gate.order_stop(order.value)
@@ -165,7 +174,8 @@ class GateNode(Node):
     def _on_odometry(self, odometry: Odometry) -> None:
         self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
-        self._ranges.add_odometry(odometry)
+        if self._rangers:
+            self._ranges.add_odometry(odometry)
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
 
     def _on_scan(self, scan: LaserScan) -> None:
@@ -179,24 +189,24 @@ class GateNode(Node):
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
+        try:
+            sweep, floor = self._sweep_of(cloud), self._floor_at(cloud)
+        except StaleInputError:
+            return  # its end was measured nobody knows where; if that lasts, its points are stale
         field = FieldOfView(mount.range_min, elevation=mount.elevation)
         around = (self._twist, self._reach, self._z_band)
-        floor = self._floor_at(cloud)
         self._take_points(
             cloud,
             field,
-            lambda _: points_of_cloud(cloud, self._sweep_of(cloud), *around, floor, mount.elevation[0]),
+            lambda _: points_of_cloud(cloud, sweep, *around, floor, mount.elevation[0]),
             None if floor is None else lambda points: floor.holds(points, self._z_band[0]),
         )
 
     def _floor_at(self, cloud: PointCloud) -> Floor | None:
-        """The floor around the robot, where it may slope and the robot knows how it leans."""
+        """The floor around the robot, where it may slope. Raises StaleInputError."""
         if self._config.slope <= 0.0:
             return None
-        try:
-            odom_from_base = self._motion.pose_at(cloud.stamp_ns)
-        except StaleInputError:
-            return None  # nor are any points taken
+        odom_from_base = self._motion.pose_at(cloud.stamp_ns)
         level_from_base = _level_from_base(odom_from_base)
         up = level_from_base.rotate((0.0, 0.0, 1.0))
         upright = max(up[2], 0.5)
@@ -205,7 +215,7 @@ class GateNode(Node):
         return Floor(self._config.slope, self._reach, self._radius, lean, self._floor_memory, odom_from_level)
 
     def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
-        """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile."""
+        """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile. Raises StaleInputError."""
         duration_ns = round(float(cloud.time.max(initial=0.0)) * 1e9)
         parts = max(1, math.ceil(duration_ns / SWEEP_STEP_NS))
         mount = self._mounts[cloud.frame].base_from_sensor
@@ -296,7 +306,7 @@ class GateNode(Node):
         return is_stuck
 
     def _step(self) -> None:
-        now_ns = self.ctx.now_ns
+        now_ns = self._stepped_ns = self.ctx.now_ns
         step = self.gate.step(now_ns)
         v = step.velocity
         self.ctx.publish(VELOCITY_COMMAND, VelocityCommand(now_ns, v.vx, v.vy, v.wz))

@@ -38,6 +38,7 @@ class GroundMapperNode(Node):
 
     name = "ground_mapper"
     inputs: Topics = (TERRAIN_MAP, ODOMETRY, TRANSFORMS)
+    kept_inputs: Topics = (ODOMETRY, TRANSFORMS)
     outputs: Topics = (MAP, GROUND_LEVELS, FIRM_GROUND, SLAM_POSE, STATUS)
     serves = (SAVE_MAP, FINISH_MAP, CHOOSE_LEVEL)
     latency = 0.01

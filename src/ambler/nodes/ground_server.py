@@ -20,6 +20,7 @@ class GroundServerNode(Node):
 
     name = "ground_server"
     inputs: Topics = (TRANSFORMS,)
+    kept_inputs: Topics = (TRANSFORMS,)
     outputs: Topics = (MAP, GROUND_LEVELS, STATUS)
     serves = (CHOOSE_LEVEL,)
     latency = 0.005

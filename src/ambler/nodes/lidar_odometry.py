@@ -22,7 +22,7 @@ from ambler.lio.keyframes import Keyframe
 from ambler.lio.loop_closure import LoopClosure, laid_points
 from ambler.lio.state import to_se3
 from ambler.lio.thin_cloud import thinned
-from ambler.perception.air_filter import AirFilter, AirFilterConfig
+from ambler.perception.air_filter import AirFilter, AirFilterConfig, CloudLooks
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.node import Node, Offers, Topics, WorkKind
 from ambler.runtime.tasks import SAVE_CLOUD, Nothing, SaveMapRequest
@@ -105,7 +105,8 @@ class LidarOdometryNode(Node):
         self._lidar, self._imu = mounts[SensorKind.CLOUD], mounts[SensorKind.IMU]
         imu_from_base = self._imu.base_from_sensor.inverse()
         imu_from_lidar = imu_from_base @ self._lidar.base_from_sensor
-        airs = AirFilter(air), AirFilter(air)
+        looks = CloudLooks(air or AirFilterConfig())
+        airs = AirFilter(air, looks), AirFilter(air, looks)
         self._odometry = BaseOdometry(config, imu_from_lidar, imu_from_base, airs)
         self._view = config.view
         self._examination = StartExamination(config, imu_from_lidar)

@@ -16,7 +16,7 @@ from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome
+from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, Topics
 from ambler.runtime.tasks import (
     CHOOSE_LEVEL,
     CLEAR_GLOBAL_COSTMAP,
@@ -61,6 +61,7 @@ class NavigatorNode(Node):
 
     name = "navigator"
     inputs = (TRANSFORMS,)
+    kept_inputs: Topics = (TRANSFORMS,)
     optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP, GROUND_LEVELS)
     outputs = (PATH, STATUS, BLOCKED)
     serves = (NAVIGATE,)

@@ -59,6 +59,7 @@ class GlobalPlannerNode(Node):
     """
 
     name: str = "planner"
+    kept_inputs: Topics = (TRANSFORMS,)
     outputs: Topics = (GLOBAL_COSTMAP,)
     serves: Offers = (COMPUTE_PATH, CLEAR_GLOBAL_COSTMAP)
     latency: float = 0.02

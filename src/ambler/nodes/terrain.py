@@ -35,6 +35,7 @@ class TerrainNode(Node):
     name = "terrain"
     inputs: Topics = (REGISTERED_CLOUD, ODOMETRY)
     optional_inputs: Topics = (FIRM_GROUND, MAP_CLEARING, CLOUD_CLEARING)
+    kept_inputs: Topics = (ODOMETRY,)
     outputs: Topics = (TERRAIN_MAP, TERRAIN_MAP_EXT)
     latency = 0.005
 

@@ -20,6 +20,7 @@ from ambler.kernels import air as kernel
 F64 = NDArray[np.float64]
 SAMPLE = 4000  # returns from which brightness and the distance of beams are told
 AROUND = 1.2  # times the greatest range that is judged: so far out neighbours may lie
+_OPEN = 255  # no verdict yet
 PATCH = math.radians(6.0)  # edge of the patches that tell how much of the sphere a scanner sees
 
 
@@ -40,11 +41,83 @@ class AirFilterConfig:
     places_most: int = 1 << 16
 
 
-class AirFilter:
-    """Give it every cloud of one scanner in the order of time."""
+class CloudLooks:
+    """What does not depend on which points of a cloud are asked for: how bright is dim, and the verdicts on points. It is kept for the cloud that was looked at last."""
 
-    def __init__(self, config: AirFilterConfig | None = None) -> None:
+    def __init__(self, config: AirFilterConfig) -> None:
+        self._config = config
+        self._cloud: PointCloud | None = None
+
+    def look_at(self, cloud: PointCloud) -> float:
+        """Return the intensity below which a return of this cloud is dim; `verdicts` are on its returns from now on."""
+        if cloud is not self._cloud:
+            self._cloud = cloud
+            self._limit = self._dim_below(cloud)
+            self._verdicts = np.full(len(cloud.points), _OPEN, np.uint8)
+            self._cells: _Cells | None = None
+        return self._limit
+
+    def verdicts(self, doubted: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return the verdicts on returns (K,), given by their numbers."""
+        asked = doubted[self._verdicts[doubted] == _OPEN]
+        if len(asked):
+            self._verdicts[asked] = self._judge(asked)
+        return np.asarray(self._verdicts[doubted])
+
+    def _dim_below(self, cloud: PointCloud) -> float:
+        """Return the intensity below which a return is dim beside the others: infinite, where a scanner does not tell brightness."""
+        sample = cloud.intensity[:: max(1, len(cloud.intensity) // SAMPLE)]
+        low, high = np.percentile(sample, (5.0, 75.0))
+        return float(self._config.dim * high) if high > low else math.inf
+
+    def _judge(self, asked: NDArray[np.int64]) -> NDArray[np.uint8]:
+        if self._cells is None:
+            assert self._cloud is not None
+            self._cells = _Cells.of(self._cloud, self._limit, AROUND * self._config.range_most)
+        c, cells = self._config, self._cells
+        verdicts = np.empty(len(asked), np.uint8)
+        kernel.judge(
+            *(cells.points, cells.is_dim, np.searchsorted(cells.near, asked), cells.columns, cells.rows),
+            *(cells.cell_of, cells.begins, cells.order, cells.spacing, c.depth, c.thickness, c.share, verdicts),
+        )
+        return verdicts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """The near returns of a cloud, sorted into cells of azimuth and elevation (`kernels.air`)."""
+
+    near: NDArray[np.int64]
+    points: NDArray[np.float32]
+    is_dim: NDArray[np.bool_]
+    columns: int
+    rows: int
+    cell_of: NDArray[np.int64]
+    begins: NDArray[np.int64]
+    order: NDArray[np.int64]
+    spacing: float
+
+    @classmethod
+    def of(cls, cloud: PointCloud, limit: float, reach: float) -> _Cells:
+        near = np.flatnonzero(np.einsum("ij,ij->i", cloud.points, cloud.points) < reach**2)
+        points = np.ascontiguousarray(cloud.points[near], np.float32)
+        # Where brightness is not told, smoke and leaves are the same.
+        is_dim = (cloud.intensity[near] < limit) & math.isfinite(limit)
+        spacing = _spacing(cloud.points)
+        columns = min(max(math.ceil(2.0 * math.pi / (kernel.EDGE * spacing)), 16), 2048)
+        rows = min(max(math.ceil(2.0 / (kernel.EDGE * spacing)), 8), 1024)
+        cell_of, order = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+        begins = np.empty(columns * rows + 1, np.int64)
+        kernel.sort_cells(points, columns, rows, cell_of, begins, order)
+        return cls(near, points[order], is_dim[order], columns, rows, cell_of, begins, order, spacing)
+
+
+class AirFilter:
+    """Give it every cloud of one scanner in the order of time. Filters that are asked about the same clouds one after the other, in one thread, may share `looks`."""
+
+    def __init__(self, config: AirFilterConfig | None = None, looks: CloudLooks | None = None) -> None:
         self.config = c = config or AirFilterConfig()
+        self._looks = looks or CloudLooks(c)
         self._scan = 0
         self._table = (
             np.full(c.places_most, -1, np.int64),
@@ -63,44 +136,19 @@ class AirFilter:
         self._scan += 1
         if not self.config.is_used or len(cloud.points) < kernel.LEAST:
             return kept
-        limit = self._limit(cloud)
+        limit = self._looks.look_at(cloud)
         dim = np.flatnonzero(cloud.intensity[asked] < limit)
         points = cloud.points[asked[dim]]
         squares = np.einsum("ij,ij->i", points, points)
         doubted = dim[(squares < self.config.range_most**2) & (squares > 0.0)]
         if len(doubted) == 0:
             return kept
-        verdicts = self._judge(cloud, limit, asked[doubted])
+        verdicts = self._looks.verdicts(asked[doubted])
         kept[doubted[verdicts == kernel.CLOUDY]] = False
         lonely = doubted[verdicts == kernel.LONELY]
         if len(lonely):
             kept[lonely] = self._lasts(np.asarray(place(asked[lonely]), np.float64))
         return kept
-
-    def _limit(self, cloud: PointCloud) -> float:
-        """Return the intensity below which a return is dim beside the others: infinite, where a scanner does not tell brightness."""
-        sample = cloud.intensity[:: max(1, len(cloud.intensity) // SAMPLE)]
-        low, high = np.percentile(sample, (5.0, 75.0))
-        return float(self.config.dim * high) if high > low else math.inf
-
-    def _judge(self, cloud: PointCloud, limit: float, doubted: NDArray[np.int64]) -> NDArray[np.uint8]:
-        c = self.config
-        near = np.flatnonzero(np.einsum("ij,ij->i", cloud.points, cloud.points) < (AROUND * c.range_most) ** 2)
-        points = np.ascontiguousarray(cloud.points[near], np.float32)
-        # Where brightness is not told, smoke and leaves are the same.
-        is_dim = (cloud.intensity[near] < limit) & math.isfinite(limit)
-        spacing = _spacing(cloud.points)
-        columns = min(max(math.ceil(2.0 * math.pi / (kernel.EDGE * spacing)), 16), 2048)
-        rows = min(max(math.ceil(2.0 / (kernel.EDGE * spacing)), 8), 1024)
-        cell_of, order = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-        begins = np.empty(columns * rows + 1, np.int64)
-        kernel.sort_cells(points, columns, rows, cell_of, begins, order)
-        verdicts = np.empty(len(doubted), np.uint8)
-        kernel.judge(
-            *(points, is_dim, np.searchsorted(near, doubted), columns, rows, cell_of, begins, order),
-            *(spacing, c.depth, c.thickness, c.share, verdicts),
-        )
-        return verdicts
 
     def _lasts(self, places: F64) -> NDArray[np.bool_]:
         is_lasting = np.empty(len(places), np.bool_)

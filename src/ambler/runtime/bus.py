@@ -26,10 +26,11 @@ _ROWS = {topic.name: row for row, topic in enumerate(all_topics())}
 
 @dataclass(slots=True)
 class Subscription:
-    """One node's interest in one topic."""
+    """One node's interest in one topic. `can_wait`: what comes need not wake the node, but is handed over before anything else that comes later."""
 
     context: NodeContext
     callback: Callable[[Any], None]
+    can_wait: bool = False
 
 
 @dataclass(slots=True)

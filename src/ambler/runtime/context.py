@@ -38,7 +38,8 @@ class NodeContext:
 
     def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
         _check(self.node, topic, (*self.node.inputs, *self.node.optional_inputs), "reads")
-        self.executor.subscribe(self.bus.channel(topic), Subscription(self, callback))
+        subscription = Subscription(self, callback, can_wait=topic in self.node.kept_inputs)
+        self.executor.subscribe(self.bus.channel(topic), subscription)
 
     def publish(self, topic: Topic[Any], message: Message) -> None:
         _check(self.node, topic, self.node.outputs, "writes")

@@ -1,4 +1,7 @@
-"""What waits for one node of the live executor: messages per subscription and writer, calls, timers."""
+"""What waits for one node of the live executor: messages per subscription and writer, calls, timers.
+
+A thread that wakes costs more than most messages do. Messages that a node only keeps do not wake it until there are some; whatever does wake it finds them taken in.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from ambler.runtime.bus import Subscription, whole
 from ambler.runtime.topics import Topic
 
 _IDLE = 0.5
+_KEPT_MOST = 10  # messages that can wait, before the node is woken for them
 
 
 @dataclass(slots=True, eq=False)
@@ -36,6 +40,7 @@ class Mailbox:
         self._waiting: dict[tuple[int, int], int] = {}
         self._timers: list[tuple[int, int, Callable[[], None]]] = []
         self._sequence = 0
+        self._kept = 0
         self._is_closed = False
 
     def put_message(self, subscription: Subscription, topic: Topic[Any], message: Message, writer: int) -> None:
@@ -54,7 +59,9 @@ class Mailbox:
             else:
                 self._waiting[key] = waiting + 1
             self._queue.append(_Letter(subscription, topic, message, writer))
-            self._condition.notify()
+            self._kept += subscription.can_wait
+            if not subscription.can_wait or self._kept >= _KEPT_MOST:
+                self._condition.notify()
 
     def put_call(self, callback: Callable[[], None]) -> None:
         """Add a callback; calls are never dropped."""
@@ -80,9 +87,12 @@ class Mailbox:
             self._condition.notify_all()
 
     def take(self, now_ns: Callable[[], int]) -> Callable[[], None] | None:
-        """Wait for what is to be done next and return it: what is due first, then the queue in order. None after `close`."""
+        """Wait for what is to be done next and return it: messages that could wait and are first in the queue, what is due, then the queue in order. None after `close`."""
         with self._condition:
             while not self._is_closed:
+                self._kept = 0
+                if self._queue and _can_wait(self._queue[0]):
+                    return self._open_letter(self._queue.popleft())
                 wait = _IDLE
                 if self._timers:
                     wait = min(wait, (self._timers[0][0] - now_ns()) * 1e-9)
@@ -110,3 +120,7 @@ class Mailbox:
                 del self._queue[i]
                 return item.message
         return None
+
+
+def _can_wait(item: _Letter | Callable[[], None]) -> bool:
+    return isinstance(item, _Letter) and item.subscription.can_wait

@@ -236,11 +236,12 @@ class Context(Protocol):
 
 class Node:
     """Base class. Subclasses set the declarations, for the class or for one instance, and override `start`; `stop` is called once at
-    the end."""
+    the end. `kept_inputs` are those whose messages it only keeps until something else asks for them: live, it is not woken for each."""
 
     name: str = ""
     inputs: Topics = ()
     optional_inputs: Topics = ()
+    kept_inputs: Topics = ()
     outputs: Topics = ()
     serves: Offers = ()
     calls: Offers = ()

@@ -88,6 +88,11 @@ class VelocityGate:
         finite = np.isfinite(points_base).all(axis=1)
         self._points[sensor] = (stamp_ns, np.ascontiguousarray(points_base[finite]), odom_from_base)
 
+    @property
+    def seen_ns(self) -> dict[str, int]:
+        """The stamp of each sensor's newest points, by its frame."""
+        return {sensor: stamp_ns for sensor, (stamp_ns, _, _) in self._points.items()}
+
     # Operator
 
     def arm(self, now_ns: int) -> tuple[bool, str]:

@@ -1,9 +1,11 @@
-"""How regularly a live robot commands its base, undisturbed and while its disk, recorder or log fails, beside an empty loop of 50 Hz."""
+"""How regularly a live robot commands its base, undisturbed and while its disk, recorder or log fails, beside an empty loop of 50 Hz; how soon its
+commands know of what it sees, and how much of a processor its process takes."""
 
 from __future__ import annotations
 
 import errno
 import multiprocessing
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -22,9 +24,12 @@ from ambler.core.errors import AmblerError
 from ambler.core.messages import VelocityCommand
 from ambler.evaluation.goals import draw_goals
 from ambler.nodes.steps import ExploreStep, NavigateStep
+from ambler.runtime.live import LiveExecutor
 from ambler.runtime.topics import VELOCITY_COMMAND
 from ambler.sim.robots import robot_named
 from ambler.sim.world_file import load_world
+from ambler.studies.processor_share import ProcessorTimes, processor_times, shares
+from ambler.studies.scan_watch import ScanWatch
 
 PERIOD = 0.02
 SETTLED = 5.0  # seconds after the start from which periods count
@@ -87,27 +92,37 @@ def busy(options: RunOptions) -> RunOptions:
     return replace(options, steps=(ExploreStep(), *(NavigateStep(goal) for goal in goals)))
 
 
-def measure_periods(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
+def measure_live(options: RunOptions, seconds: float, out: Path, disturbance: str) -> dict[str, float | str | None]:
     """Run a live robot for `seconds` beside an empty loop; returns the periods (ms) of both, from `SETTLED` s on until the last command,
-    which comes when the program has been ended and the map is saved."""
+    which comes when the program has been ended and the map is saved; how soon commands knew of the scans that ended from then until `seconds`
+    are over (`ScanWatch`), and how much of a processor core the process of the robot took meanwhile (`shares`)."""
     disturb = DISTURBANCES[disturbance]
     run = SimulatedRun(options, RunFolder.new(out, f"live-{disturbance}"))
+    executor = run.executor
+    assert isinstance(executor, LiveExecutor)
     stamps: list[int] = []
 
     def watch(topic: Any, message: Any, time_ns: int, writer: str) -> None:
         if topic is VELOCITY_COMMAND and isinstance(message, VelocityCommand):
             stamps.append(message.stamp_ns)
 
-    run.executor.tap(watch)
+    executor.tap(watch)
+    scans = ScanWatch(executor)
+    times: list[tuple[int, ProcessorTimes]] = []
     theirs, ours = multiprocessing.Pipe()
     loop = multiprocessing.get_context("spawn").Process(target=_empty_loop, args=(seconds, theirs), daemon=True)
     loop.start()
-    timer = threading.Timer(DISTURBED_AT, lambda: None if disturb is None else disturb(run))
-    timer.start()
+    timers = [
+        threading.Timer(DISTURBED_AT, lambda: None if disturb is None else disturb(run)),
+        *(threading.Timer(at, lambda: times.append((executor.now_ns, processor_times()))) for at in (SETTLED, seconds)),
+    ]
+    for timer in timers:
+        timer.start()
     try:
         run.run(seconds)
     finally:
-        timer.cancel()
+        for timer in timers:
+            timer.cancel()
         run.close()
     empty = np.array(ours.recv()) if ours.poll(10.0) else np.zeros(0)
     instants = 1e-9 * np.array(stamps, np.float64)
@@ -115,9 +130,19 @@ def measure_periods(options: RunOptions, seconds: float, out: Path, disturbance:
         "command_seconds": float(instants[-1] - instants[0]) if len(instants) else 0.0,
         **_periods("command", instants),
         **_periods("empty_loop", empty),
+        **_while_settled(scans, times),
+        "load_average": os.getloadavg()[0],
         "ended": run.ended,
-        "troubles": ", ".join(sorted(run.executor.troubles.counts)) or None,
+        "troubles": ", ".join(sorted(executor.troubles.counts)) or None,
     }
+
+
+def _while_settled(scans: ScanWatch, times: list[tuple[int, ProcessorTimes]]) -> dict[str, float | None]:
+    """Return what was measured between the two instants; of a run that ended before the second there is nothing to tell."""
+    if len(times) < 2:
+        return {}
+    (begin_ns, begin), (end_ns, end) = times
+    return {**scans.results(begin_ns, end_ns), **shares(begin, end)}
 
 
 def stop_after_failure(options: RunOptions, out: Path, *, log_raises: bool) -> dict[str, float | bool | None]:

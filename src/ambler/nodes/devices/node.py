@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
-from ambler.core.devices import Device, DeviceHealth, DeviceState
+from ambler.core.devices import Announces, Device, DeviceHealth, DeviceState
 from ambler.core.messages import Status
 from ambler.runtime.node import Node
 from ambler.runtime.topics import STATUS
@@ -28,8 +28,13 @@ class DeviceNode(Node):
         for device in self._devices:
             device.open()
         self.prepare()
+        for device in self._devices:
+            if isinstance(device, Announces):
+                device.announce(lambda: self.ctx.after(0.0, self.poll))
+        periods = [d.poll_period for d in self._devices if not isinstance(d, Announces)]
+        if periods:
+            self.ctx.timer(min(periods), self.poll)
         self.poll()
-        self.ctx.timer(min(d.poll_period for d in self._devices), self.poll)
         self.ctx.timer(HEALTH_PERIOD, self._look_after)
 
     def stop(self) -> None:
