@@ -76,15 +76,13 @@ class Robot:
         *,
         is_armed: bool = True,
         local: LocalPlanner | None = None,
-        acts_on_sight: bool = False,
     ) -> None:
         self.base = ToyBase(walls)
         self.planner = ToyPlanner(self.base)
         self.person = Person([(0.3, ask(ARM)), *script] if is_armed else script)
-        self.gate = GateNode(ROBOT, steps_on_request=acts_on_sight)
+        self.gate = GateNode(ROBOT)
         local = TrajectoryRollout(RolloutConfig(), ROBOT) if local is None else local
-        costmap = LocalCostmap(LocalCostmapConfig(), ROBOT)
-        self.controller = ControllerNode(ROBOT, local, costmap, acts_on_sight=acts_on_sight)
+        self.controller = ControllerNode(ROBOT, local, LocalCostmap(LocalCostmapConfig(), ROBOT))
         nodes = [self.base, self.planner, self.controller, NavigatorNode(), self.gate, self.person]
         self.executor = LockstepExecutor(Stack(nodes, external=(TELEOP_REQUEST,)), on_failure=self.gate.stop_now)
         self.told: list[tuple[float, str, str]] = []
@@ -111,44 +109,6 @@ def test_follow_path_reaches_its_end_and_leaves_zero() -> None:
     assert robot.codes == ["SUCCEEDED"]
     assert robot.base.pose.distance_to(SE2(1.5, 0.0, 0.0)) < 0.15
     assert robot.commands_after(5.5)[-1] == STILL
-
-
-@pytest.mark.parametrize(("acts_on_sight", "most_ms"), [(False, 70.0), (True, 20.0)])
-def test_in_step_with_what_it_sees_the_robot_acts_on_a_scan_when_it_is_there(
-    acts_on_sight: bool, most_ms: float
-) -> None:
-    """From a scan's arrival to the command that follows from it; the declared latencies of controller (10 ms) and gate are part of it."""
-    robot = Robot([(0.5, follow(3.0))], acts_on_sight=acts_on_sight)
-    scans: list[int] = []
-    requests: list[int] = []
-    commands: list[int] = []
-
-    def hear(topic: Topic[Any], message: Any, now_ns: int, writer: str) -> None:
-        for name, kept in (("scan", scans), ("velocity_request", requests), ("velocity_command", commands)):
-            if topic.name == name:
-                kept.append(now_ns)
-
-    robot.executor.tap(hear)
-    robot.run(4.0)
-    delays = []
-    for scan in (s for s in scans if 1e9 < s < 3e9):
-        asked = next(r for r in requests if r >= scan + 10_000_000)  # earlier ones were on their way
-        delays.append(1e-6 * (next(c for c in commands if c > asked) - scan))
-    assert len(delays) > 15
-    assert np.median(delays) <= most_ms
-    assert (np.median(delays) > 35.0) == (not acts_on_sight)
-    rate = sum(1e9 < r < 3e9 for r in requests) / 2.0
-    assert rate == pytest.approx(20.0, abs=2.0)
-
-
-@pytest.mark.parametrize("sense", ["has_scan", "has_odometry"])
-def test_in_step_with_what_it_sees_a_silent_sensor_still_ends_the_path_by_name(sense: str) -> None:
-    robot = Robot([(0.5, follow(4.0)), (2.0, lambda p: None)], acts_on_sight=True)
-    robot.run(2.0)
-    setattr(robot.base, sense, False)
-    robot.run(5.0)
-    assert robot.codes == ["STALE_INPUT"]
-    assert robot.base.velocity == STILL
 
 
 def test_nothing_moves_before_the_gate_is_armed() -> None:

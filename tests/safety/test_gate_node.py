@@ -141,20 +141,3 @@ def test_a_cloud_that_ends_after_the_odometry_is_left_out_and_the_robot_stops_wh
         rig.context.step()
         assert len(taken) == min(k + 1, 12), "until the cloud's end is 0.25 s after the odometry"
     assert rig.context.last["velocity_command"].vx == 0.0
-
-
-@pytest.mark.parametrize("at_once", [False, True])
-def test_a_new_request_is_passed_on_at_the_next_beat_or_at_once(at_once: bool) -> None:
-    rig = Rig(PUCK)
-    rig.node = GateNode(rig.model, steps_on_request=at_once)
-    rig.node.ctx = rig.context  # type: ignore[assignment]
-    rig.node.start()
-    rig.context.callbacks["arm"](GateRequest("test", ""))
-    for _ in range(60):
-        rig.tick(0.2)
-    before = rig.context.last["velocity_command"]
-    for later_ms in (3, 10):
-        rig.context.now_ns += later_ms * 1_000_000
-        rig.context.callbacks["velocity_request"](VelocityCommand(rig.context.now_ns, 0.1, 0.0, 0.0))
-        is_new = rig.context.last["velocity_command"] is not before
-        assert is_new == (at_once and later_ms == 10), "not oftener than every 5 ms"

@@ -63,7 +63,7 @@ class RobotConfig:
     """Everything that a robot can be told, in every verb; the defaults come from `default_config`.
 
     `strategy`, `controller`, `localizer` and `global_planner` (`planner` or `visibility`) choose one of those whose own sections stand below.
-    `control_rhythm`: whether controller and gate act by the clock alone, or in step with what is seen, so that a scan is acted on when it is there. `odometry_source` is wheels with a gyroscope (`odometry`), or a
+    `odometry_source` is wheels with a gyroscope (`odometry`), or a
     LiDAR of many rings with an IMU (`lio`, without what floats in the `air`); with the latter `terrain` is analysed (`ground` configures it) and
     is the floor of the local costmap. `mapping`: a robot that explores makes its map of planar `scans` (`slam2d`), on a level floor, or of the
     `ground` that its terrain analysis sees (`ground_map`), on slopes and levels above one another. Depth cameras, or where `voxels` are always wanted clouds alone, fill a layer of voxels (`voxel`) in both
@@ -74,7 +74,6 @@ class RobotConfig:
     strategy: Literal["tour", "nearest", "greedy"] = "tour"
     global_planner: Literal["grid", "visibility_graph"] = "grid"
     controller: Controller = "rollout"
-    control_rhythm: Literal["clock", "sight"] = "clock"
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
     glass: Literal["auto", "on", "off"] = "auto"
     odometry_source: Literal["wheels", "lidar"] = "wheels"

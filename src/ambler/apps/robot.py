@@ -119,9 +119,7 @@ def robot_nodes(
         nodes += [StationNode(config.stations)] if config.holds_stations else []
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
-    offsets, is_prompt = clock_offsets(config.scanners), config.control_rhythm == "sight"
-    gate = GateNode(robot, config.gate_for(robot), clock_offsets=offsets, steps_on_request=is_prompt)
-    return [*nodes, *parts.nodes, gate]
+    return [*nodes, *parts.nodes, GateNode(robot, config.gate_for(robot), clock_offsets=clock_offsets(config.scanners))]
 
 
 def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool = False) -> list[Node]:
@@ -170,7 +168,6 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: S
             layer_inputs=(*near_inputs, *parts.local_inputs),
             movers=config.movers,
             yielding=config.yielding,
-            acts_on_sight=config.control_rhythm == "sight",
         ),
         NavigatorNode(config.navigation, has_levels=has_levels),
     ]

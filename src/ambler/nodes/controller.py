@@ -42,7 +42,6 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.local_modes import LeanMeter, StateTeller, Steering
 from ambler.nodes.local_view import LocalView
-from ambler.nodes.sight_rhythm import SightRhythm
 from ambler.perception.mover_tracker import MoverConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
@@ -82,7 +81,6 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
-LEAST_WAIT_NS = 11_000_000  # a shorter one is none in a live run
 RECOVERY_PADDING = 0.02
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
@@ -94,7 +92,6 @@ HELD = (GateState.PAUSED, GateState.EMERGENCY_STOP, GateState.FAULT)
 class ControllerNode(Node):
     """Follows paths with any LocalPlanner and recovers, both on the local costmap.
 
-    It acts twenty times a second; with `acts_on_sight` in step with what it sees (`SightRhythm`).
     `layer_inputs` feed layers of one's own; those of `usual_inputs` are fed anyway. Of orders from outside it obeys SPEED (m/s, the fastest that it
     drives from now on), MAP_CLEARING and CLOUD_CLEARING (m, the radius within which the costmap forgets), and has patience while STOP holds.
     """
@@ -116,8 +113,6 @@ class ControllerNode(Node):
         layer_inputs: Sequence[LayerInput[Any]] = (),
         movers: MoverConfig | None = None,
         yielding: YieldConfig | None = None,
-        *,
-        acts_on_sight: bool = False,
     ) -> None:
         self._robot = robot
         self._planner = planner
@@ -151,7 +146,6 @@ class ControllerNode(Node):
         self._is_held = False
         self._gate: GateStatus | None = None
         self._steering, self._teller, self._lean = Steering(), StateTeller(), LeanMeter()
-        self._rhythm, self._turns = SightRhythm(PERIOD) if acts_on_sight else None, 0
         self._speed_most = math.inf
         self._stop_order = 0
 
@@ -166,7 +160,7 @@ class ControllerNode(Node):
         return self._view.stamp_ns
 
     def start(self) -> None:
-        """Subscribe, serve, and begin to act."""
+        """Subscribe, serve, and start the two timers."""
         if self._view.uses_merged:
             self.ctx.subscribe(MERGED_FREE, self._on_free)
             self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
@@ -188,32 +182,22 @@ class ControllerNode(Node):
         self.ctx.serve_task(FOLLOW_PATH, self._on_follow, self._on_follow_cancelled)
         self.ctx.serve_task(RECOVER, self._on_recover, self._on_recover_cancelled)
         self.ctx.serve(CLEAR_LOCAL_COSTMAP, self._on_clear)
-        if self._rhythm is None:
-            self.ctx.timer(PERIOD, self._tick)
-        else:
-            self._rhythm.act(self.ctx.now_ns)
-            self._wait(self._rhythm)
+        self.ctx.timer(PERIOD, self._tick)
         self.ctx.timer(VIEW_PERIOD, self._show)
 
     # Input
 
     def _on_scan(self, scan: LaserScan) -> None:
-        before = self._view.stamp_ns
         self._view.add_scan(scan)
-        self._act_on_sight(before)
 
     def _on_free(self, free: PointCloud) -> None:
         self._view.add_free(free)
 
     def _on_merged(self, cloud: PointCloud) -> None:
-        before = self._view.stamp_ns
         self._view.add_merged(cloud)
-        self._act_on_sight(before)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
-        before = self._view.stamp_ns
         self._view.add_cloud(cloud)
-        self._act_on_sight(before)
 
     def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
         with suppress(*UNPLACED):
@@ -307,31 +291,6 @@ class ControllerNode(Node):
             handle.fail(code, text)
 
     # Control
-
-    def _act_on_sight(self, before_ns: int | None) -> None:
-        """Act on a view that is new, unless that was just done."""
-        rhythm = self._rhythm
-        if rhythm is not None and self._view.stamp_ns != before_ns and rhythm.see(self.ctx.now_ns):
-            self._act(rhythm)
-
-    def _wait(self, rhythm: SightRhythm) -> None:
-        """Act when it is time, unless a view comes before."""
-        self._turns += 1
-        turn, wait_ns = self._turns, max(LEAST_WAIT_NS, rhythm.wait_ns(self.ctx.now_ns))
-        self.ctx.after(wait_ns * 1e-9, lambda: self._look(rhythm, turn))
-
-    def _look(self, rhythm: SightRhythm, turn: int) -> None:
-        if turn != self._turns:
-            return  # it has acted on a view meanwhile
-        if rhythm.wait_ns(self.ctx.now_ns) > 0:
-            self._wait(rhythm)
-        else:
-            self._act(rhythm)
-
-    def _act(self, rhythm: SightRhythm) -> None:
-        rhythm.act(self.ctx.now_ns)
-        self._wait(rhythm)
-        self._tick()
 
     def _tick(self) -> None:
         steered = self._steering.wanted(self.ctx.now_ns)

@@ -64,7 +64,6 @@ from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
 
 PERIOD = 0.02
-LEAST_STEP_NS = 5_000_000  # between two steps, those that a request asks for included
 STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
 SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
@@ -80,8 +79,7 @@ class GateNode(Node):
     robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
     each one's own scans, not the merged one, and remembers what leaves its sector for where no other one looks. A sensor of the
     robot that falls silent, or never speaks, stops it. `clock_offsets` are the seconds by which a sensor's clock is ahead, by frame:
-    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is. `steps_on_request`: what is
-    wanted anew does not wait for the next beat.
+    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is.
     """
 
     name = "gate"
@@ -98,10 +96,7 @@ class GateNode(Node):
         config: GateConfig | None = None,
         z_band: tuple[float, float] | None = None,
         clock_offsets: Mapping[str, float] | None = None,
-        *,
-        steps_on_request: bool = False,
     ) -> None:
-        self._steps_on_request = steps_on_request
         self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._config = config if config is not None else GateConfig()
         self.gate = VelocityGate(self._config, robot)
@@ -133,7 +128,6 @@ class GateNode(Node):
         self._twist = np.zeros(3)
         self._status: GateStep | None = None
         self._status_ns = 0
-        self._stepped_ns = NEVER_NS
 
     def start(self) -> None:
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
@@ -165,8 +159,6 @@ class GateNode(Node):
     def _on_request(self, source: str, command: VelocityCommand) -> None:
         velocity = BodyVelocity(command.vx, command.vy, command.wz)
         self.gate.request(source, command.stamp_ns, velocity, self.ctx.now_ns)
-        if self._steps_on_request and self.ctx.now_ns - self._stepped_ns >= LEAST_STEP_NS:
-            self._step()
 
     def _on_stop_order(self, order: Code) -> None:
         self.gate.order_stop(order.value)
@@ -306,7 +298,7 @@ class GateNode(Node):
         return is_stuck
 
     def _step(self) -> None:
-        now_ns = self._stepped_ns = self.ctx.now_ns
+        now_ns = self.ctx.now_ns
         step = self.gate.step(now_ns)
         v = step.velocity
         self.ctx.publish(VELOCITY_COMMAND, VelocityCommand(now_ns, v.vx, v.vy, v.wz))
