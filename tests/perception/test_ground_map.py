@@ -69,6 +69,19 @@ def test_what_left_is_free_again_after_some_looks_and_not_after_one():
     assert at(ground, 1.05, 1.05) == OCC_FREE
 
 
+def test_a_kerb_that_was_seen_is_not_forgotten_for_looks_from_afar():
+    """Terrain 6 m away is sparse and told five times a second: a kerb may be missing in it for a second or two."""
+    ground, there = GroundMap(), SE3((-6.0, 0.0, 0.0))
+    feed(ground, window(-8.0, 3.0, -3.0, 3.0, 0.0, [(1.05, 1.05)]), there)
+    feed(ground, window(-8.0, 3.0, -3.0, 3.0, 0.0, [(1.05, 1.05)]), there)
+    for _ in range(15):
+        feed(ground, window(-8.0, 3.0, -3.0, 3.0), there)
+    assert at(ground, 1.05, 1.05) == OCC_OCCUPIED
+    for _ in range(15):
+        feed(ground, window(-8.0, 3.0, -3.0, 3.0), there)
+    assert at(ground, 1.05, 1.05) == OCC_FREE, "what left is forgotten from afar, too"
+
+
 def test_ground_too_near_for_a_level_lidar_is_assumed_until_the_robot_is_away():
     ground = GroundMap()
     ring = window(5.0, 7.0, -3.0, 3.0)
@@ -419,7 +432,9 @@ def test_on_ground_of_two_levels_the_robot_stays_on_the_one_it_wanted_whatever_s
     assert ground.active == 1, "it stands on the deck, which the lower level does not know"
 
 
-def merged_twin(seen: TerrainWindow, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float]) -> np.ndarray:
+def merged_twin(
+    seen: TerrainWindow, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float], clear_most: float
+) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()
     back = pose.inverse()
@@ -434,6 +449,8 @@ def merged_twin(seen: TerrainWindow, pose: SE2, evidence: np.ndarray, spec: tupl
             continue
         count = 0 if out[iy, ix] == kernels.UNKNOWN else int(out[iy, ix])
         is_open = kind == Ground.GROUND and not seen.marks[int(2 * v), int(2 * u)]
+        if is_open and kernels.UNKNOWN < out[iy, ix] <= 0 and math.hypot(x, y) > clear_most:
+            continue
         out[iy, ix] = min(count + 1, 4) if is_open else max(count - 3, -6)
     return out
 
@@ -448,12 +465,23 @@ def test_merge_is_its_twin(seed):
     pose = SE2(*rng.uniform(-0.5, 0.5, 2), float(rng.uniform(-3.0, 3.0)))
     evidence = rng.choice([kernels.UNKNOWN, -6, -2, 1, 4], (40, 40)).astype(np.int8)
     spec = (-2.0, -2.0, 0.1)
-    expected = merged_twin(seen, pose, evidence, spec)
+    clear_most = float(rng.choice([0.8, np.inf]))
+    expected = merged_twin(seen, pose, evidence, spec, clear_most)
     back = pose.inverse()
     turn = np.array([math.cos(back.yaw), math.sin(back.yaw), back.x, back.y])
     box, heights = np.array([0, 40, 0, 40]), np.full((40, 40), np.nan, np.float32)
     firm = np.zeros((40, 40), np.uint8)
-    args = (turn, 0.0, np.zeros(2), np.array([9.0, np.inf, 9.0]), np.array(spec), box, evidence, heights, firm)
+    args = (
+        turn,
+        0.0,
+        np.zeros(2),
+        np.array([9.0, np.inf, 9.0, clear_most]),
+        np.array(spec),
+        box,
+        evidence,
+        heights,
+        firm,
+    )
     kernels.merge(seen.kinds, seen.marks, seen.heights, seen.origin, *args)
     np.testing.assert_array_equal(evidence, expected)
 

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import terrain_columns as columns
 from ambler.perception.terrain import Ground, Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
 from ambler.robots.spatial_robots import go2, mecanum
+from ambler.sim.solids import Shape, Solid
 from ambler.studies.made_ground import LEVEL, Rover, along_x, made, obstacles, ramp, slab
 
 ROBOTS = {"mecanum": mecanum().model, "go2": go2().model}
@@ -222,22 +224,38 @@ def _image_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return image, origin
 
 
-def test_the_low_of_a_cell_is_a_quartile_of_returns() -> None:
+def test_a_cell_has_a_low_and_a_high_that_few_returns_do_not_decide() -> None:
     rng = np.random.default_rng(8)
     for _ in range(200):
         count = int(rng.integers(1, 10))
-        heights, counts = rng.uniform(0.0, 0.5, count), rng.integers(1, 6, count).astype(np.float64)
+        heights, counts = rng.uniform(0.0, 0.5, count), rng.integers(1, 30, count).astype(np.float64)
         lift = 0.15
         sure = heights[counts >= 2.0]
-        wanted = math.nan
+        wanted = (math.nan, math.nan)
         if len(sure):
             kept = (heights >= sure.min()) & (heights <= sure.min() + lift)
             if counts[kept].sum() >= columns.RETURNS:
-                order = np.argsort(heights[kept])
-                below = np.cumsum(counts[kept][order])
-                wanted = heights[kept][order][np.searchsorted(below, 0.25 * below[-1])]
-        found, _ = columns.quantile_of_lowest(heights.copy(), counts.copy(), count, lift)
-        assert found == pytest.approx(wanted, nan_ok=True)
+                returns = np.sort(np.repeat(heights[kept], counts[kept].astype(int)))
+                total = len(returns)
+                share = min(0.9, max(1.0 - columns.RETURNS / total, 0.25))
+                wanted = tuple(float(returns[math.ceil(q * total - 1e-9) - 1]) for q in (0.25, share))
+        low, high, _ = columns.low_and_high(heights.copy(), counts.copy(), count, lift)
+        assert (low, high) == pytest.approx(wanted, nan_ok=True)
+
+
+@pytest.mark.parametrize(("robot", "aside", "angle"), [("mecanum", 4.5, 0.0), ("mecanum", 6.2, 0.0), ("go2", 5.5, 0.3)])
+def test_a_row_of_kerb_stones_is_seen_by_who_drives_past_it(robot: str, aside: float, angle: float) -> None:
+    """Stones narrower than a cell, which hide the floor behind them and show little of themselves."""
+    place = SE2(2.0, aside, angle)
+    row = Solid("kerb", Shape.BOX, place, 12.0, 0.15, 0.0, LEVEL + 0.12)
+    found = place.inverse().transform(obstacles(seen(robot, FLOOR, row, until=4.0), config().step)[:, :2].astype(float))
+    along = np.arange(-5.5, 5.5, 0.2)
+    robot_at = place.inverse().transform(np.array([[4.0, 0.0]]))[0]
+    along = along[np.hypot(along - robot_at[0], robot_at[1]) < 6.5]
+    on_row = found[np.abs(found[:, 1]) < 0.3, 0]
+    closed = [bool((np.abs(on_row - at) < 0.2).any()) for at in along]
+    assert len(closed) >= 20
+    assert np.mean(closed) > 0.9
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -278,6 +296,26 @@ def test_a_ramp_that_was_driven_is_ground_where_it_cannot_be_seen() -> None:
     spot = knowing.spec.cell_of(10.5, 0.0)
     assert knowing.classes[spot] == Ground.GROUND
     assert knowing.heights[spot] == pytest.approx(-0.16 * 1.5, abs=0.05)
+
+
+def test_firm_ground_does_not_stand_as_high_as_what_was_seen_there_before() -> None:
+    """A thing that was seen where the robot is told firm ground later leaves nothing of itself."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(2.1, 4.0, 0.1), np.arange(-1.5, 1.5, 0.1)))
+    firm = np.column_stack((x, y, np.zeros(len(x)))).astype(np.float32)
+    analysis = TerrainAnalysis(config())
+    thing = Rover(made(FLOOR, slab(2.0, 4.0, -1.0, 1.0, top=0.3)), ROBOTS["mecanum"], 4)
+    before = thing.feed(analysis, [(-3.0, 0.0, 0.0, 0.0)] * 10)
+    assert len(within(before, 1.9, 4.1, 1.2)) > 20
+    analysis.forget(3.0, 0.0, 2.0)
+    gone = Rover(made(FLOOR), ROBOTS["mecanum"], 4)
+    gone._count = 10
+    for _ in range(10):
+        points, stamp_ns, base, sensor = gone.scan(SE3((0.0, 0.0, LEVEL)))
+        analysis.remember(firm)
+        analysis.update(points, stamp_ns, base, sensor)
+    terrain = analysis.terrain()
+    assert len(within(terrain, 1.9, 4.1, 1.2)) == 0
+    assert terrain.classes[terrain.spec.cell_of(3.0, 0.0)] == Ground.GROUND
 
 
 def test_firm_ground_far_below_is_not_joined() -> None:

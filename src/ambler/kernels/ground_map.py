@@ -113,11 +113,11 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
     """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
-    map: what is assumed farther than `limits[0]` from it is unknown again. What stands or lies more than `limits[1]` metres above or below what is known there is of
+    map: what is assumed farther than `limits[0]` from it is unknown again, and looks at ground from farther than `limits[3]` do not clear what was in the way. What stands or lies more than `limits[1]` metres above or below what is known there is of
     another level, and left out, unless nearly all that is known around it lies where it lies (single cells of a deck that were drawn into the level below it); as is a drop farther than `limits[2]`: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
     that the robot has stood, only what stands on the ground is in the way. `spec` (x, y, resolution) of the map's first corner.
     """
-    reach, apart, drop_most = limits
+    reach, apart, drop_most, clear_most = limits
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
     y0, y1, x0, x1 = box
@@ -147,6 +147,8 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                     is_other = is_other or is_far or firm[iy, ix] != 0
                 if kind != 0 and not is_other:
                     is_open = kind == GROUND and not is_marked
+                    if is_open and UNKNOWN < was <= 0 and away > clear_most:
+                        continue
                     now = _weighed(was, kind, is_open)
                     if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
                         map_heights[iy, ix] = height
@@ -261,7 +263,7 @@ def warm_up() -> None:
     evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
     firm = np.zeros((8, 8), np.uint8)
-    merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), np.ones(3), spec, box, evidence, map_heights, firm)
+    merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), np.ones(4), spec, box, evidence, map_heights, firm)
     stand(np.zeros(5), np.ones(2), np.ones(5), spec, box, evidence, map_heights, firm)
     agreement(
         kinds, heights, origin, turn, 0.0, np.zeros(2), np.array([1.5, 3.0]), spec, box, evidence, map_heights, 0.5

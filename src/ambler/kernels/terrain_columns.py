@@ -166,13 +166,14 @@ def renew(
     image,
     touched,
     lows,
+    highs,
     returns,
 ):
-    """Forget voxels whose column was seen again for `decay` seconds without them, and those that were looked through; find each cell's low and of how many `returns` it
-    is.
+    """Forget voxels whose column was seen again for `decay` seconds without them, and those that were looked through; find each cell's low and high, and of how many
+    `returns` they are.
 
-    Cells that the scan touched are renewed; every `TURNS`th cell, in `turn`s, also by what was looked through.     `up` (3,) is the sensor's upward axis in odom and `elevations` the sines between which it looks. `lows` float32 (m, m): see
-    `quantile_of_lowest`.
+    Cells that the scan touched are renewed; every `TURNS`th cell, in `turn`s, also by what was looked through.     `up` (3,) is the sensor's upward axis in odom and `elevations` the sines between which it looks. `lows`, `highs` float32 (m, m): see
+    `low_and_high`.
     """
     n = mask.shape[0]
     half = n // 2
@@ -223,19 +224,19 @@ def renew(
                                 continue
                     heights[found], counts[found] = voxels[iy, ix, b, Z], voxels[iy, ix, b, COUNT]
                     found += 1
-            lows[cy, cx], returns[cy, cx] = quantile_of_lowest(heights, counts, found, 1.5 * size)
+            lows[cy, cx], highs[cy, cx], returns[cy, cx] = low_and_high(heights, counts, found, 1.5 * size)
 
 
 @jit_ieee
-def quantile_of_lowest(heights, counts, found, lift):
-    """Return the height below which a quarter of the returns lie of those at most `lift` above the lowest voxel of two returns (NaN: too few), and
-    how many they are."""
+def low_and_high(heights, counts, found, lift):
+    """Return the heights below which a quarter of the returns lie and above which a tenth, three at least, of those at most `lift` above the lowest voxel of two returns
+    (NaN: too few), and how many they are."""
     lowest = np.inf
     for k in range(found):
         if counts[k] >= 2.0 and heights[k] < lowest:
             lowest = heights[k]
     if lowest == np.inf:
-        return np.nan, 0.0
+        return np.nan, np.nan, 0.0
     total = 0.0
     kept = 0
     for k in range(found):
@@ -250,13 +251,17 @@ def quantile_of_lowest(heights, counts, found, lift):
         heights[j], counts[j] = z, count
         kept += 1
     if total < RETURNS:
-        return np.nan, total
+        return np.nan, np.nan, total
+    low = high = np.nan
     below = 0.0
     for k in range(kept):
         below += counts[k]
-        if below >= 0.25 * total:
-            return heights[k], total
-    return lowest, total
+        if math.isnan(low) and below >= 0.25 * total:
+            low = heights[k]
+        if below >= min(0.9 * total, max(total - RETURNS, 0.25 * total)):
+            high = heights[k]
+            break
+    return low, high, total
 
 
 @jit_ieee
@@ -290,4 +295,4 @@ def warm_up() -> None:
     for now in (0.0, 0.1):
         insert(points, origin, np.zeros(3), now, limits, first, 0.1, ground, voxels, mask, newest, image, evidence)
     args = (first, 0.1, ground, voxels, mask, newest, image, evidence)
-    renew(origin, up, elevations, 0.2, 1.0, 0.3, 3.0, 0, *args, *np.empty((2, n // 2, n // 2), np.float32))
+    renew(origin, up, elevations, 0.2, 1.0, 0.3, 3.0, 0, *args, *np.empty((3, n // 2, n // 2), np.float32))

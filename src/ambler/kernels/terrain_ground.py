@@ -26,6 +26,7 @@ LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie ne
 @jit_ieee
 def grow_ground(
     lows,
+    highs,
     returns,
     memory,
     evidence,
@@ -47,7 +48,7 @@ def grow_ground(
 
     Where too little is seen now, `memory` (m, m) of ground that is known to be firm, NaN elsewhere, stands for it where it continues the ground, and the `evidence` for a drop is void.
 
-    `lows` (m, m) as the columns, modulo m; `ground` float32 (m, m) gets heights, `state` uint8 1 for seen ground, 2 for carried heights, 0
+    `lows`, `highs` (m, m) as the columns, modulo m; `ground` float32 (m, m) gets heights, `state` uint8 1 for seen ground, 2 for carried heights, 0
     elsewhere. Of two cells side by side one continues the other within `climb`; across a gap within `slack` + `tilt` per metre, where
     it may also lie as far away as its own slope, continued to the gap's other side, explains. `queue`, `later` int32 (m * m,).
     """
@@ -100,7 +101,7 @@ def grow_ground(
             joined = climb if state[py, px] == 1 else slack + tilt * (wide + 1) * cell
             is_poor = math.isnan(low) or (returns[qy, qx] < SURE and abs(low - known) <= climb)
             if is_poor and abs(known - z) <= joined:  # false where nothing is known
-                low = lows[qy, qx] = known
+                low = lows[qy, qx] = highs[qy, qx] = known
                 returns[qy, qx] = SURE
             if abs(low - known) <= slack:
                 evidence[qy, qx] = 0
@@ -171,7 +172,7 @@ def _lesser(a, b):
 
 @jit_ieee
 def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
-    """Return how much lower than `h` the ground lies one to three cells on, beyond what a break between the slopes of the two sides explains.
+    """Return how much lower than the upper side `h` of a cell the ground lies one to three cells on, beyond what a break between the slopes of the two sides explains.
 
     Over three cells, because the noise of a kerb's face spreads over two; each cell more asks for a centimetre and a half more. `own_slope`
     is the rise per metre towards the lower side, of this side; NaN where it is not known.
@@ -185,11 +186,11 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
         fall = -beyond
     most = 0.0
     if not math.isnan(beside):
-        most = h - beside - fall * cell
+        most = h - beside - fall * 1.5 * cell
     if not math.isnan(over_two):
-        most = max(most, over_two - fall * 2.0 * cell - 0.015)
+        most = max(most, over_two - fall * 2.5 * cell - 0.015)
     if not math.isnan(three_on):
-        most = max(most, h - three_on - fall * 3.0 * cell - 0.03)
+        most = max(most, h - three_on - fall * 3.5 * cell - 0.03)
     return most
 
 
@@ -211,17 +212,19 @@ def _unroll(ground, state, returns, first, sure):
             h = sure[ly, lx]
             if math.isnan(h):
                 continue
-            a, b, c, d = sure[ly + 1, lx], sure[ly - 1, lx], sure[ly, lx + 1], sure[ly, lx - 1]
-            if math.isnan(a + b + c + d):
-                continue
-            low, high = min(a, b, c, d), max(a, b, c, d)
-            sure[ly, lx] = min(max(h, low), high)
+            low, high, known = np.inf, -np.inf, 0
+            for k in range(4):
+                beside = sure[ly + (k == 2) - (k == 3), lx + (k == 0) - (k == 1)]
+                if not math.isnan(beside):
+                    low, high, known = min(low, np.float64(beside)), max(high, np.float64(beside)), known + 1
+            if known >= 3:
+                sure[ly, lx] = min(max(h, low), high)
 
 
 @jit_ieee
-def judge_ground(ground, state, returns, first, size, step, steep, sure, slopes, excess, classes):
-    """Find slopes, steps and steep ground. `slopes` float32 (2, m, m): rise per metre along x and y; `excess` float32 (m, m): how much higher a cell
-    is than one at most three away, beyond what its own and the other's slope explain; `classes` uint8 (m, m). `sure` float32
+def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, sure, slopes, excess, classes):
+    """Find slopes, steps and steep ground. `slopes` float32 (2, m, m): rise per metre along x and y; `excess` float32 (m, m): how much higher the upper quartile of a cell
+    is than the ground of one at most three away, beyond what its own and the other's slope explain; `classes` uint8 (m, m). `sure` float32
     (m + 8, m + 8) is room to work in."""
     m = ground.shape[0]
     cell = 2.0 * size
@@ -240,7 +243,10 @@ def judge_ground(ground, state, returns, first, size, step, steep, sure, slopes,
             py, px = ly + 4, lx + 4
             is_sure = returns[y, x] >= SURE
             h = np.float64(sure[py, px]) if is_sure else np.float64(ground[y, x])
-            wide = most = 0.0
+            spread = np.float64(highs[y, x]) - np.float64(lows[y, x])
+            top = h + spread if spread > 0.0 else h  # a kerb may fill a cell in which no floor is seen
+            wide = 0.0
+            most = spread if returns[y, x] >= 2.0 * SURE and spread > step else 0.0  # or none around it
             for axis in range(2):
                 dy, dx = axis, 1 - axis
                 ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
@@ -252,20 +258,20 @@ def judge_ground(ground, state, returns, first, size, step, steep, sure, slopes,
                     continue
                 ahead3, behind3 = np.float64(sure[py + 3 * dy, px + 3 * dx]), np.float64(sure[py - 3 * dy, px - 3 * dx])
                 ahead4, behind4 = np.float64(sure[py + 4 * dy, px + 4 * dx]), np.float64(sure[py - 4 * dy, px - 4 * dx])
-                most = max(most, _step_down(h, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell))
-                most = max(most, _step_down(h, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell))
+                most = max(most, _step_down(top, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell))
+                most = max(most, _step_down(top, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell))
             excess[y, x] = most
             if wide > steep * steep:
                 classes[y, x] = STEEP
     # A step is longer than two cells: fewer are noise.
-    for ly in range(1, m - 1):
-        for lx in range(1, m - 1):
+    for ly in range(2, m - 2):
+        for lx in range(2, m - 2):
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             if not excess[y, x] > step:
                 continue
             others = 0
-            for dy in range(-1, 2):
-                for dx in range(-1, 2):
+            for dy in range(-2, 3):
+                for dx in range(-2, 3):
                     if (dy != 0 or dx != 0) and excess[wrapped(y + dy, m), wrapped(x + dx, m)] > 0.6 * step:
                         others += 1
             if others < 2:
@@ -606,12 +612,24 @@ def warm_up() -> None:
     state, gap = np.empty((m, m), np.uint8), np.empty((m, m), np.int32)
     queue, later = np.empty(2 * m * m, np.int32), np.empty(m * m, np.int32)
     first, base = np.zeros(2, np.int64), np.array([0.8, 0.8, 0.0])
-    evidence, known = np.zeros((m, m), np.uint8), (lows, lows.copy(), lows.copy())
+    evidence, known = np.zeros((m, m), np.uint8), (lows, lows.copy(), lows.copy(), lows.copy())
     grow_ground(*known, evidence, base, first, 0.1, 0.3, 0.2, 0.1, 0.07, 10, ground, state, gap, queue, later)
     slopes, excess, depths = np.empty((2, m, m), np.float32), np.empty((m, m), np.float32), np.zeros((m, m), np.float32)
     classes = np.empty((m, m), np.uint8)
     judge_ground(
-        ground, state, lows, first, 0.1, 0.08, 0.4, np.empty((m + 8, m + 8), np.float32), slopes, excess, classes
+        ground,
+        state,
+        lows,
+        lows,
+        lows,
+        first,
+        0.1,
+        0.08,
+        0.4,
+        np.empty((m + 8, m + 8), np.float32),
+        slopes,
+        excess,
+        classes,
     )
     image = np.full((DIRECTIONS, ROWS), np.inf, np.float32)
     find_drops(lows, lows, ground, state, base, first, 0.1, 0, 0.1, 0.06, 1.5, image, evidence, depths)

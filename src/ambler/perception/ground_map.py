@@ -28,6 +28,7 @@ U8 = NDArray[np.uint8]
 
 
 BEYOND = 1.0  # metres beyond what is assumed in which it is unknown again
+SPARSE = 4  # looks from afar of which one counts against what was in the way: most tell the same few returns again
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,7 @@ class GroundMapConfig:
     step, rise      ground is joined to the robot's where heights differ by at most `step` and `rise` for each metre between
     block           metres by which the map grows
     drop_most       metres from the robot within which a drop counts: seen from afar, a ramp that begins to fall is one
+    clear_most      metres from the robot within which every look at ground counts against what was in the way; farther away a kerb shows itself in few returns
     firm            metres to the sides of the robot within which ground that lies in the plane of its wheels is firm from then on
     firm_off        how far it may lie off that plane, and
     firm_slope      how much farther for each metre from the robot
@@ -61,6 +63,7 @@ class GroundMapConfig:
     rise: float = 0.4
     block: float = 12.8
     drop_most: float = 3.0
+    clear_most: float = 5.0
     firm: float = 2.5
     firm_off: float = 0.04
     firm_slope: float = 0.03
@@ -120,6 +123,7 @@ class GroundMap:
         self.active = 0
         self.version = 0
         self.wanted: int | None = None
+        self._looks = 0
         self._way: list[SE3] = []  # map_from_base on the present level, every `stride` metres
 
     @property
@@ -159,7 +163,9 @@ class GroundMap:
         level = self._grown(window, flat)
         box, spec = _box(level.spec, flat.transform(window.corners())), _spec(level.spec)
         of_map = _plane(map_from_base)
-        limits = np.array([c.assumed, c.level_step, c.drop_most])
+        self._looks += 1
+        clear_most = c.clear_most if self._looks % SPARSE else math.inf
+        limits = np.array([c.assumed, c.level_step, c.drop_most, clear_most])
         frames = (_turn(flat.inverse()), rise, of_map[:2], limits, spec, box)
         was_unknown, is_first = level.evidence[_inside(box)] == kernels.UNKNOWN, not level.is_begun
         cells = (level.evidence, level.heights, level.firm)

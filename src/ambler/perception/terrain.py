@@ -60,8 +60,8 @@ class TerrainAnalysis:
         self._mask = np.zeros((n, n), np.uint32)
         self._newest = np.full((n, n), -1e9, np.float32)
         self._image = np.full((columns.DIRECTIONS, columns.ROWS), np.inf, np.float32)
-        self._lows, self._returns, self._ground, self._excess, self._depths, self._memory = (
-            np.full((m, m), np.nan, np.float32) for _ in range(6)
+        self._lows, self._highs, self._returns, self._ground, self._excess, self._depths, self._memory = (
+            np.full((m, m), np.nan, np.float32) for _ in range(7)
         )
         self._slopes, self._sure = np.zeros((2, m, m), np.float32), np.zeros((m + 8, m + 8), np.float32)
         self._state, self._classes, self._evidence, self._touched = (np.zeros((m, m), np.uint8) for _ in range(4))
@@ -132,7 +132,18 @@ class TerrainAnalysis:
         sines = np.sin(np.clip(elevation, -0.5 * math.pi, 0.5 * math.pi))
         self._turn = (self._turn + 1) % columns.TURNS
         columns.renew(
-            origin, up, sines, now, c.decay, c.margin, c.misses, self._turn, *store, self._lows, self._returns
+            origin,
+            up,
+            sines,
+            now,
+            c.decay,
+            c.margin,
+            c.misses,
+            self._turn,
+            *store,
+            self._lows,
+            self._highs,
+            self._returns,
         )
         self._judge(base, origin)
 
@@ -149,11 +160,11 @@ class TerrainAnalysis:
         c, place = self.config, (self._first, self.config.voxel)
         growth = (c.climb, c.slack, c.tilt, round(c.gap / c.cell))
         work = (self._ground, self._state, self._gap, self._queue, self._later)
-        known = (self._lows, self._returns, self._memory, self._evidence)
+        known = (self._lows, self._highs, self._returns, self._memory, self._evidence)
         kernels.grow_ground(*known, base, *place, c.own_radius, *growth, *work)
         seen = (self._ground, self._state)
         judged = (self._sure, self._slopes, self._excess, self._classes)
-        kernels.judge_ground(*seen, self._returns, *place, c.step, math.tan(c.steep), *judged)
+        kernels.judge_ground(*seen, self._lows, self._highs, self._returns, *place, c.step, math.tan(c.steep), *judged)
         hidden = (MARCH * c.cell / 0.2, c.drop, c.hidden * c.cell / 0.2)
         kernels.find_drops(
             self._lows,

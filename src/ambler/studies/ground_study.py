@@ -1,4 +1,5 @@
-"""Ground that nobody has seen, by simulated Mid-360s whose mounts are off: false obstacles on flat floors, drops, kerbs and slopes.
+"""Ground that nobody has seen, by simulated Mid-360s whose mounts are off: false obstacles on flat floors, drops, kerbs, rows of kerb
+stones and slopes.
 
 A robot drives straight towards an edge or a slope and stops `STOP` metres before it. What it then knows is judged in the corridor that its
 body would sweep.
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ambler.apps.config import recorded_config
 from ambler.core.robot import RobotModel
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.evaluation.proportions import wilson_interval
 from ambler.evaluation.terrain_picture import save_terrain_picture
@@ -24,17 +26,19 @@ from ambler.perception.terrain import Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig
 from ambler.robots.spatial_robots import go2, mecanum
 from ambler.sim.sensors import named_generator
-from ambler.sim.solids import WorldSpec
-from ambler.studies.made_ground import Rover, half_plane, made, ramp, slab
+from ambler.sim.solids import Shape, Solid, WorldSpec
+from ambler.studies.made_ground import LEVEL, Rover, half_plane, made, ramp, slab
 from ambler.studies.study import Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 ROBOTS = {"mecanum": mecanum, "go2": go2}
-KINDS = ("flat", "drop", "kerb", "slope")
+KINDS = ("flat", "drop", "kerb", "stones", "slope")
 HEIGHT_OFF, ANGLE_OFF = 0.05, math.radians(3.0)  # what a mount is off by at most
 STOP = 1.5  # metres before the edge
 KERB, SLOPE = 0.12, math.radians(15.0)
+EDGES = ("drop", "kerb", "stones")
 DROP = (0.08, 0.6)
+STONE = (0.1, 0.4)  # width of a row of kerb stones with the same floor on both sides
 SPEED = 0.8
 FALSE_MOST = 0.001
 
@@ -77,7 +81,7 @@ def run_case(case: GroundCase, folder: Path) -> dict[str, Any]:
     terrain = analysis.terrain()
     for place in places:
         terrain = rover.feed(analysis, [place])
-        if seen_at is None and case.kind in ("drop", "kerb") and _is_closed(terrain, config, model, edge, angle, y):
+        if seen_at is None and case.kind in EDGES and _is_closed(terrain, config, model, edge, angle, y):
             seen_at = edge - place[0] - front
     way = np.array([place[:2] for place in places])
     title = f"{case.label}: {drawn}"
@@ -113,6 +117,11 @@ def _draw(kind: str, rng: np.random.Generator) -> tuple[WorldSpec, float, float,
         )
     if kind == "kerb":
         return made(floor, half_plane(edge, angle, KERB, is_beyond=True), *clutter), edge, angle, f"kerb of {KERB:g} m"
+    if kind == "stones":
+        width = float(rng.uniform(*STONE))
+        row = Solid("kerb", Shape.BOX, SE2(edge + 0.5 * width, 0.0, angle), width, 40.0, 0.0, LEVEL + KERB)
+        floors = (floor, half_plane(edge, angle, 0.0, is_beyond=True))
+        return made(*floors, row, *clutter), edge, angle, f"kerb stones of {KERB:g} m, {width:.2f} m wide"
     mesh, top = ramp(edge, float(rng.uniform(3.0, 8.0)), SLOPE, 6.0)
     level = (half_plane(edge, 0.0, 0.0, is_beyond=False), half_plane(edge, 0.0, 0.0, is_beyond=True))
     return made(*level, top, *clutter, meshes=(mesh,)), edge, 0.0, "slope of 15 degrees"
@@ -164,7 +173,7 @@ def _judged(
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return flat fields: the ratio of false points on flat floors, and how many drops, kerbs and slopes were told right, for each robot."""
+    """Return flat fields: the ratio of false points on flat floors, and how many drops, kerbs, rows of stones and slopes were told right, for each robot."""
     fields: dict[str, Any] = {"runs": len(results)}
     is_met = True
     for robot in ROBOTS:
