@@ -127,13 +127,19 @@ def clearance_at(gx, gy, cos, sin, circles, distance, resolution):
 
 
 @jit
-def covered_cells(gx, gy, cos, sin, inside, cells, outline):
+def no_more_covered(gx, gy, cos, sin, inside, cells, outline):
     """Return how many of the `LethalCells` the `Outline` covers at a pose; -1 if they are more than the `inside` ones of the pose before, for a
     robot that already touches something may only leave it. This is the one collision check of everything that moves a footprint."""
-    if clearance_at(gx, gy, cos, sin, outline.circles, cells.distance, cells.resolution) > 0.0:
-        return 0
     now = lethal_cells_inside(cells.row_sums, cells.resolution, gx, gy, cos, sin, outline.normals, outline.offsets)
     return -1 if now > inside else now
+
+
+@jit
+def covered_cells(gx, gy, cos, sin, inside, cells, outline):
+    """Return what `no_more_covered` says, at once where the circles are clear of everything."""
+    if clearance_at(gx, gy, cos, sin, outline.circles, cells.distance, cells.resolution) > 0.0:
+        return 0
+    return no_more_covered(gx, gy, cos, sin, inside, cells, outline)
 
 
 @jit
@@ -173,7 +179,7 @@ def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, mover
 
     Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
     step_length, radius, near_speed, speed_per_clearance, slowest): a trajectory ends after the horizon or when it has covered the stop
-    distance. A footprint pose may never cover more lethal cells than the one before (`covered_cells`), and a sample faster than `slowest`
+    distance. A footprint pose may never cover more lethal cells than the one before (`no_more_covered`), and a sample faster than `slowest`
     may not be faster than near_speed + speed_per_clearance * clearance; either ends it at once, not free. `movers` as in `mover_gap`, from the start on.
     `out` (N, COLUMNS): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance (at most FAR), mean heading
     error, least gap to movers (at most MOVERS_FAR).
@@ -237,7 +243,7 @@ def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, mover
                     is_free = 0.0
                     break
                 if room <= 0.0:
-                    inside = covered_cells(x, y, c, s, inside, cells, outline)
+                    inside = no_more_covered(x, y, c, s, inside, cells, outline)
                     if inside < 0:
                         is_free = 0.0
                         break
@@ -337,6 +343,7 @@ def warm_up() -> None:
     roll_out(samples, start, np.zeros(3), np.ones(6), plan, cells, outline, guide, np.zeros((0, 6)), results)
     best_sample(samples, results, np.ones(9), 1.0, 1.0, 0.02, 0.0)
     covered_cells(0.2, 0.2, 1.0, 0.0, 0, cells, outline)
+    no_more_covered(0.2, 0.2, 1.0, 0.0, 0, cells, outline)
     covered_at_start(start, cells, outline)
     mover_gap(0.2, 0.2, 1.0, 0.0, outline.circles, np.array([[1.0, 0.0, 0.5, 0.0, 0.3, 0.1]]), 1.0)
     free_turn(start, 0.5, cells, outline)
