@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
-from ambler.docking.detection import DockSighting
+from ambler.docking.detection import DockDetection
 from ambler.docking.dock import Contacts
 from ambler.missions.dock import DockMission
 from ambler.missions.dock_commands import FAILURES, DockState, NavigateTo, RevokeApproach, StopCharging
@@ -149,7 +149,7 @@ def test_outside_the_limits_it_backs_out_and_tries_again() -> None:
             s.pose = s.pose @ SE2(0.0, 0.05, 0.06)
             s.tracker.reset()
             for k in range(3):
-                see = DockSighting(s.now_ns - 3 + k, "test", s.pose.inverse() @ s.true_dock, COVARIANCE, 1)
+                see = DockDetection(s.now_ns - 3 + k, "test", s.pose.inverse() @ s.true_dock, COVARIANCE, 1)
                 s.tracker.update(see, s.odom(), s.now_ns)
         return True
 

@@ -61,7 +61,7 @@ class DockMission:
 
     @property
     def distance(self) -> float | None:
-        """Metres to the docked pose by the last sighting, None when the dock is not known."""
+        """Metres to the docked pose by the last detection, None when the dock is not known."""
         view = self._run.view if self._run is not None else None
         track = None if view is None else view.track
         return None if track is None else math.hypot(track.base_from_dock.x, track.base_from_dock.y)

@@ -57,7 +57,7 @@ class DockConfig:
     search_turns       headings, from that of the staging pose, at which the mission looks for `look_time` each
     search_moves       sideways moves that follow, looked from with the same patience
     align_*            how exactly the robot must stand before the dock at the approach distance before it goes in
-    lost_travel, blind_push   way without a sighting at which the approach is given up, and near the dock is not
+    lost_travel, blind_push   way without a detection at which the approach is given up, and near the dock is not
     limit_y, limit_yaw where the robot must be when `limit_at` metres are left, else it backs out
     overrun            how far beyond the taught pose it pushes while it waits for the contact
     settle_*           what counts as docked where the dock has no contacts
@@ -179,7 +179,7 @@ class StopCharging:
 
 @dataclass(frozen=True, slots=True)
 class DockResult:
-    """How it went: attempts, seconds in all and from the staging pose on, and where the robot stands by the last sightings: the
+    """How it went: attempts, seconds in all and from the staging pose on, and where the robot stands by the last detections: the
     dock's pose in the base frame and in the map (to refine the database), None if unknown."""
 
     attempts: int

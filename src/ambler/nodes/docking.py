@@ -16,7 +16,7 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
-from ambler.docking.detection import DockDetector, DockSighting
+from ambler.docking.detection import DockDetection, DockDetector
 from ambler.docking.dock import Dock
 from ambler.docking.lesson import LessonConfig
 from ambler.docking.tracker import TrackerConfig
@@ -147,16 +147,16 @@ class DockingNode(Node):
         if look is None or self._is_looking:
             return
         self._is_looking, series = True, self._sight.series
-        self.ctx.background(look, DETECTION_TIME, lambda sighting: self._seen(sighting, series), WorkKind.PERCEPTION)
+        self.ctx.background(look, DETECTION_TIME, lambda detection: self._seen(detection, series), WorkKind.PERCEPTION)
 
-    def _seen(self, sighting: DockSighting | None, series: int) -> None:
+    def _seen(self, detection: DockDetection | None, series: int) -> None:
         self._is_looking = False
-        if sighting is None or series != self._sight.series:
+        if detection is None or series != self._sight.series:
             return
-        self._teacher.see(sighting)
-        self._sight.take(sighting, self.ctx.now_ns)
-        pose = SE3.from_se2(sighting.base_from_dock)
-        self.ctx.publish(DOCK_POSE, PoseStamped(sighting.stamp_ns, "base", pose))
+        self._teacher.see(detection)
+        self._sight.take(detection, self.ctx.now_ns)
+        pose = SE3.from_se2(detection.base_from_dock)
+        self.ctx.publish(DOCK_POSE, PoseStamped(detection.stamp_ns, "base", pose))
 
     def _base_from_dock(self) -> SE2 | None:
         """Where the dock is by the map; while it is taught, where the robot stands."""
