@@ -1,4 +1,4 @@
-"""Carries the commands of a docking mission to the navigator, the gate, the camera and the charger."""
+"""Carries out the commands of a docking mission: goals to the navigator, requests to the gate, the camera and the charger."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LEASE = 0.5  # seconds for which pictures are asked at a time; renewed at half o
 NEVER_NS = -(1 << 62)
 
 
-class DockCarrier:
+class DockTaskClient:
     """`drive_ended` hears the ends of drives, `look` whether the dock is wanted to be seen, `ended` the end of the mission."""
 
     def __init__(
