@@ -23,11 +23,11 @@ from ambler.missions.dock_commands import (
     DockView,
     LookForDock,
     Move,
-    NavigateTo,
     PermitApproach,
     RevokeApproach,
     StopNavigation,
 )
+from ambler.missions.drive_to import DriveTo
 from tests.control.closed_loop import step_velocity
 
 S = 1_000_000_000
@@ -59,7 +59,7 @@ class Site:
         self.mission, self.tracker = DockMission(self.config), DockTracker()
         self.pose, self.velocity, self.command = self.start, BodyVelocity(), BodyVelocity()
         self.rng, self.now_ns = np.random.default_rng(self.seed), 0
-        self.drive: NavigateTo | None = None
+        self.drive: DriveTo | None = None
         self.arrival_ns = 0
         self.ended: DockEnded | None = None
         self.log: list[tuple[DockState, SE2]] = []
@@ -94,7 +94,7 @@ class Site:
         for c in commands:
             if isinstance(c, Move):
                 self.command = c.velocity
-            elif isinstance(c, NavigateTo):
+            elif isinstance(c, DriveTo):
                 self.drive, self.arrival_ns = c, self.now_ns + 2 * S
             elif isinstance(c, StopNavigation):
                 self.drive = None

@@ -13,7 +13,8 @@ from ambler.core.se2 import SE2
 from ambler.docking.detection import DockDetection
 from ambler.docking.dock import Contacts
 from ambler.missions.dock import DockMission
-from ambler.missions.dock_commands import FAILURES, DockState, NavigateTo, RevokeApproach, StopCharging
+from ambler.missions.dock_commands import FAILURES, DockState, RevokeApproach, StopCharging
+from ambler.missions.drive_to import DriveTo
 from tests.missions.dock_site import COVARIANCE, DOCK, S, Site
 
 
@@ -70,7 +71,7 @@ def test_a_dock_that_is_never_seen_fails_after_a_second_staging() -> None:
     ended = site.run(200.0)
     assert ended.code == "DOCK_NOT_SEEN"
     assert "charger was not seen" in ended.text
-    assert sum(isinstance(c, NavigateTo) for c in site.commands) == 2
+    assert sum(isinstance(c, DriveTo) for c in site.commands) == 2
     assert site.states[:4] == [DockState.STAGING, DockState.SEARCHING, DockState.STAGING, DockState.SEARCHING]
 
 

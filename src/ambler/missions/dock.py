@@ -23,13 +23,13 @@ from ambler.missions.dock_commands import (
     DockView,
     LookForDock,
     Move,
-    NavigateTo,
     PermitApproach,
     RevokeApproach,
     StopCharging,
     StopNavigation,
 )
 from ambler.missions.dock_run import DockRun
+from ambler.missions.drive_to import DriveTo
 from ambler.runtime.tasks import NEAREST_REACHED
 
 STILL = Move(BodyVelocity())
@@ -292,7 +292,7 @@ class DockMission:
         self._drive += 1
         self._now.drive_code = None
         c = self.config
-        return [NavigateTo(self._drive, self._now.dock.map_from_staging, c.staging_xy, c.staging_yaw)]
+        return [DriveTo(self._drive, self._now.dock.map_from_staging, c.staging_xy, c.staging_yaw)]
 
     def _is_outside(self, view: DockView) -> bool:
         """Whether the robot is still so far before the dock that it may turn and look for it."""

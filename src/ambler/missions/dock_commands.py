@@ -13,6 +13,7 @@ from ambler.control.planar_position import PlanarConfig
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.docking.tracker import DockTrack
+from ambler.missions.drive_to import DriveTo
 
 
 class DockState(enum.Enum):
@@ -129,16 +130,6 @@ class DockView:
 
 
 @dataclass(frozen=True, slots=True)
-class NavigateTo:
-    """Drive to a pose of the map with the navigator; the end must be reported with the same `drive`."""
-
-    drive: int
-    map_from_goal: SE2
-    xy_tolerance: float
-    yaw_tolerance: float
-
-
-@dataclass(frozen=True, slots=True)
 class StopNavigation:
     """Cancel the running drive; its end need not be reported."""
 
@@ -198,6 +189,4 @@ class DockEnded:
     result: DockResult
 
 
-DockCommand = (
-    NavigateTo | StopNavigation | Move | LookForDock | PermitApproach | RevokeApproach | StopCharging | DockEnded
-)
+DockCommand = DriveTo | StopNavigation | Move | LookForDock | PermitApproach | RevokeApproach | StopCharging | DockEnded

@@ -22,9 +22,9 @@ from ambler.docking.lesson import LessonConfig
 from ambler.docking.tracker import TrackerConfig
 from ambler.missions.dock import DockMission
 from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, DockView, LookForDock
-from ambler.nodes.dock_task_client import DockTaskClient
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
 from ambler.nodes.dock_state import RobotState
+from ambler.nodes.dock_task_client import DockTaskClient
 from ambler.nodes.dock_teacher import DockTeacher, TeachHandle
 from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, WorkKind
 from ambler.runtime.tasks import (
