@@ -34,19 +34,6 @@ class DockState(enum.Enum):
 
 
 ENDS = (DockState.DOCKED, DockState.UNDOCKED, DockState.FAILED, DockState.CANCELLED)
-FAILURES = (
-    "NAVIGATION_FAILED",
-    "DOCK_NOT_SEEN",
-    "DOCK_LOST",
-    "OUTSIDE_LIMITS",
-    "NO_CONTACT",
-    "NO_CHARGE",
-    "BLOCKED",
-    "TIMEOUT",
-    "STALE_INPUT",
-    "LOST",
-)
-"""The codes with which a docking may fail, besides CANCELLED."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +169,7 @@ class DockResult:
 
 @dataclass(frozen=True, slots=True)
 class DockEnded:
-    """The mission is over: SUCCEEDED, CANCELLED or one of FAILURES, with one sentence."""
+    """The mission is over: SUCCEEDED, CANCELLED or one of `runtime.tasks.DOCK_FAILURES`, with one sentence."""
 
     code: str
     text: str
