@@ -1,7 +1,8 @@
 """Draws results at random, runs the command of each again at its commit, and compares: `python benchmarks/run_again.py --json FILE`.
 
-Only results that name their commit, were made from an unchanged source, and took at most `--most` seconds are drawn. Times, memory and
-places of files may differ, nothing else.
+Only results that name their commit, were made from an unchanged source, and took at most `--most` seconds are drawn, and only commands that
+say all: not those that work on what another run left (`runs/`), nor old ones that draw their seeds. Times, memory and places of files may differ,
+nothing else.
 """
 
 from __future__ import annotations
@@ -51,9 +52,22 @@ def candidates(most: float) -> list[Path]:
         is_ours = (
             str(told.get("command", "")).startswith("ambler ") and " bench " not in told["command"]
         )  # those are times
-        if is_ours and told.get("commit") and told.get("is_dirty") is False and told["wall_seconds"] <= most:
+        if (
+            is_ours
+            and says_all(told)
+            and told.get("commit")
+            and told.get("is_dirty") is False
+            and told["wall_seconds"] <= most
+        ):
             out.append(path)
     return out
+
+
+def says_all(told: dict[str, Any]) -> bool:
+    """Say whether a command can give the same numbers by itself."""
+    words = shlex.split(told["command"])
+    inputs = [word for k, word in enumerate(words) if k and not words[k - 1].startswith("--")]
+    return "draw" not in words and not any(word.startswith("runs/") for word in inputs)
 
 
 def run_again(path: Path, folder: Path) -> list[str]:

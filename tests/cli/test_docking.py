@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ambler.cli.main import main
-from ambler.evaluation.docking import DockingOutcome, SightErrors, lower_bound, summarize, table
-from ambler.evaluation.docking_pictures import draw_final_errors, draw_sights, draw_times
+from ambler.evaluation.docking import DetectionErrors, DockingOutcome, lower_bound, summarize, table
+from ambler.evaluation.docking_pictures import draw_detections, draw_final_errors, draw_times
 from ambler.sim.camera import FRONT_CAMERA
 from ambler.sim.world_file import load_world
 from ambler.studies import docking_study
@@ -123,7 +123,7 @@ def test_the_interval_of_a_ratio_is_exact() -> None:
 
 def test_sights_are_summed_up_by_axis() -> None:
     errors = np.stack((np.linspace(-1.0, 1.0, 201), np.full(201, 0.5), np.zeros(201)), axis=1)
-    fields = SightErrors("marker_still", errors).summary()
+    fields = DetectionErrors("marker_still", errors).summary()
     assert math.isclose(fields["marker_still_p95_x_mm"], 0.95, abs_tol=0.01)
     assert fields["marker_still_max_y_mm"] == 0.5
     assert fields["marker_still_std_y_mm"] == 0.0
@@ -133,7 +133,9 @@ def test_pictures_are_drawn(tmp_path: Path) -> None:
     outcomes = [replace(GOOD, seed=k, error_x=1e-4 * k) for k in range(5)]
     draw_final_errors(tmp_path / "a.png", outcomes)
     draw_times(tmp_path / "b.png", outcomes)
-    draw_sights(tmp_path / "c.png", [SightErrors("marker_still", np.random.default_rng(0).normal(size=(30, 3)))])
+    draw_detections(
+        tmp_path / "c.png", [DetectionErrors("marker_still", np.random.default_rng(0).normal(size=(30, 3)))]
+    )
     assert all((tmp_path / f"{n}.png").stat().st_size > 5000 for n in "abc")
 
 

@@ -140,10 +140,8 @@ def roll(samples: np.ndarray, start: np.ndarray, v0: np.ndarray, costs: np.ndarr
     out = np.empty((len(samples), rollout.COLUMNS))
     plan = np.array([1.0, stop, 0.02, window.radius, 9.0, 0.0, 9.0])
     rates = np.array([1.0, 1.0, 2.5, 1.5, 1.5, 2.5])
-    edges = (window.normals, window.offsets, window.circles)
-    rollout.roll_out(
-        samples, start, v0, rates, plan, sums, distance, RES, *edges, path, steps, label, np.zeros((0, 6)), out
-    )
+    cells, guide = footprint.LethalCells(sums, distance, RES), rollout.Guide(path, steps, label)
+    rollout.roll_out(samples, start, v0, rates, plan, cells, window.outline, guide, np.zeros((0, 6)), out)
     return out
 
 

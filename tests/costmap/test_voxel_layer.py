@@ -194,8 +194,8 @@ def test_the_sweep_of_a_cloud_is_placed_where_the_robot_was() -> None:
     hits = np.zeros(SPEC.shape, np.uint32)
     points, times = np.full((2, 3), (1.0, 0.0, 0.5), np.float32), np.array([0.0, 0.1], np.float32)
     poses = np.stack([SE3((0.05 * k, 0.0, 0.0)).matrix()[:3] for k in range(6)])
-    place = np.array([-4.0, -4.0, 0.05])
-    kernels.mark_hits(points, times, poses, 0.02, 0.3, 4.0, place, 0.05, -0.1, 0.0, NO_GROUND, 0.07, 0.05, 1.2, hits)
+    place = kernels.VoxelPlace(np.array([-4.0, -4.0, 0.05]), 0.05, -0.1)
+    kernels.mark_hits(points, times, poses, 0.02, 0.3, 4.0, place, kernels.Band(0.0, NO_GROUND, 0.07, 0.05, 1.2), hits)
     assert set(zip(*(a.tolist() for a in np.nonzero(hits)), strict=True)) == {
         SPEC.cell_of(1.001, 0.001),
         SPEC.cell_of(1.251, 0.001),
@@ -287,9 +287,9 @@ def test_hits_are_those_of_the_slow_twin(seed: int) -> None:
     hits = np.zeros(SPEC.shape, np.uint32)
     place, bottom = np.array([-4.0, -4.0, 0.05]), -0.1
     times, poses = np.zeros(500, np.float32), pose.matrix()[None, :3].copy()
-    kernels.mark_hits(
-        points, times, poses, 1.0, 0.3, 4.0, place, c.level, bottom, 0.05, NO_GROUND, c.doubt, c.lean, TOP, hits
-    )
+    band = kernels.Band(0.05, NO_GROUND, c.doubt, c.lean, TOP)
+    there = kernels.VoxelPlace(place, c.level, bottom)
+    kernels.mark_hits(points, times, poses, 1.0, 0.3, 4.0, there, band, hits)
     bits = (hits[..., None] >> np.arange(32, dtype=np.uint32)) & 1
     assert set(map(tuple, np.argwhere(bits).tolist())) == slow_hits(points, pose, 0.05, c, bottom)
 
@@ -330,8 +330,9 @@ def test_evidence_is_that_of_the_slow_twin(seed: int) -> None:
             expected[iy, ix, iz] -= 1
     marked, matrix = np.zeros((20, 20), np.uint32), pose.matrix()[:3].copy()
     kernels.weigh(
-        *(scores, occupied, marked, hits, (0, 20, 0, 20), picture, False, lens, matrix, 0.3, 4.0),
-        *(place, 0.05, bottom, c.margin, c.spread, c.gain, c.most, c.enough),
+        *(kernels.Voxels(scores, occupied, marked), hits, (0, 20, 0, 20)),
+        *(kernels.Picture(picture, False, lens, 0.3, 4.0), matrix, kernels.VoxelPlace(place, 0.05, bottom)),
+        kernels.Weights(c.margin, c.spread, c.gain, c.most, c.enough),
     )
     np.testing.assert_array_equal(scores, expected)
     np.testing.assert_array_equal(occupied, ((expected > 0) * bits).sum(axis=2, dtype=np.uint32))

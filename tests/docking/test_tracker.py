@@ -7,7 +7,7 @@ import pytest
 
 from ambler.core.se2 import SE2
 from ambler.docking.covariance import difference
-from ambler.docking.detection import DockSighting
+from ambler.docking.detection import DockDetection
 from ambler.docking.tracker import DockTracker, TrackerConfig
 
 S = 1_000_000_000
@@ -15,8 +15,8 @@ COVARIANCE = np.diag([0.003, 0.002, 0.01]) ** 2
 ODOM_FROM_DOCK = SE2(3.0, -1.0, 0.4)
 
 
-def sighting(stamp_ns: int, pose: SE2, covariance: np.ndarray = COVARIANCE) -> DockSighting:
-    return DockSighting(stamp_ns, "test", pose, covariance, 1)
+def sighting(stamp_ns: int, pose: SE2, covariance: np.ndarray = COVARIANCE) -> DockDetection:
+    return DockDetection(stamp_ns, "test", pose, covariance, 1)
 
 
 def noisy(rng: np.random.Generator, pose: SE2) -> SE2:

@@ -262,6 +262,19 @@ def test_rays_are_stopped_by_the_surface_between_and_not_by_that_beside() -> Non
     assert counts == [1, 0, 0, 0, 0]
 
 
+def test_a_ray_that_ends_just_before_a_surface_is_not_stopped_by_it() -> None:
+    """In the very cell of the surface, nearer to it than a cell is wide."""
+    table = (np.full(1024, -1, np.int64), np.zeros(1024, np.int32))
+    y, z = np.meshgrid(np.arange(-2.0, 2.0, 0.2), np.arange(0.0, 2.0, 0.2))
+    wall = np.column_stack([np.full(y.size, 5.45), y.ravel(), z.ravel()])
+    kinds, planes = np.zeros(len(wall), np.uint8), np.zeros((len(wall), 4))
+    of_point = np.full(len(wall), WALL, np.uint8)
+    cloud_search.fill_cells(*table, wall, of_point, np.tile([1.0, 0.0, 0.0, -5.45], (len(wall), 1)), 0.5, kinds, planes)
+    eye, ends = np.array([[0.0, 0.1, 1.1]]), np.array([[5.35, 0.1, 1.1], [5.55, 0.1, 1.1]])
+    counts = [cloud_search.count_blocked(*table, planes, 0.5, eye, ends[k : k + 1], 0.05, 0.2) for k in range(2)]
+    assert counts == [0, 1]
+
+
 def test_heights_are_told_by_walls_and_flats_apart() -> None:
     table = (np.full(4096, -1, np.int64), np.zeros(4096, np.int32))
     x, y = (v.ravel() for v in np.meshgrid(np.arange(0.1, 6.0, 0.5), np.arange(0.1, 6.0, 0.5)))

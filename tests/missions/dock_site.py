@@ -11,7 +11,7 @@ import numpy as np
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import VelocityLimits
 from ambler.core.se2 import SE2
-from ambler.docking.detection import DockSighting
+from ambler.docking.detection import DockDetection
 from ambler.docking.dock import Dock, DockKind
 from ambler.docking.tracker import DockTracker
 from ambler.missions.dock import DockMission
@@ -23,11 +23,11 @@ from ambler.missions.dock_commands import (
     DockView,
     LookForDock,
     Move,
-    NavigateTo,
     PermitApproach,
     RevokeApproach,
     StopNavigation,
 )
+from ambler.missions.drive_to import DriveTo
 from tests.control.closed_loop import step_velocity
 
 S = 1_000_000_000
@@ -59,13 +59,13 @@ class Site:
         self.mission, self.tracker = DockMission(self.config), DockTracker()
         self.pose, self.velocity, self.command = self.start, BodyVelocity(), BodyVelocity()
         self.rng, self.now_ns = np.random.default_rng(self.seed), 0
-        self.drive: NavigateTo | None = None
+        self.drive: DriveTo | None = None
         self.arrival_ns = 0
         self.ended: DockEnded | None = None
         self.log: list[tuple[DockState, SE2]] = []
         self.commands: list[DockCommand] = []
         self.is_permitted = self.is_looking = False
-        self.waiting: list[DockSighting] = []
+        self.waiting: list[DockDetection] = []
         self.seen_from: list[SE2] = []
         self.deepest = -math.inf
 
@@ -94,7 +94,7 @@ class Site:
         for c in commands:
             if isinstance(c, Move):
                 self.command = c.velocity
-            elif isinstance(c, NavigateTo):
+            elif isinstance(c, DriveTo):
                 self.drive, self.arrival_ns = c, self.now_ns + 2 * S
             elif isinstance(c, StopNavigation):
                 self.drive = None
@@ -135,13 +135,13 @@ class Site:
         return step_velocity(self.velocity, self.command, LIMITS, PERIOD)
 
     def _see(self) -> None:
-        """A camera of 12 Hz, 57 degrees wide, whose sightings come 60 ms late."""
+        """A camera of 12 Hz, 57 degrees wide, whose detections come 60 ms late."""
         base_from_dock = self.pose.inverse() @ self.true_dock
         marker = base_from_dock @ SE2(0.9, 0.0, 0.0)
         in_view = 0.2 < marker.x - 0.58 < 2.5 and abs(math.atan2(marker.y, marker.x - 0.58)) < 0.5
         if self.now_ns % (4 * round(PERIOD * S)) == 0 and self.is_looking and in_view and self.is_visible(self):
             noise = SE2(*(self.rng.normal(0.0, self.noise, 3) * (0.001, 0.001, 0.002)).tolist())
-            self.waiting.append(DockSighting(self.now_ns, "test", base_from_dock @ noise, COVARIANCE, 1))
+            self.waiting.append(DockDetection(self.now_ns, "test", base_from_dock @ noise, COVARIANCE, 1))
             self.seen_from.append(self.odom())
         while self.waiting and self.now_ns - self.waiting[0].stamp_ns >= 60_000_000:
             self.tracker.update(self.waiting.pop(0), self.seen_from.pop(0), self.now_ns)

@@ -70,10 +70,10 @@ def test_clouds_and_scans_show_docks_where_they_are_expected(dock: Dock) -> None
         sight.look_at_scan(scan_message(points, bright), TRUTH @ SE2(0.05, 0.05, 0.05)),
     ):
         assert look is not None
-        sighting = look()
-        assert sighting is not None
-        assert sighting.stamp_ns == STAMP
-        assert sighting.base_from_dock.distance_to(TRUTH) < 0.02
+        detection = look()
+        assert detection is not None
+        assert detection.stamp_ns == STAMP
+        assert detection.base_from_dock.distance_to(TRUTH) < 0.02
     elsewhere = sight.look_at_cloud(cloud_of(points, bright), TRUTH @ SE2(0.0, 1.0, 0.0))
     assert elsewhere is not None
     assert elsewhere() is None

@@ -101,9 +101,9 @@ class CameraSite(GateSite):
         while self.pictures and self.now_ns - self.pictures[0][0] >= 60_000_000:
             stamp_ns, odom_from_base, image = self.pictures.pop(0)
             prior = self.tracker.expected(odom_from_base)
-            sighting = self.detector.detect(DockObservation(stamp_ns, image), prior)
-            if sighting is not None:
-                self.tracker.update(sighting, odom_from_base, self.now_ns)
+            detection = self.detector.detect(DockObservation(stamp_ns, image), prior)
+            if detection is not None:
+                self.tracker.update(detection, odom_from_base, self.now_ns)
 
 
 def test_pictures_lead_the_robot_into_the_dock() -> None:

@@ -44,9 +44,9 @@ class ScanSite(GateSite):
             away = np.hypot(*(points[:, None] - strips[None]).transpose(2, 0, 1)).min(axis=1)
             observation = DockObservation(self.now_ns, None, points, np.where(away < 0.025, 240.0, 60.0))
         odom = self.odom()
-        sighting = self.detector.detect(observation, self.tracker.expected(odom))
-        if sighting is not None:
-            self.tracker.update(sighting, odom, self.now_ns)
+        detection = self.detector.detect(observation, self.tracker.expected(odom))
+        if detection is not None:
+            self.tracker.update(detection, odom, self.now_ns)
 
 
 @pytest.mark.parametrize("dock", [NOTCH, REFLECTORS], ids=lambda d: d.name)

@@ -14,11 +14,11 @@ from ambler.core.se2 import SE2
 from ambler.exploration.memory import FrontierMemory
 from ambler.exploration.strategies import NearestStrategy
 from ambler.exploration.survey import Survey, SurveyConfig
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
     ClearCosts,
     Command,
-    DriveTo,
     Ended,
     ExploreConfig,
     ExploreState,

@@ -7,11 +7,11 @@ import numpy as np
 from ambler.core.messages import CostGrid, FrontierState, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.strategies import NearestStrategy
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
     ChangeLevel,
     Command,
-    DriveTo,
     Ended,
     ExploreConfig,
     ExploreState,

@@ -10,9 +10,9 @@ import pytest
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore_commands import (
     Command,
-    DriveTo,
     Ended,
     ExploreState,
     ExploreView,

@@ -84,15 +84,15 @@ DEPTH = (
     PlantedFault(
         "what hangs over the robot is an obstacle",
         "kernels/voxels.py",
-        "if over > top or over < doubt",
-        "if over < doubt",
+        "if over > band.top or over < band.doubt",
+        "if over < band.doubt",
         LAYER,
     ),
     PlantedFault(
         "the ground of a slope is not taken for the floor",
         "kernels/voxels.py",
         "over = z - ground[iy, ix]",
-        "over = z - floor",
+        "over = z - band.floor",
         LAYER,
     ),
     PlantedFault(

@@ -39,7 +39,7 @@ LIO = (
     PlantedFault(
         "points on one ring make a plane",
         "kernels/voxel_map.py",
-        "if not ax + ay + az >= flatness * trace * trace or trace <= 0.0:",
+        "if not minors >= flatness * trace * trace or trace <= 0.0:",
         "if trace <= 0.0:",
         MAP,
     ),

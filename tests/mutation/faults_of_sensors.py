@@ -94,15 +94,15 @@ SENSORS = (
     PlantedFault(
         "range noise does not grow with the range",
         "sim/lidar.py",
-        "spec.sigma_0, spec.sigma_1, spec.dropout)",
-        "spec.sigma_0, 0.0, spec.dropout)",
+        "*(spec.sigma_0, spec.sigma_1,",
+        "*(spec.sigma_0, 0.0,",
         SENSED,
     ),
     PlantedFault(
         "no beam is lost where it meets a surface at a flat angle",
         "sim/lidar.py",
-        "*(spec.grazing_cosine, spec.grazing_dropout,",
-        "*(spec.grazing_cosine, 0.0,",
+        "spec.grazing_cosine, spec.grazing_dropout)",
+        "spec.grazing_cosine, 0.0)",
         SENSED,
     ),
     PlantedFault(

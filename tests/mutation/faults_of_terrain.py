@@ -72,6 +72,20 @@ TERRAIN = (
         LAYER,
     ),
     PlantedFault(
+        "base and sensor are taken for each other",
+        "nodes/terrain.py",
+        "poses = (odom_from_base, odom_from_base @ self._mount.base_from_sensor)",
+        "poses = (odom_from_base @ self._mount.base_from_sensor, odom_from_base)",
+        NODE,
+    ),
+    PlantedFault(
+        "the sensor stands on the ground and the base above it",
+        "perception/terrain.py",
+        "c, base, origin = self.config,",
+        "c, origin, base = self.config,",
+        GROUND,
+    ),
+    PlantedFault(
         "the wide terrain is told twice as often",
         "nodes/terrain.py",
         "if self._count % (2 * WIDE_EVERY) == 0:",

@@ -110,7 +110,7 @@ def test_a_hand_over_an_edge_is_noticed_or_borne(camera: PrintCamera) -> None:
 
 
 def test_a_prior_chooses_between_the_two_poses() -> None:
-    """Far away the wrong pose fits as well: without a prior the sighting says so, with one it is right."""
+    """Far away the wrong pose fits as well: without a prior the detection says so, with one it is right."""
     noisy = PrintCamera(CameraSpec(picture=PictureNoise(0.8, 8.0)), np.random.default_rng(5))
     small, wrong, unsure = MarkerSpec("4X4_50", 3, 0.08), 0, 0
     detector = FiducialDetector(FRONT_CAMERA, [small])

@@ -23,6 +23,7 @@ from ambler.runtime.topics import (
     TERRAIN_MAP_EXT,
     Topic,
 )
+from ambler.sim.solids import Solid
 from ambler.studies.made_ground import LEVEL, Rover, made, slab
 from tests.hand_made_context import HandMadeContext
 
@@ -30,8 +31,11 @@ ROBOT = mecanum().model
 BEGIN_NS = 1_000_000_000
 
 
-def told(scans: int, *, has_odometry: bool = True) -> HandMadeContext:
-    rover = Rover(made(slab(-20.0, 20.0, -20.0, 20.0), slab(4.0, 4.5, -1.0, 1.0, top=0.4)), ROBOT, 1)
+FLOOR, BOX = slab(-20.0, 20.0, -20.0, 20.0), slab(4.0, 4.5, -1.0, 1.0, top=0.4)
+
+
+def told(scans: int, *solids: Solid, has_odometry: bool = True) -> HandMadeContext:
+    rover = Rover(made(*(solids or (FLOOR, BOX))), ROBOT, 1)
     context = HandMadeContext()
     context.start(TerrainNode(ROBOT, TerrainConfig().for_robot(ROBOT)))
     for k in range(scans):
@@ -61,6 +65,14 @@ def test_both_terrains_are_told_with_heights_above_the_ground() -> None:
     assert float(box[:, 2].max()) < 0.45
     assert np.ptp(wide[-1].points[:, 0]) > np.ptp(near[-1].points[:, 0])
     assert set(np.unique(near[-1].ring)) <= {0, 1, 2, 3, 4, 5}
+
+
+def test_what_hangs_over_the_robot_is_judged_from_the_base_and_seen_from_the_sensor() -> None:
+    for bottom, is_obstacle in ((0.5, True), (0.85, False)):
+        terrain = told(12, FLOOR, slab(3.0, 3.4, -1.0, 1.0, top=bottom + 0.06, bottom=bottom)).messages(TERRAIN_MAP)[-1]
+        blocked = terrain.points[terrain.intensity > 0.08]
+        about = (blocked[:, 0] > 2.8) & (blocked[:, 0] < 3.6) & (np.abs(blocked[:, 1]) < 1.5)
+        assert (about.sum() > 10) == is_obstacle
 
 
 @pytest.mark.parametrize(("topic", "is_wide"), [(MAP_CLEARING, False), (CLOUD_CLEARING, True)])

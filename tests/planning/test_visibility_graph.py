@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from ambler.core.errors import BadInputError, NoValidPathError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
-from ambler.kernels import level_contour
+from ambler.kernels import level_contour, line_of_sight
 from ambler.kernels import visibility as kernels
 from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, ClearanceMap, UnknownPrice
 from ambler.planning.graph_state import from_arrays, to_arrays, view_of
@@ -188,7 +188,7 @@ def test_contours_lie_on_their_level_and_clearance_is_exact() -> None:
     count = level_contour.trace(ground.field, 26.0, 0, SPEC.height, 0, SPEC.width, points, starts, closed)
     assert count > 3
     for y, x in points[: starts[count]]:
-        assert kernels.clearance(ground.field, y, x) == pytest.approx(26.0 / 16.0, abs=1e-6)
+        assert line_of_sight.clearance(ground.field, y, x) == pytest.approx(26.0 / 16.0, abs=1e-6)
 
 
 # Votes, and several levels
@@ -304,7 +304,7 @@ def test_unreachable_is_never_said_while_a_frontier_is_left() -> None:
     reached = np.zeros(SPEC.shape, np.uint8)
     ground = ClearanceMap()
     ground.update(SPEC, np.where(costs == 255, UNKNOWN, np.where(costs >= 253, FORBIDDEN, FREE)).astype(np.uint8))
-    assert kernels.flood(ground.field, ground.known, *SPEC.cell_of(*place), reached) == 0
+    assert line_of_sight.flood(ground.field, ground.known, *SPEC.cell_of(*place), reached) == 0
 
 
 def see(known: np.ndarray, truth: np.ndarray, place: tuple[float, float], reach: int = 70) -> None:

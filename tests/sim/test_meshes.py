@@ -72,7 +72,7 @@ def test_a_slope_done_by_hand() -> None:
     np.testing.assert_allclose(distance, [1.75, 1.0, 1.75, np.inf], atol=1e-12)
     np.testing.assert_allclose(cosine[:3], math.sqrt(0.5), atol=1e-12)
     assert hit[3] == raycast.NOTHING
-    assert scene.albedos[hit[0]] == 0.6
+    assert scene.solids.albedos[hit[0]] == 0.6
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -148,8 +148,11 @@ def test_closures_on_a_short_way_do_not_confirm_a_move_that_is_far() -> None:
 
 
 def test_closures_that_turn_the_map_by_different_angles_do_not_agree() -> None:
-    turned = [closure(k, (FAR, 0.0, 0.15 * k)) for k in (1, 3, 5)]
+    """By less than what puts their nodes apart: 0.1 rad over 4 m."""
+    turned = [closure(k, (FAR, 0.0, yaw)) for k, yaw in ((1, 0.1), (3, 0.0), (5, -0.1))]
     assert sort(turned) == (set(), {1, 3, 5})
+    hardly = [closure(k, (FAR, 0.0, yaw)) for k, yaw in ((1, 0.02), (3, 0.0), (5, -0.02))]
+    assert sort(hardly) == ({1, 3, 5}, set())
 
 
 def test_what_half_of_the_closures_on_a_way_contradict_waits() -> None:

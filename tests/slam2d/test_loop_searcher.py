@@ -45,10 +45,12 @@ def submap() -> Submap:
 
 
 class Search:
-    """A search of the room by a node with a scan, where local matches usually reach a score and 0.9 of inliers."""
+    """A search of the room by a node with a scan, where local matches usually reach a score and a share of inliers."""
 
-    def __init__(self, loop: LoopConfig | None = None, usual: float = 0.75, reach: float = 1.0) -> None:
-        self.loop, self.usual, self.reach = loop or LoopConfig(), usual, reach
+    def __init__(
+        self, loop: LoopConfig | None = None, usual: float = 0.75, reach: float = 1.0, inliers: float = 0.9
+    ) -> None:
+        self.loop, self.usual, self.reach = loop or LoopConfig(), Usual(usual, inliers), reach
         self.searcher = LoopSearcher(self.loop, GraphConfig(), 0.35)
 
     def of(self, scan: PlanarScan, believed: SE2) -> Closure | None:
@@ -57,7 +59,7 @@ class Search:
         node = Node(7, 0, SE2(), points, filter_voxels_adaptively(scan.points, 0.3, 200), (0.0, 0.0), 9, 0.0)
         window = Window(self.reach, math.radians(20.0))
         candidate = Candidate(3, 0, believed, window, np.diag([0.04, 0.04, 0.01]))
-        return self.searcher.search(candidate, node, submap(), 1, Usual(self.usual, 0.9))
+        return self.searcher.search(candidate, node, submap(), 1, self.usual)
 
 
 @pytest.mark.parametrize("reach", [1.0, 6.0])
@@ -82,6 +84,18 @@ def test_scans_of_another_room_close_no_loop() -> None:
         scan = scan_at(SE2(0.3 * k, -0.2 * k, 0.4 * k), walls=ELSEWHERE)
         for usual in (0.8, 0.55):
             assert Search(usual=usual).of(scan, believed) is None, (k, usual)
+
+
+@pytest.mark.parametrize("scale", [1.03, 1.05, 1.08])
+def test_a_room_of_the_same_shape_that_is_larger_is_another_place(scale: float) -> None:
+    """Its corners and half of its walls can be laid over each other, and a map in which few returns lie on walls asks for no more; but the score is
+    far below that of a match in the same place."""
+    truth = SE2(0.7, 0.4, 0.9)
+    scan = scan_at(truth)
+    larger = replace(scan, points=scan.points * np.float32(scale))
+    poor = Search(inliers=0.5)
+    assert poor.of(scan, truth) is not None
+    assert poor.of(larger, truth) is None
 
 
 def test_the_usual_score_is_what_local_matches_reach() -> None:

@@ -72,6 +72,14 @@ def test_odometry_that_tells_three_times_the_way_is_found_out_and_not_followed()
     assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_wheels_that_stand_still_are_doubted_before_the_robot_leaves_the_window(seed: int) -> None:
+    """At 1.7 m/s only windows that have widened reach as far as the robot drives from scan to scan."""
+    course = drive(oval(1.0, 60), lambda pose, motion: SE2(0.0, 0.0, motion.yaw))
+    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(seed), with_background=False)
+    assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
+
+
 def test_nodes_are_added_on_motion_only() -> None:
     slam, scan = Slam2d(), scan_at(SE2(0.3, 0.1, 0.2))
     nodes = [slam.update(replace(scan, stamp_ns=(k + 1) * PERIOD_NS)).node for k in range(30)]

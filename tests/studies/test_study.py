@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from ambler.cli.study_options import with_seeds
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.studies import study as engine
@@ -162,9 +164,23 @@ def test_seeds_that_nobody_chose_are_drawn_once(tmp_path: Path) -> None:
     assert seeds_of("draw", 5, file)[:3] == drawn
     assert len(set(seeds_of("draw", 5, file))) == 5
     assert seeds_of("7", 3, file) == (7, 8, 9)
-    for text, runs in (("-1", 3), ("x", 3), ("0", 0)):
+    assert seeds_of("7,3,90", 2, file) == (7, 3)
+    for text, runs in (("-1", 3), ("x", 3), ("0", 0), ("7,3", 3), ("7,,3", 2), ("7,draw", 2)):
         with pytest.raises(BadInputError):
             seeds_of(text, runs, file)
+
+
+def test_the_command_of_a_result_names_the_seeds_that_were_drawn(tmp_path: Path) -> None:
+    drawn = seeds_of("draw", 3, tmp_path / "seeds.json")
+    listed = ",".join(map(str, drawn))
+    for told in ("--seed draw", "--seed=draw"):
+        command = with_seeds(f"ambler eval ground {told} --runs 3 --out 'a b'", listed)
+        assert "draw" not in command
+        assert "'a b'" in command
+        again = re.search(r"--seed[ =](\S+)", command)
+        assert again is not None
+        assert seeds_of(again.group(1), 3, tmp_path / "other.json") == drawn
+    assert with_seeds("ambler eval draw --seed 4", "4,5") == "ambler eval draw --seed 4"
 
 
 @pytest.mark.filterwarnings("ignore")  # Dask's own, when ports are taken and sockets collected

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     if args.imperfections == study.DRAWN:
         cases = study.imperfect(cases)
     outcomes = [study.outcome_of(r) for r in conduct_study(args, study.docking_study(cases, settings))]
-    sights = study.sights_of(seed, args.looks, args.world, args.dock, settings) if "sights" in parts else []
+    sights = study.detections_of(seed, args.looks, args.world, args.dock, settings) if "sights" in parts else []
     fields: dict[str, Any] = {"imperfections": args.imperfections, **docking.summarize(outcomes)}
     for series in sights:
         fields |= series.summary()

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
-import tempfile
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli import lio_localize, lio_plan
+from ambler.cli.results_output import partial_folder
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from ambler.core.se3 import SE3
     from ambler.evaluation.spatial_error import SpatialError
@@ -291,25 +288,6 @@ def _write(
     with partial_folder(args.out) as folder:
         write_lio(folder, args.recording, result, fields, notes, error)
         plan.write(folder)
-
-
-@contextmanager
-def partial_folder(out: Path) -> Iterator[Path]:
-    """Give a folder beside the target and move what was written there, so that no partial output is ever seen; raises BadInputError."""
-    from ambler.core.errors import BadInputError
-
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
-    except OSError as failure:
-        raise BadInputError(f"{out}: cannot be written: {failure.strerror or failure}") from failure
-    try:
-        yield partial
-        out.mkdir(exist_ok=True)
-        for file in sorted(partial.iterdir()):
-            os.replace(file, out / file.name)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _report(out: Path, fields: dict[str, Any]) -> None:

@@ -33,7 +33,8 @@ def run(args: argparse.Namespace) -> int:
 
     from ambler.apps.config import recorded_config
     from ambler.apps.recorded_lio_place import write_place
-    from ambler.cli.lio import _config, _opened, partial_folder
+    from ambler.cli.lio import _config, _opened
+    from ambler.cli.results_output import partial_folder
     from ambler.cli.run_options import profile_of
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results

@@ -1,10 +1,15 @@
-"""What the verbs that measure do with their fields: print them in two columns, write them as JSON when `--json` asks for it."""
+"""What verbs do with their results: print fields in two columns, write them as JSON when `--json` asks for it, fill a folder as a whole."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
+import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 
@@ -20,3 +25,22 @@ def save_json(args: argparse.Namespace, begin: float, fields: Mapping[str, Any])
 
     if args.json is not None:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
+
+
+@contextmanager
+def partial_folder(out: Path) -> Iterator[Path]:
+    """Give a folder beside the target and move what was written there, so that no partial output is ever seen; raises BadInputError."""
+    from ambler.core.errors import BadInputError
+
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+    except OSError as failure:
+        raise BadInputError(f"{out}: cannot be written: {failure.strerror or failure}") from failure
+    try:
+        yield partial
+        out.mkdir(exist_ok=True)
+        for file in sorted(partial.iterdir()):
+            os.replace(file, out / file.name)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

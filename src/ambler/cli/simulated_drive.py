@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -18,36 +17,22 @@ def run_drive(args: argparse.Namespace, options: RunOptions) -> int:
     """Drive, judge, tell. 0: the route was driven to its end without a collision; 1: it was not; 130: interrupted."""
     from ambler.apps.console import Stages
     from ambler.apps.drive import DriveRun, drive_scene, judge_drive
-    from ambler.apps.run_folder import RunFolder
     from ambler.apps.run_report import print_result
-    from ambler.bridges.foxglove_front import check_port
     from ambler.cli.lio_localize import parse_guess
-    from ambler.cli.run_options import check_outputs, is_attended
+    from ambler.cli.opened_run import is_kept_alive, opened_run
     from ambler.evaluation.results import write_results
-    from ambler.kernels.warmup import imported_kernel_modules, warm_up
 
     _check(args)
-    if options.port is not None:
-        check_port(options.host, options.port)
-    with Stages() as stages:
-        stages.begin(f"reading the world {options.world}")
-        scene = drive_scene(options, args.drive, args.speed, parse_guess(args.guess))
-    check_outputs(args.json, args.out)
-    warm_up(imported_kernel_modules())
-    folder = RunFolder.new(args.out, f"drive-{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
-    try:
-        with Stages() as stages:
-            stages.begin("setting up the world and the robot")
-            run = DriveRun(options, scene, folder)
-    except BaseException:
-        folder.remove()
-        raise
-    try:
-        folder.link_latest()
-        if run.view is not None:
-            print(f"live view: Foxglove on ws://{options.host}:{run.view.port}  (docs/live_view.md)", flush=True)
+    with opened_run(
+        args,
+        options,
+        "drive",
+        lambda: drive_scene(options, args.drive, args.speed, parse_guess(args.guess)),
+        lambda scene, folder: DriveRun(options, scene, folder),
+    ) as run:
+        length, world = run.scene.route.length, run.scene.world.name
         print(
-            f"{args.robot} along {scene.route.length:.0f} m of {scene.world.name}, seed {args.seed}; everything goes to {folder.root}",
+            f"{args.robot} along {length:.0f} m of {world}, seed {args.seed}; everything goes to {run.folder.root}",
             flush=True,
         )
         run.run(options.time_limit)
@@ -62,14 +47,12 @@ def run_drive(args: argparse.Namespace, options: RunOptions) -> int:
         )
         if args.json:
             write_results(args.json, args.command_line, args.seed, run.wall_seconds, verdict.fields)
-        if is_attended(args) and run.view is not None and run.executor.failure is None and not run.is_interrupted:
+        if is_kept_alive(args, run):
             print("the robot stands in view; Ctrl-C ends", flush=True)
             run.serve()
         if run.is_interrupted:
             return INTERRUPTED
         return 0 if verdict.is_good else 1
-    finally:
-        run.close()
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,42 +15,27 @@ INTERRUPTED = 130
 
 def run_program(args: argparse.Namespace, options: RunOptions) -> int:
     """Run a program of steps. 0: all was done, without a collision; 1: something fell short; 130: interrupted."""
-    from ambler.apps.console import Stages
-    from ambler.apps.run_folder import RunFolder
     from ambler.apps.scene import checked_scene
     from ambler.apps.simulated import SimulatedRun
-    from ambler.bridges.foxglove_front import check_port
-    from ambler.cli.run_options import check_outputs
-    from ambler.kernels.warmup import imported_kernel_modules, warm_up
+    from ambler.cli.opened_run import is_kept_alive, opened_run
 
-    if options.port is not None:
-        check_port(options.host, options.port)
-    with Stages() as stages:
-        stages.begin(f"reading the world {options.world}")
-        scene = checked_scene(options)
-    check_outputs(args.json, args.out)
-    warm_up(imported_kernel_modules())
-    folder = RunFolder.new(args.out, f"{args.verb}-{Path(args.world).stem}-{Path(args.robot).stem}-{args.seed}")
-    try:
-        with Stages() as stages:
-            stages.begin("setting up the world and the robot")
-            run = SimulatedRun(options, folder, scene)
-    except BaseException:
-        folder.remove()
-        raise
-    try:
-        folder.link_latest()
-        if run.view is not None:
-            print(f"live view: Foxglove on ws://{options.host}:{run.view.port}  (docs/live_view.md)", flush=True)
-        print(f"{args.robot} in {run.scene.world.name}, seed {args.seed}; everything goes to {folder.root}", flush=True)
+    with opened_run(
+        args,
+        options,
+        args.verb,
+        lambda: checked_scene(options),
+        lambda scene, folder: SimulatedRun(options, folder, scene),
+    ) as run:
+        print(
+            f"{args.robot} in {run.scene.world.name}, seed {args.seed}; everything goes to {run.folder.root}",
+            flush=True,
+        )
         run.run(options.time_limit)
         code = _conclude(args, run)
         if is_kept_alive(args, run):
             print("the robot stays alive: click a pose in the viewer to send it there; Ctrl-C ends", flush=True)
             run.serve()
         return code
-    finally:
-        run.close()
 
 
 def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
@@ -83,10 +67,3 @@ def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
     if run.is_interrupted:
         return INTERRUPTED
     return 0 if is_good(verdict) else 1
-
-
-def is_kept_alive(args: argparse.Namespace, run: SimulatedRun) -> bool:
-    """Say whether the robot lives on for its viewers."""
-    from ambler.cli.run_options import is_attended
-
-    return is_attended(args) and run.view is not None and run.executor.failure is None and not run.is_interrupted

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli.recording_choices import add_choices, choices_of
+from ambler.cli.results_output import partial_folder
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
@@ -135,29 +133,17 @@ def _write(
     notes: Sequence[str],
     errors: RelationErrors | None,
 ) -> None:
-    """Write everything into a folder beside the target, then move it there, so that no partial output is ever seen."""
+    """Write everything at once, or nothing."""
     import numpy as np
 
     from ambler.apps.recorded_report import write_mapping_report
-    from ambler.core.errors import BadInputError
     from ambler.wire.map_files import save_map
     from ambler.wire.tum import write_tum
 
-    out: Path = args.out
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
-    except OSError as error:
-        raise BadInputError(f"{out}: cannot be written: {error.strerror or error}") from error
-    try:
-        write_tum(partial / "trajectory.tum", np.array(stamps), result.poses)
-        save_map(partial / "map", result.spec, result.occupancy)
-        write_mapping_report(partial, args.log, stamps, result, fields, notes, errors)
-        out.mkdir(exist_ok=True)
-        for file in sorted(partial.iterdir()):
-            os.replace(file, out / file.name)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with partial_folder(args.out) as folder:
+        write_tum(folder / "trajectory.tum", np.array(stamps), result.poses)
+        save_map(folder / "map", result.spec, result.occupancy)
+        write_mapping_report(folder, args.log, stamps, result, fields, notes, errors)
 
 
 def _report(out: Path, fields: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,11 @@ if TYPE_CHECKING:
 
 def add_study_options(parser: argparse.ArgumentParser, runs: int, what: str, *, processes: int = 1) -> None:
     """Add seeds, pool, folder, settings and JSON; `what` says what `--runs` counts."""
-    parser.add_argument("--seed", default="0", help="the first seed, or `draw` for some that nobody chose (default: 0)")
+    parser.add_argument(
+        "--seed",
+        default="0",
+        help="the first seed, all of them with commas, or `draw` for some that nobody chose (default: 0)",
+    )
     parser.add_argument("--runs", type=int, default=runs, help=f"{what} (default: {runs})")
     pool = parser.add_argument_group("where it runs")
     pool.add_argument(
@@ -66,8 +71,20 @@ def write_summary(args: argparse.Namespace, fields: dict[str, Any], seeds: Seque
     from ambler.evaluation.results import write_results
 
     if args.json:
-        told = {"seeds": ",".join(str(seed) for seed in seeds), **fields}
-        write_results(args.json, args.command_line, seeds[0], time.perf_counter() - args.started, told)
+        listed = ",".join(str(seed) for seed in seeds)
+        command = with_seeds(args.command_line, listed)
+        write_results(args.json, command, seeds[0], time.perf_counter() - args.started, {"seeds": listed, **fields})
+
+
+def with_seeds(command: str, listed: str) -> str:
+    """Return a command that names the seeds which were drawn, so that run again it gives the same."""
+    words = shlex.split(command)
+    for k, word in enumerate(words):
+        if word == "--seed=draw":
+            words[k] = f"--seed={listed}"
+        elif word == "draw" and words[k - 1] == "--seed":
+            words[k] = listed
+    return shlex.join(words)
 
 
 def names_of(words: Sequence[str]) -> tuple[str, ...]:

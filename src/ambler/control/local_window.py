@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ambler.core.grid import COST_LETHAL, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
-from ambler.kernels.footprint import footprint_edges, lethal_cells_inside, lethal_distance, lethal_row_sums
-from ambler.kernels.rollout import free_slide, free_turn
+from ambler.kernels.footprint import LethalCells, Outline, footprint_edges, lethal_distance, lethal_row_sums
+from ambler.kernels.rollout import covered_at_start, free_slide, free_turn
 
 F64 = NDArray[np.float64]
 
@@ -35,14 +35,18 @@ class LocalWindow:
     a local window sees no farther (the velocity gate watches what it does not show)."""
 
     def __init__(self, robot: RobotModel, padding: float) -> None:
-        self.normals, self.offsets = footprint_edges(robot.footprint, padding)
-        self.circles = covering_circles(self.normals, self.offsets)
+        edges = footprint_edges(robot.footprint, padding)
+        self.outline = Outline(*edges, covering_circles(*edges))
         self.inscribed_radius = robot.inscribed_radius
         self.radius = robot.circumscribed_radius + padding
         self.spec = GridSpec(0.05, 0, 0, 0.0, 0.0)
         self._costs: NDArray[np.uint8] | None = None
-        self.row_sums = np.zeros((0, 1), np.int32)
-        self.distance = np.zeros((0, 0))
+        self.cells = LethalCells(np.zeros((0, 1), np.int32), np.zeros((0, 0)), 0.05)
+
+    @property
+    def distance(self) -> F64:
+        """The distance of each cell's centre to the nearest lethal one, float64 [iy, ix], metres."""
+        return self.cells.distance
 
     @property
     def costs(self) -> NDArray[np.uint8]:
@@ -54,12 +58,12 @@ class LocalWindow:
         if costs is self._costs and spec == self.spec:
             return
         self._costs = costs
-        if spec.shape != self.distance.shape:
-            self.row_sums = np.zeros((spec.height, spec.width + 1), np.int32)
-            self.distance = np.zeros(spec.shape)
-        self.spec = spec
-        lethal_row_sums(costs, COST_LETHAL, self.row_sums)
-        lethal_distance(self.row_sums, spec.resolution, self.distance)
+        row_sums, distance, _ = self.cells
+        if spec.shape != distance.shape:
+            row_sums, distance = np.zeros((spec.height, spec.width + 1), np.int32), np.zeros(spec.shape)
+        self.spec, self.cells = spec, LethalCells(row_sums, distance, float(spec.resolution))
+        lethal_row_sums(costs, COST_LETHAL, row_sums)
+        lethal_distance(row_sums, spec.resolution, distance)
 
     def placed(self, odom_from_base: SE2) -> F64:
         """Return (x, y, yaw) measured from the corner of the grid."""
@@ -69,37 +73,12 @@ class LocalWindow:
 
     def lethal_cells(self, odom_from_base: SE2) -> int:
         """Count the lethal cells under the footprint."""
-        x, y, yaw = self.placed(odom_from_base)
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        return int(lethal_cells_inside(self.row_sums, self.spec.resolution, x, y, cos, sin, self.normals, self.offsets))
+        return int(covered_at_start(self.placed(odom_from_base), self.cells, self.outline))
 
     def free_turn(self, odom_from_base: SE2, angle: float) -> float:
         """Return how far the robot can turn in place, signed radians, at most `angle`."""
-        return float(
-            free_turn(
-                self.placed(odom_from_base),
-                angle,
-                self.row_sums,
-                self.distance,
-                self.spec.resolution,
-                self.normals,
-                self.offsets,
-                self.circles,
-            )
-        )
+        return float(free_turn(self.placed(odom_from_base), angle, self.cells, self.outline))
 
     def free_slide(self, odom_from_base: SE2, heading: float, length: float) -> float:
         """Return how far the robot can move along a direction of the odom frame without turning, at most `length` metres."""
-        return float(
-            free_slide(
-                self.placed(odom_from_base),
-                heading,
-                length,
-                self.row_sums,
-                self.distance,
-                self.spec.resolution,
-                self.normals,
-                self.offsets,
-                self.circles,
-            )
-        )
+        return float(free_slide(self.placed(odom_from_base), heading, length, self.cells, self.outline))

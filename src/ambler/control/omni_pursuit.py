@@ -242,11 +242,8 @@ class OmniPursuit:
         fastest = speed + abs(wanted.wz) * self._window.radius
         brake = lim.ax_brake * c.brake_share
         horizon = c.reaction_time + speed / brake + c.min_stop / speed + 0.5
-        free = free_arc(
-            self._window.placed(start), np.array([wanted.vx, wanted.vy, wanted.wz]), horizon, 0.025 / fastest,
-            self._window.row_sums, self._window.distance, self._window.spec.resolution, self._window.normals,
-            self._window.offsets, self._window.circles,
-        )  # fmt: skip
+        w, twist = self._window, np.array([wanted.vx, wanted.vy, wanted.wz])
+        free = free_arc(w.placed(start), twist, horizon, 0.025 / fastest, w.cells, w.outline)
         if free >= horizon:
             return wanted
         limit = approach_limit(free * speed - c.min_stop, brake, c.reaction_time + 0.05)

@@ -188,7 +188,7 @@ class PathFollower:
         room = np.inf
         for ahead in (0.0, 0.3):
             gx, gy, yaw = w.placed(start @ SE2(ahead * math.cos(bearing), ahead * math.sin(bearing), 0.0))
-            gap = clearance_at(gx, gy, math.cos(yaw), math.sin(yaw), w.circles, w.distance, w.spec.resolution)
+            gap = clearance_at(gx, gy, math.cos(yaw), math.sin(yaw), w.outline.circles, w.distance, w.spec.resolution)
             room = min(room, float(gap))
         return c.near_speed + c.speed_per_clearance * max(0.0, room)
 
@@ -201,10 +201,8 @@ class PathFollower:
         fastest = speed + abs(wanted.wz) * w.radius
         brake = lim.ax_brake * c.brake_share
         horizon = c.reaction_time + speed / brake + c.min_stop / speed + 0.4
-        free = free_arc(
-            w.placed(start), np.array([wanted.vx, wanted.vy, wanted.wz]), horizon, 0.025 / fastest, w.row_sums, w.distance,
-            w.spec.resolution, w.normals, w.offsets, w.circles,
-        )  # fmt: skip
+        twist = np.array([wanted.vx, wanted.vy, wanted.wz])
+        free = free_arc(w.placed(start), twist, horizon, 0.025 / fastest, w.cells, w.outline)
         if free >= horizon:
             return wanted
         limit = approach_limit(free * speed - c.min_stop, brake, c.reaction_time + c.period)

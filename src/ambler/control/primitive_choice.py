@@ -223,8 +223,9 @@ class PrimitiveChooser:
             self._levels = np.empty(len(self._points), np.uint8)
         reach = c.range + self._nose
         ranges, rough = np.array([reach, self._forward[0].slack]), np.array(c.rough_costs, np.uint8)
+        edges = (w.outline.normals, w.outline.offsets)
         count = points_around(
-            costs, w.placed(start), w.spec.resolution, ranges, rough, w.normals, w.offsets, self._points, self._levels
+            costs, w.placed(start), w.spec.resolution, ranges, rough, *edges, self._points, self._levels
         )
         others = others[:MOVER_POINTS_MAX]
         self._points[count : count + len(others)] = others

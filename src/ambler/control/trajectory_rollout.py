@@ -30,6 +30,7 @@ from ambler.kernels.rollout import (
     END_X,
     END_Y,
     END_YAW,
+    Guide,
     best_sample,
     locate_on_path,
     roll_out,
@@ -229,11 +230,11 @@ class TrajectoryRollout:
         self, samples: F64, start: SE2, velocity: BodyVelocity, left: float, *, is_gliding: bool = False
     ) -> BodyVelocity | None:
         path = self._path_ahead()
-        steps, label = self._spread(path)
+        guide = self._spread(path)
         here = np.empty(3)
         at = self._window.placed(start)
         resolution = self._window.spec.resolution
-        locate_on_path(at[0], at[1], path, steps, label, resolution, here)
+        locate_on_path(at[0], at[1], guide, resolution, here)
         out = np.empty((len(samples), COLUMNS))
         lim = self._limits
         rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
@@ -244,10 +245,7 @@ class TrajectoryRollout:
         for horizon in self._horizons(samples):
             c, slowest = self._config, self._speeds(samples)[0] + 1e-9  # slower than the slowest sample is not on offer
             plan = np.array([horizon, stop, c.step_length, w.radius, c.near_speed, c.speed_per_clearance, slowest])
-            roll_out(
-                samples, at, v0, rates, plan, w.row_sums, w.distance, resolution, w.normals, w.offsets, w.circles,
-                path, steps, label, self._movers_ahead(), out,
-            )  # fmt: skip
+            roll_out(samples, at, v0, rates, plan, w.cells, w.outline, guide, self._movers_ahead(), out)
             command = self._choose(samples, out, here, path, velocity, horizon, is_gliding=is_gliding)
             if command is not None:
                 return command
@@ -317,13 +315,13 @@ class TrajectoryRollout:
         is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
         return bool((distance[iy[is_inside], ix[is_inside]] < self._window.inscribed_radius).any())
 
-    def _spread(self, path: F64) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    def _spread(self, path: F64) -> Guide:
         spec = self._window.spec
         cells = np.floor(path[:, [1, 0]] / spec.resolution).astype(np.int32)
         steps, label = np.empty(spec.shape, np.int32), np.empty(spec.shape, np.int32)
         queue = np.empty(spec.width * spec.height, np.int32)
         spread_path(cells, self._window.distance, self._window.inscribed_radius, steps, label, queue)
-        return steps, label
+        return Guide(path, steps, label)
 
     def _samples(self, velocity: BodyVelocity, left: float) -> F64:
         """Wanted velocities (N, 3), the faster the farther the goal; those of the last call again while its top speed holds."""

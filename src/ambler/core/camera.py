@@ -90,7 +90,7 @@ class MarkerSpec:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MarkerSighting:
+class MarkerDetection:
     """A marker in a picture. `rays` float64 (4, 2) are its corners without distortion, `ray_covariance` (8, 8) theirs, corner by corner.
     A flat square seen from afar fits two poses: `other` is the one that was not chosen, None when there is none; the choice is
     `is_ambiguous` when neither the picture nor a prior decides it. `covariance` (6, 6) is that of `camera_from_marker`."""
@@ -108,7 +108,7 @@ class MarkerSighting:
 class MarkerFinder(Protocol):
     """Finds known markers in grey pictures."""
 
-    def detect(self, image: U8, priors: Mapping[str, SE3] | None = None) -> tuple[MarkerSighting, ...]:
+    def detect(self, image: U8, priors: Mapping[str, SE3] | None = None) -> tuple[MarkerDetection, ...]:
         """Return what is seen in a picture uint8 (H, W). `priors` are expected poses in the camera frame by the marker's name; they
         choose between the two solutions."""
         ...

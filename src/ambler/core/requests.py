@@ -246,7 +246,7 @@ class TeachDockGoal:
 
 @dataclass(frozen=True, slots=True)
 class TeachDockReport:
-    """The dock's new pose in the map, the offset of its sightings in its own frame, and of how many sightings that is the mean."""
+    """The dock's new pose in the map, the offset of its detections in its own frame, and of how many of them that is the mean."""
 
     map_from_dock: SE2
     offset: SE2
@@ -265,7 +265,7 @@ class DockFeedback:
 
 @dataclass(frozen=True, slots=True)
 class DockReport:
-    """How it went: final approaches, seconds in all and from the staging pose on, the dock in the base frame by the last sightings."""
+    """How it went: final approaches, seconds in all and from the staging pose on, the dock in the base frame by the last detections."""
 
     attempts: int
     seconds: float

@@ -57,7 +57,7 @@ class VoxelConfig:
 class VoxelView:
     """What one sensor saw at once, in the costmap's frame: points float32 (N, 3) of its own frame with their times float32 (N,) after the stamp (s),
     its poses float64 (K, 3, 4) every `period` seconds, the floor's height under the robot, from where on it measures (m), and its picture of
-    distances with `lens` (`kernels.voxels.weigh`)."""
+    distances with `lens` (`kernels.voxels.Picture`)."""
 
     points: F32
     times: F32
@@ -156,7 +156,7 @@ class VoxelLayer:
             touched = union(touched, self._weigh(self._fed.popleft(), spec, place))
         if moment.footprint is not None:
             footprint = np.require(moment.footprint, np.float64, ["C", "W"])
-            kernels.empty_polygon(self._scores, self._occupied, self._marked, place, footprint)
+            kernels.empty_polygon(self._voxels(), place, footprint)
             touched = union(touched, box_around(footprint, spec))
         if before is None:
             touched = whole(spec)
@@ -215,20 +215,23 @@ class VoxelLayer:
         c, level = self.config, self._level
         lifted = self._follow_floor(view.floor)
         bottom = self._bottom * level
+        there = kernels.VoxelPlace(place, level, bottom)
         hit = kernels.mark_hits(
-            *(view.points, view.times, view.matrices, view.period, view.near, view.far, place, level, bottom),
-            *(view.floor, self._ground, c.doubt, c.lean, self._top, self._hits),
+            *(view.points, view.times, view.matrices, view.period, view.near, view.far, there),
+            *(kernels.Band(view.floor, self._ground, c.doubt, c.lean, self._top), self._hits),
         )
         matrix = np.ascontiguousarray(view.matrices[len(view.matrices) // 2])
         box = union(
             box_within(float(matrix[0, 3]), float(matrix[1, 3]), view.far, spec), hit if hit[0] < hit[1] else None
         )
         if box is not None:
-            kernels.weigh(
-                *(self._scores, self._occupied, self._marked, self._hits, box, view.picture, view.is_round, view.lens),
-                *(matrix, view.near, view.far, place, level, bottom, c.margin, c.spread, c.gain, c.most, c.enough),
-            )
+            picture = kernels.Picture(view.picture, view.is_round, view.lens, view.near, view.far)
+            weights = kernels.Weights(c.margin, c.spread, c.gain, c.most, c.enough)
+            kernels.weigh(self._voxels(), self._hits, box, picture, matrix, there, weights)
         return whole(spec) if lifted else box
+
+    def _voxels(self) -> kernels.Voxels:
+        return kernels.Voxels(self._scores, self._occupied, self._marked)
 
     def _draw_cells(self, box: Box | None) -> Box | None:
         """Write `cells` anew in a box; returns where they differ."""

@@ -30,7 +30,7 @@ class DockObservation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DockSighting:
+class DockDetection:
     """The dock as seen at one instant: `base_from_dock` with covariance (3, 3) of (x, y, yaw), perturbed on the right; `source` tells
     what saw it, `parts` how many markers, legs or reflectors agree."""
 
@@ -44,7 +44,7 @@ class DockSighting:
 class DockDetector(Protocol):
     """Sees one dock."""
 
-    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockSighting | None:
+    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockDetection | None:
         """Return the dock, or None when it is not seen. `prior` is where it is expected in the base frame: it decides between
         ambiguous poses and may limit the search, but does not move the result."""
         ...

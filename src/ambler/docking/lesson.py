@@ -29,7 +29,7 @@ class LessonConfig:
 
 
 class DockLesson:
-    """Collects sightings of the dock in which the robot stands."""
+    """Collects detections of the dock in which the robot stands."""
 
     def __init__(self, config: LessonConfig | None = None) -> None:
         self.config = config if config is not None else LessonConfig()
@@ -37,7 +37,7 @@ class DockLesson:
 
     @property
     def count(self) -> int:
-        """How many sightings there are."""
+        """How many detections there are."""
         return len(self._seen)
 
     @property
@@ -46,13 +46,13 @@ class DockLesson:
         return self.count >= self.config.sightings
 
     def add(self, base_from_dock: SE2) -> None:
-        """Take a sighting without any offset."""
+        """Take a detection without any offset."""
         self._seen.append((base_from_dock.x, base_from_dock.y, base_from_dock.yaw))
 
     def offset(self) -> SE2:
-        """Return what must be added to every sighting, in the dock frame, so that the docked pose is where the robot stands.
+        """Return what must be added to every detection, in the dock frame, so that the docked pose is where the robot stands.
 
-        Raises BadInputError for too few sightings, and when they lie farther off than mounting and printing can explain.
+        Raises BadInputError for too few detections, and when they lie farther off than mounting and printing can explain.
         """
         c = self.config
         if self.count < c.least:

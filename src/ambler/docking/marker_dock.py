@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.camera import MarkerFinder, MarkerSighting
+from ambler.core.camera import MarkerDetection, MarkerFinder
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.docking.covariance import difference, through_offset
-from ambler.docking.detection import DockObservation, DockSighting
+from ambler.docking.detection import DockDetection, DockObservation
 from ambler.docking.dock import Dock, DockMarker
 from ambler.registration.corner_pose import CornerPose, LevelPrior, fit_corner_pose
 
@@ -58,7 +58,7 @@ class MarkerDockDetector:
         self._config = config if config is not None else MarkerDockConfig()
         self._markers = {m.spec: m for m in dock.markers}
 
-    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockSighting | None:
+    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockDetection | None:
         """Return the dock as the picture shows it; None without a picture, a marker, or a decision between two poses."""
         if observation.image is None:
             return None
@@ -72,7 +72,7 @@ class MarkerDockDetector:
                 return None
             worst = self._misfit(seen, fits[0][0].base_from_target)
             if worst is None:
-                return self._sighting(observation.stamp_ns, fits, len(seen))
+                return self._detection(observation.stamp_ns, fits, len(seen))
             if len(seen) <= 2:
                 return (
                     None  # two markers contradict each other, or one contradicts the floor: neither is right for sure
@@ -86,7 +86,7 @@ class MarkerDockDetector:
         camera_from_dock = self._camera_from_base @ SE3.from_se2(prior @ self._dock.offset.inverse())
         return {m.spec.name: camera_from_dock @ m.dock_from_marker for m in self._dock.markers}
 
-    def _fits(self, seen: Sequence[MarkerSighting], expected: SE2 | None) -> list[tuple[CornerPose, float]]:
+    def _fits(self, seen: Sequence[MarkerDetection], expected: SE2 | None) -> list[tuple[CornerPose, float]]:
         """Return the distinct fits and their costs, the best first."""
         markers = [self._markers[s.marker] for s in seen]
         points = np.concatenate([m.dock_from_marker.transform(m.spec.corners()) for m in markers])
@@ -105,7 +105,7 @@ class MarkerDockDetector:
                 fits.append((fit, fit.error + self._surprise(pose, expected)))
         return sorted(fits, key=lambda f: f[1])
 
-    def _guesses(self, seen: Sequence[MarkerSighting], markers: Sequence[DockMarker]) -> list[SE3]:
+    def _guesses(self, seen: Sequence[MarkerDetection], markers: Sequence[DockMarker]) -> list[SE3]:
         out = []
         for s, marker in zip(seen, markers, strict=True):
             poses = [s.camera_from_marker] + ([] if s.other is None else [s.other])
@@ -113,7 +113,7 @@ class MarkerDockDetector:
         # A level start: the lean of a far marker's pose is mostly noise.
         return [SE3.from_se2(guess.to_se2()) for guess in out]
 
-    def _ray_covariance(self, s: MarkerSighting) -> F64:
+    def _ray_covariance(self, s: MarkerDetection) -> F64:
         """The corners' covariance, and what becomes of it when the marker hangs, is turned and is printed a little otherwise than told."""
         spread = np.repeat([self._config.place, self._config.turn, self._config.size], (3, 3, 1))
         moved = _moved_rays(s.camera_from_marker, s.marker.corners()) * spread
@@ -126,7 +126,7 @@ class MarkerDockDetector:
         d = difference(expected, pose)
         return float((d[0] ** 2 + d[1] ** 2) / away**2 + (d[2] / turn) ** 2)
 
-    def _misfit(self, seen: Sequence[MarkerSighting], base_from_dock: SE3) -> int | None:
+    def _misfit(self, seen: Sequence[MarkerDetection], base_from_dock: SE3) -> int | None:
         """Return the marker that fits worst if it does not fit at all."""
         camera_from_dock = self._camera_from_base @ base_from_dock
         errors = []
@@ -138,7 +138,7 @@ class MarkerDockDetector:
         worst = int(np.argmax(errors))
         return worst if errors[worst] > self._config.surprise else None
 
-    def _sighting(self, stamp_ns: int, fits: list[tuple[CornerPose, float]], parts: int) -> DockSighting | None:
+    def _detection(self, stamp_ns: int, fits: list[tuple[CornerPose, float]], parts: int) -> DockDetection | None:
         best, cost = fits[0]
         pose = best.base_from_target.to_se2()
         covariance = best.covariance[np.ix_((0, 1, 5), (0, 1, 5))].copy()
@@ -149,7 +149,7 @@ class MarkerDockDetector:
                 return None
             covariance += belief * np.outer(d, d)
         offset = self._dock.offset
-        return DockSighting(stamp_ns, "markers", pose @ offset, through_offset(covariance, offset), parts)
+        return DockDetection(stamp_ns, "markers", pose @ offset, through_offset(covariance, offset), parts)
 
 
 def _moved_rays(camera_from_marker: SE3, corners: F64) -> F64:

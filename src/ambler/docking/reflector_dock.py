@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.covariance import difference, through_offset
-from ambler.docking.detection import DockObservation, DockSighting, require_numbers
+from ambler.docking.detection import DockDetection, DockObservation, require_numbers
 from ambler.docking.dock import Dock
 from ambler.registration.reflectors import DetectorConfig, detect_reflectors
 
@@ -41,7 +41,7 @@ class ReflectorDockDetector:
         self._dock = dock
         self._config = config if config is not None else ReflectorDockConfig()
 
-    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockSighting | None:
+    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockDetection | None:
         """Return the dock; None when its pattern is not seen, or is seen at several places and no prior tells which."""
         points, intensities = observation.points_base, observation.intensities
         if points is None or intensities is None or not require_numbers(observation):
@@ -61,7 +61,7 @@ class ReflectorDockDetector:
         pose, covariance = align(seen.centers[index[:, 0]], self._dock.reflectors[index[:, 1]], sigma)
         place, turn = self._config.bias
         covariance = through_offset(covariance, self._dock.offset) + np.diag([place, place, turn]) ** 2
-        return DockSighting(observation.stamp_ns, "reflectors", pose @ self._dock.offset, covariance, most)
+        return DockDetection(observation.stamp_ns, "reflectors", pose @ self._dock.offset, covariance, most)
 
     def _matches(self, seen: F64, expected: SE2 | None) -> list[tuple[SE2, list[tuple[int, int]]]]:
         """Return distinct poses of the dock before the robot at which at least two reflectors (all but one of many) fit."""

@@ -1,6 +1,6 @@
-"""From sightings to one pose of the dock: a Kalman filter on a standing thing, seen from a base that odometry carries.
+"""From detections to one pose of the dock: a Kalman filter on a standing thing, seen from a base that odometry carries.
 
-The state is `odom_from_dock`. It stands still, except that odometry drifts: its covariance grows with the way driven. A sighting farther
+The state is `odom_from_dock`. It stands still, except that odometry drifts: its covariance grows with the way driven. A detection farther
 off than the gate allows is an outlier; when several outliers agree with one another, the filter was wrong and starts again
 there. What was not seen for a while, or over some way, is told no more.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.covariance import adjoint, difference
-from ambler.docking.detection import DockSighting
+from ambler.docking.detection import DockDetection
 
 F64 = NDArray[np.float64]
 
@@ -23,9 +23,9 @@ F64 = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class TrackerConfig:
     """`gate`: chi-squared (3 degrees of freedom) of the largest accepted surprise. `floor`: standard deviations (m, rad) that no single
-    sighting is better than: errors repeat from picture to picture. `drift`: of odometry, per metre (m, rad) and per radian
+    detection is better than: errors repeat from picture to picture. `drift`: of odometry, per metre (m, rad) and per radian
     (m, rad), as of wheels alone; beside a gyroscope `gyro_share` of its turning is left (0.2 % of the turning, 0.05° per slow metre). `max_age`, `max_travel`: seconds and metres after which an unseen dock is unknown. `restart`: so many outliers in
-    a row that agree begin anew. `first`: so many sightings before anything is told."""
+    a row that agree begin anew. `first`: so many detections before anything is told."""
 
     gate: float = 16.3
     floor: tuple[float, float] = (0.001, math.radians(0.1))
@@ -42,7 +42,7 @@ class TrackerConfig:
 @dataclass(frozen=True, slots=True, eq=False)
 class DockTrack:
     """Where the dock is: `base_from_dock` now with covariance (3, 3), seconds and metres since it was last seen, and how many
-    sightings are in it."""
+    detections are in it."""
 
     base_from_dock: SE2
     covariance: F64
@@ -52,7 +52,7 @@ class DockTrack:
 
 
 class DockTracker:
-    """Filters the sightings of one dock, from a base whose odometry hears a gyroscope or not."""
+    """Filters the detections of one dock, from a base whose odometry hears a gyroscope or not."""
 
     def __init__(self, config: TrackerConfig | None = None, *, has_gyroscope: bool = False) -> None:
         self.config = config if config is not None else TrackerConfig()
@@ -69,33 +69,33 @@ class DockTracker:
         self._count = 0
         self._outliers: list[SE2] = []
         self.rejected = 0
-        """How many sightings were refused so far."""
+        """How many detections were refused so far."""
 
-    def update(self, sighting: DockSighting, odom_from_base: SE2, now_ns: int) -> bool:
-        """Take a sighting and the base's pose at its stamp; returns whether it was used. Stale and impossible ones are dropped."""
-        age = (now_ns - sighting.stamp_ns) * 1e-9
-        values = np.concatenate((sighting.base_from_dock.as_array(), sighting.covariance.reshape(-1)))
-        is_old = self._odom_from_dock is not None and sighting.stamp_ns <= self._stamp_ns
+    def update(self, detection: DockDetection, odom_from_base: SE2, now_ns: int) -> bool:
+        """Take a detection and the base's pose at its stamp; returns whether it was used. Stale and impossible ones are dropped."""
+        age = (now_ns - detection.stamp_ns) * 1e-9
+        values = np.concatenate((detection.base_from_dock.as_array(), detection.covariance.reshape(-1)))
+        is_old = self._odom_from_dock is not None and detection.stamp_ns <= self._stamp_ns
         if not 0.0 <= age <= self.config.max_latency or is_old or not np.isfinite(values).all():
             self.rejected += 1
             return False
         self._drift(odom_from_base)
-        seen = odom_from_base @ sighting.base_from_dock
+        seen = odom_from_base @ detection.base_from_dock
         place, turn = self.config.floor
-        noise = sighting.covariance + np.diag([place, place, turn]) ** 2
+        noise = detection.covariance + np.diag([place, place, turn]) ** 2
         if self._odom_from_dock is None:
-            self._begin(seen, noise, sighting.stamp_ns)
+            self._begin(seen, noise, detection.stamp_ns)
             return True
         d = difference(self._odom_from_dock, seen)
         spread = self._covariance + noise
         if float(d @ np.linalg.solve(spread, d)) > self.config.gate:
-            return self._doubt(seen, noise, sighting.stamp_ns)
+            return self._doubt(seen, noise, detection.stamp_ns)
         gain = self._covariance @ np.linalg.inv(spread)
         step = gain @ d
         self._odom_from_dock = self._odom_from_dock @ SE2(float(step[0]), float(step[1]), float(step[2]))
         rest = np.eye(3) - gain
         self._covariance = rest @ self._covariance @ rest.T + gain @ noise @ gain.T
-        self._stamp_ns, self._travel, self._outliers = sighting.stamp_ns, 0.0, []
+        self._stamp_ns, self._travel, self._outliers = detection.stamp_ns, 0.0, []
         self._count += 1
         return True
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.covariance import difference, through_offset
-from ambler.docking.detection import DockObservation, DockSighting, require_numbers
+from ambler.docking.detection import DockDetection, DockObservation, require_numbers
 from ambler.docking.dock import Dock
 
 F64 = NDArray[np.float64]
@@ -70,7 +70,7 @@ class VShapeDockDetector:
         self._v = dock.v_shape
         self._config = config if config is not None else VShapeConfig()
 
-    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockSighting | None:
+    def detect(self, observation: DockObservation, prior: SE2 | None = None) -> DockDetection | None:
         """Return the dock; None when no corner fits, or several do and no prior tells which."""
         points = observation.points_base
         if points is None or not require_numbers(observation):
@@ -81,7 +81,7 @@ class VShapeDockDetector:
             points = points[np.hypot(*(points - at).T) < self._config.reach[0] + 1.5 * self._v.leg]
             fit = self._fit(points, self._expected(prior @ to_dock.inverse()))
             if fit is not None and prior.distance_to(fit[0] @ to_dock) < self._config.same:
-                return self._sighting(observation.stamp_ns, fit, to_dock)
+                return self._detection(observation.stamp_ns, fit, to_dock)
         found: list[tuple[SE2, F64]] = []
         for corner in self._corners(points):
             fit = self._fit(points, corner)
@@ -92,10 +92,10 @@ class VShapeDockDetector:
         if not found or (prior is None and len(found) > 1):
             return None
         best = min(found, key=lambda f: 0.0 if prior is None else prior.distance_to(f[0] @ to_dock))
-        return self._sighting(observation.stamp_ns, best, to_dock)
+        return self._detection(observation.stamp_ns, best, to_dock)
 
-    def _sighting(self, stamp_ns: int, fit: tuple[SE2, F64], to_dock: SE2) -> DockSighting:
-        return DockSighting(stamp_ns, "v_shape", fit[0] @ to_dock, through_offset(fit[1], to_dock), 2)
+    def _detection(self, stamp_ns: int, fit: tuple[SE2, F64], to_dock: SE2) -> DockDetection:
+        return DockDetection(stamp_ns, "v_shape", fit[0] @ to_dock, through_offset(fit[1], to_dock), 2)
 
     def _is_near(self, prior: SE2, pose: SE2) -> bool:
         d = difference(prior, pose)

@@ -64,7 +64,7 @@ class DockingOutcome:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SightErrors:
+class DetectionErrors:
     """Errors float64 (N, 3) of poses seen in a series of pictures: millimetres along and across the line of sight (or the dock's x and y),
     degrees of yaw."""
 

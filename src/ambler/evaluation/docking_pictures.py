@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from ambler.evaluation.docking import AXES, SOURCE_APPROACH, SOURCE_DOCKING_SECONDS, DockingOutcome, SightErrors
+from ambler.evaluation.docking import AXES, SOURCE_APPROACH, SOURCE_DOCKING_SECONDS, DetectionErrors, DockingOutcome
 
 matplotlib.use("Agg")
 
@@ -17,16 +17,16 @@ UNITS = ("x, mm", "y, mm", "yaw, °")
 INK, SOURCE_INK = "#2563eb", "#f97316"
 
 
-def draw_all(folder: Path, outcomes: Sequence[DockingOutcome], sights: Sequence[SightErrors]) -> None:
+def draw_all(folder: Path, outcomes: Sequence[DockingOutcome], sights: Sequence[DetectionErrors]) -> None:
     """Draw what there is into a folder."""
     if sights:
-        draw_sights(folder / "docking_sights.png", sights)
+        draw_detections(folder / "docking_sights.png", sights)
     if any(outcome.is_docked for outcome in outcomes):
         draw_final_errors(folder / "docking_errors.png", outcomes)
         draw_times(folder / "docking_times.png", outcomes)
 
 
-def draw_sights(path: Path, series: Sequence[SightErrors]) -> None:
+def draw_detections(path: Path, series: Sequence[DetectionErrors]) -> None:
     """Draw one box per series and axis: errors against the truth."""
     from matplotlib import pyplot
 

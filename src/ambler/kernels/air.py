@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ambler.kernels.jit import jit
-from ambler.kernels.voxel_map import cell_key
+from ambler.kernels.voxel_map import cell_key, thinnest
 
 SURFACE, LONELY, CLOUDY = 0, 1, 2  # verdicts
 LEAST = 6  # neighbours of a surface: dust has one or two, a ring of sixteen on the floor ten or more
@@ -144,7 +144,7 @@ def _is_line(near, found, mx, my, mz, nx, ny, nz, bx, by, bz, thick, share):
 
 @jit
 def _normal(near, found, mx, my, mz):
-    """Return the direction in which points (N, 3) about their mean spread least: the largest column of the adjugate of their scatter."""
+    """Return the direction in which points (N, 3) about their mean spread least."""
     xx = xy = xz = yy = yz = zz = 0.0
     for j in range(found):
         x, y, z = near[j, 0] - mx, near[j, 1] - my, near[j, 2] - mz
@@ -154,13 +154,7 @@ def _normal(near, found, mx, my, mz):
         yy += y * y
         yz += y * z
         zz += z * z
-    ax, ay, az = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
-    if ax >= ay and ax >= az:
-        nx, ny, nz = ax, xz * yz - xy * zz, xy * yz - xz * yy
-    elif ay >= az:
-        nx, ny, nz = xz * yz - xy * zz, ay, xy * xz - yz * xx
-    else:
-        nx, ny, nz = xy * yz - xz * yy, xy * xz - yz * xx, az
+    nx, ny, nz, _ = thinnest(xx, xy, xz, yy, yz, zz)
     norm = math.sqrt(nx * nx + ny * ny + nz * nz)
     if norm < 1e-12:
         return 0.0, 0.0, 1.0

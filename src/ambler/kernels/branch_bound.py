@@ -37,7 +37,8 @@ def build_stack(cells, stack):
 
 
 @jit
-def _sum_at(grid, pad, cells_x, cells_y, dx, dy):
+def sum_at(grid, pad, cells_x, cells_y, dx, dy):
+    """Sum a padded grid over the cells of a scan that is moved by (dx, dy) cells; outside it is nothing."""
     rows, columns = grid.shape
     total = 0
     for i in range(cells_x.shape[0]):
@@ -81,7 +82,7 @@ def search(stack, frame, points, center, window, min_sum, best):
         a = k // (per_side * per_side)
         dy = (k // per_side) % per_side * stride - half
         dx = k % per_side * stride - half
-        total = _sum_at(stack[top], pad, cells_x[a], cells_y[a], dx, dy)
+        total = sum_at(stack[top], pad, cells_x[a], cells_y[a], dx, dy)
         root_sum[k] = total
         if total > min_sum:
             kept[n_kept] = k
@@ -124,7 +125,7 @@ def search(stack, frame, points, center, window, min_sum, best):
                 cx, cy = x + (s if j & 1 else 0), y + (s if j & 2 else 0)
                 if cx > half or cy > half:
                     continue
-                value = _sum_at(stack[level - 1], pad, cells_x[a], cells_y[a], cx, cy)
+                value = sum_at(stack[level - 1], pad, cells_x[a], cells_y[a], cx, cy)
                 scored += 1
                 m = count
                 while m > 0 and child_sum[m - 1] > value:

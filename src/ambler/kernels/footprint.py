@@ -6,11 +6,28 @@ and a lower bound outside. No function looks at the outline alone, so nothing in
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.kernels.jit import jit
+
+
+class Outline(NamedTuple):
+    """A footprint: its edges, and circles float64 (M, 3) of (x, y, r) that cover it."""
+
+    normals: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    circles: NDArray[np.float64]
+
+
+class LethalCells(NamedTuple):
+    """The lethal cells of a grid, by `lethal_row_sums` and `lethal_distance`; `resolution` in metres."""
+
+    row_sums: NDArray[np.int32]
+    distance: NDArray[np.float64]
+    resolution: float
 
 
 def footprint_edges(polygon: NDArray[np.float64], padding: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -14,8 +14,10 @@ and Wald 2013): a ray through an edge or a corner that triangles share meets at 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.kernels.jit import jit, jit_ieee
 
@@ -36,6 +38,59 @@ TINY = 1e-12
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ, BEST, COSINE = range(11)
 SHEAR = 11
 ROWS = 20
+
+
+class Solids(NamedTuple):
+    """What stands still: the hierarchy, its primitives, and the heights of floor and ceiling. `albedos` are those of the primitives, floor, ceiling and
+    of what moves."""
+
+    bounds: NDArray[np.float64]
+    firsts: NDArray[np.int32]
+    counts: NDArray[np.int32]
+    prims: NDArray[np.float64]
+    kinds: NDArray[np.uint8]
+    albedos: NDArray[np.float64]
+    floor: float
+    ceiling: float
+
+
+class MovingSolids(NamedTuple):
+    """Primitives (D, 15) outside of the hierarchy, as they are when a scan begins, their kinds (D,), and velocities (D, 2)."""
+
+    prims: NDArray[np.float64]
+    kinds: NDArray[np.uint8]
+    rates: NDArray[np.float64]
+
+
+class Track(NamedTuple):
+    """Poses of a sensor in the world: `times` (K,), `positions` (K, 3), `quaternions` (K, 4, wxyz), K >= 2."""
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    quaternions: NDArray[np.float64]
+
+
+class Returns(NamedTuple):
+    """What rays meet, float32 (C, R): exact distance (inf: nothing), cosine of incidence, and intensity (1: white paint met squarely)."""
+
+    distance: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+class RangeNoise(NamedTuple):
+    """What a scanner makes of exact distances, see `corrupt_ranges`."""
+
+    sigma_0: float
+    sigma_1: float
+    dropout: float
+    grazing_cosine: float
+    grazing_dropout: float
+    mixed: float
+    mixed_min: float
+    mixed_max: float
+    range_min: float
+    range_max: float
 
 
 @jit_ieee
@@ -185,15 +240,16 @@ def _hit_planes(floor, ceiling, packet, hit):
 
 
 @jit_ieee
-def _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack):
+def _cast_packet(solids, packet, hit, stack):
     """Find the nearest surface of every ray; BEST must hold its reach (negative: no ray). Nearer children go first."""
+    bounds, firsts, counts, prims, kinds = solids.bounds, solids.firsts, solids.counts, solids.prims, solids.kinds
     for r in range(PACKET):
         hit[r] = NOTHING
         packet[COSINE, r] = 0.0
         packet[IX, r] = 1.0 / _away_from_zero(packet[DX, r])
         packet[IY, r] = 1.0 / _away_from_zero(packet[DY, r])
         packet[IZ, r] = 1.0 / _away_from_zero(packet[DZ, r])
-    _hit_planes(floor, ceiling, packet, hit)
+    _hit_planes(solids.floor, solids.ceiling, packet, hit)
     is_sheared = False
     top = 1
     stack[0] = 0
@@ -226,9 +282,7 @@ def _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, h
 
 
 @jit
-def cast_rays(
-    bounds, firsts, counts, prims, kinds, floor, ceiling, origins, directions, reach, out_distance, out_hit, out_cosine
-):
+def cast_rays(solids, origins, directions, reach, out_distance, out_hit, out_cosine):
     """Cast N rays of their own origins (N, 3) and unit directions (N, 3) up to `reach` metres.
 
     Writes distance float64 (N,) (inf: nothing), the primitive hit int64 (N,) and the cosine of incidence float64 (N,).
@@ -242,7 +296,7 @@ def cast_rays(
                 packet[OX + j, r] = origins[i, j]
                 packet[DX + j, r] = directions[i, j]
             packet[BEST, r] = reach if start + r < n else -1.0
-        _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack)
+        _cast_packet(solids, packet, hit, stack)
         for r in range(min(PACKET, n - start)):
             out_distance[start + r] = packet[BEST, r] if hit[r] != NOTHING else np.inf
             out_hit[start + r] = hit[r]
@@ -250,8 +304,9 @@ def cast_rays(
 
 
 @jit
-def _pose_at(times, positions, quaternions, t, start, rotation, origin):
+def _pose_at(track, t, start, rotation, origin):
     """Interpolate knots at time t into rotation (3, 3) and origin (3,); returns the knot to start the next search from."""
+    times, positions, quaternions = track.times, track.positions, track.quaternions
     k = start
     while k < times.shape[0] - 2 and times[k + 1] <= t:
         k += 1
@@ -276,17 +331,17 @@ def _pose_at(times, positions, quaternions, t, start, rotation, origin):
 
 
 @jit_ieee
-def _cast_movers(movers, mover_kinds, mover_rates, time, base, moved, packet, mover_hit, hit):
+def _cast_movers(movers, time, base, moved, packet, mover_hit, hit):
     """Test the packet against primitives that move: where they are `time` seconds after the scan began. Mover d is surface
     `base` + d."""
-    for d in range(movers.shape[0]):
+    for d in range(movers.prims.shape[0]):
         for j in range(15):
-            moved[d, j] = movers[d, j]
-        moved[d, 0] += mover_rates[d, 0] * time
-        moved[d, 1] += mover_rates[d, 1] * time
+            moved[d, j] = movers.prims[d, j]
+        moved[d, 0] += movers.rates[d, 0] * time
+        moved[d, 1] += movers.rates[d, 1] * time
         for r in range(PACKET):
             mover_hit[r] = NOTHING
-        if mover_kinds[d] == 1:
+        if movers.kinds[d] == 1:
             _hit_cylinder(moved, d, packet, mover_hit)
         else:
             _hit_box(moved, d, 0.0, packet, mover_hit)
@@ -305,21 +360,14 @@ def _returned(kind, albedo, cosine):
 
 
 @jit
-def sweep(
-    bounds, firsts, counts, prims, kinds, albedos, floor, ceiling, movers, mover_kinds, mover_rates,
-    times, positions, quaternions, column_times, directions, reach, out_distance, out_cosine, out_intensity,
-):  # fmt: skip
-    """Cast the rays of a moving scanner: column c fires its R rays at `column_times[c]` from the sensor's pose at that time.
-
-    `times` (K,), `positions` (K, 3), `quaternions` (K, 4, wxyz) are the sensor's poses in the world, K >= 2; `directions`
-    float64 (C, R, 3) are unit vectors in the sensor frame. Writes float32 (C, R): exact distance (inf: nothing), cosine of
-    incidence, and intensity (1: white paint met squarely). `albedos` are those of the primitives, floor, ceiling, and movers: primitives
-    (D, 15) outside of the hierarchy, as they are when the scan begins, with velocities (D, 2).
+def sweep(solids, movers, track, column_times, directions, reach, out):
+    """Cast the rays of a moving scanner at `Solids` and `MovingSolids`: column c fires its R rays at `column_times[c]` from the sensor's pose on
+    the `Track` at that time. `directions` float64 (C, R, 3) are unit vectors in the sensor frame, `out` the `Returns` to be written.
     """
-    moved, mover_hit = np.empty((movers.shape[0], 15)), np.empty(PACKET, np.int64)
+    moved, mover_hit = np.empty((movers.prims.shape[0], 15)), np.empty(PACKET, np.int64)
     packet, hit, stack = np.empty((ROWS, PACKET)), np.empty(PACKET, np.int64), np.empty(STACK, np.int32)
     rotation, origin = np.empty((3, 3)), np.empty(3)
-    rings, solids = directions.shape[1], prims.shape[0]
+    rings, count = directions.shape[1], solids.prims.shape[0]
     rays = directions.shape[0] * rings
     knot, column = 0, -1
     for start in range(0, rays, PACKET):
@@ -327,7 +375,7 @@ def sweep(
             i = min(start + r, rays - 1)
             c = i // rings
             if c != column:
-                knot = _pose_at(times, positions, quaternions, column_times[c], knot, rotation, origin)
+                knot = _pose_at(track, column_times[c], knot, rotation, origin)
                 column = c
             ring = i - c * rings
             for j in range(3):
@@ -338,28 +386,25 @@ def sweep(
                     + rotation[j, 2] * directions[c, ring, 2]
                 )
             packet[BEST, r] = reach if start + r < rays else -1.0
-        _cast_packet(bounds, firsts, counts, prims, kinds, floor, ceiling, packet, hit, stack)
+        _cast_packet(solids, packet, hit, stack)
         time = column_times[start // rings]
-        _cast_movers(movers, mover_kinds, mover_rates, time, solids + 2, moved, packet, mover_hit, hit)
+        _cast_movers(movers, time, count + 2, moved, packet, mover_hit, hit)
         for r in range(min(PACKET, rays - start)):
             c = (start + r) // rings
             ring = start + r - c * rings
             found = hit[r] != NOTHING
-            surface = hit[r] if hit[r] >= 0 else solids - hit[r] - 2
-            out_distance[c, ring] = packet[BEST, r] if found else np.inf
-            out_cosine[c, ring] = packet[COSINE, r]
-            kind = kinds[hit[r]] if 0 <= hit[r] < solids else 0
-            out_intensity[c, ring] = _returned(kind, albedos[surface], packet[COSINE, r]) if found else 0.0
+            surface = hit[r] if hit[r] >= 0 else count - hit[r] - 2
+            out.distance[c, ring] = packet[BEST, r] if found else np.inf
+            out.cosine[c, ring] = packet[COSINE, r]
+            kind = solids.kinds[hit[r]] if 0 <= hit[r] < count else 0
+            out.intensity[c, ring] = _returned(kind, solids.albedos[surface], packet[COSINE, r]) if found else 0.0
 
 
 @jit
-def corrupt_ranges(
-    distance, cosine, normals, uniforms, sigma_0, sigma_1, dropout, grazing_cosine, grazing_dropout,
-    mixed, mixed_min, mixed_max, range_min, range_max, out,
-):  # fmt: skip
+def corrupt_ranges(distance, cosine, normals, uniforms, noise, out):
     """Turn exact distances float32 (C, R) into measured ones: noise, mixed pixels at edges, losses, the range limits.
 
-    Noise sigma_0 + sigma_1 * r; a beam is lost (NaN) with probability `dropout` plus up to `grazing_dropout` as its cosine
+    `noise` is `RangeNoise`: noise sigma_0 + sigma_1 * r; a beam is lost (NaN) with probability `dropout` plus up to `grazing_dropout` as its cosine
     of incidence falls from `grazing_cosine` to 0; where the distance jumps from the previous column of the same ring by
     `mixed_min` to `mixed_max` metres, it lies anywhere between the two with probability `mixed`. Nearer than `range_min`:
     NaN; farther than `range_max` or nothing hit: inf. `normals`, `uniforms` float32 (C, R) are the chance.
@@ -367,22 +412,22 @@ def corrupt_ranges(
     for c in range(distance.shape[0]):
         for r in range(distance.shape[1]):
             d = distance[c, r]
-            if not d <= range_max:
+            if not d <= noise.range_max:
                 out[c, r] = np.inf
                 continue
             u = uniforms[c, r]
-            lost = dropout
-            if cosine[c, r] < grazing_cosine:
-                lost += grazing_dropout * (1.0 - cosine[c, r] / grazing_cosine)
-            if u < lost or d < range_min:
+            lost = noise.dropout
+            if cosine[c, r] < noise.grazing_cosine:
+                lost += noise.grazing_dropout * (1.0 - cosine[c, r] / noise.grazing_cosine)
+            if u < lost or d < noise.range_min:
                 out[c, r] = np.nan
                 continue
-            if c > 0 and mixed > 0.0:
+            if c > 0 and noise.mixed > 0.0:
                 jump = distance[c - 1, r] - d
-                if mixed_min < abs(jump) < mixed_max and u - lost < mixed:
-                    d += jump * (u - lost) / mixed
-            d += (sigma_0 + sigma_1 * d) * normals[c, r]
-            out[c, r] = d if d <= range_max else np.inf
+                if noise.mixed_min < abs(jump) < noise.mixed_max and u - lost < noise.mixed:
+                    d += jump * (u - lost) / noise.mixed
+            d += (noise.sigma_0 + noise.sigma_1 * d) * normals[c, r]
+            out[c, r] = d if d <= noise.range_max else np.inf
 
 
 @jit
@@ -407,19 +452,17 @@ def warm_up() -> None:
     bounds = np.array([[-1.0, -1, -1, 1, 1, 1]])
     firsts, counts = np.zeros(1, np.int32), np.ones(1, np.int32)
     prims = np.array([[0.0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 1]])
-    scene = (bounds, firsts, counts, prims, np.zeros(1, np.uint8))
+    kinds = np.zeros(1, np.uint8)
+    solids = Solids(bounds, firsts, counts, prims, kinds, np.ones(4), 0.0, 3.0)
     rays = np.array([[1.0, 0.0, 0.0]])
-    cast_rays(*scene, 0.0, 3.0, rays, rays, 10.0, np.empty(1), np.empty(1, np.int64), np.empty(1))
-    times, column_times = np.array([0.0, 0.1]), np.zeros(1)
-    positions, quaternions = np.zeros((2, 3)), np.array([[1.0, 0, 0, 0], [1.0, 0, 0, 0]])
+    cast_rays(solids, rays, rays, 10.0, np.empty(1), np.empty(1, np.int64), np.empty(1))
+    track = Track(np.array([0.0, 0.1]), np.zeros((2, 3)), np.array([[1.0, 0, 0, 0], [1.0, 0, 0, 0]]))
+    column_times = np.zeros(1)
     directions = rays.reshape(1, 1, 3)
     distance, cosine, intensity, out = (np.zeros((1, 1), np.float32) for _ in range(4))
-    sweep(
-        *(*scene, np.ones(4), 0.0, 3.0, prims, np.zeros(1, np.uint8), np.zeros((1, 2))),
-        *(times, positions, quaternions, column_times, directions, 10.0),
-        *(distance, cosine, intensity),
-    )
-    corrupt_ranges(distance, cosine, out, out, *([0.1] * 8), 0.0, 10.0, out)
+    movers = MovingSolids(prims, kinds, np.zeros((1, 2)))
+    sweep(solids, movers, track, column_times, directions, 10.0, Returns(distance, cosine, intensity))
+    corrupt_ranges(distance, cosine, out, out, RangeNoise(*[0.1] * 8, 0.0, 10.0), out)
     gather_points(
         *(distance, intensity, column_times, directions, np.empty((1, 3), np.float32)),
         *(np.empty(1, np.float32), np.empty(1, np.float32), np.empty(1, np.uint16)),

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from ambler.kernels.branch_bound import sum_at
 from ambler.kernels.jit import jit
 
 
@@ -33,18 +34,6 @@ def free_cells(occupancy, factor, free):
                 for jx in range(ix * factor, min((ix + 1) * factor, occupancy.shape[1])):
                     if 0 <= occupancy[jy, jx] < 50:
                         free[iy, ix] = True
-
-
-@jit
-def _sum_at(grid, pad, cells_x, cells_y, ix0, iy0):
-    rows, columns = grid.shape
-    total = 0
-    for i in range(cells_x.shape[0]):
-        ix = cells_x[i] + ix0 + pad
-        iy = cells_y[i] + iy0 + pad
-        if 0 <= ix < columns and 0 <= iy < rows:
-            total += grid[iy, ix]
-    return total
 
 
 @jit
@@ -87,7 +76,7 @@ def search(stack, free, resolution, points, angles, sectors, ratio, min_sum, bes
             if not has_free[by, bx]:
                 continue
             for a in range(turns):
-                total = _sum_at(stack[top], pad, cells_x[a], cells_y[a], bx * stride, by * stride)
+                total = sum_at(stack[top], pad, cells_x[a], cells_y[a], bx * stride, by * stride)
                 scored += 1
                 if total > min_sum:
                     kept[n_kept] = (by * blocks_x + bx) * turns + a
@@ -131,7 +120,7 @@ def search(stack, free, resolution, points, angles, sectors, ratio, min_sum, bes
                 cy, cx = y + (s if j & 2 else 0), x + (s if j & 1 else 0)
                 if cy >= height or cx >= width:
                     continue
-                value = _sum_at(stack[level - 1], pad, cells_x[a], cells_y[a], cx, cy)
+                value = sum_at(stack[level - 1], pad, cells_x[a], cells_y[a], cx, cy)
                 scored += 1
                 m = count
                 while m > 0 and child[m - 1, 0] > value:

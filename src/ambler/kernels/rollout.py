@@ -1,10 +1,12 @@
 """Rolling out many commands at once, and the map grid that scores where they end (navigation reference, Trajectory Rollout)."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ambler.kernels.footprint import lethal_cells_inside, lethal_distance, lethal_row_sums
+from ambler.kernels.footprint import LethalCells, Outline, lethal_cells_inside, lethal_distance, lethal_row_sums
 from ambler.kernels.jit import jit
 
 FAR = 0.25  # metres of clearance beyond which nobody asks how much it is exactly
@@ -52,12 +54,13 @@ def spread_path(path_cells, distance, blocked_radius, steps, label, queue):
 
 
 @jit
-def locate_on_path(gx, gy, path, steps, label, resolution, out):
+def locate_on_path(gx, gy, guide, resolution, out):
     """Write (distance to the path, arc length of the nearest point, its heading) for a place (gx, gy) from the grid's origin.
 
-    `path` float64 (P, 4) of (x, y, arc length, heading), from the grid's origin too. The grid says which stretch of the path
-    is the nearest without crossing an obstacle; the distance to that stretch is exact.
+    `guide` holds the path float64 (P, 4) of (x, y, arc length, heading), from the grid's origin too. Its grid says which stretch of the
+    path is the nearest without crossing an obstacle; the distance to that stretch is exact.
     """
+    path, steps, label = guide.path, guide.steps, guide.label
     count = path.shape[0]
     height, width = steps.shape
     iy, ix = int(math.floor(gy / resolution)), int(math.floor(gx / resolution))
@@ -124,13 +127,28 @@ def clearance_at(gx, gy, cos, sin, circles, distance, resolution):
 
 
 @jit
-def covered_cells(gx, gy, cos, sin, inside, row_sums, distance, resolution, normals, offsets, circles):
-    """Return how many lethal cells the footprint covers at a pose; -1 if they are more than the `inside` ones of the pose before, for a
+def no_more_covered(gx, gy, cos, sin, inside, cells, outline):
+    """Return how many of the `LethalCells` the `Outline` covers at a pose; -1 if they are more than the `inside` ones of the pose before, for a
     robot that already touches something may only leave it. This is the one collision check of everything that moves a footprint."""
-    if clearance_at(gx, gy, cos, sin, circles, distance, resolution) > 0.0:
-        return 0
-    now = lethal_cells_inside(row_sums, resolution, gx, gy, cos, sin, normals, offsets)
+    now = lethal_cells_inside(cells.row_sums, cells.resolution, gx, gy, cos, sin, outline.normals, outline.offsets)
     return -1 if now > inside else now
+
+
+@jit
+def covered_cells(gx, gy, cos, sin, inside, cells, outline):
+    """Return what `no_more_covered` says, at once where the circles are clear of everything."""
+    if clearance_at(gx, gy, cos, sin, outline.circles, cells.distance, cells.resolution) > 0.0:
+        return 0
+    return no_more_covered(gx, gy, cos, sin, inside, cells, outline)
+
+
+@jit
+def covered_at_start(start, cells, outline):
+    """Return how many lethal cells the footprint covers at `start` (x, y, yaw)."""
+    c, s = math.cos(start[2]), math.sin(start[2])
+    return lethal_cells_inside(
+        cells.row_sums, cells.resolution, start[0], start[1], c, s, outline.normals, outline.offsets
+    )
 
 
 @jit
@@ -147,30 +165,21 @@ def mover_gap(gx, gy, cos, sin, circles, movers, seconds):
     return best
 
 
+class Guide(NamedTuple):
+    """A path float64 (P, 4) as `locate_on_path` takes it, and what `spread_path` says of the cells around it."""
+
+    path: NDArray[np.float64]
+    steps: NDArray[np.int32]
+    label: NDArray[np.int32]
+
+
 @jit
-def roll_out(
-    samples,
-    start,
-    velocity,
-    rates,
-    plan,
-    row_sums,
-    distance,
-    resolution,
-    normals,
-    offsets,
-    circles,
-    path,
-    steps,
-    label,
-    movers,
-    out,
-):
+def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, movers, out):
     """Simulate every wanted velocity of `samples` (N, 3) from `start` (x, y, yaw), measured from the grid's origin.
 
     Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
     step_length, radius, near_speed, speed_per_clearance, slowest): a trajectory ends after the horizon or when it has covered the stop
-    distance. A footprint pose may never cover more lethal cells than the one before (`covered_cells`), and a sample faster than `slowest`
+    distance. A footprint pose may never cover more lethal cells than the one before (`no_more_covered`), and a sample faster than `slowest`
     may not be faster than near_speed + speed_per_clearance * clearance; either ends it at once, not free. `movers` as in `mover_gap`, from the start on.
     `out` (N, COLUMNS): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance (at most FAR), mean heading
     error, least gap to movers (at most MOVERS_FAR).
@@ -179,9 +188,8 @@ def roll_out(
     near_speed, speed_per_clearance, slowest = plan[4], plan[5], plan[6]
     place, marked = np.empty(3), np.empty((MARKS_MAX, 3))
     has_movers = movers.shape[0] > 0
-    inside_at_start = lethal_cells_inside(
-        row_sums, resolution, start[0], start[1], math.cos(start[2]), math.sin(start[2]), normals, offsets
-    )
+    circles, distance, resolution = outline.circles, cells.distance, cells.resolution
+    inside_at_start = covered_at_start(start, cells, outline)
     start_c, start_s = math.cos(start[2]), math.sin(start[2])
     moving = math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
     for i in range(samples.shape[0]):
@@ -235,9 +243,7 @@ def roll_out(
                     is_free = 0.0
                     break
                 if room <= 0.0:
-                    inside = covered_cells(
-                        x, y, c, s, inside, row_sums, distance, resolution, normals, offsets, circles
-                    )
+                    inside = no_more_covered(x, y, c, s, inside, cells, outline)
                     if inside < 0:
                         is_free = 0.0
                         break
@@ -253,7 +259,7 @@ def roll_out(
                 break
         path_sum, heading_sum = 0.0, 0.0
         for k in range(marks if is_free > 0.0 else 0):  # nobody asks where a collision leads
-            locate_on_path(marked[k, 0], marked[k, 1], path, steps, label, resolution, place)
+            locate_on_path(marked[k, 0], marked[k, 1], guide, resolution, place)
             path_sum += place[0]
             heading_sum += abs((marked[k, 2] - place[2] + math.pi) % (2.0 * math.pi) - math.pi)
         out[i, FREE] = is_free
@@ -288,33 +294,29 @@ def best_sample(samples, results, weights, end_s, before, gain, last_turn):
 
 
 @jit
-def free_turn(start, angle, row_sums, distance, resolution, normals, offsets, circles):
+def free_turn(start, angle, cells, outline):
     """Return how far (signed radians, at most `angle`) the footprint at `start` (x, y, yaw) can turn in place."""
     count = max(1, int(math.ceil(abs(angle) / 0.04)))
-    inside = lethal_cells_inside(
-        row_sums, resolution, start[0], start[1], math.cos(start[2]), math.sin(start[2]), normals, offsets
-    )
+    inside = covered_at_start(start, cells, outline)
     for k in range(1, count + 1):
         yaw = start[2] + angle * k / count
         c, s = math.cos(yaw), math.sin(yaw)
-        inside = covered_cells(
-            start[0], start[1], c, s, inside, row_sums, distance, resolution, normals, offsets, circles
-        )
+        inside = covered_cells(start[0], start[1], c, s, inside, cells, outline)
         if inside < 0:
             return angle * (k - 1) / count
     return angle
 
 
 @jit
-def free_slide(start, heading, length, row_sums, distance, resolution, normals, offsets, circles):
+def free_slide(start, heading, length, cells, outline):
     """Return how far (metres, at most `length`) the footprint at `start` can slide along the world direction `heading`."""
     count = max(1, int(math.ceil(length / 0.02)))
     c, s = math.cos(start[2]), math.sin(start[2])
-    inside = lethal_cells_inside(row_sums, resolution, start[0], start[1], c, s, normals, offsets)
+    inside = covered_at_start(start, cells, outline)
     for k in range(1, count + 1):
         x = start[0] + math.cos(heading) * length * k / count
         y = start[1] + math.sin(heading) * length * k / count
-        inside = covered_cells(x, y, c, s, inside, row_sums, distance, resolution, normals, offsets, circles)
+        inside = covered_cells(x, y, c, s, inside, cells, outline)
         if inside < 0:
             return length * (k - 1) / count
     return length
@@ -329,19 +331,20 @@ def warm_up() -> None:
     steps, label = np.empty((n, n), np.int32), np.empty((n, n), np.int32)
     spread_path(np.array([[1, 1], [1, 2]], np.int32), distance, 0.1, steps, label, np.empty(n * n, np.int32))
     path = np.array([[0.05, 0.05, 0.0, 0.0], [0.1, 0.05, 0.05, 0.0]])
-    locate_on_path(0.1, 0.1, path, steps, label, 0.05, np.empty(3))
+    guide = Guide(path, steps, label)
+    locate_on_path(0.1, 0.1, guide, 0.05, np.empty(3))
     normals = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-    offsets, circles, start = np.full(4, 0.1), np.array([[0.0, 0.0, 0.15]]), np.array([0.2, 0.2, 0.0])
-    clearance_at(0.2, 0.2, 1.0, 0.0, circles, distance, 0.05)
+    cells, outline = LethalCells(sums, distance, 0.05), Outline(normals, np.full(4, 0.1), np.array([[0.0, 0.0, 0.15]]))
+    start = np.array([0.2, 0.2, 0.0])
+    clearance_at(0.2, 0.2, 1.0, 0.0, outline.circles, distance, 0.05)
     approach_speed(0.0, 1.0, 1.0, 1.0, 0.1)
     plan = np.array([1.0, 1.0, 0.05, 0.3, 0.3, 3.5, 0.1])
     samples, results = np.array([[0.1, 0.0, 0.1]]), np.empty((1, COLUMNS))
-    roll_out(
-        samples, start, np.zeros(3), np.ones(6), plan, sums, distance, 0.05, normals, offsets, circles,
-        path, steps, label, np.zeros((0, 6)), results,
-    )  # fmt: skip
+    roll_out(samples, start, np.zeros(3), np.ones(6), plan, cells, outline, guide, np.zeros((0, 6)), results)
     best_sample(samples, results, np.ones(9), 1.0, 1.0, 0.02, 0.0)
-    covered_cells(0.2, 0.2, 1.0, 0.0, 0, sums, distance, 0.05, normals, offsets, circles)
-    mover_gap(0.2, 0.2, 1.0, 0.0, circles, np.array([[1.0, 0.0, 0.5, 0.0, 0.3, 0.1]]), 1.0)
-    free_turn(start, 0.5, sums, distance, 0.05, normals, offsets, circles)
-    free_slide(start, 0.0, 0.1, sums, distance, 0.05, normals, offsets, circles)
+    covered_cells(0.2, 0.2, 1.0, 0.0, 0, cells, outline)
+    no_more_covered(0.2, 0.2, 1.0, 0.0, 0, cells, outline)
+    covered_at_start(start, cells, outline)
+    mover_gap(0.2, 0.2, 1.0, 0.0, outline.circles, np.array([[1.0, 0.0, 0.5, 0.0, 0.3, 0.1]]), 1.0)
+    free_turn(start, 0.5, cells, outline)
+    free_slide(start, 0.0, 0.1, cells, outline)

@@ -258,22 +258,27 @@ def _voxel_slot(key, mask):
 
 
 @jit
+def _is_first(key, table):
+    """Say whether a key was not yet in the hash table, and put it there."""
+    mask = table.shape[0] - 1
+    h = _voxel_slot(key, mask)
+    while table[h] != -1 and table[h] != key:
+        h = (h + 1) & mask
+    is_first = table[h] == -1
+    table[h] = key
+    return is_first
+
+
+@jit
 def voxel_filter(points, size, table, out):
     """Keep the first point of every square voxel; returns how many were written to `out`.
 
     `points`, `out` float32 (N, 2); `table` int64, a power of two of at least 2 N entries, scratch.
     """
-    mask = table.shape[0] - 1
-    for k in range(table.shape[0]):
-        table[k] = -1
+    table[:] = -1
     n = 0
     for i in range(points.shape[0]):
-        key = _voxel_key(points[i, 0], points[i, 1], size)
-        h = _voxel_slot(key, mask)
-        while table[h] != -1 and table[h] != key:
-            h = (h + 1) & mask
-        if table[h] == -1:
-            table[h] = key
+        if _is_first(_voxel_key(points[i, 0], points[i, 1], size), table):
             out[n, 0] = points[i, 0]
             out[n, 1] = points[i, 1]
             n += 1
@@ -283,17 +288,10 @@ def voxel_filter(points, size, table, out):
 @jit
 def choose_voxels(points, size, table, chosen):
     """Write the rows of the points that `voxel_filter` keeps into `chosen` int64 (N,); returns how many."""
-    mask = table.shape[0] - 1
-    for k in range(table.shape[0]):
-        table[k] = -1
+    table[:] = -1
     n = 0
     for i in range(points.shape[0]):
-        key = _voxel_key(points[i, 0], points[i, 1], size)
-        h = _voxel_slot(key, mask)
-        while table[h] != -1 and table[h] != key:
-            h = (h + 1) & mask
-        if table[h] == -1:
-            table[h] = key
+        if _is_first(_voxel_key(points[i, 0], points[i, 1], size), table):
             chosen[n] = i
             n += 1
     return n

@@ -1,113 +1,43 @@
-"""Sight between the nodes of a visibility graph, its edges with their votes, and the search over it.
+"""The nodes and edges of a visibility graph, the votes of its edges, and the search over it; `kernels.line_of_sight` says what sees what.
 
-`field` is the clearance of `kernels.level_contour`; coordinates are (y, x) in cells. A line is clear while the bilinear clearance stays
-above `least`; sphere tracing jumps by what the clearance allows. Nodes are float64 (N, 8): y, x, direction back (y, x) and on (y, x)
-along the contour, floor, and whether it is a corner at all (a path can end a leg there only where the leg is taut). Edges lie in slots
-[node, k]: `neighbor` int32, `weight` float32 (metres, and the price in metres of what is unknown along it), `state` uint8 (votes, tests, open now, kind).
+Coordinates are (y, x) in cells. Nodes are float64 (N, 8): y, x, direction back (y, x) and on (y, x) along the contour, floor, and whether it is a corner at
+all (a path can end a leg there only where the leg is taut). Edges lie in slots [node, k]: `neighbor` int32, `weight` float32 (metres, and the price in
+metres of what is unknown along it), `state` uint8 (votes, tests, open now, kind).
 """
 
 import heapq
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.kernels.jit import jit
+from ambler.kernels.line_of_sight import UNIT, is_clear, is_inside, is_open, leg_cost, sum_along, turned
 
 Y, X, BACK_Y, BACK_X, ON_Y, ON_X, FLOOR, IS_CORNER = range(8)
 VOTES, TESTS, OPEN, KIND = range(4)
 SIGHT, CONTOUR, TRAJECTORY = range(3)
 POOL = 8  # tests that an edge remembers
-UNIT = 16.0
-HALF_CELL = 0.75  # cells; half the diagonal of a cell, and what a sixteenth rounds away
-STEP = 0.25  # cells; the least step of a sight line: the clearance dips by no more than half of it in between
-SURE = 1.4  # cells of clearance from which no cell corner can be touched
-FINE = 0.1  # cells; the step where the cells themselves are looked at
-BOX = 0.56  # cells; half a cell and what a fine step can miss
-FOUND, NOT_FOUND = 1, 0
 
 
-@jit
-def clearance(field, y, x):
-    """Return the bilinear clearance in cells at a point inside the grid of centres."""
-    iy, ix = int(y), int(x)
-    jy, jx = min(iy + 1, field.shape[0] - 1), min(ix + 1, field.shape[1] - 1)
-    v, u = y - iy, x - ix
-    low = field[iy, ix] * (1.0 - u) + field[iy, jx] * u
-    high = field[jy, ix] * (1.0 - u) + field[jy, jx] * u
-    return (low * (1.0 - v) + high * v) / UNIT
+class Graph(NamedTuple):
+    """Nodes (N, 8), which of them are in use, the slots of their edges (N, K), and how many slots each node uses (N,)."""
+
+    nodes: NDArray[np.float64]
+    is_alive: NDArray[np.bool_]
+    neighbor: NDArray[np.int32]
+    weight: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    degree: NDArray[np.int32]
 
 
-@jit
-def is_inside(field, y, x):
-    """Say whether a point lies between the centres of the outermost cells."""
-    return 0.0 <= y <= field.shape[0] - 1 and 0.0 <= x <= field.shape[1] - 1
+class Ground(NamedTuple):
+    """A floor: its clearance and the price of its cells, uint8 [iy, ix], its number, and metres to a cell."""
 
-
-@jit
-def _touches(field, y, x):
-    """Say whether a point lies on a forbidden cell, or so near to it that the next fine step could."""
-    iy, ix = int(np.floor(y + 0.5)), int(np.floor(x + 0.5))
-    for ny in range(iy - 1, iy + 2):
-        for nx in range(ix - 1, ix + 2):
-            if not (0 <= ny < field.shape[0] and 0 <= nx < field.shape[1]):
-                if abs(y - ny) < 0.5 and abs(x - nx) < 0.5:
-                    return True
-            elif field[ny, nx] == 0 and abs(y - ny) < BOX and abs(x - nx) < BOX:
-                return True
-    return False
-
-
-@jit
-def is_clear(field, y0, x0, y1, x1, least):
-    """Say whether the line keeps `least` cells of clearance all along."""
-    if not (is_inside(field, y0, x0) and is_inside(field, y1, x1)):
-        return False
-    length = np.hypot(y1 - y0, x1 - x0)
-    along_y = (y1 - y0) / length if length > 0.0 else 0.0
-    along_x = (x1 - x0) / length if length > 0.0 else 0.0
-    at = 0.0
-    while True:
-        y, x = y0 + along_y * at, x0 + along_x * at
-        jump = field[int(y + 0.5), int(x + 0.5)] / UNIT - HALF_CELL - least
-        if jump > 1.0:  # one look at the nearest cell is enough
-            if at + jump >= length:
-                return True
-            at += jump
-            continue
-        free = clearance(field, y, x)
-        if free < least:
-            return False
-        if at >= length:
-            return True
-        at = min(length, at + max(STEP, free - least - 0.15))
-
-
-@jit
-def is_open(field, y0, x0, y1, x1):
-    """Say whether the line touches no forbidden cell, however close it passes; its first cell may be touched."""
-    length = np.hypot(y1 - y0, x1 - x0)
-    along_y = (y1 - y0) / length if length > 0.0 else 0.0
-    along_x = (x1 - x0) / length if length > 0.0 else 0.0
-    at = 0.0
-    while True:
-        y, x = y0 + along_y * at, x0 + along_x * at
-        free = clearance(field, y, x) if is_inside(field, y, x) else 0.0
-        if free < SURE and _touches(field, y, x):
-            return False
-        if at >= length:
-            return True
-        at = min(length, at + max(FINE, free - SURE))
-
-
-@jit
-def sum_along(values, y0, x0, y1, x1):
-    """Return the integral of uint8 values [iy, ix] along a line inside the grid, in values times cells."""
-    length = np.hypot(y1 - y0, x1 - x0)
-    n = max(1, int(np.ceil(length)))
-    total = 0
-    for k in range(n):
-        share = (k + 0.5) / n
-        total += values[int(y0 + (y1 - y0) * share + 0.5), int(x0 + (x1 - x0) * share + 0.5)]
-    return total * length / n
+    field: NDArray[np.uint8]
+    price: NDArray[np.uint8]
+    floor: int
+    resolution: float
 
 
 @jit
@@ -135,69 +65,70 @@ def sees(field, a, b, least):
 
 
 @jit
-def slot_of(neighbor, degree, i, j):
+def slot_of(graph, i, j):
     """Return the slot in which node i holds node j, -1 when it does not."""
-    for k in range(degree[i]):
-        if neighbor[i, k] == j:
+    for k in range(graph.degree[i]):
+        if graph.neighbor[i, k] == j:
             return k
     return -1
 
 
 @jit
-def _put(neighbor, weight, state, degree, i, j, metres, dark, kind):
-    k = degree[i]
-    neighbor[i, k] = j
-    weight[i, k, 0], weight[i, k, 1] = metres, dark
+def _put(graph, i, j, metres, dark, kind):
+    k, state = graph.degree[i], graph.state
+    graph.neighbor[i, k] = j
+    graph.weight[i, k, 0], graph.weight[i, k, 1] = metres, dark
     state[i, k, VOTES], state[i, k, TESTS], state[i, k, OPEN], state[i, k, KIND] = 1, 1, 1, kind
-    degree[i] = k + 1
+    graph.degree[i] = k + 1
 
 
 @jit
-def _drop(neighbor, weight, state, degree, i, j):
-    k = slot_of(neighbor, degree, i, j)
+def _drop(graph, i, j):
+    k = slot_of(graph, i, j)
     if k < 0:
         return
-    last = degree[i] - 1
-    neighbor[i, k] = neighbor[i, last]
-    weight[i, k] = weight[i, last]
-    state[i, k] = state[i, last]
-    degree[i] = last
+    last = graph.degree[i] - 1
+    graph.neighbor[i, k] = graph.neighbor[i, last]
+    graph.weight[i, k] = graph.weight[i, last]
+    graph.state[i, k] = graph.state[i, last]
+    graph.degree[i] = last
 
 
 @jit
-def add_edge(nodes, neighbor, weight, state, degree, price, i, j, kind, resolution):
+def add_edge(graph, ground, i, j, kind):
     """Join two nodes, or change the kind of their edge; returns False when a node has no slot left."""
-    k = slot_of(neighbor, degree, i, j)
+    nodes, degree, price, resolution = graph.nodes, graph.degree, ground.price, ground.resolution
+    slots = graph.neighbor.shape[1]
+    k = slot_of(graph, i, j)
     if k >= 0:
-        m = slot_of(neighbor, degree, j, i)
-        state[i, k, KIND] = state[j, m, KIND] = kind
+        m = slot_of(graph, j, i)
+        graph.state[i, k, KIND] = graph.state[j, m, KIND] = kind
         return True
-    if degree[i] >= neighbor.shape[1] or degree[j] >= neighbor.shape[1]:
+    if degree[i] >= slots or degree[j] >= slots:
         return False
     y0, x0, y1, x1 = nodes[i, Y], nodes[i, X], nodes[j, Y], nodes[j, X]
     metres = np.hypot(y1 - y0, x1 - x0) * resolution
     dark = 0.0
     if nodes[i, FLOOR] == nodes[j, FLOOR] and is_inside(price, y0, x0) and is_inside(price, y1, x1):
         dark = sum_along(price, y0, x0, y1, x1) * resolution / UNIT
-    _put(neighbor, weight, state, degree, i, j, metres, dark, kind)
-    _put(neighbor, weight, state, degree, j, i, metres, dark, kind)
+    _put(graph, i, j, metres, dark, kind)
+    _put(graph, j, i, metres, dark, kind)
     return True
 
 
 @jit
-def drop_node(neighbor, weight, state, degree, i):
+def drop_node(graph, i):
     """Take all edges of a node away."""
-    for k in range(degree[i]):
-        _drop(neighbor, weight, state, degree, neighbor[i, k], i)
-    degree[i] = 0
+    for k in range(graph.degree[i]):
+        _drop(graph, graph.neighbor[i, k], i)
+    graph.degree[i] = 0
 
 
 @jit
-def connect(
-    nodes, is_alive, neighbor, weight, state, degree, field, price, ids, is_new, reach, least, slack, resolution
-):
+def connect(graph, ground, ids, is_new, reach, least, slack):
     """Join the nodes `ids` with all nodes of their floor within `reach` cells that they see along a line that is taut at both ends. Pairs of two
     new nodes are looked at once. Returns False when a node has no slot left; what was joined stays."""
+    nodes, is_alive = graph.nodes, graph.is_alive
     n = len(nodes)
     for q in range(len(ids)):
         i = ids[q]
@@ -210,11 +141,11 @@ def connect(
                 continue
             if not is_taut(nodes[i], dy, dx, slack) or not is_taut(nodes[j], dy, dx, slack):
                 continue
-            if not sees(field, nodes[i], nodes[j], least):
+            if not sees(ground.field, nodes[i], nodes[j], least):
                 continue
-            if slot_of(neighbor, degree, i, j) >= 0:
+            if slot_of(graph, i, j) >= 0:
                 continue
-            if not add_edge(nodes, neighbor, weight, state, degree, price, i, j, SIGHT, resolution):
+            if not add_edge(graph, ground, i, j, SIGHT):
                 return False
     return True
 
@@ -253,9 +184,11 @@ def _seen(votes, tests, result, out):
 
 
 @jit
-def retest(nodes, is_alive, neighbor, weight, state, degree, field, price, floor, dirty, tile, least, resolution):
+def retest(graph, ground, dirty, tile, least):
     """Test the edges of a floor that pass a dirty tile again: each result is a vote. Edges of sight that were closed in all tests of the pool are
     dropped. Returns how many were tested."""
+    nodes, is_alive, neighbor, weight, state, degree = graph
+    field, price, floor, resolution = ground
     tested = 0
     pool = np.empty(2, np.int64)
     bounds = _bounds(dirty, tile)
@@ -272,13 +205,13 @@ def retest(nodes, is_alive, neighbor, weight, state, degree, field, price, floor
             if not _is_dirty(dirty, bounds, tile, y0, x0, y1, x1):
                 continue
             tested += 1
-            a, b = k - 1, slot_of(neighbor, degree, j, i)
+            a, b = k - 1, slot_of(graph, j, i)
             result = sees(field, nodes[i], nodes[j], least)
             _seen(state[i, a, VOTES], state[i, a, TESTS], int(result), pool)
             kind = state[i, a, KIND]
             if pool[0] == 0 and pool[1] >= POOL and kind != TRAJECTORY:
-                _drop(neighbor, weight, state, degree, j, i)
-                _drop(neighbor, weight, state, degree, i, j)
+                _drop(graph, j, i)
+                _drop(graph, i, j)
                 k -= 1
                 continue
             state[i, a, VOTES] = state[j, b, VOTES] = pool[0]
@@ -291,27 +224,10 @@ def retest(nodes, is_alive, neighbor, weight, state, degree, field, price, floor
 
 
 @jit
-def reconnect(
-    nodes,
-    is_alive,
-    neighbor,
-    weight,
-    state,
-    degree,
-    field,
-    price,
-    floor,
-    freed,
-    tile,
-    first,
-    last,
-    reach,
-    least,
-    slack,
-    resolution,
-):
+def reconnect(graph, ground, freed, tile, first, last, reach, least, slack):
     """Join what `connect` would join among nodes first ... last - 1 and all after them, where the line passes a freed tile. Returns False when a
     node has no slot left."""
+    nodes, is_alive, floor = graph.nodes, graph.is_alive, ground.floor
     n = len(nodes)
     bounds = _bounds(freed, tile)
     for i in range(first, min(last, n)):
@@ -328,9 +244,9 @@ def reconnect(
                 continue
             if not _is_dirty(freed, bounds, tile, y0, x0, nodes[j, Y], nodes[j, X]):
                 continue
-            if slot_of(neighbor, degree, i, j) >= 0 or not sees(field, nodes[i], nodes[j], least):
+            if slot_of(graph, i, j) >= 0 or not sees(ground.field, nodes[i], nodes[j], least):
                 continue
-            if not add_edge(nodes, neighbor, weight, state, degree, price, i, j, SIGHT, resolution):
+            if not add_edge(graph, ground, i, j, SIGHT):
                 return False
     return True
 
@@ -374,9 +290,11 @@ def _is_voted(state):
 
 
 @jit
-def sight_costs(nodes, is_alive, field, price, floor, y, x, heading, turning, slack, resolution, out):
+def sight_costs(graph, ground, y, x, heading, turning, slack, out):
     """Write the cost of the straight way from a point to every node (inf: not seen, or not taut there); a radian of turning away from the
     heading first costs `turning` metres."""
+    nodes, is_alive = graph.nodes, graph.is_alive
+    field, price, floor, resolution = ground
     for i in range(len(nodes)):
         out[i] = np.inf
         if not is_alive[i] or nodes[i, FLOOR] != floor:
@@ -388,44 +306,12 @@ def sight_costs(nodes, is_alive, field, price, floor, y, x, heading, turning, sl
 
 
 @jit
-def turned(heading, dy, dx):
-    """Return the angle (0 ... pi) between a heading and a direction."""
-    if dy == 0.0 and dx == 0.0:
-        return 0.0
-    off = np.arctan2(dy, dx) - heading
-    return abs(np.arctan2(np.sin(off), np.cos(off)))
-
-
-@jit
-def leg_cost(field, price, y0, x0, y1, x1, resolution):
-    """Return the cost (m) of a straight leg that touches no forbidden cell, inf when it does: its length and what is unknown along it."""
-    if not is_open(field, y0, x0, y1, x1):
-        return np.inf
-    return np.hypot(y1 - y0, x1 - x0) * resolution + sum_along(price, y0, x0, y1, x1) * resolution / UNIT
-
-
-@jit
-def search(
-    nodes,
-    is_alive,
-    neighbor,
-    weight,
-    state,
-    degree,
-    start_costs,
-    field,
-    price,
-    floor,
-    gy,
-    gx,
-    needs_votes,
-    slack,
-    resolution,
-    parent,
-):
+def search(graph, ground, start_costs, gy, gx, needs_votes, slack, parent):
     """Search the least cost from a start, whose ways to the nodes are `start_costs`, to the goal (gy, gx) on a floor: A* with the straight
     distance. Sight of the goal is looked for from the nodes that are expanded. Returns (last node, cost); the node is -1 when there is
     none. `parent` gets the node before each, -1 after the start."""
+    nodes, _, neighbor, weight, state, degree = graph
+    field, price, floor, resolution = ground
     n = len(nodes)
     best = np.full(n, np.inf)
     is_done = np.zeros(n, np.bool_)
@@ -464,61 +350,6 @@ def search(
     return last, total
 
 
-@jit
-def extend(field, points, least, wanted, sweeps, step):
-    """Move the inner points of a path (N, 2) away from what is near, up to `wanted` cells of clearance, while both legs of a point keep
-    `least` cells (or what they had). In place."""
-    n = len(points)
-    for _ in range(sweeps):
-        for k in range(1, n - 1):
-            y, x = points[k, 0], points[k, 1]
-            here = clearance(field, y, x) if is_inside(field, y, x) else 0.0
-            if here >= wanted or here <= 0.0:
-                continue
-            best, best_y, best_x = here + 0.02, y, x
-            for m in range(16):
-                ny, nx = y + step * np.sin(m * np.pi / 8.0), x + step * np.cos(m * np.pi / 8.0)
-                if not is_inside(field, ny, nx):
-                    continue
-                there = clearance(field, ny, nx)
-                if there <= best:
-                    continue
-                if not is_clear(field, points[k - 1, 0], points[k - 1, 1], ny, nx, least):
-                    continue
-                if not is_clear(field, ny, nx, points[k + 1, 0], points[k + 1, 1], least):
-                    continue
-                best, best_y, best_x = there, ny, nx
-            points[k, 0], points[k, 1] = best_y, best_x
-
-
-@jit
-def flood(field, known, sy, sx, reached):
-    """Mark in `reached` uint8 [iy, ix] what is connected with a cell over cells that are not forbidden: 1 known, 2 unknown; 8 neighbours, no
-    cut corners. Returns how many unknown ones were reached."""
-    height, width = field.shape
-    reached[:] = 0
-    queue = np.empty(height * width, np.int64)
-    queue[0] = sy * width + sx
-    reached[sy, sx] = 1 if known[sy, sx] else 2
-    head, tail, dark = 0, 1, 0
-    while head < tail:
-        y, x = queue[head] // width, queue[head] % width
-        head += 1
-        if reached[y, x] == 2:
-            dark += 1
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                ny, nx = y + dy, x + dx
-                if not (0 <= ny < height and 0 <= nx < width) or reached[ny, nx] or field[ny, nx] == 0:
-                    continue
-                if dy != 0 and dx != 0 and (field[ny, x] == 0 or field[y, nx] == 0):
-                    continue
-                reached[ny, nx] = 1 if known[ny, nx] else 2
-                queue[tail] = ny * width + nx
-                tail += 1
-    return dark
-
-
 def warm_up() -> None:
     """Compile every kernel with the types it is used with."""
     n, slots = 3, 4
@@ -526,19 +357,16 @@ def warm_up() -> None:
     nodes[:, :2] = [[1.0, 1.0], [1.0, 6.0], [6.0, 6.0]]
     neighbor, degree = np.zeros((n, slots), np.int32), np.zeros(n, np.int32)
     weight, state = np.zeros((n, slots, 2), np.float32), np.zeros((n, slots, 4), np.uint8)
-    field, price = np.full((8, 8), 255, np.uint8), np.ones((8, 8), np.uint8)
-    known = price
-    ids, is_new = np.arange(2), np.zeros(n, np.bool_)
-    graph = (nodes, is_alive, neighbor, weight, state, degree)
-    connect(*graph, field, price, ids, is_new, 100.0, 1.0, 0.1, 0.05)
-    add_edge(nodes, neighbor, weight, state, degree, price, 0, 2, TRAJECTORY, 0.05)
-    retest(*graph, field, price, 0.0, np.ones((1, 1), np.uint8), 16, 1.0, 0.05)
-    reconnect(*graph, field, price, 0.0, np.ones((1, 1), np.uint8), 16, 0, n, 100.0, 1.0, 0.1, 0.05)
+    ground = Ground(np.full((8, 8), 255, np.uint8), np.ones((8, 8), np.uint8), 0, 0.05)
+    ids, is_new, dirty = np.arange(2), np.zeros(n, np.bool_), np.ones((1, 1), np.uint8)
+    graph = Graph(nodes, is_alive, neighbor, weight, state, degree)
+    connect(graph, ground, ids, is_new, 100.0, 1.0, 0.1)
+    add_edge(graph, ground, 0, 2, TRAJECTORY)
+    retest(graph, ground, dirty, 16, 1.0)
+    reconnect(graph, ground, dirty, 16, 0, n, 100.0, 1.0, 0.1)
     match_corners(nodes[:2], nodes, np.arange(n), 2.0, np.empty(2, np.int64))
     costs, parent = np.zeros(n), np.zeros(n, np.int32)
-    sight_costs(nodes, is_alive, field, price, 0.0, 2.0, 2.0, 0.0, 0.3, 0.1, 0.05, costs)
-    search(*graph, costs, field, price, 0.0, 5.0, 5.0, True, 0.1, 0.05, parent)
-    drop_node(neighbor, weight, state, degree, 1)
-    points = np.array([[1.0, 1.0], [3.0, 3.0], [5.0, 1.0]])
-    extend(field, points, 1.0, 6.0, 1, 1.0)
-    flood(field, known, 1, 1, np.zeros((8, 8), np.uint8))
+    sight_costs(graph, ground, 2.0, 2.0, 0.0, 0.3, 0.1, costs)
+    search(graph, ground, costs, 5.0, 5.0, True, 0.1, parent)
+    slot_of(graph, 0, 1)
+    drop_node(graph, 1)

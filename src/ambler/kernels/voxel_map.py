@@ -186,12 +186,26 @@ def _nearest(table_keys, table_slots, counts, points, x, y, z, size, offsets, vi
 
 
 @jit_fused
+def thinnest(xx, xy, xz, yy, yz, zz):
+    """Return the direction in which points with this scatter matrix spread least, of any length: the largest column of its adjugate; and the sum of its
+    principal minors."""
+    ax, ay, az = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
+    if ax >= ay and ax >= az:
+        nx, ny, nz = ax, xz * yz - xy * zz, xy * yz - xz * yy
+    elif ay >= az:
+        nx, ny, nz = xz * yz - xy * zz, ay, xy * xz - yz * xx
+    else:
+        nx, ny, nz = xy * yz - xz * yy, xy * xz - yz * xx, az
+    return nx, ny, nz, ax + ay + az
+
+
+@jit_fused
 def _plane(near, thickness, flatness, out):
     """Fit a plane n.x + d = 0 to `near` (5, 3), written to `out` (4,); False for a point farther off than `thickness`, and where the
     points lie so nearly on a line that the plane could turn about it.
 
-    The normal is the largest column of the adjugate of the scatter matrix. `flatness` bounds the sum of its principal minors over the
-    square of its trace from below: 0 on a line, a quarter on an isotropic plane.
+    `flatness` bounds the sum of the principal minors of the scatter matrix over the square of its trace from below: 0 on a line, a quarter on an
+    isotropic plane.
     """
     mx = my = mz = 0.0
     for i in range(NEIGHBOURS):
@@ -209,15 +223,9 @@ def _plane(near, thickness, flatness, out):
         yz += y * z
         zz += z * z
     trace = xx + yy + zz
-    ax, ay, az = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
-    if not ax + ay + az >= flatness * trace * trace or trace <= 0.0:
+    nx, ny, nz, minors = thinnest(xx, xy, xz, yy, yz, zz)
+    if not minors >= flatness * trace * trace or trace <= 0.0:
         return False
-    if ax >= ay and ax >= az:
-        nx, ny, nz = ax, xz * yz - xy * zz, xy * yz - xz * yy
-    elif ay >= az:
-        nx, ny, nz = xz * yz - xy * zz, ay, xy * xz - yz * xx
-    else:
-        nx, ny, nz = xy * yz - xz * yy, xy * xz - yz * xx, az
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     if length <= 0.0:
         return False

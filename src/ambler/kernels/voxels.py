@@ -9,8 +9,10 @@ each element that walks through a hundred empty ones.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.kernels.jit import jit
 
@@ -69,18 +71,64 @@ def view_of_cloud(points, step, lowest, out):
                 out[v, u] = r
 
 
+class Voxels(NamedTuple):
+    """The evidence of each voxel, int8 [iy, ix, iz], and per column the bits of voxels with any and of those with enough, uint32 [iy, ix]."""
+
+    scores: NDArray[np.int8]
+    occupied: NDArray[np.uint32]
+    marked: NDArray[np.uint32]
+
+
+class VoxelPlace(NamedTuple):
+    """Where voxels lie: `grid` float64 (3,) is its origin and resolution, `level` a voxel's height, `bottom` the lowest one's foot, metres."""
+
+    grid: NDArray[np.float64]
+    level: float
+    bottom: float
+
+
+class Band(NamedTuple):
+    """Heights that count: from the floor plus a doubt that grows with the distance (`doubt` + `lean` * distance) to `top` above it. The floor is at
+    `ground` float32 [iy, ix] where that is known ((0, 0): nowhere, NaN: not there), else at `floor`."""
+
+    floor: float
+    ground: NDArray[np.float32]
+    doubt: float
+    lean: float
+    top: float
+
+
+class Picture(NamedTuple):
+    """What a sensor measured, float32 (rows, columns): distances along its axis with `lens` (fx, fy, cx, cy), or ranges all around (`is_round`) with
+    `lens` (step, lowest elevation, 0, 0); used from `near` to `far` metres."""
+
+    distances: NDArray[np.float32]
+    is_round: bool
+    lens: NDArray[np.float64]
+    near: float
+    far: float
+
+
+class Weights(NamedTuple):
+    """A look goes through a voxel when it ends `margin` metres and `spread` times the squared distance beyond, and takes 1 off its evidence; a hit adds
+    `gain` up to `most`; a voxel is marked from `enough` on."""
+
+    margin: float
+    spread: float
+    gain: int
+    most: int
+    enough: int
+
+
 @jit
-def mark_hits(
-    points, times, matrices, step, near, far, place, level, bottom, floor, ground, doubt, lean, top, hits
-):  # fmt: skip
+def mark_hits(points, times, matrices, step, near, far, place, band, hits):
     """Set the bits of the voxels in `hits` uint32 [iy, ix] that hold points float32 (N, 3) of a sensor's frame; returns the box of cells (y0, y1, x0,
     x1) around them, empty without any.
 
-    The sensor's poses are `matrices` float64 (K, 3, 4), `step` seconds apart from the stamp on; `times` float32 (N,) are those of the points.
-    `place` float64 (3,) is the grid's origin and resolution, `level` a voxel's height and `bottom` the lowest one's foot. Points count from
-    `near` to `far` metres, from the floor plus a doubt that grows with the distance (`doubt` + `lean` * distance) to `top` above it; the floor is at
-    `ground` float32 [iy, ix], where that is known ((0, 0): nowhere, NaN: not there), else at `floor`.
+    The sensor's poses are `matrices` float64 (K, 3, 4), `step` seconds apart from the stamp on; `times` float32 (N,) are those of the points,
+    which count from `near` to `far` metres and within the `Band`. `place` is a `VoxelPlace`.
     """
+    grid, ground = place.grid, band.ground
     height, width = hits.shape
     y0, y1, x0, x1 = height, 0, width, 0
     last = matrices.shape[0] - 1
@@ -93,15 +141,15 @@ def mark_hits(
         z = matrices[k, 2, 0] * px + matrices[k, 2, 1] * py + matrices[k, 2, 2] * pz + matrices[k, 2, 3]
         x = matrices[k, 0, 0] * px + matrices[k, 0, 1] * py + matrices[k, 0, 2] * pz + matrices[k, 0, 3]
         y = matrices[k, 1, 0] * px + matrices[k, 1, 1] * py + matrices[k, 1, 2] * pz + matrices[k, 1, 3]
-        ix, iy = int(math.floor((x - place[0]) / place[2])), int(math.floor((y - place[1]) / place[2]))
+        ix, iy = int(math.floor((x - grid[0]) / grid[2])), int(math.floor((y - grid[1]) / grid[2]))
         if not (0 <= ix < width and 0 <= iy < height):
             continue
-        over = z - floor
+        over = z - band.floor
         if ground.shape[0] > 0 and not math.isnan(ground[iy, ix]):
             over = z - ground[iy, ix]
-        if over > top or over < doubt + lean * math.sqrt(squared):
+        if over > band.top or over < band.doubt + band.lean * math.sqrt(squared):
             continue
-        iz = int(math.floor((z - bottom) / level))
+        iz = int(math.floor((z - place.bottom) / place.level))
         if 0 <= iz < LEVELS:
             hits[iy, ix] |= np.uint32(1) << np.uint32(iz)
             y0, y1, x0, x1 = min(y0, iy), max(y1, iy + 1), min(x0, ix), max(x1, ix + 1)
@@ -109,11 +157,12 @@ def mark_hits(
 
 
 @jit
-def _is_looked_through(view, is_round, lens, px, py, pz, margin, spread):
-    """Whether the four directions of `view` around a point of the sensor's frame all go on beyond it, as far as they measured anything (at least
+def _is_looked_through(picture, px, py, pz, margin, spread):
+    """Whether the four directions of the `Picture` around a point of the sensor's frame all go on beyond it, as far as they measured anything (at least
     two of them)."""
+    view, lens = picture.distances, picture.lens
     rows, columns = view.shape
-    if is_round:
+    if picture.is_round:
         flat = math.sqrt(px * px + py * py)
         distance = math.sqrt(flat * flat + pz * pz)
         v = (math.atan2(pz, flat) - lens[1]) / lens[0] - 0.5
@@ -124,7 +173,7 @@ def _is_looked_through(view, is_round, lens, px, py, pz, margin, spread):
         distance = pz
         u, v = lens[2] + lens[0] * px / pz, lens[3] + lens[1] * py / pz
     v0, u0 = int(math.floor(v)), int(math.floor(u))
-    if v0 < 0 or v0 + 1 >= rows or (not is_round and (u0 < 0 or u0 + 1 >= columns)):
+    if v0 < 0 or v0 + 1 >= rows or (not picture.is_round and (u0 < 0 or u0 + 1 >= columns)):
         return False
     beyond = distance + margin + spread * distance * distance
     told = 0
@@ -139,15 +188,13 @@ def _is_looked_through(view, is_round, lens, px, py, pz, margin, spread):
 
 
 @jit
-def weigh(
-    scores, occupied, marked, hits, box, view, is_round, lens, matrix, near, far, place, level, bottom, margin, spread,
-    gain, most, enough,
-):  # fmt: skip
+def weigh(voxels, hits, box, picture, matrix, place, weights):
     """Raise the evidence of the voxels in `hits` (which is emptied) and lower that of those looked through, within `box` (y0, y1, x0, x1).
 
-    `matrix` float64 (3, 4) is the sensor's pose; `view` float32 (rows, columns) holds what it measured, along the axis with `lens` (fx, fy, cx, cy),
-    or as ranges all around (`is_round`) with `lens` (step, lowest elevation, 0, 0). A hit adds `gain` up to `most`; marked from `enough` on.
+    `matrix` float64 (3, 4) is the pose of the sensor that took the `Picture`; `place` is a `VoxelPlace`, `weights` are `Weights`.
     """
+    scores, occupied, marked = voxels
+    grid, near, far = place.grid, picture.near, picture.far
     for iy in range(box[0], box[1]):
         for ix in range(box[2], box[3]):
             hit = hits[iy, ix]
@@ -155,8 +202,8 @@ def weigh(
             if both == 0:
                 continue
             hits[iy, ix] = np.uint32(0)
-            dx = place[0] + (ix + 0.5) * place[2] - matrix[0, 3]
-            dy = place[1] + (iy + 0.5) * place[2] - matrix[1, 3]
+            dx = grid[0] + (ix + 0.5) * grid[2] - matrix[0, 3]
+            dy = grid[1] + (iy + 0.5) * grid[2] - matrix[1, 3]
             some, sure = np.uint32(0), np.uint32(0)
             for iz in range(LEVELS):
                 bit = np.uint32(1) << np.uint32(iz)
@@ -164,27 +211,29 @@ def weigh(
                     continue
                 score = int(scores[iy, ix, iz])
                 if hit & bit:
-                    score = min(score + gain, most)
+                    score = min(score + weights.gain, weights.most)
                 else:
-                    dz = bottom + (iz + 0.5) * level - matrix[2, 3]
+                    dz = place.bottom + (iz + 0.5) * place.level - matrix[2, 3]
                     squared = dx * dx + dy * dy + dz * dz
                     if near * near <= squared <= far * far:
                         px = matrix[0, 0] * dx + matrix[1, 0] * dy + matrix[2, 0] * dz
                         py = matrix[0, 1] * dx + matrix[1, 1] * dy + matrix[2, 1] * dz
                         pz = matrix[0, 2] * dx + matrix[1, 2] * dy + matrix[2, 2] * dz
-                        if _is_looked_through(view, is_round, lens, px, py, pz, margin, spread):
+                        if _is_looked_through(picture, px, py, pz, weights.margin, weights.spread):
                             score -= 1
                 scores[iy, ix, iz] = score
                 if score > 0:
                     some |= bit
-                if score >= enough:
+                if score >= weights.enough:
                     sure |= bit
             occupied[iy, ix], marked[iy, ix] = some, sure
 
 
 @jit
-def empty_polygon(scores, occupied, marked, place, corners):
-    """Forget the columns whose middles lie in a convex, counter-clockwise polygon float64 (N, 2)."""
+def empty_polygon(voxels, place, corners):
+    """Forget the columns whose middles lie in a convex, counter-clockwise polygon float64 (N, 2); `place` float64 (3,) is the grid's origin and
+    resolution."""
+    scores, occupied, marked = voxels
     height, width = occupied.shape
     n = corners.shape[0]
     x0, x1, y0, y1 = corners[0, 0], corners[0, 0], corners[0, 1], corners[0, 1]
@@ -212,16 +261,14 @@ def warm_up() -> None:
     depth, view = np.ones((3, 3), np.uint16), np.zeros((3, 3), np.float32)
     points, times = np.zeros((2, 3), np.float32), np.zeros(2, np.float32)
     matrices, place = np.zeros((1, 3, 4)), np.array([0.0, 0.0, 0.05])
-    scores = np.zeros((2, 2, LEVELS), np.int8)
     bits = [np.zeros((2, 2), np.uint32) for _ in range(3)]
+    voxels, there = Voxels(np.zeros((2, 2, LEVELS), np.int8), bits[0], bits[1]), VoxelPlace(place, 0.05, 0.0)
     points_of_depth(depth, 1.0, 1.0, 1.0, 1.0, 0.3, 4.0, points)
     view_of_depth(depth, view)
     view_of_cloud(points, 0.03, -1.0, view)
     ground = np.zeros((2, 2), np.float32)
-    mark_hits(points, times, matrices, 1.0, 0.3, 4.0, place, 0.05, 0.0, 0.0, ground, 0.05, 0.05, 1.0, bits[0])
+    mark_hits(points, times, matrices, 1.0, 0.3, 4.0, there, Band(0.0, ground, 0.05, 0.05, 1.0), bits[0])
     for is_round in (False, True):
-        weigh(
-            *(scores, bits[0], bits[1], bits[2], (0, 2, 0, 2), view, is_round, np.ones(4), matrices[0], 0.3, 4.0),
-            *(place, 0.05, 0.0, 0.05, 0.01, 2, 6, 3),
-        )
-    empty_polygon(scores, bits[0], bits[1], place, np.zeros((3, 2)))
+        picture = Picture(view, is_round, np.ones(4), 0.3, 4.0)
+        weigh(voxels, bits[2], (0, 2, 0, 2), picture, matrices[0], there, Weights(0.05, 0.01, 2, 6, 3))
+    empty_polygon(voxels, place, np.zeros((3, 2)))

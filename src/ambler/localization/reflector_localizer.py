@@ -13,7 +13,7 @@ from ambler.localization.errors import NoPoseError
 from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Mode, Observation
 from ambler.localization.motion import OdometryNoise, predict, require_valid
 from ambler.localization.reflectors import Recognition, ReflectorMap, associate, recognize
-from ambler.registration.reflectors import DetectorConfig, Sighting, detect_reflectors
+from ambler.registration.reflectors import DetectorConfig, ReflectorDetection, detect_reflectors
 
 F64 = NDArray[np.float64]
 
@@ -75,15 +75,15 @@ class ReflectorLocalizer:
             self._triangulate(stamp, pose, covariance, seen)
         return self._estimate
 
-    def _detect(self, observation: Observation) -> Sighting:
+    def _detect(self, observation: Observation) -> ReflectorDetection:
         if observation.intensities is None:
-            return Sighting(np.empty((0, 2)), np.empty(0))
+            return ReflectorDetection(np.empty((0, 2)), np.empty(0))
         return detect_reflectors(observation.points_base, observation.intensities, self.config.detector)
 
-    def _triangulate(self, stamp_ns: int, predicted: SE2, prior: F64, sighting: Sighting) -> None:
+    def _triangulate(self, stamp_ns: int, predicted: SE2, prior: F64, detection: ReflectorDetection) -> None:
         """Iterate association and a Kalman update in information form until the pose rests."""
         config = self.config
-        seen = sighting.centers
+        seen = detection.centers
         information = np.linalg.inv(prior)
         pose, surprise, index = predicted, 0.0, np.full(len(seen), -1)
         state: F64 = predicted.as_array()
@@ -96,7 +96,7 @@ class ReflectorLocalizer:
             used = np.flatnonzero(index >= 0)
             if len(used) == 0:
                 return
-            h, g, surprise = self._normal_equations(pose, seen[used], index[used], sighting.sigmas[used])
+            h, g, surprise = self._normal_equations(pose, seen[used], index[used], detection.sigmas[used])
             pull = predicted.as_array() - state
             pull[2] = wrap_angle(float(pull[2]))
             posterior = np.asarray(np.linalg.inv(information + h), np.float64)

@@ -23,13 +23,13 @@ from ambler.missions.dock_commands import (
     DockView,
     LookForDock,
     Move,
-    NavigateTo,
     PermitApproach,
     RevokeApproach,
     StopCharging,
     StopNavigation,
 )
 from ambler.missions.dock_run import DockRun
+from ambler.missions.drive_to import DriveTo
 from ambler.runtime.tasks import NEAREST_REACHED
 
 STILL = Move(BodyVelocity())
@@ -61,7 +61,7 @@ class DockMission:
 
     @property
     def distance(self) -> float | None:
-        """Metres to the docked pose by the last sighting, None when the dock is not known."""
+        """Metres to the docked pose by the last detection, None when the dock is not known."""
         view = self._run.view if self._run is not None else None
         track = None if view is None else view.track
         return None if track is None else math.hypot(track.base_from_dock.x, track.base_from_dock.y)
@@ -292,7 +292,7 @@ class DockMission:
         self._drive += 1
         self._now.drive_code = None
         c = self.config
-        return [NavigateTo(self._drive, self._now.dock.map_from_staging, c.staging_xy, c.staging_yaw)]
+        return [DriveTo(self._drive, self._now.dock.map_from_staging, c.staging_xy, c.staging_yaw)]
 
     def _is_outside(self, view: DockView) -> bool:
         """Whether the robot is still so far before the dock that it may turn and look for it."""

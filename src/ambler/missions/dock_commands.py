@@ -13,6 +13,7 @@ from ambler.control.planar_position import PlanarConfig
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.docking.tracker import DockTrack
+from ambler.missions.drive_to import DriveTo
 
 
 class DockState(enum.Enum):
@@ -33,19 +34,6 @@ class DockState(enum.Enum):
 
 
 ENDS = (DockState.DOCKED, DockState.UNDOCKED, DockState.FAILED, DockState.CANCELLED)
-FAILURES = (
-    "NAVIGATION_FAILED",
-    "DOCK_NOT_SEEN",
-    "DOCK_LOST",
-    "OUTSIDE_LIMITS",
-    "NO_CONTACT",
-    "NO_CHARGE",
-    "BLOCKED",
-    "TIMEOUT",
-    "STALE_INPUT",
-    "LOST",
-)
-"""The codes with which a docking may fail, besides CANCELLED."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +45,7 @@ class DockConfig:
     search_turns       headings, from that of the staging pose, at which the mission looks for `look_time` each
     search_moves       sideways moves that follow, looked from with the same patience
     align_*            how exactly the robot must stand before the dock at the approach distance before it goes in
-    lost_travel, blind_push   way without a sighting at which the approach is given up, and near the dock is not
+    lost_travel, blind_push   way without a detection at which the approach is given up, and near the dock is not
     limit_y, limit_yaw where the robot must be when `limit_at` metres are left, else it backs out
     overrun            how far beyond the taught pose it pushes while it waits for the contact
     settle_*           what counts as docked where the dock has no contacts
@@ -129,16 +117,6 @@ class DockView:
 
 
 @dataclass(frozen=True, slots=True)
-class NavigateTo:
-    """Drive to a pose of the map with the navigator; the end must be reported with the same `drive`."""
-
-    drive: int
-    map_from_goal: SE2
-    xy_tolerance: float
-    yaw_tolerance: float
-
-
-@dataclass(frozen=True, slots=True)
 class StopNavigation:
     """Cancel the running drive; its end need not be reported."""
 
@@ -179,7 +157,7 @@ class StopCharging:
 
 @dataclass(frozen=True, slots=True)
 class DockResult:
-    """How it went: attempts, seconds in all and from the staging pose on, and where the robot stands by the last sightings: the
+    """How it went: attempts, seconds in all and from the staging pose on, and where the robot stands by the last detections: the
     dock's pose in the base frame and in the map (to refine the database), None if unknown."""
 
     attempts: int
@@ -191,13 +169,11 @@ class DockResult:
 
 @dataclass(frozen=True, slots=True)
 class DockEnded:
-    """The mission is over: SUCCEEDED, CANCELLED or one of FAILURES, with one sentence."""
+    """The mission is over: SUCCEEDED, CANCELLED or one of `runtime.tasks.DOCK_FAILURES`, with one sentence."""
 
     code: str
     text: str
     result: DockResult
 
 
-DockCommand = (
-    NavigateTo | StopNavigation | Move | LookForDock | PermitApproach | RevokeApproach | StopCharging | DockEnded
-)
+DockCommand = DriveTo | StopNavigation | Move | LookForDock | PermitApproach | RevokeApproach | StopCharging | DockEnded

@@ -36,7 +36,7 @@ class DockRun:
     reason_text: str = ""
     is_hopeless: bool = False
     dock_odom: SE2 | None = None
-    """The dock in the odom frame by the last sightings."""
+    """The dock in the odom frame by the last detections."""
     goal_odom: SE2 | None = None
     """Where a robot that backs out goes."""
 

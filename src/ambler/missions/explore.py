@@ -15,11 +15,11 @@ from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig, choose, find_again
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey, Survey
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore_commands import (
     ChangeLevel,
     ClearCosts,
     Command,
-    DriveTo,
     Ended,
     ExploreConfig,
     ExploreState,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.stations import StationsConfig
 from ambler.runtime.tasks import ExploreResult
 
@@ -85,16 +86,6 @@ class ExploreView:
     level: int = 0
     passages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 5)))
     tilt: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class DriveTo:
-    """Drive to a pose; the end must be reported with the same `drive`. Replaces a running drive."""
-
-    drive: int
-    map_from_goal: SE2
-    xy_tolerance: float
-    yaw_tolerance: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.docking.detection import DockDetector, DockObservation, DockSighting
+from ambler.docking.detection import DockDetection, DockDetector, DockObservation
 from ambler.docking.dock import Dock, DockKind
 from ambler.docking.marker_dock import MarkerDockDetector
 from ambler.docking.reflector_dock import ReflectorDockDetector
@@ -29,7 +29,7 @@ from ambler.perception.planar import PlanarConfig, scan_to_points
 
 ODOMETRY_AGE_NS = 300_000_000
 
-Look = Callable[[], DockSighting | None]
+Look = Callable[[], DockDetection | None]
 
 
 def detector_of(dock: Dock, robot: RobotModel, camera: CameraModel | None, edge_shift_px: float = 0.0) -> DockDetector:
@@ -74,7 +74,7 @@ class DockSight:
 
     @property
     def series(self) -> int:
-        """Number of the present look-out; a sighting of another one is void."""
+        """Number of the present look-out; a detection of another one is void."""
         return self._series
 
     @property
@@ -147,13 +147,13 @@ class DockSight:
         points = cloud.points[:, :2].astype(np.float64)
         return self._look(self._detector, DockObservation(cloud.stamp_ns, None, points, cloud.intensity), map_prior)
 
-    def take(self, sighting: DockSighting, now_ns: int) -> bool:
+    def take(self, detection: DockDetection, now_ns: int) -> bool:
         """Take what a look found; False when the tracker refused it or odometry does not reach back."""
         try:
-            odom_from_base = self._motion.planar_at(sighting.stamp_ns)
+            odom_from_base = self._motion.planar_at(detection.stamp_ns)
         except StaleInputError:
             return False
-        return self._tracker.update(sighting, odom_from_base, now_ns)
+        return self._tracker.update(detection, odom_from_base, now_ns)
 
     def _look(self, detector: DockDetector, observation: DockObservation, map_prior: SE2 | None) -> Look | None:
         try:

@@ -9,7 +9,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
-from ambler.docking.detection import DockSighting
+from ambler.docking.detection import DockDetection
 from ambler.docking.dock import Dock
 from ambler.docking.lesson import DockLesson, LessonConfig
 from ambler.runtime.node import GoalHandle, TaskOutcome
@@ -32,7 +32,7 @@ class DockTeacher:
         self._begun_ns = 0
 
     def begin(self, handle: TeachHandle, dock: Dock, map_from_base: SE2, now_ns: int) -> None:
-        """Begin to teach a dock, whose sightings come without any offset, where the robot stands."""
+        """Begin to teach a dock, whose detections come without any offset, where the robot stands."""
         self.handle, self._dock, self._map_from_base, self._begun_ns = handle, dock, map_from_base, now_ns
         self._lesson = DockLesson(self._config)
 
@@ -41,10 +41,10 @@ class DockTeacher:
         handle, self.handle = self.handle, None
         return handle
 
-    def see(self, sighting: DockSighting) -> None:
-        """Take a sighting, if there is a lesson."""
+    def see(self, detection: DockDetection) -> None:
+        """Take a detection, if there is a lesson."""
         if self.handle is not None:
-            self._lesson.add(sighting.base_from_dock)
+            self._lesson.add(detection.base_from_dock)
 
     def update(self, velocity: BodyVelocity, now_ns: int) -> TaskOutcome[TeachDockReport] | None:
         """Return how the lesson ended once it has: enough was seen, its time is over, or the robot moved; then the dock is saved or
@@ -63,7 +63,7 @@ class DockTeacher:
             return TaskOutcome("DOCK_NOT_SEEN", str(error), None)
         at, off = saved.map_from_dock, saved.offset
         text = (
-            f"dock {saved.name} is at {at.x:.3f}, {at.y:.3f} m, {math.degrees(at.yaw):.2f}°; sightings there are moved by "
+            f"dock {saved.name} is at {at.x:.3f}, {at.y:.3f} m, {math.degrees(at.yaw):.2f}°; detections there are moved by "
             f"{1e3 * off.x:+.1f}, {1e3 * off.y:+.1f} mm, {math.degrees(off.yaw):+.2f}° ({self._lesson.count} of them)"
         )
         return TaskOutcome("SUCCEEDED", text, TeachDockReport(at, off, self._lesson.count))

@@ -1,6 +1,6 @@
 """Docking on the bus: DOCK and UNDOCK in; drives, permissions, pictures and velocities out.
 
-The mission decides, a carrier takes its commands to the other nodes. Velocities are requests to the gate under a source of their
+The mission decides, a task client takes its commands to the other nodes. Velocities are requests to the gate under a source of their
 own, which takes over from navigation and falls silent when the mission ends.
 """
 
@@ -16,15 +16,15 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
-from ambler.docking.detection import DockDetector, DockSighting
+from ambler.docking.detection import DockDetection, DockDetector
 from ambler.docking.dock import Dock
 from ambler.docking.lesson import LessonConfig
 from ambler.docking.tracker import TrackerConfig
 from ambler.missions.dock import DockMission
 from ambler.missions.dock_commands import DockConfig, DockEnded, DockState, DockView, LookForDock
-from ambler.nodes.dock_carrier import DockCarrier
 from ambler.nodes.dock_sight import DockSight, Look, detector_of
 from ambler.nodes.dock_state import RobotState
+from ambler.nodes.dock_task_client import DockTaskClient
 from ambler.nodes.dock_teacher import DockTeacher, TeachHandle
 from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, WorkKind
 from ambler.runtime.tasks import (
@@ -108,7 +108,7 @@ class DockingNode(Node):
 
     def start(self) -> None:
         """Subscribe, serve, and start the timer."""
-        self._carrier = DockCarrier(self.ctx, self.mission.drive_ended, self._switch_sight, self._end)
+        self._client = DockTaskClient(self.ctx, self.mission.drive_ended, self._switch_sight, self._end)
         self.ctx.subscribe(ODOMETRY, self._sight.add_odometry)
         self.ctx.subscribe(TRANSFORMS, self._state.take_transforms)
         self.ctx.subscribe(IMAGE, self._on_image)
@@ -129,7 +129,7 @@ class DockingNode(Node):
         if self._sight.wants_pictures and camera is not None and image.data.shape != (camera.height, camera.width):
             height, width = image.data.shape
             self._misfit = f"pictures are {width} x {height}, calibrated were {camera.width} x {camera.height}"
-            self._carrier.do(self.mission.cancel())
+            self._client.do(self.mission.cancel())
             return
         self._look(self._sight.look_at_picture(image, self._base_from_dock()))
 
@@ -147,16 +147,16 @@ class DockingNode(Node):
         if look is None or self._is_looking:
             return
         self._is_looking, series = True, self._sight.series
-        self.ctx.background(look, DETECTION_TIME, lambda sighting: self._seen(sighting, series), WorkKind.PERCEPTION)
+        self.ctx.background(look, DETECTION_TIME, lambda detection: self._seen(detection, series), WorkKind.PERCEPTION)
 
-    def _seen(self, sighting: DockSighting | None, series: int) -> None:
+    def _seen(self, detection: DockDetection | None, series: int) -> None:
         self._is_looking = False
-        if sighting is None or series != self._sight.series:
+        if detection is None or series != self._sight.series:
             return
-        self._teacher.see(sighting)
-        self._sight.take(sighting, self.ctx.now_ns)
-        pose = SE3.from_se2(sighting.base_from_dock)
-        self.ctx.publish(DOCK_POSE, PoseStamped(sighting.stamp_ns, "base", pose))
+        self._teacher.see(detection)
+        self._sight.take(detection, self.ctx.now_ns)
+        pose = SE3.from_se2(detection.base_from_dock)
+        self.ctx.publish(DOCK_POSE, PoseStamped(detection.stamp_ns, "base", pose))
 
     def _base_from_dock(self) -> SE2 | None:
         """Where the dock is by the map; while it is taught, where the robot stands."""
@@ -185,7 +185,7 @@ class DockingNode(Node):
             self._refuse(handle, "NOT_CALIBRATED", str(error))
             return
         self._handle, self._dock = handle, dock
-        self._carrier.do(self.mission.begin(dock, self.ctx.now_ns))
+        self._client.do(self.mission.begin(dock, self.ctx.now_ns))
 
     def _on_undock(self, handle: GoalHandle[UndockGoal, DockFeedback, DockReport]) -> None:
         dock = self._dock_for(handle, handle.goal.name)
@@ -196,7 +196,7 @@ class DockingNode(Node):
             self._refuse(handle, "NOT_DOCKED", f"the robot does not stand in dock {dock.name}")
             return
         self._handle, self._dock = handle, dock
-        self._carrier.do(self.mission.begin_undock(dock, self.ctx.now_ns))
+        self._client.do(self.mission.begin_undock(dock, self.ctx.now_ns))
 
     def _dock_for(self, handle: DockHandle | TeachHandle, name: str) -> Dock | None:
         """End what is under way, and return the dock of a new goal; None when the goal is refused."""
@@ -205,7 +205,7 @@ class DockingNode(Node):
             self._end_lesson()
         if self._handle is not None:
             self._handle.is_preempted = True
-            self._carrier.do(self.mission.cancel())
+            self._client.do(self.mission.cancel())
         try:
             dock = self._database.dock(name)
         except BadInputError as error:
@@ -224,7 +224,7 @@ class DockingNode(Node):
         if self._teacher.handle is handle:
             self._end_lesson()
         elif self._handle is handle:
-            self._carrier.do(self.mission.cancel())
+            self._client.do(self.mission.cancel())
 
     def _on_teach(self, handle: TeachHandle) -> None:
         """Look at the dock for a while from where the robot stands in it."""
@@ -248,7 +248,7 @@ class DockingNode(Node):
     def _teach(self) -> None:
         """Go on with a lesson until it is over."""
         if self._sight.wants_pictures:
-            self._carrier.lease_pictures()
+            self._client.lease_pictures()
         handle = self._teacher.handle
         outcome = self._teacher.update(self._sight.velocity, self.ctx.now_ns)
         if outcome is not None and handle is not None:
@@ -276,7 +276,7 @@ class DockingNode(Node):
             return
         now_ns, state = self.ctx.now_ns, self._state
         if self._sight.wants_pictures and self._may_see():
-            self._carrier.lease_pictures()
+            self._client.lease_pictures()
         view = DockView(
             now_ns,
             pose,
@@ -288,7 +288,7 @@ class DockingNode(Node):
             state.is_held,
             self._is_fresh(),
         )
-        self._carrier.do(self.mission.update(view))
+        self._client.do(self.mission.update(view))
         self._tell(now_ns)
 
     def _is_fresh(self) -> bool:

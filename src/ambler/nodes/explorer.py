@@ -24,12 +24,12 @@ from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
     ChangeLevel,
     ClearCosts,
     Command,
-    DriveTo,
     Ended,
     ExploreConfig,
     ExploreState,

@@ -1,7 +1,7 @@
 """Square markers (ArUco, AprilTag) in pictures: found by OpenCV, corners from edges, both planar poses compared.
 
 A square seen from afar looks nearly the same from two sides: IPPE gives both poses. Each is refined with the corners' covariance;
-the one that fits the picture and the prior better is taken, and the sighting says when nothing could decide.
+the one that fits the picture and the prior better is taken, and the detection says when nothing could decide.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.camera import CameraModel, MarkerSighting, MarkerSpec
+from ambler.core.camera import CameraModel, MarkerDetection, MarkerSpec
 from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3, quaternion_multiply
 from ambler.perception.marker_edges import EdgeConfig, refine_corners
@@ -61,7 +61,7 @@ class FiducialDetector:
         config = replace(self.config, edge=replace(self.config.edge, shift_px=shift_px))
         return FiducialDetector(self.camera, list(self._markers.values()), config)
 
-    def detect(self, image: U8, priors: Mapping[str, SE3] | None = None) -> tuple[MarkerSighting, ...]:
+    def detect(self, image: U8, priors: Mapping[str, SE3] | None = None) -> tuple[MarkerDetection, ...]:
         """Return the markers in a grey picture uint8 (H, W), in the order of their dictionaries and numbers.
 
         A marker that is seen twice (a reflection, a copy) is taken only if a prior chooses one of them.
@@ -72,7 +72,7 @@ class FiducialDetector:
                 f"camera {camera.name} gives {camera.width} x {camera.height} grey pictures, this one is {image.shape} {image.dtype}"
             )
         grey = image.astype(np.float32)
-        seen: dict[tuple[str, int], list[MarkerSighting]] = {}
+        seen: dict[tuple[str, int], list[MarkerDetection]] = {}
         for dictionary, (detector, cells) in self._detectors.items():
             corners, numbers, _ = detector.detectMarkers(image)
             for quad, number in zip(corners, [] if numbers is None else numbers.reshape(-1), strict=True):
@@ -83,15 +83,15 @@ class FiducialDetector:
                 corners_px = np.asarray(quad, np.float64).reshape(4, 2)
                 if dictionary.startswith("APRILTAG"):
                     corners_px = np.roll(corners_px, 2, axis=0)  # OpenCV's AprilTags stand on their heads
-                sighting = self._measure(grey, corners_px, cells, marker, prior)
-                if sighting is not None:
-                    seen.setdefault((dictionary, int(number)), []).append(sighting)
+                detection = self._measure(grey, corners_px, cells, marker, prior)
+                if detection is not None:
+                    seen.setdefault((dictionary, int(number)), []).append(detection)
         chosen = (_only(seen[key], priors) for key in sorted(seen))
         return tuple(s for s in chosen if s is not None)
 
     def _measure(
         self, grey: NDArray[np.float32], quad: F64, cells: int, marker: MarkerSpec, prior: SE3 | None
-    ) -> MarkerSighting | None:
+    ) -> MarkerDetection | None:
         sides = np.hypot(*(quad - np.roll(quad, 1, axis=0)).T)
         if float(sides.min()) < self.config.side_px:
             return None
@@ -103,7 +103,7 @@ class FiducialDetector:
         scale = np.tile(1.0 / focal, 4)
         return self._pose(marker, rays, covariance * scale[:, None] * scale[None, :], prior)
 
-    def _pose(self, marker: MarkerSpec, rays: F64, ray_covariance: F64, prior: SE3 | None) -> MarkerSighting | None:
+    def _pose(self, marker: MarkerSpec, rays: F64, ray_covariance: F64, prior: SE3 | None) -> MarkerDetection | None:
         information: F64 = np.asarray(np.linalg.inv(ray_covariance), np.float64)
         fits: list[CornerPose] = []
         for guess in planar_poses(marker, rays):
@@ -122,7 +122,7 @@ class FiducialDetector:
         error = np.hypot(*((corners[:, :2] / corners[:, 2:] - rays) * (self.camera.fx, self.camera.fy)).T).mean()
         if float(error) > self.config.error_px:
             return None
-        return MarkerSighting(
+        return MarkerDetection(
             marker, rays, ray_covariance, best.base_from_target, best.covariance,
             None if other is None else other.base_from_target, gap < self.config.decided, float(error),
         )  # fmt: skip
@@ -158,14 +158,14 @@ def _quaternion(turn: F64) -> tuple[float, float, float, float]:
     return math.cos(0.5 * angle), s * float(turn[0]), s * float(turn[1]), s * float(turn[2])
 
 
-def _only(sightings: list[MarkerSighting], priors: Mapping[str, SE3] | None) -> MarkerSighting | None:
-    if len(sightings) == 1:
-        return sightings[0]
-    prior = None if priors is None else priors.get(sightings[0].marker.name)
+def _only(detections: list[MarkerDetection], priors: Mapping[str, SE3] | None) -> MarkerDetection | None:
+    if len(detections) == 1:
+        return detections[0]
+    prior = None if priors is None else priors.get(detections[0].marker.name)
     if prior is None:
         return None
     wanted = np.array(prior.translation)
-    return min(sightings, key=lambda s: float(np.linalg.norm(np.array(s.camera_from_marker.translation) - wanted)))
+    return min(detections, key=lambda s: float(np.linalg.norm(np.array(s.camera_from_marker.translation) - wanted)))
 
 
 def _detector(dictionary: str) -> tuple[cv2.aruco.ArucoDetector, int]:

@@ -10,15 +10,16 @@ is used while most of its last tests found it open. What is blocked now is never
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
-from ambler.kernels import level_contour
+from ambler.kernels import level_contour, line_of_sight
 from ambler.kernels import visibility as kernels
 from ambler.planning.clearance_map import TILE, Box, Changes, ClearanceMap, UnknownPrice, grown
+from ambler.planning.graph_arrays import GraphArrays, copied_arrays, empty_arrays
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -53,39 +54,6 @@ class VisibilityGraphConfig:
     context: int = 24  # cells around a change in which contours are followed, so that their corners come out the same
 
 
-@dataclass(slots=True, eq=False)
-class _Arrays:
-    """The nodes and the slots of their edges; `kernels.visibility` says what they hold. Lengths grow by doubling."""
-
-    nodes: F64
-    is_alive: NDArray[np.bool_]
-    neighbor: NDArray[np.int32]
-    weight: NDArray[np.float32]
-    state: U8
-    degree: NDArray[np.int32]
-    ident: I64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    kind: U8 = field(default_factory=lambda: np.zeros(0, np.uint8))
-    missed: U8 = field(default_factory=lambda: np.zeros(0, np.uint8))
-    seen: I64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    place: F64 = field(default_factory=lambda: np.zeros((0, 2)))
-
-    @property
-    def graph(self) -> tuple[F64, NDArray[np.bool_], NDArray[np.int32], NDArray[np.float32], U8, NDArray[np.int32]]:
-        """The arguments that most kernels begin with."""
-        return self.nodes, self.is_alive, self.neighbor, self.weight, self.state, self.degree
-
-
-def _arrays(nodes: int, slots: int) -> _Arrays:
-    return _Arrays(
-        *(np.zeros((nodes, 8)), np.zeros(nodes, np.bool_), np.zeros((nodes, slots), np.int32)),
-        *(np.zeros((nodes, slots, 2), np.float32), np.zeros((nodes, slots, 4), np.uint8), np.zeros(nodes, np.int32)),
-        np.zeros(nodes, np.int64),
-        *(np.zeros(nodes, np.uint8), np.zeros(nodes, np.uint8)),
-        np.zeros(nodes, np.int64),
-        np.zeros((nodes, 2)),
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class Updated:
     """What an update did: corners found, nodes added, moved and removed, edges tested again."""
@@ -105,7 +73,7 @@ class VisibilityGraph:
         self.config = config or VisibilityGraphConfig()
         self.price = price
         self.floors: list[ClearanceMap] = [ClearanceMap(price)]
-        self._a = _arrays(64, 32)
+        self._a = empty_arrays(64, 32)
         self.next_ident = 0
         self.pending: dict[int, tuple[U8, int]] = {}
         self.waiting: list[int] = []  # nodes that are yet to be joined with far ones
@@ -114,7 +82,7 @@ class VisibilityGraph:
     # What it holds
 
     @property
-    def arrays(self) -> _Arrays:
+    def arrays(self) -> GraphArrays:
         """The nodes and edges as the kernels see them."""
         return self._a
 
@@ -130,9 +98,9 @@ class VisibilityGraph:
         slots = np.arange(a.neighbor.shape[1]) < a.degree[:, None]
         return int(((a.state[:, :, kernels.OPEN] > 0) & slots & a.is_alive[:, None]).sum()) // 2
 
-    def restore(self, nodes: int, slots: int) -> _Arrays:
+    def restore(self, nodes: int, slots: int) -> GraphArrays:
         """Begin anew with room for so many nodes and slots; returns the arrays, to be filled with what was saved."""
-        self._a = _arrays(nodes, slots)
+        self._a = empty_arrays(nodes, slots)
         return self._a
 
     def contours(self, floor: int = 0) -> tuple[NDArray[np.float32], ...]:
@@ -170,9 +138,7 @@ class VisibilityGraph:
         if changes.is_empty:
             self._refresh(floor, ground, changes)
             return Updated()
-        tested = kernels.retest(
-            *self._a.graph, ground.field, ground.price, floor, changes.dirty, TILE, self.config.least, spec.resolution
-        )
+        tested = kernels.retest(self._a.graph, _ground(ground, floor), changes.dirty, TILE, self.config.least)
         found, moved, removed, corners, seen = [], 0, 0, 0, []
         for changed in changes.boxes:
             curves = self._curves(ground, grown(changed, self.config.context, spec))
@@ -260,8 +226,11 @@ class VisibilityGraph:
             a.missed[node], a.seen[node] = 0, a.seen[node] + 1
             off = np.hypot(*(a.nodes[node, :2] - row[:2]))
             a.nodes[node, 2:6] = row[2:6]
-            if off > c.moved or kernels.clearance(ground.field, a.nodes[node, 0], a.nodes[node, 1]) < c.least + 0.1:
-                kernels.drop_node(a.neighbor, a.weight, a.state, a.degree, node)
+            if (
+                off > c.moved
+                or line_of_sight.clearance(ground.field, a.nodes[node, 0], a.nodes[node, 1]) < c.least + 0.1
+            ):
+                kernels.drop_node(a.graph, node)
                 a.nodes[node, :2] = row[:2]
                 a.place[node] = self._metres(ground.spec, row)
                 changed.append(node)
@@ -277,7 +246,8 @@ class VisibilityGraph:
             a.missed[node] += 1
             y, x = a.nodes[node, :2]
             is_buried = (
-                not kernels.is_inside(ground.field, y, x) or kernels.clearance(ground.field, y, x) < self.config.least
+                not line_of_sight.is_inside(ground.field, y, x)
+                or line_of_sight.clearance(ground.field, y, x) < self.config.least
             )
             if is_buried or a.missed[node] >= self.config.misses:
                 self._remove(node)
@@ -288,17 +258,15 @@ class VisibilityGraph:
         if len(ids) == 0:
             return
         assert ground.spec is not None
-        c, resolution = self.config, ground.spec.resolution
+        c = self.config
         is_new = np.zeros(len(self._a.nodes), np.bool_)
         is_new[ids] = True
         reach = c.reach
         if c.refresh is not None and not is_far:
             reach = min(c.near, c.reach)
             self.waiting = (self.waiting + ids.tolist())[-len(self._a.nodes) :]
-        while not kernels.connect(
-            *(*self._a.graph, ground.field, ground.price, ids, is_new),
-            *(reach / resolution, c.least, c.slack, resolution),
-        ):
+        cells = reach / ground.spec.resolution
+        while not kernels.connect(self._a.graph, _ground(ground, floor), ids, is_new, cells, c.least, c.slack):
             self._widen()
 
     def _refresh(self, floor: int, ground: ClearanceMap, changes: Changes) -> None:
@@ -319,8 +287,7 @@ class VisibilityGraph:
         c, resolution, n = self.config, ground.spec.resolution, len(self._a.nodes)
         last = n if c.refresh is None else min(n, first + c.refresh)
         while not kernels.reconnect(
-            *(*self._a.graph, ground.field, ground.price, floor, freed, TILE, first, last),
-            *(c.reach / resolution, c.least, c.slack, resolution),
+            self._a.graph, _ground(ground, floor), freed, TILE, first, last, c.reach / resolution, c.least, c.slack
         ):
             self._widen()
         if last < n:
@@ -365,20 +332,15 @@ class VisibilityGraph:
                 continue
             i, j = int(mine[nearest[k]]), int(mine[nearest[m]])
             a, b = self._a.nodes[i], self._a.nodes[j]
-            k_old = kernels.slot_of(self._a.neighbor, self._a.degree, i, j)
+            k_old = kernels.slot_of(self._a.graph, i, j)
             if k_old >= 0 and self._a.state[i, k_old, kernels.KIND] == kernels.CONTOUR:
                 continue
-            if kernels.is_clear(ground.field, a[0], a[1], b[0], b[1], self.config.least):
+            if line_of_sight.is_clear(ground.field, a[0], a[1], b[0], b[1], self.config.least):
                 self._edge(i, j, kernels.CONTOUR, ground)
 
     def _edge(self, i: int, j: int, kind: int, ground: ClearanceMap) -> None:
         assert ground.spec is not None
-        while True:
-            a = self._a
-            if kernels.add_edge(
-                a.nodes, a.neighbor, a.weight, a.state, a.degree, ground.price, i, j, kind, ground.spec.resolution
-            ):
-                return
+        while not kernels.add_edge(self._a.graph, _ground(ground, 0), i, j, kind):
             self._widen()
 
     # Where the robot drives
@@ -415,7 +377,7 @@ class VisibilityGraph:
         ground, at = self.floor(floor), self._a.nodes[node]
         if at[kernels.FLOOR] != floor or ground.spec is None:
             return False
-        return bool(kernels.is_open(ground.field, at[0], at[1], *self._cell(ground.spec, x, y)))
+        return bool(line_of_sight.is_open(ground.field, at[0], at[1], *self._cell(ground.spec, x, y)))
 
     def add_way(self, points: F64, floor: int = 0) -> None:
         """Add a way (N, 2) in metres that contours and gaps do not show, such as one found cell by cell, as nodes in a row."""
@@ -450,20 +412,16 @@ class VisibilityGraph:
         a, c, resolution = self._a, self.config, here.spec.resolution
         sy, sx = self._cell(here.spec, *start)
         gy, gx = self._cell(here.spec, *goal)
-        direct = kernels.leg_cost(here.field, here.price, sy, sx, gy, gx, resolution)
+        direct = line_of_sight.leg_cost(here.field, here.price, sy, sx, gy, gx, resolution)
         if (
             direct <= np.hypot(gy - sy, gx - sx) * resolution + 1e-9
         ):  # nothing can be shorter, and it turns towards the goal
             return np.array([start, goal]), float(direct)
-        direct += turning * float(kernels.turned(heading, gy - sy, gx - sx))
+        direct += turning * float(line_of_sight.turned(heading, gy - sy, gx - sx))
         costs, parent = np.empty(len(a.nodes)), np.empty(len(a.nodes), np.int32)
-        kernels.sight_costs(
-            a.nodes, a.is_alive, here.field, here.price, floor, sy, sx, heading, turning, c.slack, resolution, costs
-        )
-        node, cost = kernels.search(
-            *(*a.graph, costs, here.field, here.price, floor, gy, gx, needs_votes, c.slack, resolution),
-            parent,
-        )
+        ground = _ground(here, floor)
+        kernels.sight_costs(a.graph, ground, sy, sx, heading, turning, c.slack, costs)
+        node, cost = kernels.search(a.graph, ground, costs, gy, gx, needs_votes, c.slack, parent)
         if node < 0 or direct <= cost:
             return (np.array([start, goal]), float(direct)) if np.isfinite(direct) else None
         way = []
@@ -504,21 +462,17 @@ class VisibilityGraph:
 
     def _remove(self, node: int) -> None:
         a = self._a
-        kernels.drop_node(a.neighbor, a.weight, a.state, a.degree, node)
+        kernels.drop_node(a.graph, node)
         a.is_alive[node] = False
 
     def _lengthen(self) -> None:
-        self._a = _copied(self._a, 2 * len(self._a.nodes), self._a.neighbor.shape[1])
+        self._a = copied_arrays(self._a, 2 * len(self._a.nodes), self._a.neighbor.shape[1])
 
     def _widen(self) -> None:
-        self._a = _copied(self._a, len(self._a.nodes), 2 * self._a.neighbor.shape[1])
+        self._a = copied_arrays(self._a, len(self._a.nodes), 2 * self._a.neighbor.shape[1])
 
 
-def _copied(a: _Arrays, nodes: int, slots: int) -> _Arrays:
-    """Return arrays of a larger size that hold what others held."""
-    out, n, k = _arrays(nodes, slots), len(a.nodes), a.neighbor.shape[1]
-    for name in ("nodes", "is_alive", "degree", "ident", "kind", "missed", "seen", "place"):
-        getattr(out, name)[:n] = getattr(a, name)
-    for name in ("neighbor", "weight", "state"):
-        getattr(out, name)[:n, :k] = getattr(a, name)
-    return out
+def _ground(known: ClearanceMap, floor: int) -> kernels.Ground:
+    """Return what is known of a floor as the kernels take it."""
+    assert known.spec is not None
+    return kernels.Ground(known.field, known.price, floor, known.spec.resolution)

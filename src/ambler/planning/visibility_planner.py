@@ -22,9 +22,8 @@ from ambler.core.grid import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.messages import VisibilityGraphView
 from ambler.core.protocols import PlanResult, PlanStatus
 from ambler.core.se2 import SE2
-from ambler.kernels import any_angle, wall_ends
+from ambler.kernels import any_angle, line_of_sight, wall_ends
 from ambler.kernels import graph_search as grid_kernels
-from ambler.kernels import visibility as kernels
 from ambler.planning.clearance_map import FORBIDDEN, FREE, UNKNOWN, ClearanceMap, UnknownPrice
 from ambler.planning.escape import find_escape
 from ambler.planning.graph_state import from_arrays, to_arrays, view_of
@@ -198,14 +197,14 @@ class VisibilityPlanner:
     def _cost(self, spec: GridSpec, way: F64) -> float:
         """Return what the search says that a way costs (m): its length, what is unknown along it, and the turn with which it begins."""
         step = way[1] - way[0]
-        turn = kernels.turned(self._heading, float(step[1]), float(step[0]))
+        turn = line_of_sight.turned(self._heading, float(step[1]), float(step[0]))
         return sum(self._leg(spec, a, b) for a, b in itertools.pairwise(way)) + self.config.turning * float(turn)
 
     def _leg(self, spec: GridSpec, a: F64 | tuple[float, float], b: F64 | tuple[float, float]) -> float:
         ground, r = self._ground, spec.resolution
         y0, x0 = (a[1] - spec.origin_y) / r - 0.5, (a[0] - spec.origin_x) / r - 0.5
         y1, x1 = (b[1] - spec.origin_y) / r - 0.5, (b[0] - spec.origin_x) / r - 0.5
-        return float(kernels.leg_cost(ground.field, ground.price, y0, x0, y1, x1, r))
+        return float(line_of_sight.leg_cost(ground.field, ground.price, y0, x0, y1, x1, r))
 
     def _cell_by_cell(
         self, spec: GridSpec, begin: tuple[float, float], end: tuple[float, float]
@@ -238,7 +237,7 @@ class VisibilityPlanner:
         """Return the place to go to instead and the way there: unknown ground that was not attempted yet, or the nearest cell to an occupied goal."""
         ground = self._ground
         reached = np.zeros(spec.shape, np.uint8)
-        dark = kernels.flood(ground.field, ground.known, *spec.cell_of(*begin), reached)
+        dark = line_of_sight.flood(ground.field, ground.known, *spec.cell_of(*begin), reached)
         if dark and is_goal_free:
             end = self._frontier(spec, reached, begin, goal)
             if end is not None:
@@ -311,7 +310,7 @@ class VisibilityPlanner:
         origin = np.array([spec.origin_x, spec.origin_y])
         cells = np.ascontiguousarray(((way - origin) / spec.resolution - 0.5)[:, ::-1])
         wanted = min(15.0, self.config.clearance / spec.resolution)
-        kernels.extend(self._ground.field, cells, self.config.graph.least, wanted, 12, 1.0)
+        line_of_sight.extend(self._ground.field, cells, self.config.graph.least, wanted, 12, 1.0)
         out = (cells[:, ::-1] + 0.5) * spec.resolution + origin
         out[0], out[-1] = way[0], way[-1]
         return np.asarray(out, np.float64)
@@ -343,7 +342,7 @@ class VisibilityPlanner:
         ground, r = self._ground, spec.resolution
         cells = ((way - [spec.origin_x, spec.origin_y]) / r - 0.5)[:, ::-1]
         return sum(
-            (float(np.hypot(*(b - a))) - float(kernels.sum_along(ground.known, *a, *b))) * r
+            (float(np.hypot(*(b - a))) - float(line_of_sight.sum_along(ground.known, *a, *b))) * r
             for a, b in itertools.pairwise(cells)
         )
 

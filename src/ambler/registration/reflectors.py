@@ -29,7 +29,7 @@ class DetectorConfig:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class ReflectorDetection:
     """Reflectors in one scan: `centers` float64 (K, 2) in the base frame, `sigmas` (K,): what the sampling of a strip by a few beams
     leaves open (m)."""
 
@@ -37,7 +37,7 @@ class Sighting:
     sigmas: F64
 
 
-def detect_reflectors(points_base: F32, intensities: F32, config: DetectorConfig) -> Sighting:
+def detect_reflectors(points_base: F32, intensities: F32, config: DetectorConfig) -> ReflectorDetection:
     """Find the reflectors of a scan, points float32 (N, 2) in the base frame, in the order of their bearing."""
     if len(intensities) != len(points_base):
         raise BadInputError(f"{len(intensities)} intensities for {len(points_base)} points")
@@ -45,7 +45,7 @@ def detect_reflectors(points_base: F32, intensities: F32, config: DetectorConfig
     bright = points_base[keep].astype(np.float64)
     bright = bright[np.hypot(bright[:, 0], bright[:, 1]) < config.range_most]
     if len(bright) == 0:
-        return Sighting(np.empty((0, 2)), np.empty(0))
+        return ReflectorDetection(np.empty((0, 2)), np.empty(0))
     bright = bright[np.argsort(np.arctan2(bright[:, 1], bright[:, 0]), kind="stable")]
     gaps = np.hypot(*(bright - np.roll(bright, 1, axis=0)).T) > config.join
     # Start at a gap, so that a reflector behind the robot is not cut in two at +-180 degrees.
@@ -63,4 +63,4 @@ def detect_reflectors(points_base: F32, intensities: F32, config: DetectorConfig
         centers.append(center)
         # n evenly spaced returns leave the centre open by the width of a strip / n, but only along the strip.
         sigmas.append(config.width / len(group) / math.sqrt(24.0))
-    return Sighting(np.array(centers).reshape(-1, 2), np.array(sigmas))
+    return ReflectorDetection(np.array(centers).reshape(-1, 2), np.array(sigmas))

@@ -10,7 +10,7 @@ import numpy as np
 from ambler.core.messages import Image
 from ambler.core.se3 import SE3
 from ambler.kernels import raycast
-from ambler.kernels.depth_picture import to_depth
+from ambler.kernels.depth_picture import DepthErrors, to_depth
 from ambler.robots.depth import with_depth_cameras
 from ambler.sim.lidar import NO_MOVERS, Movers
 from ambler.sim.scene import RayScene
@@ -35,30 +35,29 @@ class DepthCameraSensor:
         self._distance, self._cosine, self._intensity, self._normals, self._uniforms = (
             np.zeros(shape, np.float32) for _ in range(5)
         )
+        self._errors = DepthErrors(
+            *(spec.sigma, spec.range_min, spec.reach, spec.dropout, spec.patch, spec.patches, spec.grazing_cosine),
+            *(spec.edge, spec.shadow, spec.flying),
+        )
         self._patches = np.zeros(tuple(math.ceil(n / spec.patch) for n in shape), np.float32)
 
     def take(self, world_from_camera: SE3, stamp_ns: int, movers: Movers = NO_MOVERS) -> Image:
         """Return the picture that is taken from this pose: depth uint16 (H, W) in millimetres."""
-        scene, spec = self._scene, self.spec
+        scene = self._scene
         position, rotation = np.array(world_from_camera.translation), np.array(world_from_camera.rotation)
         raycast.sweep(
-            *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling, *movers),
-            *(
-                np.array([0.0, 1.0]),
-                np.stack([position] * 2),
-                np.stack([rotation] * 2),
-                np.zeros(len(self._directions)),
-            ),
-            *(self._directions, self._reach, self._distance, self._cosine, self._intensity),
+            *(scene.solids, movers),
+            raycast.Track(np.array([0.0, 1.0]), np.stack([position] * 2), np.stack([rotation] * 2)),
+            *(np.zeros(len(self._directions)), self._directions, self._reach),
+            raycast.Returns(self._distance, self._cosine, self._intensity),
         )
         depth = np.empty(self._along.shape, np.uint16)
         self._rng.standard_normal(out=self._normals, dtype=np.float32)
         for uniforms in (self._uniforms, self._patches):
             self._rng.random(out=uniforms, dtype=np.float32)
         to_depth(
-            *(self._distance, self._cosine, self._along, self._normals, self._uniforms, self._patches),
-            *(spec.sigma, spec.range_min, spec.reach, spec.dropout, spec.patch, spec.patches, spec.grazing_cosine),
-            *(spec.edge, spec.shadow, spec.flying, depth),
+            *(self._distance, self._cosine, self._along),
+            *(self._normals, self._uniforms, self._patches, self._errors, depth),
         )
         return Image(stamp_ns, self.frame, depth)
 

@@ -115,7 +115,7 @@ def _silhouettes(eye: F64, movers: Movers) -> list[tuple[float, list[Print]]]:
     """Return upright boards as wide and high as what moves looks from the eye, with their distances. Rows are those of `scene.primitive`; what stands
     around the eye, as its own robot would, is left out."""
     out = []
-    for row, kind in zip(movers[0], movers[1], strict=True):
+    for row, kind in zip(movers.prims, movers.kinds, strict=True):
         middle, half = row[:2] - eye[:2], row[3:6]
         away = math.hypot(*middle)
         if kind == Shape.CYLINDER:

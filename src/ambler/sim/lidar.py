@@ -15,9 +15,8 @@ from ambler.sim.scene import RayScene
 from ambler.sim.sensors import LidarSpec, named_generator
 
 F64 = NDArray[np.float64]
-Movers = tuple[F64, NDArray[np.uint8], F64]
-"""Primitives (D, 15), kinds (D,) and velocities (D, 2) of kernels/raycast.py."""
-NO_MOVERS: Movers = (np.zeros((0, 15)), np.zeros(0, np.uint8), np.zeros((0, 2)))
+Movers = raycast.MovingSolids
+NO_MOVERS = Movers(np.zeros((0, 15)), np.zeros(0, np.uint8), np.zeros((0, 2)))
 
 
 class LidarSensor:
@@ -30,6 +29,10 @@ class LidarSensor:
         self._directions = spec.directions()
         self._times = spec.column_times
         shape = self._directions.shape[:2]
+        self._noise = raycast.RangeNoise(
+            *(spec.sigma_0, spec.sigma_1, spec.dropout, spec.grazing_cosine, spec.grazing_dropout),
+            *(spec.mixed, spec.mixed_min, spec.mixed_max, spec.range_min, spec.range_max),
+        )
         self._spoiled = SpoiledSweep(seed, frame)
         self._is_false = np.zeros(shape, np.bool_)
         self._distance, self._cosine, self._intensity, self._measured, self._normals, self._uniforms = (
@@ -53,17 +56,13 @@ class LidarSensor:
             self._directions = rosette(first, spec)
         reach = spec.range_max + 1.0
         raycast.sweep(
-            *(*scene.hierarchy, scene.albedos, scene.floor, scene.ceiling, *movers),
-            *(times, positions, quaternions, self._times, self._directions, reach),
-            *(self._distance, self._cosine, self._intensity),
+            *(scene.solids, movers, raycast.Track(times, positions, quaternions)),
+            *(self._times, self._directions, reach),
+            raycast.Returns(self._distance, self._cosine, self._intensity),
         )
         self._rng.standard_normal(out=self._normals, dtype=np.float32)
         self._rng.random(out=self._uniforms, dtype=np.float32)
-        raycast.corrupt_ranges(
-            *(self._distance, self._cosine, self._normals, self._uniforms, spec.sigma_0, spec.sigma_1, spec.dropout),
-            *(spec.grazing_cosine, spec.grazing_dropout, spec.mixed, spec.mixed_min, spec.mixed_max),
-            *(spec.range_min, spec.range_max, self._measured),
-        )
+        raycast.corrupt_ranges(self._distance, self._cosine, self._normals, self._uniforms, self._noise, self._measured)
         self._is_false[:] = False
         for air in airs:
             self._is_false |= self._spoiled.spoil(

@@ -190,7 +190,7 @@ class Crowd:
         rows[:, :2] = np.array([m.position for m in self._movers]).reshape(-1, 2) - ago * rates
         if self._world is not None:
             rows[:, 2] += ground_under(self._world, rows[:, :2])
-        return rows, self._kinds, rates
+        return Movers(rows, self._kinds, rates)
 
 
 def ground_under(world: WorldSpec, points: F64) -> F64:

@@ -83,7 +83,7 @@ def _surfaces(scene: RayScene, spec: GridSpec, clearance: float) -> F32:
     """Return every surface under the sky or another one, with room for the robot above it, highest first."""
     rows, columns = np.divmod(np.arange(spec.width * spec.height), spec.width)
     xy = spec.centers_of(np.column_stack((rows, columns)))
-    z = np.full(len(xy), float(scene.bounds[:, 5].max(initial=0.0)) + 1.0)
+    z = np.full(len(xy), float(scene.solids.bounds[:, 5].max(initial=0.0)) + 1.0)
     z = np.minimum(z, 1e4)
     levels = []
     alive = np.arange(len(xy))

@@ -20,31 +20,18 @@ NOWHERE = 1e15  # the only node of an empty world lies where no ray reaches
 
 @dataclass(frozen=True)
 class RayScene:
-    """The arrays of kernels/raycast.py; `order[k]` is the index of primitive k among the world's solids, then the
-    triangles of its terrain, then those of its meshes, one after the other."""
+    """What rays are cast at; `order[k]` is the index of primitive k among the world's solids, then the triangles of its terrain, then those of
+    its meshes, one after the other."""
 
-    bounds: F64
-    firsts: NDArray[np.int32]
-    counts: NDArray[np.int32]
-    prims: F64
-    kinds: NDArray[np.uint8]
-    albedos: F64
-    floor: float
-    ceiling: float
+    solids: raycast.Solids
     order: NDArray[np.int32]
-
-    @property
-    def hierarchy(self) -> tuple[F64, NDArray[np.int32], NDArray[np.int32], F64, NDArray[np.uint8]]:
-        """The first five arguments of every ray kernel."""
-        return (self.bounds, self.firsts, self.counts, self.prims, self.kinds)
 
     def cast(self, origins: F64, directions: F64, reach: float = 1e3) -> tuple[F64, NDArray[np.int64], F64]:
         """Cast rays (N, 3), (N, 3 unit); returns distances (inf: nothing), primitives hit, cosines of incidence."""
         n = len(origins)
         distance, hit, cosine = np.empty(n), np.empty(n, np.int64), np.empty(n)
         raycast.cast_rays(
-            *(*self.hierarchy, self.floor, self.ceiling),
-            *(np.ascontiguousarray(origins), np.ascontiguousarray(directions), reach, distance, hit, cosine),
+            self.solids, np.ascontiguousarray(origins), np.ascontiguousarray(directions), reach, distance, hit, cosine
         )
         return distance, hit, cosine
 
@@ -64,7 +51,7 @@ def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
     albedos = np.concatenate(
         [[s.albedo for s in world.solids], *(np.full(len(s), t.albedo) for s, t in zip(parts, surfaces, strict=True))]
     )
-    return RayScene(
+    solids = raycast.Solids(
         bounds,
         firsts,
         counts,
@@ -73,8 +60,8 @@ def build_scene(world: WorldSpec, movers: Sequence[Solid] = ()) -> RayScene:
         np.concatenate([albedos[order], [world.floor_albedo, 0.8], [s.albedo for s in movers]]),
         float(world.floor),
         float(world.ceiling),
-        order,
     )
+    return RayScene(solids, order)
 
 
 def primitive(solid: Solid) -> F64:

@@ -31,11 +31,8 @@ class UltrasonicSensor:
 
     def __init__(self, spec: UltrasonicSpec, frame: str, scene: RayScene, seed: int) -> None:
         self.spec, self.frame = spec, frame
-        self._hierarchy = (
-            *scene.hierarchy[:4],
-            np.where(scene.kinds == raycast.GLASS, Shape.BOX, scene.kinds).astype(np.uint8),
-        )
-        self._surfaces = (scene.albedos, scene.floor, scene.ceiling)
+        kinds = scene.solids.kinds
+        self._solids = scene.solids._replace(kinds=np.where(kinds == raycast.GLASS, Shape.BOX, kinds).astype(np.uint8))
         self._rng = named_generator(seed, frame)
         self._directions = spec.directions()[None, :, :]
         self._distance, self._cosine, self._intensity = (
@@ -62,9 +59,10 @@ class UltrasonicSensor:
         """Distance to the nearest surface of the cone that sends an echo; inf without one."""
         position, rotation = np.array(world_from_sensor.translation), np.array(world_from_sensor.rotation)
         raycast.sweep(
-            *(*self._hierarchy, *self._surfaces, *movers),
-            *(np.array([0.0, 1.0]), np.stack([position] * 2), np.stack([rotation] * 2), np.zeros(1)),
-            *(self._directions, self.spec.range_max + 1.0, self._distance, self._cosine, self._intensity),
+            *(self._solids, movers),
+            raycast.Track(np.array([0.0, 1.0]), np.stack([position] * 2), np.stack([rotation] * 2)),
+            *(np.zeros(1), self._directions, self.spec.range_max + 1.0),
+            raycast.Returns(self._distance, self._cosine, self._intensity),
         )
         heard = self._cosine[0] >= math.cos(self.spec.incidence_max)
         return float(self._distance[0].min(where=heard, initial=np.inf))

@@ -161,10 +161,10 @@ class World:
         rows = np.array([primitive(solid) for solid, _ in hulls])
         kinds = np.array([solid.shape for solid, _ in hulls], np.uint8)
         rates = np.array([rate for _, rate in hulls])
-        return (
-            np.concatenate([crowd[0], rows]),
-            np.concatenate([crowd[1], kinds]),
-            np.concatenate([crowd[2], rates]),
+        return Movers(
+            np.concatenate([crowd.prims, rows]),
+            np.concatenate([crowd.kinds, kinds]),
+            np.concatenate([crowd.rates, rates]),
         )
 
     def touches(self, body: Body) -> tuple[Touch, ...]:

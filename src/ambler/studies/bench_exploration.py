@@ -18,9 +18,9 @@ from ambler.exploration.grid_world import GridWorld
 from ambler.exploration.known_tour import KnownTour, known_tour
 from ambler.exploration.strategies import STRATEGIES, Strategy, strategy_named
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
-    DriveTo,
     Ended,
     ExploreConfig,
     ExploreState,

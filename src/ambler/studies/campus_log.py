@@ -170,4 +170,4 @@ class _Passers:
             is_near = np.hypot(*(here - robot)) < PEOPLE_GAP
             rows[k, :2] = here if not is_near else 1e6
             rates[k] = (soon - here) / 0.01
-        return rows, self._kinds, rates
+        return Movers(rows, self._kinds, rates)

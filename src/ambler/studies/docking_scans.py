@@ -12,7 +12,7 @@ from ambler.apps.docks import docks_of_world
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockDetector, DockObservation
-from ambler.evaluation.docking import SightErrors
+from ambler.evaluation.docking import DetectionErrors
 from ambler.nodes.dock_sight import detector_of
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger
 from ambler.perception.scanner_profile import ScannerCalibrations, calibrated_robot, with_clock_offsets
@@ -31,15 +31,15 @@ SERIES = {
 """Metres from the docked pose at which a series begins, and the velocity."""
 
 
-def measure_scan_sights(
+def measure_scan_detections(
     seed: int, looks: int, world: str, robot: str, name: str, scanners: ScannerCalibrations
-) -> list[SightErrors]:
+) -> list[DetectionErrors]:
     """Return the errors of a dock that scanners recognize, cloud by cloud, in series from three distances; a series
     in which it was never seen is left out. `scanners` are calibrated ones of the robot."""
     series = []
     for k, (title, (x, velocity)) in enumerate(SERIES.items()):
         errors = _errors(seed + k, looks, world, robot, name, SE2(x, 0.0, 0.0), velocity, scanners)
-        series += [SightErrors(title, errors)] if len(errors) else []
+        series += [DetectionErrors(title, errors)] if len(errors) else []
     return series
 
 

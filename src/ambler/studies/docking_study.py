@@ -25,7 +25,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.detection import DockObservation
 from ambler.docking.marker_dock import MarkerDockDetector
-from ambler.evaluation.docking import DockingOutcome, SightErrors
+from ambler.evaluation.docking import DetectionErrors, DockingOutcome
 from ambler.nodes.steps import DockStep, TeachStep
 from ambler.perception.fiducials import FiducialDetector
 from ambler.runtime.tasks import DOCK_FAILURES
@@ -36,7 +36,7 @@ from ambler.sim.sensors import named_generator
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.truth import reachable_cells
 from ambler.sim.world_file import load_world
-from ambler.studies.docking_scans import measure_scan_sights
+from ambler.studies.docking_scans import measure_scan_detections
 from ambler.studies.study import CRASHED, Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 
@@ -156,12 +156,12 @@ def cases_of(
     return cases
 
 
-def sights_of(seed: int, looks: int, world: str, name: str, settings: StudySettings) -> list[SightErrors]:
+def detections_of(seed: int, looks: int, world: str, name: str, settings: StudySettings) -> list[DetectionErrors]:
     """Measure how precisely a dock is seen, by the camera or by the scanners."""
     if is_marked(world, name):
-        return measure_sights(seed, looks)
+        return measure_detections(seed, looks)
     scanners = robot_config(robot_named(ROBOT).model, settings.profile, has_map=True).scanners
-    return measure_scan_sights(seed, looks, world, ROBOT, name, scanners)
+    return measure_scan_detections(seed, looks, world, ROBOT, name, scanners)
 
 
 def docking_study(cases: Sequence[DockingCase], settings: StudySettings = DEFAULTS) -> Study[DockingCase]:
@@ -297,13 +297,13 @@ def is_marked(world: str, name: str) -> bool:
     return bool(dock_of_world(load_world(world), name).markers)
 
 
-def measure_sights(seed: int, pictures: int = PICTURES, world: str = WORLD) -> list[SightErrors]:
+def measure_detections(seed: int, pictures: int = PICTURES, world: str = WORLD) -> list[DetectionErrors]:
     """Look at the dock's first marker and at the dock from 1 m while the robot stands, and while it backs away at a slight angle."""
     still = _series(seed, pictures, world, BodyVelocity())
     moving = _series(seed + 1, pictures, world, BodyVelocity(-0.1, 0.02, 0.0))
     names = ("marker_still", "dock_still"), ("marker_moving", "dock_moving")
     return [
-        SightErrors(name, errors)
+        DetectionErrors(name, errors)
         for pair, series in zip(names, (still, moving), strict=True)
         for name, errors in zip(pair, series, strict=True)
     ]

@@ -111,16 +111,22 @@ def plain_values(case: Any) -> Result:
 
 
 def seeds_of(text: str, runs: int, file: Path) -> tuple[int, ...]:
-    """Return the seeds of a study: `runs` from a first one on, or with "draw" such as nobody chose, drawn once and kept in `file`.
+    """Return the seeds of a study: `runs` from a first one on, those that are listed with commas, or with "draw" such as nobody chose, drawn once and kept
+    in `file`.
 
     Raises BadInputError.
     """
     if runs < 1:
         raise BadInputError(f"--runs {runs}: needs at least 1")
     if text != "draw":
-        if not text.isdecimal():
-            raise BadInputError(f"--seed {text}: a whole number from 0 on, or draw")
-        return tuple(range(int(text), int(text) + runs))
+        listed = text.split(",")
+        if not all(word.isdecimal() for word in listed):
+            raise BadInputError(f"--seed {text}: whole numbers from 0 on with commas, or draw")
+        if len(listed) == 1:
+            return tuple(range(int(text), int(text) + runs))
+        if len(listed) < runs:
+            raise BadInputError(f"--seed {text}: {len(listed)} seeds for {runs} runs")
+        return tuple(int(word) for word in listed[:runs])
     drawn: list[int] = json.loads(file.read_text()) if file.exists() else []
     while len(drawn) < runs:
         seed = secrets.randbelow(SEEDS_BELOW)

@@ -1,4 +1,4 @@
-"""Carries the commands of a docking mission to the navigator, the gate, the camera and the charger."""
+"""Carries out the commands of a docking mission: goals to the navigator, requests to the gate, the camera and the charger."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ambler.missions.dock_commands import (
     DockEnded,
     LookForDock,
     Move,
-    NavigateTo,
     PermitApproach,
     RevokeApproach,
     StopCharging,
     StopNavigation,
 )
+from ambler.missions.drive_to import DriveTo
 from ambler.runtime.node import Context, GoalTicket, TaskOutcome
 from ambler.runtime.tasks import (
     CAMERA_PICTURES,
@@ -39,7 +39,7 @@ LEASE = 0.5  # seconds for which pictures are asked at a time; renewed at half o
 NEVER_NS = -(1 << 62)
 
 
-class DockCarrier:
+class DockTaskClient:
     """`drive_ended` hears the ends of drives, `look` whether the dock is wanted to be seen, `ended` the end of the mission."""
 
     def __init__(
@@ -59,7 +59,7 @@ class DockCarrier:
         for command in commands:
             if isinstance(command, Move):
                 self._send(command.velocity)
-            elif isinstance(command, NavigateTo):
+            elif isinstance(command, DriveTo):
                 self._navigate(command)
             elif isinstance(command, StopNavigation):
                 self._stop_navigation()
@@ -85,7 +85,7 @@ class DockCarrier:
     def _send(self, v: BodyVelocity) -> None:
         self._ctx.publish(DOCKING_REQUEST, VelocityCommand(self._ctx.now_ns, v.vx, v.vy, v.wz))
 
-    def _navigate(self, command: NavigateTo) -> None:
+    def _navigate(self, command: DriveTo) -> None:
         def over(outcome: TaskOutcome[NavigateResult]) -> None:
             self._drive_ended(command.drive, outcome.code, outcome.text)
 
