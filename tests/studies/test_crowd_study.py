@@ -11,6 +11,7 @@ def result(world: str, robot: str, ended: str = "finished", collisions: int = 0,
         "collisions": collisions,
         "contacts": contacts,
         "sim_seconds": 100.0,
+        "reachable_coverage_ratio": 0.99,
     }
 
 
@@ -33,3 +34,13 @@ def test_the_bar_counts_caused_contacts_and_ends() -> None:
     assert (fields["runs"], fields["finished"], fields["contacts"], fields["a.diff.runs"]) == (29, 28, 84, 29)
     assert 0.0 < fields["runs_with_collision_ratio_max"] < 0.15
     assert "3 contacts" in line(good[0])
+
+
+def test_a_proof_that_comes_too_early_is_none() -> None:
+    good, early = result("a", "diff"), {**result("a", "diff"), "reachable_coverage_ratio": 0.6}
+    fields = summarize([*[good] * 27, *[early] * 3])
+    assert (fields["finished"], fields["finished_early"], fields["not_finished"]) == (27, 3, "")
+    assert not meets_bar(fields)
+    assert meets_bar(summarize([*[good] * 28, *[early] * 2]))
+    assert line(early).startswith("finished early, ")
+    assert line(good).startswith("finished, ")

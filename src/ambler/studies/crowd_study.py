@@ -15,6 +15,7 @@ from ambler.studies.study import Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 MISSED = 2  # runs of 30 that may end without proof
+COVERED = 0.98  # of the reachable floor, as of every other exploration: who stands in a doorway can end one early
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +66,20 @@ def run_case(case: CrowdCase, folder: Path) -> dict[str, Any]:
 
 def line(result: dict[str, Any]) -> str:
     """Say in a few words how a run ended."""
+    early = " early" if _is_early(result) else ""
     return (
-        f"{result['ended']}, {result.get('collisions')} collisions of {result.get('contacts')} contacts, "
+        f"{result['ended']}{early}, {result.get('collisions')} collisions of {result.get('contacts')} contacts, "
         f"{result.get('sim_seconds') or 0.0:.0f} s"
     )
 
 
+def _is_early(result: dict[str, Any]) -> bool:
+    """Whether a run ended with a proof although much of what can be reached was not seen."""
+    return result.get("ended") == "finished" and (result.get("reachable_coverage_ratio") or 0.0) < COVERED
+
+
 def meets_bar(fields: dict[str, Any]) -> bool:
-    """Whether no contact was caused by a robot, and at most two of 30 runs ended without proof."""
+    """Whether no contact was caused by a robot, and at most two of 30 runs ended without proof, or with one that came too early."""
     missed = fields["runs"] - fields["finished"]
     return bool(fields["collisions"] == 0 and missed * 30 <= MISSED * fields["runs"])
 
@@ -93,7 +100,8 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _summary(members: Sequence[dict[str, Any]]) -> dict[str, Any]:
     fields: dict[str, Any] = {
         "runs": len(members),
-        "finished": sum(m.get("ended") == "finished" for m in members),
+        "finished": sum(m.get("ended") == "finished" and not _is_early(m) for m in members),
+        "finished_early": sum(_is_early(m) for m in members),
         "not_finished": ",".join(sorted(m["ended"] for m in members if m.get("ended") != "finished")),
         "collisions": sum(m.get("collisions") or 0 for m in members),
         "contacts": sum(m.get("contacts") or 0 for m in members),

@@ -97,11 +97,12 @@ ROWS: Sequence[Row] = (
         "≤ 0.1 % false on flat floor; drops ≥ 8 cm seen at ≥ 1.5 m; kerbs of 12 cm never open, slopes of 15° free",
         "ground.json",
         "false {mecanum_false_ratio:.2%} and {go2_false_ratio:.2%}; drops {mecanum_drop_good} and {go2_drop_good} of {mecanum_drop_runs}, from "
-        "{mecanum_drop_seen_at_least_m:.1f} m; kerbs {mecanum_kerb_good} and {go2_kerb_good}, slopes {mecanum_slope_good} and {go2_slope_good} "
+        "{mecanum_drop_seen_at_least_m:.1f} m; kerbs {mecanum_kerb_good} and {go2_kerb_good}, rows of kerb stones {mecanum_stones_good} and {go2_stones_good}, slopes {mecanum_slope_good} and {go2_slope_good} "
         "of {mecanum_slope_runs} (`mecanum`, `go2`)",
         all_of(
             at_most(mecanum_false_ratio=0.001, go2_false_ratio=0.001),
             at_least(mecanum_drop_good=10, go2_drop_good=10, mecanum_kerb_good=10, mecanum_slope_good=10),
+            at_least(mecanum_stones_good=10, go2_stones_good=10),
         ),
     ),
     Row(
