@@ -20,6 +20,7 @@ SURE = 7.0  # returns from which on the height of a cell is sure to some centime
 RUN = 0.8  # metres over which seen ground tells its slope; after shorter runs it may go on by 0.1 lower for each metre
 RAMP = 0.45  # the steepest fall behind an edge that may be a ramp
 BRIDGE = 0.9  # metres behind an edge that are hidden where rays pass above what follows: beyond, it is a drop
+SPREAD = 0.65  # of a cell's side lies between the places where a slope has the low and the high of the cell
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
 
 
@@ -186,11 +187,11 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
         fall = -beyond
     most = 0.0
     if not math.isnan(beside):
-        most = h - beside - fall * 1.5 * cell
+        most = h - beside - fall * cell
     if not math.isnan(over_two):
-        most = max(most, over_two - fall * 2.5 * cell - 0.015)
+        most = max(most, over_two - fall * 2.0 * cell - 0.015)
     if not math.isnan(three_on):
-        most = max(most, h - three_on - fall * 3.5 * cell - 0.03)
+        most = max(most, h - three_on - fall * 3.0 * cell - 0.03)
     return most
 
 
@@ -243,10 +244,8 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
             py, px = ly + 4, lx + 4
             is_sure = returns[y, x] >= SURE
             h = np.float64(sure[py, px]) if is_sure else np.float64(ground[y, x])
+            wide = most = 0.0
             spread = np.float64(highs[y, x]) - np.float64(lows[y, x])
-            top = h + spread if spread > 0.0 else h  # a kerb may fill a cell in which no floor is seen
-            wide = 0.0
-            most = spread if returns[y, x] >= 2.0 * SURE and spread > step else 0.0  # or none around it
             for axis in range(2):
                 dy, dx = axis, 1 - axis
                 ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
@@ -254,15 +253,28 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
                 slopes[axis, y, x] = _lesser((ahead - h) / cell, (h - behind) / cell)
                 rise = _lesser((ahead2 - h) / (2.0 * cell), (h - behind2) / (2.0 * cell))
                 wide += rise * rise  # both ways: floor between two cars is not steep for the hood beside it
-                if not is_sure:
-                    continue
+                # A slope spreads the returns of a cell, too; where it is not known, nothing is known of the rest.
+                spread -= (
+                    SPREAD * cell * abs(slopes[axis, y, x])
+                    if not math.isnan(ahead) or not math.isnan(behind)
+                    else np.inf
+                )
+            if wide > steep * steep:
+                classes[y, x] = STEEP
+            if not is_sure:
+                continue
+            top = h + spread if spread > 0.0 else h  # a kerb may fill a cell of which no floor is seen
+            if returns[y, x] >= 2.0 * SURE and highs[y, x] - lows[y, x] > step:
+                most = np.float64(highs[y, x]) - np.float64(lows[y, x])  # or none around it
+            for axis in range(2):
+                dy, dx = axis, 1 - axis
+                ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
+                ahead2, behind2 = np.float64(sure[py + 2 * dy, px + 2 * dx]), np.float64(sure[py - 2 * dy, px - 2 * dx])
                 ahead3, behind3 = np.float64(sure[py + 3 * dy, px + 3 * dx]), np.float64(sure[py - 3 * dy, px - 3 * dx])
                 ahead4, behind4 = np.float64(sure[py + 4 * dy, px + 4 * dx]), np.float64(sure[py - 4 * dy, px - 4 * dx])
                 most = max(most, _step_down(top, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell))
                 most = max(most, _step_down(top, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell))
             excess[y, x] = most
-            if wide > steep * steep:
-                classes[y, x] = STEEP
     # A step is longer than two cells: fewer are noise.
     for ly in range(2, m - 2):
         for lx in range(2, m - 2):
@@ -270,8 +282,8 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
             if not excess[y, x] > step:
                 continue
             others = 0
-            for dy in range(-2, 3):
-                for dx in range(-2, 3):
+            for dy in range(-1, 2):
+                for dx in range(-1, 2):
                     if (dy != 0 or dx != 0) and excess[wrapped(y + dy, m), wrapped(x + dx, m)] > 0.6 * step:
                         others += 1
             if others < 2:
