@@ -539,4 +539,11 @@ TERRAIN = (
         "clear_most = c.clear_most",
         ("tests/perception/test_ground_map.py::test_a_kerb_that_was_seen_is_not_forgotten_for_looks_from_afar",),
     ),
+    PlantedFault(
+        "a slope is as flat in a cell as a floor",
+        "kernels/terrain_ground.py",
+        "SPREAD = 0.65",
+        "SPREAD = 0.0",
+        ("tests/perception/test_terrain.py::test_a_ramp_is_no_flight_of_steps_to_who_drives_up_it",),
+    ),
 )

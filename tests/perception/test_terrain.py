@@ -258,6 +258,28 @@ def test_a_row_of_kerb_stones_is_seen_by_who_drives_past_it(robot: str, aside: f
     assert np.mean(closed) > 0.9
 
 
+def test_a_ramp_is_no_flight_of_steps_to_who_drives_up_it() -> None:
+    """A slope spreads the returns of a cell over its height, and far up a ramp they are few."""
+    angle, robot = math.radians(12.0), "mecanum"
+    length = 3.0 / math.tan(angle)
+    mesh, top = ramp(6.0, length, angle, 4.0)
+    walls = slab(0.0, 25.0, 2.0, 2.2, top=4.0), slab(0.0, 25.0, -2.2, -2.0, top=4.0)
+    rover, analysis = Rover(made(FLOOR, top, *walls, meshes=(mesh,)), ROBOTS[robot], 1), TerrainAnalysis(config(robot))
+    steps = cells = 0
+    for k, x in enumerate(np.arange(0.0, 14.0, 0.1).tolist()):
+        pitch = -angle if x > 6.0 else 0.0
+        pose = SE3.from_rpy((x, 0.0, LEVEL + max(0.0, x - 6.0) * math.tan(angle)), 0.0, pitch, 0.0)
+        points, stamp_ns, base, sensor = rover.scan(pose)
+        analysis.update(points, stamp_ns, base, sensor)
+        if k % 10 == 9:
+            terrain = analysis.terrain()
+            of_way = (np.abs(terrain.points[:, 1]) < 1.6) & (terrain.points[:, 0] > 5.0) & (terrain.kinds > 0)
+            cells += int(of_way.sum())
+            steps += int((of_way & (terrain.kinds == Ground.OBSTACLE)).sum())
+    assert cells > 5000
+    assert steps < 0.015 * cells
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_ground_may_level_off_behind_a_crest(robot: str) -> None:
     """The deck at the end of a ramp is no drop, though it lies lower than the ramp would go on."""
