@@ -190,7 +190,7 @@ def test_registered_points_lie_where_the_room_is() -> None:
     world = world_from_map.transform(odometry.registered(last.cloud))
     assert np.abs(world[world[:, 2] < 0.3, 2]).max() < 0.3
     assert np.median(np.abs(world[world[:, 2] < 0.1, 2])) < 0.02
-    assert rig.scene.floor == 0.0
+    assert rig.scene.solids.floor == 0.0
 
 
 def _scaled(sample: Imu, rate: float, force: float) -> Imu:

@@ -123,7 +123,7 @@ def test_people_walk_on_the_slope_where_rays_and_robots_meet_them() -> None:
     rows, kinds, _ = crowd.as_rays_see_it(0.0)
     assert kinds.tolist() == [Shape.CYLINDER]
     assert rows[0, 2] - rows[0, 5] == pytest.approx(2.0 * rise, abs=1e-3)
-    assert build_scene(world).floor < 0.0
+    assert build_scene(world).solids.floor < 0.0
     simulation = Simulation(world, robot_named("mecanum"), SimulationConfig(0, True))
     contacts = drive(simulation, BodyVelocity(0.4, 0.0, 0.0), 5.0)
     assert "stander" in {c.other_geom for c in contacts}

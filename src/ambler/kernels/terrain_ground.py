@@ -224,8 +224,8 @@ def _unroll(ground, state, returns, first, sure):
 
 @jit_ieee
 def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, sure, slopes, excess, classes):
-    """Find slopes, steps and steep ground. `slopes` float32 (2, m, m): rise per metre along x and y; `excess` float32 (m, m): how much higher the upper quartile of a cell
-    is than the ground of one at most three away, beyond what its own and the other's slope explain; `classes` uint8 (m, m). `sure` float32
+    """Find slopes, steps and steep ground. `slopes` float32 (2, m, m): rise per metre along x and y; `excess` float32 (m, m): how much higher the high of a cell lies
+    than the ground of one at most three away, beyond what its own and the other's slope explain; `classes` uint8 (m, m). `sure` float32
     (m + 8, m + 8) is room to work in."""
     m = ground.shape[0]
     cell = 2.0 * size
@@ -276,8 +276,8 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
                 most = max(most, _step_down(top, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell))
             excess[y, x] = most
     # A step is longer than two cells: fewer are noise.
-    for ly in range(2, m - 2):
-        for lx in range(2, m - 2):
+    for ly in range(1, m - 1):
+        for lx in range(1, m - 1):
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             if not excess[y, x] > step:
                 continue
