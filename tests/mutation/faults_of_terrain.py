@@ -37,8 +37,8 @@ TERRAIN = (
     PlantedFault(
         "slopes explain no step",
         "kernels/terrain_ground.py",
-        "    most = 0.0\n    if not math.isnan(beside):",
-        "    most = fall = 0.0\n    if not math.isnan(beside):",
+        "fall = beyond if beyond > fall else fall",
+        "fall = 0.0",
         ("tests/perception/test_terrain.py::test_a_slope_of_15_degrees_is_ground_and_one_of_28_is_not",),
     ),
     PlantedFault(
@@ -507,8 +507,8 @@ TERRAIN = (
     PlantedFault(
         "the foot of a kerb stands for all of it",
         "kernels/terrain_ground.py",
-        "top = h + spread if spread > 0.0 else h",
-        "top = h",
+        "top += max(0.0, spread - SPREAD * cell * (abs(slope_x) + abs(slope_y)))",
+        "top += 0.0",
         ("tests/perception/test_terrain.py::test_a_row_of_kerb_stones_is_seen_by_who_drives_past_it",),
     ),
     PlantedFault(
@@ -538,6 +538,48 @@ TERRAIN = (
         "clear_most = c.clear_most if self._looks % SPARSE else math.inf",
         "clear_most = c.clear_most",
         ("tests/perception/test_ground_map.py::test_a_kerb_that_was_seen_is_not_forgotten_for_looks_from_afar",),
+    ),
+    PlantedFault(
+        "a run of floor begins with many returns only",
+        "kernels/terrain_ground.py",
+        "if known == 0 and state[y, x] == 1:",
+        "if False:",
+        ("tests/perception/test_terrain.py::test_a_drop_is_seen_by_who_sees_little_floor_before_it",),
+    ),
+    PlantedFault(
+        "the window of a level LiDAR ends where its floor begins",
+        "perception/terrain_config.py",
+        "columns = max(self.columns, min(WIDE_COLUMNS, 4 * math.ceil(0.5 * reach / self.voxel)))",
+        "columns = self.columns",
+        ("tests/perception/test_terrain.py::test_a_window_holds_the_floor_that_a_robot_sees",),
+    ),
+    PlantedFault(
+        "holes of edges stay open",
+        "kernels/terrain_ground.py",
+        "if missing == 0 or 2 * level > LENGTHS[k]:",
+        "if True:",
+        ("tests/perception/test_terrain.py::test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it",),
+    ),
+    PlantedFault(
+        "level ground closes like a hole",
+        "kernels/terrain_ground.py",
+        "if missing == 0 or 2 * level > LENGTHS[k]:",
+        "if missing == 0:",
+        ("tests/perception/test_terrain.py::test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it",),
+    ),
+    PlantedFault(
+        "a cell that was looked through keeps its height",
+        "kernels/terrain_columns.py",
+        "mask[iy, ix] &= ~bit\n                                is_changed = True",
+        "mask[iy, ix] &= ~bit",
+        ("tests/perception/test_terrain.py::test_who_walks_away_is_forgotten", *GROUND),
+    ),
+    PlantedFault(
+        "what stood for a cell's low stays when it is seen again",
+        "kernels/terrain_ground.py",
+        "touched[qy, qx] = 1",
+        "touched[qy, qx] = touched[qy, qx]",
+        ("tests/perception/test_terrain.py::test_ground_that_was_remembered_gives_way_to_what_is_seen",),
     ),
     PlantedFault(
         "a slope is as flat in a cell as a floor",

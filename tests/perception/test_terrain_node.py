@@ -37,7 +37,8 @@ FLOOR, BOX = slab(-20.0, 20.0, -20.0, 20.0), slab(4.0, 4.5, -1.0, 1.0, top=0.4)
 def told(scans: int, *solids: Solid, has_odometry: bool = True) -> HandMadeContext:
     rover = Rover(made(*(solids or (FLOOR, BOX))), ROBOT, 1)
     context = HandMadeContext()
-    context.start(TerrainNode(ROBOT, TerrainConfig().for_robot(ROBOT)))
+    near = replace(TerrainConfig().for_robot(ROBOT), columns=TerrainConfig().columns)
+    context.start(TerrainNode(ROBOT, near))
     for k in range(scans):
         points, stamp_ns, base, _ = rover.scan(SE3((0.05 * k, 0.0, LEVEL)))
         stamp_ns += BEGIN_NS

@@ -172,7 +172,7 @@ def renew(
     """Forget voxels whose column was seen again for `decay` seconds without them, and those that were looked through; find each cell's low and high, and of how many
     `returns` they are.
 
-    Cells that the scan touched are renewed; every `TURNS`th cell, in `turn`s, also by what was looked through.     `up` (3,) is the sensor's upward axis in odom and `elevations` the sines between which it looks. `lows`, `highs` float32 (m, m): see
+    Cells that the scan touched are renewed; every `TURNS`th cell, in `turn`s, also by what was looked through. `up` (3,) is the sensor's upward axis in odom and `elevations` the sines between which it looks. `lows`, `highs` float32 (m, m): see
     `low_and_high`.
     """
     n = mask.shape[0]
@@ -182,7 +182,8 @@ def renew(
     for cy in range(half):
         for cx in range(half):
             is_turn = (cy + cx) & (TURNS - 1) == turn
-            if touched[cy, cx] == 0 and not is_turn:
+            is_changed = touched[cy, cx] != 0
+            if not is_changed and not is_turn:
                 continue
             touched[cy, cx] = 0
             y, x = 2 * cy, 2 * cx
@@ -195,6 +196,12 @@ def renew(
                 iy, ix = y + (q >> 1), x + (q & 1)
                 m = mask[iy, ix]
                 fresh = newest[iy, ix]
+                rx = ry = away = 0.0
+                seen_in = 0
+                if is_turn and m != 0:
+                    rx = (first[0] + wrapped(ix - column0, n) + 0.5) * size - origin[0]
+                    ry = (first[1] + wrapped(iy - row0, n) + 0.5) * size - origin[1]
+                    away, seen_in = math.sqrt(rx * rx + ry * ry), direction(rx, ry)
                 while m != 0:
                     b = lowest_bit(m)
                     bit = np.uint32(1) << np.uint32(b)
@@ -202,29 +209,20 @@ def renew(
                     if voxels[iy, ix, b, SEEN] < now:
                         if fresh - voxels[iy, ix, b, SEEN] > decay:
                             mask[iy, ix] &= ~bit
+                            is_changed = True
                             continue
                         if is_turn and not voxels[iy, ix, b, Z] < g + 0.5 * size:  # true without ground, too
-                            voxels[iy, ix, b, MISSED] += _looked_through(
-                                voxels[iy, ix, b, Z],
-                                ix,
-                                iy,
-                                first,
-                                column0,
-                                row0,
-                                size,
-                                n,
-                                origin,
-                                up,
-                                elevations,
-                                margin,
-                                image,
-                            )
+                            ray = (rx, ry, voxels[iy, ix, b, Z] - origin[2], away, seen_in)
+                            if away >= 2.0 * size:
+                                voxels[iy, ix, b, MISSED] += _looked_through(ray, up, elevations, margin, image)
                             if voxels[iy, ix, b, MISSED] >= misses:
                                 mask[iy, ix] &= ~bit
+                                is_changed = True
                                 continue
                     heights[found], counts[found] = voxels[iy, ix, b, Z], voxels[iy, ix, b, COUNT]
                     found += 1
-            lows[cy, cx], highs[cy, cx], returns[cy, cx] = low_and_high(heights, counts, found, 1.5 * size)
+            if is_changed:
+                lows[cy, cx], highs[cy, cx], returns[cy, cx] = low_and_high(heights, counts, found, 1.5 * size)
 
 
 @jit_ieee
@@ -265,16 +263,16 @@ def low_and_high(heights, counts, found, lift):
 
 
 @jit_ieee
-def _looked_through(z, ix, iy, first, column0, row0, size, n, origin, up, elevations, margin, image):
-    """Return 1 when the scan's rays in a voxel's direction went on behind it, 0.2 when none came back though it is in view, else 0."""
-    x = (first[0] + wrapped(ix - column0, n) + 0.5) * size - origin[0]
-    y = (first[1] + wrapped(iy - row0, n) + 0.5) * size - origin[1]
-    z -= origin[2]
-    away = math.sqrt(x * x + y * y)
+def _looked_through(ray, up, elevations, margin, image):
+    """Return 1 when the scan's rays in a voxel's direction went on behind it, 0.2 when none came back though it is in view, else 0.
+
+    `ray`: x, y and z from the sensor to the voxel, its length in the plane, and its column of the image.
+    """
+    x, y, z, away, seen_in = ray
     t = (z / away - ROW_LOW) / ROW
-    if not (t >= 0.0 and t < ROWS) or away < 2.0 * size:
+    if not (t >= 0.0 and t < ROWS):
         return 0.0
-    nearest = image[direction(x, y), int(t)]
+    nearest = image[seen_in, int(t)]
     if nearest < np.inf:
         return 1.0 if nearest > away + margin * (1.0 + away * 0.1) else 0.0
     sine = (x * up[0] + y * up[1] + z * up[2]) / math.sqrt(away * away + z * z)

@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.kernels.jit import jit_ieee
 from ambler.kernels.terrain_columns import BINS, COUNT, DIRECTIONS, QUARTER, ROW, ROW_LOW, ROWS, Z, lowest_bit, wrapped
 
 UNKNOWN, GROUND, OBSTACLE, DROP, STEEP, STAIRS = 0, 1, 2, 3, 4, 5
 JOINED_DROP, JOINED_STEP = 8, 9  # only within `mark_edges`
+LEVEL, UNEVEN, UNSEEN, CLOSED_NOW = 16, 17, 18, 19  # only within `_close_holes`
 CLOSED = 6  # cells of a hole in an edge that are closed: no robot is as narrow as that
 EVIDENCE_MOST = 12
 SURE = 7.0  # returns from which on the height of a cell is sure to some centimetres
@@ -24,6 +26,27 @@ SPREAD = 0.65  # of a cell's side lies between the places where a slope has the 
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
 
 
+def _lines() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return, for every cell within `CLOSED` rows and columns of one and not beside it (half of them: the other half is the same from the other
+    end), its offset (dy, dx) and those of the cells on the line to it, int64 (N, CLOSED, 2), and how many cells the line has with its end, (N,)."""
+    ends = [
+        (dy, dx)
+        for dy in range(CLOSED + 1)
+        for dx in range(-CLOSED if dy > 0 else 2, CLOSED + 1)
+        if max(dy, abs(dx)) > 1
+    ]
+    counts = np.array([max(dy, abs(dx)) for dy, dx in ends])
+    offsets = np.zeros((len(ends), CLOSED, 2), np.int64)
+    for (dy, dx), count, line in zip(ends, counts.tolist(), offsets, strict=True):
+        line[0] = dy, dx
+        for i in range(1, count):
+            line[i] = (2 * i * dy + count) // (2 * count), (2 * i * dx + count) // (2 * count)
+    return offsets, counts
+
+
+LINES, LENGTHS = _lines()
+
+
 @jit_ieee
 def grow_ground(
     lows,
@@ -31,6 +54,7 @@ def grow_ground(
     returns,
     memory,
     evidence,
+    touched,
     base,
     first,
     size,
@@ -47,7 +71,8 @@ def grow_ground(
 ):
     """Grow the ground from under the robot over cells that continue it; unseen ones carry the height on.
 
-    Where too little is seen now, `memory` (m, m) of ground that is known to be firm, NaN elsewhere, stands for it where it continues the ground, and the `evidence` for a drop is void.
+    Where too little is seen now, `memory` (m, m) of ground that is known to be firm, NaN elsewhere, stands for it where it continues the ground, and the `evidence` for a drop is void; `touched` uint8 (m, m)
+    becomes 1 there, so that the cell's own low is found again.
 
     `lows`, `highs` (m, m) as the columns, modulo m; `ground` float32 (m, m) gets heights, `state` uint8 1 for seen ground, 2 for carried heights, 0
     elsewhere. Of two cells side by side one continues the other within `climb`; across a gap within `slack` + `tilt` per metre, where
@@ -104,6 +129,7 @@ def grow_ground(
             if is_poor and abs(known - z) <= joined:  # false where nothing is known
                 low = lows[qy, qx] = highs[qy, qx] = known
                 returns[qy, qx] = SURE
+                touched[qy, qx] = 1
             if abs(low - known) <= slack:
                 evidence[qy, qx] = 0
             if state[qy, qx] == 2 and (math.isnan(low) or wide > gap[qy, qx]):
@@ -162,13 +188,9 @@ def _seen(ground, state, qy, qx, m):
 @jit_ieee
 def _lesser(a, b):
     """The smaller of two slopes of one sign, 0 for two signs; where one is not known the other."""
-    if math.isnan(a):
-        return 0.0 if math.isnan(b) else b
-    if math.isnan(b):
-        return a
-    if a * b <= 0.0:
-        return 0.0
-    return a if abs(a) < abs(b) else b
+    a, b = b if math.isnan(a) else a, a if math.isnan(b) else b
+    lesser = a if abs(a) < abs(b) else b
+    return lesser if a * b > 0.0 else 0.0
 
 
 @jit_ieee
@@ -178,21 +200,40 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
     Over three cells, because the noise of a kerb's face spreads over two; each cell more asks for a centimetre and a half more. `own_slope`
     is the rise per metre towards the lower side, of this side; NaN where it is not known.
     """
-    over_two = h - two_on
-    beyond = (four_on - two_on) / (2.0 * cell)
-    fall = 0.0
-    if own_slope < 0.0:
-        fall = -own_slope
-    if beyond < 0.0 and -beyond > fall:
-        fall = -beyond
-    most = 0.0
-    if not math.isnan(beside):
-        most = h - beside - fall * cell
-    if not math.isnan(over_two):
-        most = max(most, over_two - fall * 2.0 * cell - 0.015)
-    if not math.isnan(three_on):
-        most = max(most, h - three_on - fall * 3.0 * cell - 0.03)
-    return most
+    beyond = (two_on - four_on) / (2.0 * cell)
+    fall = -own_slope if own_slope < 0.0 else 0.0
+    fall = beyond if beyond > fall else fall
+    # What is not known is NaN, and no comparison with that holds.
+    one, two, three = (
+        h - beside - fall * cell,
+        h - two_on - fall * 2.0 * cell - 0.015,
+        h - three_on - fall * 3.0 * cell - 0.03,
+    )
+    most = one if one > 0.0 else 0.0
+    most = two if two > most else most
+    return three if three > most else most
+
+
+@jit_ieee
+def _slopes(sure, y, x, dy, dx, h, cell):
+    """Return the slope of a cell of height `h` along an axis from the cells beside it, its rise over two, and whether neither neighbour is known."""
+    ahead, behind = np.float64(sure[y + dy, x + dx]), np.float64(sure[y - dy, x - dx])
+    ahead2, behind2 = np.float64(sure[y + 2 * dy, x + 2 * dx]), np.float64(sure[y - 2 * dy, x - 2 * dx])
+    slope = _lesser((ahead - h) / cell, (h - behind) / cell)
+    rise = _lesser((ahead2 - h) / (2.0 * cell), (h - behind2) / (2.0 * cell))
+    return slope, rise, math.isnan(ahead) and math.isnan(behind)
+
+
+@jit_ieee
+def _steps_along(sure, y, x, dy, dx, top, h, cell):
+    """Return the larger of the two steps down from a cell's `top` along an axis; `h` is the height of its ground."""
+    ahead, behind = np.float64(sure[y + dy, x + dx]), np.float64(sure[y - dy, x - dx])
+    ahead2, behind2 = np.float64(sure[y + 2 * dy, x + 2 * dx]), np.float64(sure[y - 2 * dy, x - 2 * dx])
+    ahead3, behind3 = np.float64(sure[y + 3 * dy, x + 3 * dx]), np.float64(sure[y - 3 * dy, x - 3 * dx])
+    ahead4, behind4 = np.float64(sure[y + 4 * dy, x + 4 * dx]), np.float64(sure[y - 4 * dy, x - 4 * dx])
+    forth = _step_down(top, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell)
+    back = _step_down(top, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell)
+    return max(forth, back)
 
 
 @jit_ieee
@@ -244,36 +285,23 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
             py, px = ly + 4, lx + 4
             is_sure = returns[y, x] >= SURE
             h = np.float64(sure[py, px]) if is_sure else np.float64(ground[y, x])
-            wide = most = 0.0
-            spread = np.float64(highs[y, x]) - np.float64(lows[y, x])
-            for axis in range(2):
-                dy, dx = axis, 1 - axis
-                ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
-                ahead2, behind2 = np.float64(sure[py + 2 * dy, px + 2 * dx]), np.float64(sure[py - 2 * dy, px - 2 * dx])
-                slopes[axis, y, x] = _lesser((ahead - h) / cell, (h - behind) / cell)
-                rise = _lesser((ahead2 - h) / (2.0 * cell), (h - behind2) / (2.0 * cell))
-                wide += rise * rise  # both ways: floor between two cars is not steep for the hood beside it
-                # A slope spreads the returns of a cell, too; where it is not known, nothing is known of the rest.
-                spread -= (
-                    SPREAD * cell * abs(slopes[axis, y, x])
-                    if not math.isnan(ahead) or not math.isnan(behind)
-                    else np.inf
-                )
-            if wide > steep * steep:
+            slope_x, rise_x, is_alone_x = _slopes(sure, py, px, 0, 1, h, cell)
+            slope_y, rise_y, is_alone_y = _slopes(sure, py, px, 1, 0, h, cell)
+            slopes[0, y, x], slopes[1, y, x] = slope_x, slope_y
+            # Both ways: floor between two cars is not steep for the hood beside it.
+            if rise_x * rise_x + rise_y * rise_y > steep * steep:
                 classes[y, x] = STEEP
             if not is_sure:
                 continue
-            top = h + spread if spread > 0.0 else h  # a kerb may fill a cell of which no floor is seen
-            if returns[y, x] >= 2.0 * SURE and highs[y, x] - lows[y, x] > step:
-                most = np.float64(highs[y, x]) - np.float64(lows[y, x])  # or none around it
-            for axis in range(2):
-                dy, dx = axis, 1 - axis
-                ahead, behind = np.float64(sure[py + dy, px + dx]), np.float64(sure[py - dy, px - dx])
-                ahead2, behind2 = np.float64(sure[py + 2 * dy, px + 2 * dx]), np.float64(sure[py - 2 * dy, px - 2 * dx])
-                ahead3, behind3 = np.float64(sure[py + 3 * dy, px + 3 * dx]), np.float64(sure[py - 3 * dy, px - 3 * dx])
-                ahead4, behind4 = np.float64(sure[py + 4 * dy, px + 4 * dx]), np.float64(sure[py - 4 * dy, px - 4 * dx])
-                most = max(most, _step_down(top, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell))
-                most = max(most, _step_down(top, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell))
+            spread = np.float64(highs[y, x]) - np.float64(lows[y, x])
+            top, most = h, 0.0
+            if returns[y, x] >= 2.0 * SURE and spread > step:
+                most = spread  # a kerb may fill a cell of which no floor is seen, nor any around it
+            # A slope spreads the returns of a cell, too; where it is not known, nothing is known of the rest.
+            if not is_alone_x and not is_alone_y:
+                top += max(0.0, spread - SPREAD * cell * (abs(slope_x) + abs(slope_y)))
+            most = max(most, _steps_along(sure, py, px, 0, 1, top, h, cell))
+            most = max(most, _steps_along(sure, py, px, 1, 0, top, h, cell))
             excess[y, x] = most
     # A step is longer than two cells: fewer are noise.
     for ly in range(1, m - 1):
@@ -345,7 +373,9 @@ def find_drops(
             expected = near_z + rise * (r - near_r)
             is_below = known >= 3 and low < expected - depth - unsure * (r - near_r)
             if returns[y, x] < 0.6 * SURE and not is_below and not math.isnan(low):
-                continue  # too little is known of it
+                if known == 0 and state[y, x] == 1:  # too little is known of it to go by, enough to begin with
+                    known, run_z, run_r, mid_z, mid_r, near_z, near_r = 1, low, r, low, r, low, r
+                continue
             if state[y, x] == 1 and not is_below:
                 if is_hidden:
                     if abs(low - expected) >= depth:
@@ -441,46 +471,51 @@ def mark_edges(evidence, wanted, excess, step, classes):
                     classes[y, x] = DROP
                 elif classes[y, x] == JOINED_STEP:
                     classes[y, x] = OBSTACLE
-
-    for y in range(m):
-        for x in range(m):
-            kind = classes[y, x]
-            if kind not in (DROP, OBSTACLE):
-                continue
-            for dy in range(CLOSED + 1):
-                for dx in range(-CLOSED if dy > 0 else 2, CLOSED + 1):
-                    if max(dy, abs(dx)) > 1:
-                        _close(y, x, dy, dx, kind, evidence, excess, step, classes)
-    for y in range(m):
-        for x in range(m):
-            if classes[y, x] == JOINED_DROP:
-                classes[y, x] = DROP
-            elif classes[y, x] == JOINED_STEP:
-                classes[y, x] = OBSTACLE
+    _close_holes(evidence, excess, step, classes)
 
 
 @jit_ieee
-def _close(y, x, dy, dx, kind, evidence, excess, step, classes):
-    """Close the hole in an edge between a cell and that (dy, dx) away if both are marked, unless half of it is seen to be level ground."""
+def _close_holes(evidence, excess, step, classes):
+    """Close the holes of up to `CLOSED` cells in edges, unless half of one is seen to be level ground.
+
+    Level ground is never filled, so that it does not change what is closed in which order.
+    """
     m = classes.shape[0]
-    if y + dy >= m or x + dx < 0 or x + dx >= m or classes[y + dy, x + dx] != kind:
-        return
-    count = max(dy, abs(dx))
-    level = 0
-    for is_filling in range(2):
-        for i in range(1, count):
-            qy, qx = y + (2 * i * dy + count) // (2 * count), x + (2 * i * dx + count) // (2 * count)
-            if classes[qy, qx] == kind or classes[qy, qx] >= JOINED_DROP:
+    wide = m + 2 * CLOSED
+    parts = np.zeros(wide * wide, np.uint8)  # with a rim, so that no line leaves it
+    for y in range(m):
+        for x in range(m):
+            kind = classes[y, x]
+            if kind == GROUND:
+                kind = LEVEL if excess[y, x] < 0.2 * step and evidence[y, x] == 0 else UNEVEN
+            elif kind == UNKNOWN:
+                kind = UNSEEN
+            parts[(y + CLOSED) * wide + x + CLOSED] = kind
+    lines = LINES[:, :, 0] * wide + LINES[:, :, 1]
+    for y in range(m):
+        for x in range(m):
+            here = (y + CLOSED) * wide + x + CLOSED
+            kind = parts[here]
+            if kind not in (DROP, OBSTACLE):
                 continue
-            is_level = classes[qy, qx] == GROUND and excess[qy, qx] < 0.2 * step and evidence[qy, qx] == 0
-            if is_filling == 0:
-                level += 1 if is_level else 0
-                if 2 * level > count:
-                    return
-            elif (classes[qy, qx] == GROUND and not is_level) or (kind == DROP and classes[qy, qx] == UNKNOWN):
-                classes[qy, qx] = JOINED_DROP if kind == DROP else JOINED_STEP
-                if kind == OBSTACLE:
-                    excess[qy, qx] = max(np.float64(excess[qy, qx]), 1.01 * step)
+            for k in range(lines.shape[0]):
+                if parts[here + lines[k, 0]] != kind:
+                    continue
+                level = missing = 0
+                for i in range(1, LENGTHS[k]):
+                    part = parts[here + lines[k, i]]
+                    level += part == LEVEL
+                    missing += part == UNEVEN or (part == UNSEEN and kind == DROP)
+                if missing == 0 or 2 * level > LENGTHS[k]:
+                    continue
+                for i in range(1, LENGTHS[k]):
+                    part = parts[here + lines[k, i]]
+                    if part == UNEVEN or (part == UNSEEN and kind == DROP):
+                        parts[here + lines[k, i]] = CLOSED_NOW
+                        qy, qx = y + LINES[k, i, 0], x + LINES[k, i, 1]
+                        classes[qy, qx] = kind
+                        if kind == OBSTACLE:
+                            excess[qy, qx] = max(np.float64(excess[qy, qx]), 1.01 * step)
 
 
 @jit_ieee
@@ -625,7 +660,9 @@ def warm_up() -> None:
     queue, later = np.empty(2 * m * m, np.int32), np.empty(m * m, np.int32)
     first, base = np.zeros(2, np.int64), np.array([0.8, 0.8, 0.0])
     evidence, known = np.zeros((m, m), np.uint8), (lows, lows.copy(), lows.copy(), lows.copy())
-    grow_ground(*known, evidence, base, first, 0.1, 0.3, 0.2, 0.1, 0.07, 10, ground, state, gap, queue, later)
+    grow_ground(
+        *known, evidence, evidence.copy(), base, first, 0.1, 0.3, 0.2, 0.1, 0.07, 10, ground, state, gap, queue, later
+    )
     slopes, excess, depths = np.empty((2, m, m), np.float32), np.empty((m, m), np.float32), np.zeros((m, m), np.float32)
     classes = np.empty((m, m), np.uint8)
     judge_ground(

@@ -160,7 +160,7 @@ class TerrainAnalysis:
         c, place = self.config, (self._first, self.config.voxel)
         growth = (c.climb, c.slack, c.tilt, round(c.gap / c.cell))
         work = (self._ground, self._state, self._gap, self._queue, self._later)
-        known = (self._lows, self._highs, self._returns, self._memory, self._evidence)
+        known = (self._lows, self._highs, self._returns, self._memory, self._evidence, self._touched)
         kernels.grow_ground(*known, base, *place, c.own_radius, *growth, *work)
         seen = (self._ground, self._state)
         judged = (self._sure, self._slopes, self._excess, self._classes)

@@ -9,13 +9,14 @@ from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorKind
 
 WIDE_COLUMNS = 200  # of 0.2 m: 40 m
+SEEN_FLOOR = 4.5  # metres of floor ahead that the window shows at least: a level LiDAR sees none nearer than 5 m
 
 
 @dataclass(frozen=True, slots=True)
 class TerrainConfig:
     """SI. What a robot can cross is in `step`, `steep` and `climbs_stairs`, its size in `clearance` and `own_radius` (`for_robot`).
 
-    columns         columns of voxels along a side of the window; an even number
+    columns         columns of voxels along a side of the window, an even number; more for a robot that sees the floor from far away on only
     voxel           side of a voxel; a cell of ground has twice that. 0.1: two of a kerb's edges do not fall into one
     step            a rise from which on a thing is an obstacle: half of what wheels of 15 cm cross is 4 cm, noise of ranges and of the
                     mount another 4
@@ -80,10 +81,13 @@ class TerrainConfig:
         return self.columns * self.voxel
 
     def for_robot(self, robot: RobotModel) -> TerrainConfig:
-        """Return the numbers of a robot's size: what carries its LiDAR belongs to it."""
+        """Return the numbers of a robot's size, what carries its LiDAR being part of it, and a window that holds enough of the floor that it sees."""
         tops = [mount.base_from_sensor.translation[2] for mount in robot.of_kind(SensorKind.CLOUD)]
         clearance = max([robot.body_height, *tops]) + 0.1
-        return replace(self, clearance=clearance, own_radius=robot.circumscribed_radius)
+        floor_from = min((mount.sees_floor_from for mount in robot.clouds[:1]), default=0.0)
+        reach = floor_from + SEEN_FLOOR if math.isfinite(floor_from) else 0.0
+        columns = max(self.columns, min(WIDE_COLUMNS, 4 * math.ceil(0.5 * reach / self.voxel)))
+        return replace(self, clearance=clearance, own_radius=robot.circumscribed_radius, columns=columns)
 
 
 def wide(near: TerrainConfig) -> TerrainConfig:
