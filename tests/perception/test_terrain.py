@@ -69,11 +69,12 @@ def test_a_drop_is_seen_before_the_robot_is_near(robot: str, depth: float) -> No
 
 def test_a_drop_is_seen_by_who_sees_little_floor_before_it() -> None:
     """A level LiDAR sees no floor within 5 m; with the edge 7.2 m away where it starts, a metre of sparse floor is all that it ever sees before it."""
-    for seed in (1, 2, 3):
+    error = SE3.from_rpy((0.0, 0.0, -0.02), math.radians(-2.5), math.radians(-1.2), 0.0)
+    for seed in (1, 5):
         beyond = half_plane(7.2, -0.36, -0.11, is_beyond=True)
-        rover = Rover(made(half_plane(7.2, -0.36, 0.0, is_beyond=False), beyond), ROBOTS["mecanum"], seed)
+        rover = Rover(made(half_plane(7.2, -0.36, 0.0, is_beyond=False), beyond), ROBOTS["mecanum"], seed, error)
         terrain = rover.feed(TerrainAnalysis(replace(config(), columns=144)), along_x(0.0, 5.0))
-        assert widest_gap(within(terrain, 6.0, 8.6, 0.6), 0.5) < 2.0 * ROBOTS["mecanum"].inscribed_radius
+        assert widest_gap(within(terrain, 6.0, 8.6, 0.6), 0.5) < 0.4
 
 
 def test_a_window_holds_the_floor_that_a_robot_sees() -> None:
@@ -88,9 +89,10 @@ def test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it() -> None
     for is_level in (False, True):
         classes, excess = np.full((20, 20), ground.GROUND, np.uint8), np.zeros((20, 20), np.float32)
         classes[10, 3:8] = classes[10, 12:17] = ground.OBSTACLE
-        excess[10, 3:17] = 0.0 if is_level else 0.02  # between a fifth and a third of a step: not level, not joined
+        excess[10, 3:17] = 0.02  # between a fifth and a third of a step: not level, not joined
+        excess[10, 8:11] = 0.0 if is_level else 0.02
         ground.mark_edges(np.zeros((20, 20), np.uint8), 6, excess, 0.08, classes)
-        assert (classes[10, 3:17] == ground.OBSTACLE).all() != is_level
+        assert (classes[10, 8:12] == (ground.GROUND if is_level else ground.OBSTACLE)).all()
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
         assert is_level or (excess[10, 8:12] > 0.08).all()
 
