@@ -85,16 +85,16 @@ def test_a_window_holds_the_floor_that_a_robot_sees() -> None:
 
 
 def test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it() -> None:
-    """An edge of a kerb along a row with a hole of four cells, seen too little (uneven) or as level ground."""
+    """An edge of a kerb along a row with a hole of five cells, seen too little (uneven) or as level ground."""
     for is_level in (False, True):
         classes, excess = np.full((20, 20), ground.GROUND, np.uint8), np.zeros((20, 20), np.float32)
-        classes[10, 3:8] = classes[10, 12:17] = ground.OBSTACLE
-        excess[10, 3:17] = 0.02  # between a fifth and a third of a step: not level, not joined
-        excess[10, 8:11] = 0.0 if is_level else 0.02
+        classes[10, 3:8] = classes[10, 13:18] = ground.OBSTACLE
+        excess[10, 3:18] = 0.02  # between a fifth and a third of a step: not level, not joined
+        excess[10, 8:12] = 0.0 if is_level else 0.02
         ground.mark_edges(np.zeros((20, 20), np.uint8), 6, excess, 0.08, classes)
-        assert (classes[10, 8:12] == (ground.GROUND if is_level else ground.OBSTACLE)).all()
+        assert (classes[10, 8:13] == (ground.GROUND if is_level else ground.OBSTACLE)).all()
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
-        assert is_level or (excess[10, 8:12] > 0.08).all()
+        assert is_level or (excess[10, 8:13] > 0.08).all()
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
