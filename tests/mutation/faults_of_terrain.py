@@ -29,21 +29,21 @@ TERRAIN = (
     ),
     PlantedFault(
         "drops are looked for upwards",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_edges.py",
         "off = expected - low",
         "off = low - expected",
         ("tests/perception/test_terrain.py::test_a_drop_is_seen_before_the_robot_is_near",),
     ),
     PlantedFault(
         "slopes explain no step",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_steps.py",
         "fall = beyond if beyond > fall else fall",
         "fall = 0.0",
         ("tests/perception/test_terrain.py::test_a_slope_of_15_degrees_is_ground_and_one_of_28_is_not",),
     ),
     PlantedFault(
         "a slope is stairs",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_stairs.py",
         "if rises >= 3 and treads >= rises - 1 and between < rises:",
         "if rises >= 1:",
         ("tests/perception/test_terrain.py::test_stairs_are_recognized_and_crossed_only_by_who_climbs",),
@@ -191,7 +191,7 @@ TERRAIN = (
     ),
     PlantedFault(
         "a ramp goes on for ever",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_edges.py",
         "rise = min(0.0, (near_z - run_z) / (near_r - run_r))",
         "rise = (near_z - run_z) / (near_r - run_r)",
         ("tests/perception/test_terrain.py::test_ground_may_level_off_behind_a_crest",),
@@ -506,7 +506,7 @@ TERRAIN = (
     ),
     PlantedFault(
         "the foot of a kerb stands for all of it",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_steps.py",
         "top += max(0.0, spread - SPREAD * cell * (abs(slope_x) + abs(slope_y)))",
         "top += 0.0",
         ("tests/perception/test_terrain.py::test_a_row_of_kerb_stones_is_seen_by_who_drives_past_it",),
@@ -541,7 +541,7 @@ TERRAIN = (
     ),
     PlantedFault(
         "a run of floor begins with many returns only",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_edges.py",
         "if known == 0 and state[y, x] == 1:",
         "if False:",
         ("tests/perception/test_terrain.py::test_a_drop_is_seen_by_who_sees_little_floor_before_it",),
@@ -555,14 +555,14 @@ TERRAIN = (
     ),
     PlantedFault(
         "holes of edges stay open",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_edges.py",
         "if missing == 0 or 2 * level > LENGTHS[k]:",
         "if True:",
         ("tests/perception/test_terrain.py::test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it",),
     ),
     PlantedFault(
         "level ground closes like a hole",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_edges.py",
         "if missing == 0 or 2 * level > LENGTHS[k]:",
         "if missing == 0:",
         ("tests/perception/test_terrain.py::test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it",),
@@ -583,7 +583,7 @@ TERRAIN = (
     ),
     PlantedFault(
         "a slope is as flat in a cell as a floor",
-        "kernels/terrain_ground.py",
+        "kernels/terrain_steps.py",
         "SPREAD = 0.65",
         "SPREAD = 0.0",
         ("tests/perception/test_terrain.py::test_a_ramp_is_no_flight_of_steps_to_who_drives_up_it",),

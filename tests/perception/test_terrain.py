@@ -12,6 +12,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import terrain_columns as columns
+from ambler.kernels import terrain_edges
 from ambler.kernels import terrain_ground as ground
 from ambler.perception.terrain import Ground, Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
@@ -91,7 +92,7 @@ def test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it() -> None
         classes[10, 3:8] = classes[10, 13:18] = ground.OBSTACLE
         excess[10, 3:18] = 0.02  # between a fifth and a third of a step: not level, not joined
         excess[10, 8:12] = 0.0 if is_level else 0.02
-        ground.mark_edges(np.zeros((20, 20), np.uint8), 6, excess, 0.08, classes)
+        terrain_edges.mark_edges(np.zeros((20, 20), np.uint8), 6, excess, 0.08, classes)
         assert (classes[10, 8:13] == (ground.GROUND if is_level else ground.OBSTACLE)).all()
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
         assert is_level or (excess[10, 8:13] > 0.08).all()

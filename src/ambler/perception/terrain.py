@@ -18,7 +18,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se3 import SE3
 from ambler.kernels import terrain_columns as columns
-from ambler.kernels import terrain_ground as kernels
+from ambler.kernels import terrain_edges, terrain_ground, terrain_stairs, terrain_steps
 from ambler.perception.terrain_config import TerrainConfig
 
 F32 = NDArray[np.float32]
@@ -28,12 +28,12 @@ MARCH = 0.1  # metres of a step from cell to cell outwards
 class Ground(IntEnum):
     """What a cell is; the numbers are the kernels'."""
 
-    UNKNOWN = kernels.UNKNOWN
-    GROUND = kernels.GROUND
-    OBSTACLE = kernels.OBSTACLE
-    DROP = kernels.DROP
-    STEEP = kernels.STEEP
-    STAIRS = kernels.STAIRS
+    UNKNOWN = terrain_ground.UNKNOWN
+    GROUND = terrain_ground.GROUND
+    OBSTACLE = terrain_ground.OBSTACLE
+    DROP = terrain_ground.DROP
+    STEEP = terrain_ground.STEEP
+    STAIRS = terrain_ground.STAIRS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,12 +161,14 @@ class TerrainAnalysis:
         growth = (c.climb, c.slack, c.tilt, round(c.gap / c.cell))
         work = (self._ground, self._state, self._gap, self._queue, self._later)
         known = (self._lows, self._highs, self._returns, self._memory, self._evidence, self._touched)
-        kernels.grow_ground(*known, base, *place, c.own_radius, *growth, *work)
+        terrain_ground.grow_ground(*known, base, *place, c.own_radius, *growth, *work)
         seen = (self._ground, self._state)
         judged = (self._sure, self._slopes, self._excess, self._classes)
-        kernels.judge_ground(*seen, self._lows, self._highs, self._returns, *place, c.step, math.tan(c.steep), *judged)
+        terrain_steps.judge_ground(
+            *seen, self._lows, self._highs, self._returns, *place, c.step, math.tan(c.steep), *judged
+        )
         hidden = (MARCH * c.cell / 0.2, c.drop, c.hidden * c.cell / 0.2)
-        kernels.find_drops(
+        terrain_edges.find_drops(
             self._lows,
             self._returns,
             *seen,
@@ -178,15 +180,15 @@ class TerrainAnalysis:
             self._evidence,
             self._depths,
         )
-        kernels.mark_edges(self._evidence, c.evidence, self._excess, c.step, self._classes)
-        kernels.find_stairs(*seen, *place, self._voxels, self._mask, self._classes)
+        terrain_edges.mark_edges(self._evidence, c.evidence, self._excess, c.step, self._classes)
+        terrain_stairs.find_stairs(*seen, *place, self._voxels, self._mask, self._classes)
 
     def terrain(self) -> Terrain:
         """Return what is known after the last update."""
         c, m = self.config, self.config.columns // 2
         out, kinds = np.empty((c.points_most, 4), np.float32), np.empty(c.points_most, np.uint8)
         limits = np.array([c.step, c.clearance, float(c.climbs_stairs), c.slack, c.tilt])
-        count = kernels.gather(
+        count = terrain_ground.gather(
             *(self._ground, self._state, self._gap, self._slopes, self._excess, self._depths, self._classes),
             *(self._first, c.voxel, limits, self._voxels, self._mask, out, kinds),
         )

@@ -4,6 +4,7 @@ what the local costmap makes of it: processor time."""
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,16 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
 from ambler.costmap.terrain_layer import TerrainLayer
-from ambler.kernels import footprint, primitives, rollout, terrain_columns, terrain_ground
+from ambler.kernels import (
+    footprint,
+    primitives,
+    rollout,
+    terrain_columns,
+    terrain_edges,
+    terrain_ground,
+    terrain_stairs,
+    terrain_steps,
+)
 from ambler.perception.terrain import Ground, Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
 from ambler.robots.spatial_robots import mecanum
@@ -56,15 +66,16 @@ def hall(seed: int) -> WorldSpec:
 
 def measure(runs: int, seed: int) -> dict[str, Any]:
     """Return medians and 95th percentiles, milliseconds of this thread."""
-    terrain_columns.warm_up()
-    terrain_ground.warm_up()
+    for module in (terrain_columns, terrain_ground, terrain_steps, terrain_edges, terrain_stairs):
+        module.warm_up()
     model = mecanum().model
     rover = Rover(hall(seed), model, seed)
     ways = 2.0 * np.sin(np.arange(runs + UNCOUNTED) * 0.02)
     scans = [rover.scan(SE3((float(x), 0.0, LEVEL))) for x in ways]
-    near = TerrainConfig().for_robot(model)
+    own = TerrainConfig().for_robot(model)  # the window of a robot that sees the floor from 5 m away on
+    near = replace(own, columns=TerrainConfig().columns)
     fields: dict[str, Any] = {"runs": runs, "points": int(np.median([len(scan[0]) for scan in scans]))}
-    for name, config in (("near", near), ("wide", wide(near))):
+    for name, config in (("near", near), ("level_lidar", own), ("wide", wide(near))):
         analysis = TerrainAnalysis(config)
         updates, terrains = [], []
         for scan in scans:

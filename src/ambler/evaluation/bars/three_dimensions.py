@@ -109,7 +109,7 @@ ROWS: Sequence[Row] = (
         "terrain within 10 m, 20k points of a Mid-360, one core",
         "≤ 1.0 ms",
         "bench_terrain.json",
-        "{near_update_ms:.2f} ms (95 %: {near_update_p95_ms:.2f}); its cloud {near_terrain_ms:.2f} ms",
+        "{near_update_ms:.2f} ms (95 %: {near_update_p95_ms:.2f}); its cloud {near_terrain_ms:.2f} ms; the window of {level_lidar_window_m:.1f} m of a level LiDAR {level_lidar_update_ms:.2f} ms",
         at_most(near_update_ms=1.0),
     ),
     Row(
