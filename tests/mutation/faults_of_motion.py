@@ -11,6 +11,7 @@ EXPLORE = ("tests/missions/test_explore.py",)
 FENCE = ("tests/exploration/test_fence.py",)
 WIDE = ("tests/exploration/test_wide.py",)
 TRUST = ("tests/localization/test_map_trust.py",)
+SLAM_NODE = ("tests/slam2d/test_slam2d_node.py",)
 BLOCKED = ("tests/missions/test_blocked_ways.py",)
 SURVEY = ("tests/exploration/test_survey.py",)
 NAVIGATE = ("tests/missions/test_navigate.py",)
@@ -390,11 +391,18 @@ MOTION = (
         TRUST,
     ),
     PlantedFault(
-        "a scan without returns is drawn as free floor",
+        "what contradicts the map is drawn over it",
         "nodes/slam2d.py",
-        "may_insert=is_telling and self._trust.may_map",
+        "may_insert=self._trust.may_map",
         "may_insert=True",
-        ("tests/slam2d/test_slam2d_node.py",),
+        SLAM_NODE,
+    ),
+    PlantedFault(
+        "a scan of a handful of returns is matched and drawn",
+        "nodes/slam2d.py",
+        "taken = scan if is_telling else replace(",
+        "taken = scan if True else replace(",
+        SLAM_NODE,
     ),
     PlantedFault(
         "a robot that lost its map drives on",
