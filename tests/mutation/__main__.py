@@ -6,6 +6,7 @@ import argparse
 import importlib.util
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -26,7 +27,10 @@ from tests.mutation.planted import PACKAGE, REPOSITORY, PlantedFault
 LIMIT = (
     60.0  # seconds of a processor within which a test must notice: what it takes on a machine that does nothing else
 )
-PATIENCE = 5.0 * LIMIT  # seconds of the wall after which the tests of a fault are ended
+MOST, PATIENCE = (
+    2.0 * LIMIT,
+    20.0 * LIMIT,
+)  # seconds of the processor and of the wall after which the tests of a fault are ended
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+::\S+)", re.MULTILINE)
 KERNELS = REPOSITORY / "src" / PACKAGE / "kernels"
 IMPORTED = re.compile(r"^from ambler\.kernels\.(\w+) import", re.MULTILINE)
@@ -70,13 +74,13 @@ class Workshop:
             cache = Path(name) if fault.room == "kernels" else None
             if cache is not None:
                 link_compiled(cache, besides=reached_by(Path(fault.file).stem))
-            code, output = self.run(fault.tests, cache=cache, limit=PATIENCE)
+            code, output = self.run(fault.tests, cache=cache, is_limited=True)
         found = FAILED.search(output) if code == TESTS_FAILED else None
         return Notice(fault, found.group(1) if found else None, processor_seconds() - begun)
 
-    def run(self, tests: Sequence[str], *, cache: Path | None = None, limit: float | None = None) -> tuple[int, str]:
-        """Run tests against the copy, with the compiled kernels of a cache (default: the usual ones); returns pytest's exit code (-1: not within the limit) and what
-        it printed."""
+    def run(self, tests: Sequence[str], *, cache: Path | None = None, is_limited: bool = False) -> tuple[int, str]:
+        """Run tests against the copy, with the compiled kernels of a cache (default: the usual ones); returns pytest's exit code (negative: it took too long) and
+        what it printed."""
         options = ("-x", "-rfE", "--tb=no", "--hypothesis-profile=unshrunk", "-m", "not slow")
         command = [sys.executable, "-m", "pytest", *options, *tests]
         environment = dict(os.environ, PYTHONPATH=str(self._source), MPLBACKEND="Agg", OMP_NUM_THREADS="1")
@@ -89,7 +93,8 @@ class Workshop:
                 capture_output=True,
                 text=True,
                 check=False,
-                timeout=limit,
+                timeout=PATIENCE if is_limited else None,
+                preexec_fn=_limit_processor if is_limited else None,
             )
         except subprocess.TimeoutExpired:
             return -1, ""
@@ -109,6 +114,10 @@ class Workshop:
             path.write_text(original, encoding="utf-8")
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
             compiled.unlink(missing_ok=True)
+
+
+def _limit_processor() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (int(MOST), int(MOST) + 1))
 
 
 def reached_by(kernel: str) -> set[str]:
