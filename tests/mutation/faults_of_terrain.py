@@ -23,7 +23,7 @@ TERRAIN = (
     PlantedFault(
         "nothing is forgotten that rays go through",
         "kernels/terrain_columns.py",
-        "return 1.0 if nearest > away + margin * (1.0 + away * 0.1) else 0.0",
+        "return 1.0 if is_through and nearest > away + margin * (1.0 + away * 0.1) else 0.0",
         "return 0.0",
         ("tests/perception/test_terrain.py::test_who_walks_away_is_forgotten",),
     ),
@@ -575,8 +575,8 @@ TERRAIN = (
     PlantedFault(
         "a cell that was looked through keeps its height",
         "kernels/terrain_columns.py",
-        "mask[iy, ix] &= ~bit\n                                is_changed = True",
-        "mask[iy, ix] &= ~bit",
+        "is_changed = True\n",
+        "is_changed = is_changed or False\n",
         ("tests/perception/test_terrain.py::test_who_walks_away_is_forgotten", *GROUND),
     ),
     PlantedFault(
@@ -585,6 +585,43 @@ TERRAIN = (
         "touched[qy, qx] = 1",
         "touched[qy, qx] = touched[qy, qx]",
         ("tests/perception/test_terrain.py::test_ground_that_was_remembered_gives_way_to_what_is_seen",),
+    ),
+    PlantedFault(
+        "a step that nobody sees any more is judged away",
+        "kernels/terrain_steps.py",
+        "held = before if before > step and not _is_changed(changed, y, x) else 0.0",
+        "held = 0.0",
+        ("tests/perception/test_terrain.py::test_a_step_stays_one_until_something_comes_or_goes_there",),
+    ),
+    PlantedFault(
+        "a step stays one for ever",
+        "kernels/terrain_steps.py",
+        "held = before if before > step and not _is_changed(changed, y, x) else 0.0",
+        "held = before if before > step else 0.0",
+        ("tests/perception/test_terrain.py::test_a_step_stays_one_until_something_comes_or_goes_there",),
+    ),
+    PlantedFault(
+        "a kerb is forgotten as soon as a person",
+        "kernels/terrain_columns.py",
+        "LOW_PATIENCE = 3.0",
+        "LOW_PATIENCE = 1.0",
+        ("tests/perception/test_terrain.py::test_a_low_thing_is_forgotten_slowly_unless_what_stood_on_it_has_left",),
+    ),
+    PlantedFault(
+        "who leaves leaves his feet behind",
+        "kernels/terrain_columns.py",
+        "if is_left:",
+        "if False:",
+        ("tests/perception/test_terrain.py::test_a_low_thing_is_forgotten_slowly_unless_what_stood_on_it_has_left",),
+    ),
+    PlantedFault(
+        "places of dust are as narrow far out as near",
+        "perception/air_filter.py",
+        "places = places / 2.0 ** doublings[:, None]",
+        "places = places * 1.0",
+        (
+            "tests/perception/test_air_filter.py::test_an_edge_that_few_beams_meet_is_kept_where_places_are_as_wide_as_beams",
+        ),
     ),
     PlantedFault(
         "a slope is as flat in a cell as a floor",

@@ -112,6 +112,29 @@ def test_a_wire_that_is_dim_is_kept_once_it_was_met_again_at_the_same_place() ->
     assert blown_stays.mean() < 0.1
 
 
+def test_an_edge_that_few_beams_meet_is_kept_where_places_are_as_wide_as_beams() -> None:
+    """The top of a kerb 7 m away: in every cloud six dim returns anywhere along two metres of it, never twice within 10 cm in a second and a half."""
+    rng = np.random.default_rng(5)
+    shares, dust = [], []
+    for config in (AirFilterConfig(), AirFilterConfig(beams=4.0)):
+        filter_, stays, blown_stays = AirFilter(config), [], []
+        for scan in range(40):
+            ahead = beams(scan)
+            cloud = cloud_of(*hall(ahead, rng), ahead)
+            edge = np.column_stack((np.full(6, 7.0), rng.uniform(-1.0, 1.0, 6), np.full(6, -0.4)))
+            blown = rng.uniform((1.0, -6.0, -0.5), (9.0, 6.0, 2.0), (40, 3))
+            points = np.concatenate([cloud.points, edge, blown]).astype(np.float32)
+            n = len(points)
+            light = np.concatenate([cloud.intensity, np.full(46, 0.02, np.float32)])
+            told = kept(filter_, PointCloud(0, "lidar", points, light, np.zeros(n, np.float32), np.zeros(n, np.uint16)))
+            stays += told[-46:-40].tolist()
+            blown_stays += told[-40:].tolist()
+        shares.append(np.mean(stays))
+        dust.append(np.mean(blown_stays))
+    assert shares[1] > 0.7 > 0.5 > shares[0]
+    assert dust[1] < 0.1
+
+
 def test_leaves_stay_and_smoke_of_the_same_shape_goes() -> None:
     for brightness, bounds in ((0.4, (0.97, 1.01)), (0.03, (-0.01, 0.25))):
         rng, filter_ = np.random.default_rng(4), AirFilter()

@@ -14,6 +14,7 @@ from ambler.core.se3 import SE3
 from ambler.kernels import terrain_columns as columns
 from ambler.kernels import terrain_edges
 from ambler.kernels import terrain_ground as ground
+from ambler.kernels import terrain_steps as steps
 from ambler.perception.terrain import Ground, Terrain, TerrainAnalysis
 from ambler.perception.terrain_config import TerrainConfig, wide
 from ambler.robots.spatial_robots import go2, mecanum
@@ -405,3 +406,51 @@ def _rolled(analysis: TerrainAnalysis) -> tuple[np.ndarray, np.ndarray]:
     m = analysis.config.columns // 2
     cx, cy = (analysis._first // 2).tolist()
     return np.ix_((cy + np.arange(m)) % m, (cx + np.arange(m)) % m)
+
+
+def test_a_step_stays_one_until_something_comes_or_goes_there() -> None:
+    m = 20
+    heights = np.zeros((m, m), np.float32)
+    many, seen_all = np.full((m, m), 50.0, np.float32), np.ones((m, m), np.uint8)
+    sure, slopes = np.empty((m + 8, m + 8), np.float32), np.zeros((2, m, m), np.float32)
+    for is_changed in (False, True):
+        excess, classes = np.zeros((m, m), np.float32), np.zeros((m, m), np.uint8)
+        excess[10, 6:14] = 0.12  # what was judged when it was seen; by now the floor alone is left
+        changed = np.full((m, m), is_changed, np.uint8)
+        known = (heights.copy(), seen_all, heights, heights, many, changed)
+        steps.judge_ground(*known, np.zeros(2, np.int64), 0.1, 0.08, 0.4, sure, slopes, excess, classes)
+        assert (classes[10, 6:14] == (ground.GROUND if is_changed else ground.OBSTACLE)).all()
+        assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
+
+
+def test_a_low_thing_is_forgotten_slowly_unless_what_stood_on_it_has_left() -> None:
+    """A voxel 12 cm over the ground whose column is seen again and again without it: alone, and below one at 1 m."""
+    for stood in (False, True):
+        left_after = _seconds_until_left(stood)
+        assert 3.9 < left_after < 5.5 if not stood else left_after < 2.5
+
+
+def _seconds_until_left(stood: bool) -> float:
+    """Return after how many seconds of being overlooked a low voxel is forgotten."""
+    n = 8
+    voxels, mask = np.zeros((n, n, columns.BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    newest, ground_z = np.full((n, n), -1e9, np.float32), np.zeros((n // 2, n // 2), np.float32)
+    image, touched = (
+        np.full((columns.DIRECTIONS, columns.ROWS, 2), np.inf, np.float32),
+        np.zeros((n // 2, n // 2), np.uint8),
+    )
+    for z in (0.12, 1.0) if stood else (0.12,):
+        b = int(z / 0.1) & (columns.BINS - 1)
+        mask[4, 4] |= np.uint32(1) << np.uint32(b)
+        voxels[4, 4, b] = z, 0.0, 5.0, 0.0
+    lows, highs, returns = np.zeros((3, n // 2, n // 2), np.float32)
+    origin, up, elevations = np.array([-9.0, 0.0, 0.6]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 1.0])
+    for k in range(1, 100):
+        newest[4, 4] = 0.1 * k
+        touched[2, 2] = 1
+        store = (np.zeros(2, np.int64), 0.1, ground_z, voxels, mask, newest, image, touched)
+        told = (lows, highs, returns, touched.copy())
+        columns.renew(origin, up, elevations, 0.1 * k, 1.5, 0.25, 2.0, 5, *store, *told)
+        if mask[4, 4] == 0:
+            return 0.1 * k
+    return math.inf

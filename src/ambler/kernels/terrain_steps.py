@@ -136,6 +136,8 @@ def judge_ground(ground, state, lows, highs, returns, changed, first, size, step
                 classes[y, x] = STEEP
             # Who comes too near to see a kerb still knows it: what is judged anew without being seen anew only loses.
             held = before if before > step and not _is_changed(changed, y, x) else 0.0
+            if held > 0.0:
+                classes[y, x] = OBSTACLE
             if not is_sure:
                 excess[y, x] = held
                 continue
@@ -153,7 +155,7 @@ def judge_ground(ground, state, lows, highs, returns, changed, first, size, step
     for ly in range(1, m - 1):
         for lx in range(1, m - 1):
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
-            if not excess[y, x] > step:
+            if not excess[y, x] > step or classes[y, x] == OBSTACLE:
                 continue
             others = 0
             for dy in range(-1, 2):
