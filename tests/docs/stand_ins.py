@@ -27,6 +27,11 @@ def make(folder: Path) -> None:
     profile = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
     assert profile is not None
     (folder / "slow.yaml").write_text(profile[1])
+    (folder / "studies" / "paths").mkdir(parents=True)
+    (folder / "studies" / "paths" / "best.yaml").write_text(profile[1])
+    plan = (ROOT / "examples" / "lab_empty" / "map.yaml").read_text(encoding="utf-8")
+    (folder / "my_floor_plan.yaml").write_text(plan)
+    shutil.copy(ROOT / "examples" / "lab_empty" / "map.pgm", folder / "map.pgm")
 
 
 def _drive() -> tuple[str, str]:

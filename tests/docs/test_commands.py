@@ -1,4 +1,4 @@
-"""The commands of README and docs: all parse, the quick ones run as they stand, and the others say why they do not."""
+"""The commands of README and docs: all parse, the quick ones run as they stand, runs of robots are ended early, and the others say why they do not run."""
 
 import argparse
 import re
@@ -13,6 +13,7 @@ from tests.docs.example_recording import MADE_ON, processor
 
 DATA = "needs public recordings (docs/datasets.md)"
 WHOLE_RUN = "a whole run of a robot; tests/apps and tests/scenarios drive such"
+ON_A_SITE = "a whole run on a site, whose meshes alone take half a minute; tests/scenarios drive such"
 STUDY = "minutes to hours of runs"
 OWN_FILES = "needs files that only its reader has"
 QUICK = (
@@ -38,66 +39,77 @@ QUICK = (
     "world generate site --seed 17 --out site.yaml",
     "calibrate range --simulated --out robot.yaml",
 )
+SHORTENED = (
+    "demo",
+    "demo --robot spot --world lab_obstacle --seed 3",
+    "demo --world office-17",
+    "demo --world office-17 --set global_planner=visibility_graph",
+    "demo --robot porter+depth --world office",
+    "demo --profile slow.yaml --set planner.factor=1.2",
+    "demo --world building --robot amr_omni --then dock:charger_1 --then undock:charger_1 --then 3,0,90",
+    "demo --world glass --robot diff+ultrasonic",
+    "navigate 10,0 --world office --lost --may-turn",
+    "navigate --unknown --planner visibility_graph --world office-17 -- 5.4,7",
+    "navigate --unknown --world office-17 -- 5.4,7",
+    "navigate --world office --robot diff --set controller=primitives -- 4,0 8,3",
+    "dock charger_1 --world dock_room",
+    "dock charger_1 --world dock_hall",
+    "dock charger_1 --world dock_hall --then-undock",
+    "dock charger_v --world dock_shapes",
+    "dock charger_1 --fault shadow --fault blur",
+    "dock charger_1 --imperfections drawn --seed 3",
+    "dock charger_1 --profile slow.yaml",
+    "undock charger_1",
+    "demo --world lab_empty --robot spot --set odometry_source=lidar",
+    "demo --world my_floor_plan.yaml",
+    "demo --profile studies/paths/best.yaml",
+)
 NOT_RUN = {
-    "demo": WHOLE_RUN,
-    "demo --robot spot --world lab_obstacle --seed 3": WHOLE_RUN,
-    "demo --world my_floor_plan.yaml": OWN_FILES,
-    "demo --world office-17": WHOLE_RUN,
-    "demo --world office-17 --set global_planner=visibility_graph": WHOLE_RUN,
+    "dock charger_1 --teach --docks docks.yaml": OWN_FILES,
+    "demo --robot go2 --world garage --then 20,0@1 --then 14,0@0": ON_A_SITE,
+    "demo --robot go2 --world campus --drive built-in": ON_A_SITE,
+    "demo --robot go2 --world campus": ON_A_SITE,
+    "demo --robot mecanum --world plot-17": ON_A_SITE,
+    "demo --robot go2 --world garage": ON_A_SITE,
+    "demo --robot go2 --world plot-1 --stations 8": ON_A_SITE,
+    "demo --robot go2 --world plot-17": ON_A_SITE,
+    "demo --robot mecanum --world garage --drive built-in --speed 1.0 --seed 3": ON_A_SITE,
+    "demo --robot go2 --world campus --drive built-in --fault dust@30": ON_A_SITE,
+    "demo --robot mecanum --world campus --drive built-in": ON_A_SITE,
+    "demo --world lab_empty --apart": WHOLE_RUN,
+    "bench terrain --runs 200 --json terrain.json": "tests/studies/test_ground_study.py measures a few clouds",
+    "bench far --json docs/results/bench_far.json": "a minute; tests/planning looks at the graph",
+    "bench odometry": "a minute of a drive; tests/studies measures a short one",
+    "calibrate --simulated --robot amr_omni --out check.yaml": WHOLE_RUN,
+    "eval exploration --worlds lab_empty --robots diff --runs 5 --json summary.json": STUDY,
+    "eval exploration --worlds lab_empty --robots diff --runs 9": STUDY,
+    "eval exploration --worlds office --seed draw --runs 3": STUDY,
+    "eval exploration --worlds office --processes 4": STUDY,
+    "eval crowd --runs 30 --people 10 --seed draw --json crowd.json": STUDY,
+    "eval crowd --worlds office --robots diff --runs 2 --people 4 --stubborn 4": STUDY,
+    "eval glass --json glass.json": STUDY,
     "navigate --world office-17 --planner visibility_graph --map runs/LATEST/map.yaml -- 5.4,7": WHOLE_RUN,
-    "demo --robot go2 --world garage --then 20,0@1 --then 14,0@0": WHOLE_RUN,
-    "demo --robot porter+depth --world office": WHOLE_RUN,
     "eval overhangs --seed draw --runs 10 --json docs/results/overhangs.json": STUDY,
     "bench live --robot go2 --world plot-1 --seconds 60 --json live.json": WHOLE_RUN,
-    "demo --robot go2 --world campus --drive built-in": WHOLE_RUN,
-    "demo --robot go2 --world campus": WHOLE_RUN,
-    "demo --robot mecanum --world plot-17": WHOLE_RUN,
-    "demo --robot go2 --world garage": WHOLE_RUN,
-    "demo --robot go2 --world plot-1 --stations 8": WHOLE_RUN,
     "eval sites --seed draw --runs 4 --json sites.json": STUDY,
-    "demo --robot go2 --world plot-17": WHOLE_RUN,
     "navigate --robot go2 --world plot-17 --map runs/LATEST --lost --may-turn --start 12,30,90 -- 5,5 20,-8,180": WHOLE_RUN,
     "navigate --robot go2 --world garage --map runs/LATEST --lost --may-turn -- 12,4@1": WHOLE_RUN,
     "eval return --kinds plot --robots go2 --seed draw --runs 10 --json return.json": STUDY,
-    "demo --robot mecanum --world garage --drive built-in --speed 1.0 --seed 3": WHOLE_RUN,
     "lio runs/LATEST/recording --truth runs/LATEST/truth.tum --out my_map": "needs a drive; tests/apps/test_drive.py maps one",
-    "demo --profile slow.yaml --set planner.factor=1.2": WHOLE_RUN,
-    "demo --world building --robot amr_omni --then dock:charger_1 --then undock:charger_1 --then 3,0,90": WHOLE_RUN,
-    "demo --world lab_empty --apart": WHOLE_RUN,
-    "demo --world glass --robot diff+ultrasonic": WHOLE_RUN,
-    "demo --profile studies/paths/best.yaml": WHOLE_RUN,
-    "navigate 10,0 --world office --lost --may-turn": WHOLE_RUN,
-    "navigate --unknown --planner visibility_graph --world office-17 -- 5.4,7": WHOLE_RUN,
-    "navigate --unknown --world office-17 -- 5.4,7": WHOLE_RUN,
-    "navigate --world office --robot diff --set controller=primitives -- 4,0 8,3": WHOLE_RUN,
-    "bench far --json docs/results/bench_far.json": "a minute; tests/planning looks at the graph",
     "eval unknown --kinematic --runs 20 --seed draw --json docs/results/unknown.json": STUDY,
-    "dock charger_1 --world dock_room": WHOLE_RUN,
-    "dock charger_1 --world dock_hall": WHOLE_RUN,
-    "dock charger_1 --world dock_hall --then-undock": WHOLE_RUN,
-    "dock charger_v --world dock_shapes": WHOLE_RUN,
-    "dock charger_1 --fault shadow --fault blur": WHOLE_RUN,
-    "dock charger_1 --teach --docks docks.yaml": WHOLE_RUN,
-    "dock charger_1 --imperfections drawn --seed 3": WHOLE_RUN,
     "dock charger_1 --camera camera.yaml": WHOLE_RUN,
-    "dock charger_1 --profile slow.yaml": WHOLE_RUN,
-    "undock charger_1": WHOLE_RUN,
     "slam2d my_bag --out my_map --scan-topic /front/scan": OWN_FILES,
-    "demo --world lab_empty --robot spot --set odometry_source=lidar": WHOLE_RUN,
     "lio my_walk --out my_map": OWN_FILES,
     "lio my_walk --out my_map --truth truth.tum --json walk.json": OWN_FILES,
     "lio my_clouds --no-imu --out my_map": OWN_FILES,
     "lio my_walk --map my_map/cloud.pcd --out my_place": OWN_FILES,
     "lio my_walk --map my_map/cloud.pcd --guess 1.5,-2,0,90 --out my_place": OWN_FILES,
     "lio my_walk --grid --out my_map": OWN_FILES,
-    "demo --robot go2 --world campus --drive built-in --fault dust@30": WHOLE_RUN,
-    "bench odometry": "a minute of a drive; tests/studies measures a short one",
     "eval lio --kinds dust,smoke,rain --lidars mid_360 --seed draw": STUDY,
     "demo --robot go2 --world campus --drive route.yaml --map my_map/cloud.pcd": WHOLE_RUN,
     "bench lio": "beside kiss-icp a minute; tests/lio drives the filter",
     "calibrate camera 'board_*.png' --board 7x5 --square 0.04 --out camera.yaml": OWN_FILES,
     "calibrate RECORDING --robot amr_omni --out robot.yaml": OWN_FILES,
-    "calibrate --simulated --robot amr_omni --out check.yaml": WHOLE_RUN,
     "tune space.yaml --out studies/paths --processes 2": STUDY,
     "calibrate range near.png@0.50 far.png@2.00 mid.png@1.00 more.png@1.50 last.png@1.75 --camera camera.yaml "
     "--marker 4X4_50:3:0.15 --out robot.yaml": OWN_FILES,
@@ -108,20 +120,15 @@ NOT_RUN = {
     "eval faults --json faults.json": STUDY,
     "eval faults --only people,glass --runs 5": STUDY,
     "eval faults --runs 2": STUDY,
-    "eval crowd --runs 30 --people 10 --seed draw --json crowd.json": STUDY,
-    "eval crowd --worlds office --robots diff --runs 2 --people 4 --stubborn 4": STUDY,
-    "eval exploration --worlds lab_empty --robots diff --runs 5 --json summary.json": STUDY,
-    "eval exploration --worlds lab_empty --robots diff --runs 9": STUDY,
-    "eval exploration --worlds office --seed draw --runs 3": STUDY,
-    "eval exploration --worlds office --processes 4": STUDY,
     "eval exploration --worlds lab_empty --runs 40 --cluster tcp://127.0.0.1:8786": STUDY,
-    "eval glass --json glass.json": STUDY,
     "eval ground --seed draw --runs 10 --json ground.json": STUDY,
-    "bench terrain --runs 200 --json terrain.json": "tests/studies/test_ground_study.py measures a few clouds",
-    "demo --robot mecanum --world campus --drive built-in": WHOLE_RUN,
     "bench posegraph": DATA,
     "bench exploration": DATA,
 }
+LIMITS = {"--exit": (), "--no-view": (), "--time-limit": ("2",)}
+"""What is added to a shortened command where its verb knows it: nobody watches, and the robot runs for two seconds of its time."""
+
+
 SAYS = {
     "slam2d examples/": r"(99|100)\.\d % of the returns on walls",
     "slam2d log.clf.bz2 --out my_map --relations": r"relations: 1 used, translation 0\.\d+",
@@ -169,7 +176,7 @@ def test_mentioned_commands_have_the_options_that_are_named(command: Command) ->
 
 def test_every_command_runs_here_or_has_a_reason_not_to() -> None:
     on_public_data = [text for text in BLOCKS if "$AMBLER_DATA" in text]
-    assert sorted([*QUICK, *NOT_RUN, *on_public_data]) == sorted(BLOCKS)
+    assert sorted([*QUICK, *SHORTENED, *NOT_RUN, *on_public_data]) == sorted(BLOCKS)
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +201,29 @@ def test_quick_commands_run(
     assert printed.strip()
     for start, said in SAYS.items():
         assert is_elsewhere or not text.startswith(start) or re.search(said, printed)
+
+
+def shortened(command: Command) -> list[str]:
+    """Return the words of a command with those limits that its verb knows."""
+    known = parser_of(command)._option_string_actions
+    limits = [word for name, values in LIMITS.items() if name in known for word in (name, *values)]
+    words = list(command.words)
+    end = words.index("--") if "--" in words else len(words)
+    return [*words[:end], *limits, *words[end:]]
+
+
+@pytest.mark.parametrize("text", SHORTENED)
+def test_shortened_commands_run(
+    text: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the document says it, but ended after two seconds: everything that it names exists, the robot starts and drives, and a report is written."""
+    monkeypatch.chdir(folder)
+    code = main(shortened(BLOCKS[text]))
+    printed = capsys.readouterr().out
+    assert code == 0 or (code == 1 and "the time limit of 2 s is over" in printed)
+    report = re.search(r"report: (\S+)", printed)
+    assert report is not None
+    assert (folder / report[1]).stat().st_size > 10_000
 
 
 def test_the_small_recording_is_small() -> None:

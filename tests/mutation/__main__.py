@@ -6,30 +6,40 @@ import argparse
 import importlib.util
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ambler.evaluation.results import write_results
+from ambler.evaluation.results import processor_seconds, write_results
+from ambler.kernels.jit import cache_folder
 from tests.mutation.faults import FAULTS
 from tests.mutation.planted import PACKAGE, REPOSITORY, PlantedFault
 
-LIMIT = 60.0  # seconds within which a test must notice
+LIMIT = (
+    60.0  # seconds of a processor within which a test must notice: what it takes on a machine that does nothing else
+)
+MOST, PATIENCE = (
+    2.0 * LIMIT,
+    20.0 * LIMIT,
+)  # seconds of the processor and of the wall after which the tests of a fault are ended
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+::\S+)", re.MULTILINE)
+KERNELS = REPOSITORY / "src" / PACKAGE / "kernels"
+IMPORTED = re.compile(r"^from ambler\.kernels\.(\w+) import", re.MULTILINE)
 TESTS_FAILED = 1  # pytest's exit code; a fault that only breaks the collection (2) proves nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """What became of one fault: the first test that failed (None: nobody noticed), and seconds."""
+    """What became of one fault: the first test that failed (None: nobody noticed), and the seconds of the processor that it took."""
 
     fault: PlantedFault
     test: str | None
@@ -59,37 +69,35 @@ class Workshop:
 
     def notice(self, fault: PlantedFault) -> Notice:
         """Plant a fault, run its tests until one fails, and take it out again."""
-        begun = time.monotonic()
-        with self._planted(fault):
-            code, output = self.run(fault.tests, has_other_kernels=fault.room == "kernels", limit=2.0 * LIMIT)
+        begun = processor_seconds()
+        with self._planted(fault), tempfile.TemporaryDirectory() as name:
+            cache = Path(name) if fault.room == "kernels" else None
+            if cache is not None:
+                link_compiled(cache, besides=reached_by(Path(fault.file).stem))
+            code, output = self.run(fault.tests, cache=cache, is_limited=True)
         found = FAILED.search(output) if code == TESTS_FAILED else None
-        return Notice(fault, found.group(1) if found else None, time.monotonic() - begun)
+        return Notice(fault, found.group(1) if found else None, processor_seconds() - begun)
 
-    def run(
-        self, tests: Sequence[str], *, has_other_kernels: bool = False, limit: float | None = None
-    ) -> tuple[int, str]:
-        """Run tests against the copy; returns pytest's exit code (-1: not within the limit) and what it printed.
-
-        Changed kernels get a cache of their own, else compiled callers in other files would outlive the fault.
-        """
+    def run(self, tests: Sequence[str], *, cache: Path | None = None, is_limited: bool = False) -> tuple[int, str]:
+        """Run tests against the copy, with the compiled kernels of a cache (default: the usual ones); returns pytest's exit code (negative: it took too long) and
+        what it printed."""
         options = ("-x", "-rfE", "--tb=no", "--hypothesis-profile=unshrunk", "-m", "not slow")
         command = [sys.executable, "-m", "pytest", *options, *tests]
         environment = dict(os.environ, PYTHONPATH=str(self._source), MPLBACKEND="Agg", OMP_NUM_THREADS="1")
-        with tempfile.TemporaryDirectory() as cache:
-            if has_other_kernels:
-                environment["NUMBA_CACHE_DIR"] = cache
-            try:
-                done = subprocess.run(
-                    command,
-                    cwd=REPOSITORY,
-                    env=environment,
-                    capture_output=True,
-                    text=True,
-                    check=False,
-                    timeout=limit,
-                )
-            except subprocess.TimeoutExpired:
-                return -1, ""
+        environment["NUMBA_CACHE_DIR"] = str(cache or cache_folder())
+        try:
+            done = subprocess.run(
+                command,
+                cwd=REPOSITORY,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=PATIENCE if is_limited else None,
+                preexec_fn=_limit_processor if is_limited else None,
+            )
+        except subprocess.TimeoutExpired:
+            return -1, ""
         return done.returncode, done.stdout
 
     @contextmanager
@@ -108,8 +116,32 @@ class Workshop:
             compiled.unlink(missing_ok=True)
 
 
+def _limit_processor() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (int(MOST), int(MOST) + 1))
+
+
+def reached_by(kernel: str) -> set[str]:
+    """Return the names of a kernel's file and of those that import it, directly or through others: what has to be compiled again when it changes (Numba would not do
+    so for callers in other files)."""
+    imports = {path.stem: IMPORTED.findall(path.read_text(encoding="utf-8")) for path in KERNELS.glob("*.py")}
+    reached, found = set[str](), {kernel}
+    while found != reached:
+        reached = set(found)
+        found |= {name for name, imported in imports.items() if reached.intersection(imported)}
+    return reached
+
+
+def link_compiled(cache: Path, besides: Set[str]) -> None:
+    """Let a cache have the usual one's compiled kernels but those of some files."""
+    for path in cache_folder().glob("*/*.nb?"):
+        if path.name.split(".", 1)[0] not in besides:
+            place = cache / path.parent.name
+            place.mkdir(exist_ok=True)
+            (place / path.name).symlink_to(path)
+
+
 def results_of(notices: Sequence[Notice]) -> dict[str, Any]:
-    """Return the flat fields of a run."""
+    """Return the flat fields of a run; seconds are those of a processor."""
     fields: dict[str, Any] = {
         "faults": len(notices),
         "noticed": sum(n.test is not None for n in notices),
@@ -142,7 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if code != 0:
             print(f"the tests fail without any fault:\n{output}")
             return 1
-        print(f"{len(tests)} groups of tests pass without a fault: {time.monotonic() - begun:.0f} s", flush=True)
+        print(f"{len(tests)} groups of tests pass without a fault: {processor_seconds():.0f} s", flush=True)
         for number, fault in enumerate(faults, 1):
             notice = workshop.notice(fault)
             notices.append(notice)
@@ -151,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{number:3d} {notice.seconds:5.1f} s{late}  {fault.file}: {fault.name}\n{'':13}{who}", flush=True)
     noticed = sum(n.test is not None for n in notices)
     in_time = sum(n.test is not None and n.seconds < LIMIT for n in notices)
-    print(f"{noticed} of {len(notices)} faults noticed, {in_time} of them within {LIMIT:.0f} s")
+    print(f"{noticed} of {len(notices)} faults noticed, {in_time} of them within {LIMIT:.0f} s of a processor")
     if chosen.json is not None:
         words = " ".join(sys.argv[1:] if arguments is None else arguments)
         fields = results_of(notices)

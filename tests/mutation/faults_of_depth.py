@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from tests.mutation.planted import PlantedFault
 
-CAMERA = ("tests/sim/test_depth_camera.py",)
 LAYER = ("tests/costmap/test_voxel_layer.py",)
 WIRE = ("tests/wire/test_depth_pictures.py",)
 LAYERS = ("tests/costmap/test_layers.py",)
@@ -16,28 +15,28 @@ DEPTH = (
         "kernels/depth_picture.py",
         "z += sigma * z * z * normals[v, u]",
         "z += sigma * z * normals[v, u]",
-        CAMERA,
+        ("tests/sim/test_depth_camera.py::test_noise_grows_with_the_square_of_the_distance",),
     ),
     PlantedFault(
         "depth pictures have no flying elements",
         "kernels/depth_picture.py",
         "z += (other - z) * (chance - shadow) / flying",
         "z += 0.0",
-        CAMERA,
+        ("tests/sim/test_depth_camera.py::test_beside_an_edge_elements_fly_between_the_two_surfaces_or_are_lost",),
     ),
     PlantedFault(
         "depth pictures have no losses beside edges",
         "kernels/depth_picture.py",
         "if chance < shadow:",
         "if chance < 0.0:",
-        CAMERA,
+        ("tests/sim/test_depth_camera.py::test_beside_an_edge_elements_fly_between_the_two_surfaces_or_are_lost",),
     ),
     PlantedFault(
         "a depth picture holds the range along the ray",
         "kernels/depth_picture.py",
         "z = distance[v, u] * along[v, u]",
         "z = distance[v, u] * 1.0",
-        CAMERA,
+        ("tests/sim/test_depth_camera.py::test_floor_and_walls_lie_where_geometry_puts_them",),
     ),
     PlantedFault(
         "depth is sent in centimetres",
@@ -58,14 +57,16 @@ DEPTH = (
         "kernels/voxels.py",
         "                            score -= 1\n",
         "                            score -= 0\n",
-        LAYER,
+        (
+            "tests/costmap/test_voxel_layer.py::test_what_has_gone_vanishes_within_a_second_and_what_is_out_of_view_stays",
+        ),
     ),
     PlantedFault(
         "voxels are cleared behind what hides them",
         "kernels/voxels.py",
         "if seen < beyond:",
         "if seen < 0.0:",
-        LAYER,
+        ("tests/costmap/test_voxel_layer.py::test_what_is_hidden_behind_something_nearer_stays",),
     ),
     PlantedFault(
         "rays of one direction clear flat surfaces",

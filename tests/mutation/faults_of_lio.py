@@ -244,7 +244,7 @@ LIO = (
         "kernels/cloud_search.py",
         "points[k, 2] + low + h * step",
         "points[k, 2] + low",
-        CLOUD,
+        ("tests/lio/test_cloud_localization.py::test_heights_are_told_by_walls_and_flats_apart",),
     ),
     PlantedFault(
         "a correction steps",

@@ -10,7 +10,6 @@ ODOMETRY = ("tests/localization/test_odometry.py",)
 HONEST = ("tests/localization/test_honesty.py",)
 SUPERVISOR = ("tests/localization/test_supervisor.py",)
 FOUND = ("tests/localization/test_relocalization.py",)
-LOCALIZERS = ("tests/localization/test_localizers.py",)
 
 MADE_MAPS = ("tests/localization/test_made_maps.py",)
 NODE = ("tests/localization/test_localization_node.py",)
@@ -72,28 +71,32 @@ LOCALIZATION = (
         "kernels/planar_ekf.py",
         "r[a, b] *= (turning if a == 2 else way)",
         "r[a, b] *= 1.0 if turning > 0.0 else (turning if a == 2 else way)",
-        EKF_NOISE,
+        (
+            "tests/localization/test_planar_ekf_noise.py::test_wheels_that_slip_move_the_robot_a_third_as_far_as_if_they_were_trusted",
+        ),
     ),
     PlantedFault(
         "wheels have lost their weight for good once they slipped",
         "kernels/planar_ekf.py",
         "return entry.stamp_ns < entry.slip_until_ns",
         "return entry.slip_until_ns > 0",
-        EKF_NOISE,
+        (
+            "tests/localization/test_planar_ekf_noise.py::test_wheels_that_slip_move_the_robot_a_third_as_far_as_if_they_were_trusted",
+        ),
     ),
     PlantedFault(
         "the EKF's gate refuses nothing",
         "kernels/planar_ekf.py",
         "gate = rules.gate if before.refused < REFUSED_MOST else math.inf",
         "gate = math.inf",
-        EKF,
+        ("tests/localization/test_planar_ekf.py::test_an_outlier_is_refused_and_a_lasting_change_is_believed",),
     ),
     PlantedFault(
         "the gyroscope's bias has the wrong sign where slip is judged",
         "kernels/planar_ekf.py",
         "difference = entry.z[2] - (entry.gyro_rate - entry.x[6])",
         "difference = entry.z[2] - (entry.gyro_rate + entry.x[6])",
-        EKF_NOISE,
+        ("tests/localization/test_planar_ekf_noise.py::test_a_known_bias_of_the_gyroscope_is_no_slip",),
     ),
     PlantedFault(
         "late measurements are put at the end",

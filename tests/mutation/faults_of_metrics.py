@@ -373,4 +373,11 @@ METRICS = (
         "np.column_stack([latitude * north, longitude * east])",
         ("tests/evaluation/test_odometry_quality.py",),
     ),
+    PlantedFault(
+        "a campaign that goes on tells only what its last session took",
+        "studies/study.py",
+        "results: list[Result | None] = [None if is_fresh else _kept(folder) for folder in folders]",
+        "results: list[Result | None] = [None if is_fresh else Spent().take(_kept(folder) or {}) or None for folder in folders]",
+        ("tests/studies/test_study.py::test_a_study_that_was_resumed_tells_the_time_of_all_its_cases",),
+    ),
 )

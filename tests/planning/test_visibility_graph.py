@@ -255,6 +255,22 @@ def test_levels_above_each_other_are_kept_apart_and_remembered() -> None:
     assert set(known) <= set(planner.graph.arrays.ident[planner.graph.arrays.is_alive])
 
 
+def test_a_level_is_as_it_was_left_however_much_happens_on_another() -> None:
+    """While the robot is above, a block there is moved about: the nodes below are not asked whether they are still there, and nothing has to be found again."""
+    lower, (wide, upper) = two_levels()
+    planner, start, goal = VisibilityPlanner(), SE2(-4.0, 2.0), SE2(4.0, 2.0)
+    planner.plan(lower, LOCAL, start, goal)
+    arrays = planner.graph.arrays
+    below = set(arrays.ident[arrays.is_alive].tolist())
+    planner.enter_level(1)
+    for step in range(6):
+        planner.plan(np.roll(upper, step, axis=1), wide, start, goal)
+    arrays = planner.graph.arrays
+    assert below <= set(arrays.ident[arrays.is_alive].tolist())
+    cells = np.where(lower >= 253, FORBIDDEN, FREE).astype(np.uint8)
+    assert planner.graph.update(LOCAL, cells, 0).tested == 0
+
+
 def test_a_way_that_was_driven_begins_anew_on_another_level() -> None:
     lower, (wide, upper) = two_levels()
     graph = VisibilityGraph()
@@ -401,6 +417,35 @@ def test_a_graph_loaded_where_unknown_ground_has_another_price_is_weighed_anew()
     shut = VisibilityPlanner(VisibilityConfig(), dear.to_arrays())
     with pytest.raises(NoValidPathError):
         shut.plan(costs, LOCAL, start, goal)
+
+
+def dark_slalom() -> np.ndarray:
+    """Return cells with two walls across: a short way leads through a door of each, over unknown ground between them, a long one around through two doors at the end of the walls, over known ground."""
+    cells = np.full(SPEC.shape, FREE, np.uint8)
+    cells[:, 88:92] = cells[:, 148:152] = FORBIDDEN
+    cells[48:62, 88:92] = cells[138:152, 148:152] = cells[180:195, 88:92] = cells[180:195, 148:152] = FREE
+    cells[:170, 92:148] = UNKNOWN
+    return cells
+
+
+def test_edges_of_a_loaded_graph_cost_what_unknown_ground_costs_now() -> None:
+    """Where unknown ground has become cheap (or dear), a graph that was saved before leads the same way as one that is made now."""
+    cells, start, goal = dark_slalom(), SPEC.center_of(55, 60), SPEC.center_of(145, 180)
+    prices = (UnknownPrice(8.0), UnknownPrice())
+    ways = []
+    for price, other in (prices, prices[::-1]):
+        saved, fresh = VisibilityGraph(price=price), VisibilityGraph(price=other)
+        saved.update(SPEC, cells)
+        fresh.update(SPEC, cells)
+        loaded = from_arrays(to_arrays(saved), price=other)
+        loaded.update(SPEC, cells)
+        found, wanted = loaded.search(start, goal), fresh.search(start, goal)
+        assert found is not None
+        assert wanted is not None
+        assert found[1] == pytest.approx(wanted[1])
+        assert length_of(found[0]) == pytest.approx(length_of(wanted[0]))
+        ways.append(length_of(wanted[0]))
+    assert ways[0] < ways[1] - 1.0, "the price decides about the way"
 
 
 def test_graphs_that_lack_something_are_refused() -> None:

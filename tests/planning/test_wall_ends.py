@@ -10,7 +10,9 @@ import pytest
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.kernels.wall_ends import continue_walls
-from ambler.planning.clearance_map import UnknownPrice
+from ambler.planning.clearance_map import FORBIDDEN, FREE, UnknownPrice
+from ambler.planning.clearance_map import UNKNOWN as UNKNOWN_CELL
+from ambler.planning.visibility_graph import VisibilityGraph
 from ambler.planning.visibility_planner import VisibilityConfig, VisibilityPlanner
 from ambler.studies.planner_worlds import inflated
 
@@ -113,3 +115,24 @@ def test_edges_are_weighed_anew_where_a_wall_is_supposed_now() -> None:
     planner.plan(inflated(before, inscribed=0.25), SPEC, start, goal)
     after = planner.plan(costs, SPEC, start, goal)
     assert after.cost == pytest.approx(VisibilityPlanner(config).plan(costs, SPEC, start, goal).cost, rel=1e-6)
+
+
+def test_edges_cost_what_a_wall_that_is_supposed_across_them_costs_although_nothing_else_changed() -> None:
+    """The end of the wall that was seen lies farther away than what an update looks at again anyway: two corners see each other through unknown ground, and
+    the wall is supposed between them, or is not any more."""
+    cells = np.full(SPEC.shape, FREE, np.uint8)
+    cells[60:140, 40:160] = UNKNOWN_CELL
+    cells[96:104, 56:64] = cells[96:104, 136:144] = FORBIDDEN
+    across = np.zeros(SPEC.shape, np.uint8)
+    across[70:130, 98:102] = 1
+    none = np.zeros_like(across)
+    price, start, goal = UnknownPrice(0.5, wall=10.0), SPEC.center_of(100, 30), SPEC.center_of(100, 170)
+    for before, after in ((none, across), (across, none)):
+        graph, fresh = VisibilityGraph(price=price), VisibilityGraph(price=price)
+        graph.update(SPEC, cells, hidden=before)
+        graph.update(SPEC, cells, hidden=after)
+        fresh.update(SPEC, cells, hidden=after)
+        found, wanted = graph.search(start, goal), fresh.search(start, goal)
+        assert found is not None
+        assert wanted is not None
+        assert found[1] == pytest.approx(wanted[1])

@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, Odometry
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.slam2d import Slam2dNode, Slam2dNodeConfig
 from ambler.runtime import topics
 from ambler.runtime.tasks import FINISH_MAP, Nothing
 from ambler.sim.robots import robot_named
-from tests.slam2d.drives import run, short_submaps
+from tests.registration.room import WALLS, box_at, ranges_at
+from tests.slam2d.drives import oval, run, short_submaps
 from tests.slam2d.test_back_end import ring
 
 
@@ -97,32 +100,82 @@ def test_a_cancelled_finish_leaves_the_node_ready_for_another(started: tuple[Sla
     assert second.results == [Nothing()]
 
 
-def test_nothing_is_drawn_into_the_map_while_the_robot_has_no_returns(
-    started: tuple[Slam2dNode, HandMadeContext],
+@pytest.mark.parametrize("returns", [0, 15])
+def test_nothing_is_drawn_into_the_map_while_the_robot_has_hardly_any_returns(
+    started: tuple[Slam2dNode, HandMadeContext], returns: int
 ) -> None:
     node, context = started
-    context.log = lambda *args, **fields: None  # type: ignore[attr-defined]
-    said: list[str] = []
-    publish = context.publish
-    context.publish = lambda topic, message: (  # type: ignore[method-assign]
-        said.append(message.code) if topic is topics.STATUS else publish(topic, message)
-    )
+    said = codes_said(context)
     handle = Handle()
     context.tasks[FINISH_MAP.name][0](handle)
     while context.jobs:
         context.run_job()
     _, before = node.slam.render_map()
     nodes, last_ns = node.slam.nodes, 10**12
-    nothing = np.full(720, np.inf, np.float32)
+    ranges = np.full(720, np.inf, np.float32)
+    ranges[: 9 * returns : 9] = 1.5
     for k in range(60):
         stamp = last_ns + k * 100_000_000
-        node._on_odometry(odometry(stamp, 0.05 * k))
-        node._on_scan(LaserScan(stamp, "laser", -np.pi, 2 * np.pi / 720, 0.0, 0.1, 0.1, 20.0, nothing, nothing[:0]))
+        node._on_odometry(odometry(stamp, SE2(0.05 * k)))
+        node._on_scan(laser_scan(stamp, ranges + np.float32(0.001 * k)))
     assert node.slam.nodes == nodes
     assert np.array_equal(before, node.slam.render_map()[1])
     assert said == ["SLAM_DEGRADED"]
 
 
-def odometry(stamp_ns: int, x: float) -> Odometry:
+CELL = np.array(box_at(0.0, 0.0, 1.6, 0.4))
+
+
+def test_what_a_robot_sees_after_it_was_carried_away_is_not_drawn_over_its_map() -> None:
+    """It maps a room, is carried into a narrow cell and drives on there; its odometry knows of the driving only. Back in the room it maps on."""
+    robot = robot_named("diff").model
+    node, context = Slam2dNode(robot, Slam2dNodeConfig()), HandMadeContext()
+    node.ctx = context  # type: ignore[assignment]
+    said = codes_said(context)
+    node.start()
+    base_from_laser = robot.sensor("laser").base_from_sensor.to_se2()
+    angles = -np.pi + 2 * np.pi / 720 * np.arange(720)
+    stamp = 0
+
+    def step(odom: SE2, place: SE2, walls: NDArray[np.float64]) -> None:
+        nonlocal stamp
+        stamp += 100_000_000
+        node._on_odometry(odometry(stamp, odom))
+        node._on_scan(laser_scan(stamp, ranges_at(place @ base_from_laser, angles, walls).astype(np.float32)))
+
+    poses = oval(0.5)
+    for pose in poses:
+        step(pose, pose, WALLS)
+    node._publish_map()
+    nodes, (spec, before) = node.slam.nodes, node.slam.render_map()
+    assert nodes > 10
+    assert (before > 50).any()
+    for _ in range(5):
+        step(poses[-1], SE2(), CELL)
+    for k in range(30):
+        step(poses[-1] @ SE2(0.02 * k), SE2(0.015 * k - 0.2), CELL)
+    assert node.slam.nodes == nodes
+    after_spec, after = node.slam.render_map()
+    assert after_spec == spec
+    assert np.array_equal(after, before)
+    assert said == ["SLAM_DEGRADED"]
+
+
+def codes_said(context: HandMadeContext) -> list[str]:
+    """Return the list into which the codes of STATUS will go."""
+    said: list[str] = []
+    context.log = lambda *args, **fields: None  # type: ignore[attr-defined]
+    publish = context.publish
+    context.publish = lambda topic, message: (  # type: ignore[method-assign]
+        said.append(message.code) if topic is topics.STATUS else publish(topic, message)
+    )
+    return said
+
+
+def laser_scan(stamp_ns: int, ranges: NDArray[np.float32]) -> LaserScan:
+    return LaserScan(stamp_ns, "laser", -np.pi, 2 * np.pi / 720, 0.0, 0.1, 0.1, 20.0, ranges, ranges[:0])
+
+
+def odometry(stamp_ns: int, pose: SE2) -> Odometry:
     zero, cov = (0.0, 0.0, 0.0), np.zeros((6, 6))
-    return Odometry(stamp_ns, "odom", "base", SE3((x, 0.0, 0.0)), zero, zero, cov, cov)
+    return Odometry(stamp_ns, "odom", "base", SE3.from_se2(pose), zero, zero, cov, cov)

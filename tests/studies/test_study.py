@@ -17,9 +17,10 @@ import pytest
 from ambler.cli.study_options import with_seeds
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.studies import pool
 from ambler.studies import study as engine
 from ambler.studies.pool import ClusterPool, LocalPool, ThisProcess
-from ambler.studies.study import Study, conduct, key_of, seeds_of
+from ambler.studies.study import Spent, Study, conduct, key_of, seeds_of
 
 ORIGIN = SE2()
 
@@ -84,6 +85,51 @@ def test_a_study_goes_on_where_it_ended(tmp_path: Path, told: list[str]) -> None
     assert any("2 of 3 results" in line for line in told)
     conduct(study_of(Sum(1, 1)), tmp_path, ThisProcess(), is_fresh=True, tell=told.append)
     assert marks(tmp_path)[-1] == "1-1"
+
+
+class Clock:
+    """Stands for the clock of the wall; a case of `add_slowly` takes `a` seconds of it."""
+
+    now = 0.0
+
+    @classmethod
+    def perf_counter(cls) -> float:
+        return cls.now
+
+
+def add_slowly(case: Sum, folder: Path) -> dict[str, Any]:
+    Clock.now += case.a
+    return {"ended": "finished" if case.how != "crash" else "crashed", "sum": case.a + case.b}
+
+
+def test_a_study_that_was_resumed_tells_the_time_of_all_its_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pool, "time", Clock)
+    cases = (Sum(1, 0), Sum(2, 0, "crash"), Sum(30, 0))
+    walls = []
+    for some, out in ((cases, "whole"), (cases[:1], "parts"), (cases, "parts"), (cases, "parts")):
+        spent = Spent()
+        study = Study("sums", some, add_slowly, lambda result: "")
+        results = conduct(study, tmp_path / out, ThisProcess(), tell=lambda line: None, spent=spent)
+        assert results[0] == {"a": 1, "b": 0, "how": "", "x": 0.0, "y": 0.0, "yaw": 0.0, "label": "1-0"} | {
+            "ended": "finished",
+            "sum": 1,
+        }
+        assert spent.cpu >= 0.0
+        walls.append(spent.wall)
+    assert walls == [33.0, 1.0, 33.0, 33.0], "what crashed counts, and is run again"
+
+
+def test_processes_of_their_own_tell_what_their_cases_took(tmp_path: Path) -> None:
+    spent = [Spent() for _ in range(2)]
+    for one in spent:
+        conduct(study_of(Sum(1, 1), Sum(2, 2)), tmp_path, LocalPool(1), tell=lambda line: None, spent=one)
+    assert spent[0].wall > 0.0
+    assert spent[0] == spent[1]
+    died = Spent()
+    conduct(study_of(Sum(3, 3, "die")), tmp_path, LocalPool(1), tell=lambda line: None, spent=died)
+    assert died.wall > 0.0
 
 
 def test_results_of_other_code_or_other_cases_are_never_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,8 +239,8 @@ def test_a_cluster_gives_the_same_results_when_a_worker_is_lost(tmp_path: Path) 
     ) as cluster:
         victim = next(iter(cluster.workers.values())).process.pid
         threading.Timer(1.0, os.kill, (victim, signal.SIGKILL)).start()
-        pool = ClusterPool(cluster.scheduler_address)
-        apart = conduct(study_of(*cases), tmp_path / "cluster", pool, tell=lambda line: None)
+        workers = ClusterPool(cluster.scheduler_address)
+        apart = conduct(study_of(*cases), tmp_path / "cluster", workers, tell=lambda line: None)
     assert apart == local
 
 

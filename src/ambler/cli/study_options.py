@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -54,26 +53,27 @@ def first_seed(args: argparse.Namespace) -> int:
 def conduct_study(args: argparse.Namespace, study: Study[C]) -> list[dict[str, Any]]:
     """Run a study where it was asked to; raises BadInputError when its results could not be written."""
     from ambler.studies.pool import ClusterPool, LocalPool, Pool, ThisProcess
-    from ambler.studies.study import conduct
+    from ambler.studies.study import Spent, conduct
 
     check_outputs(args.json, args.out)
-    vars(args).setdefault("started", time.perf_counter())  # of the first, where a campaign is several studies
+    spent = vars(args).setdefault("spent", Spent())  # a campaign may be several studies
     pool: Pool
     if args.cluster:
         pool = ClusterPool(args.cluster)
     else:
         pool = LocalPool(args.processes) if args.processes else ThisProcess()
-    return conduct(study, args.out, pool, is_fresh=args.fresh, tell=lambda line: print(line, flush=True))
+    return conduct(study, args.out, pool, is_fresh=args.fresh, tell=lambda line: print(line, flush=True), spent=spent)
 
 
 def write_summary(args: argparse.Namespace, fields: dict[str, Any], seeds: Sequence[int]) -> None:
-    """Write the summary of a study with its seeds, where it was asked for."""
+    """Write the summary of a study with its seeds and the seconds of all its cases, where it was asked for."""
     from ambler.evaluation.results import write_results
 
     if args.json:
         listed = ",".join(str(seed) for seed in seeds)
         command = with_seeds(args.command_line, listed)
-        write_results(args.json, command, seeds[0], time.perf_counter() - args.started, {"seeds": listed, **fields})
+        told = {"seeds": listed, **fields}
+        write_results(args.json, command, seeds[0], args.spent.wall, told, cpu_seconds=args.spent.cpu)
 
 
 def with_seeds(command: str, listed: str) -> str:

@@ -23,7 +23,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Search, rank, report. 0: the best trial keeps every constraint in every case."""
-    import time
     from dataclasses import replace
 
     from ambler.core.errors import BadInputError
@@ -32,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.tuning_report import study_fields, write_study_report
     from ambler.evaluation.tuning_space import load_space
     from ambler.studies.pool import LocalPool
+    from ambler.studies.study import Spent
     from ambler.studies.tuning_study import check_space, tune
 
     space = load_space(args.space)
@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
         space = replace(space, trials=args.trials)
     pool = LocalPool(args.processes)
     check_space(space)
-    started = time.perf_counter()
-    ranking = tune(space, args.out, pool, tell=lambda line: print(line, flush=True))
+    spent = Spent()
+    ranking = tune(space, args.out, pool, tell=lambda line: print(line, flush=True), spent=spent)
     fields = study_fields(space, ranking)
     write_ranking(args.out / "ranking.jsonl", ranking)
     report = write_study_report(args.out, space, ranking)
@@ -62,5 +62,5 @@ def run(args: argparse.Namespace) -> int:
         print(f"no trial keeps the constraints in every case; the nearest: {'; '.join(best.broken[:1]) or best.trial}")
     print(f"report: {report}")
     if args.json:
-        write_results(args.json, command, space.seed, time.perf_counter() - started, fields)
+        write_results(args.json, command, space.seed, spent.wall, fields, cpu_seconds=spent.cpu)
     return 0 if is_proved else 1

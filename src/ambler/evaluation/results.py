@@ -46,10 +46,16 @@ def processor_seconds() -> float:
 
 
 def write_results(
-    path: Path, command: str, seed: int | None, wall_seconds: float, fields: Mapping[str, Any]
+    path: Path,
+    command: str,
+    seed: int | None,
+    wall_seconds: float,
+    fields: Mapping[str, Any],
+    *,
+    cpu_seconds: float | None = None,
 ) -> dict[str, Any]:
     """Write the fields of one command with what every result carries: the command line (public recordings below `$AMBLER_DATA`), the state of the code, day, machine, seed, and the
-    seconds of the wall and of the processors (of the whole process); returns the whole object.
+    seconds of the wall and of the processors (of the whole process, unless they are told); returns the whole object.
 
     Values must be flat: numbers, strings, booleans, None. Non-finite numbers become null (unknown is never zero).
     """
@@ -62,7 +68,7 @@ def write_results(
         "machine": machine_class(),
         "seed": seed,
         "wall_seconds": round(wall_seconds, 3),
-        "cpu_seconds": round(processor_seconds(), 3),
+        "cpu_seconds": round(processor_seconds() if cpu_seconds is None else cpu_seconds, 3),
     }
     for name, value in fields.items():
         if hasattr(value, "item"):

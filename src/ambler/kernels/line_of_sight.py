@@ -48,13 +48,20 @@ def _touches(field, y, x):
 
 
 @jit
+def _course(y0, x0, y1, x1):
+    """Return the length of a line in cells and its direction (y, x), which is zero where it has none."""
+    length = np.hypot(y1 - y0, x1 - x0)
+    if length == 0.0:
+        return 0.0, 0.0, 0.0
+    return length, (y1 - y0) / length, (x1 - x0) / length
+
+
+@jit
 def is_clear(field, y0, x0, y1, x1, least):
     """Say whether the line keeps `least` cells of clearance all along."""
     if not (is_inside(field, y0, x0) and is_inside(field, y1, x1)):
         return False
-    length = np.hypot(y1 - y0, x1 - x0)
-    along_y = (y1 - y0) / length if length > 0.0 else 0.0
-    along_x = (x1 - x0) / length if length > 0.0 else 0.0
+    length, along_y, along_x = _course(y0, x0, y1, x1)
     at = 0.0
     while True:
         y, x = y0 + along_y * at, x0 + along_x * at
@@ -75,9 +82,7 @@ def is_clear(field, y0, x0, y1, x1, least):
 @jit
 def is_open(field, y0, x0, y1, x1):
     """Say whether the line touches no forbidden cell, however close it passes; its first cell may be touched."""
-    length = np.hypot(y1 - y0, x1 - x0)
-    along_y = (y1 - y0) / length if length > 0.0 else 0.0
-    along_x = (x1 - x0) / length if length > 0.0 else 0.0
+    length, along_y, along_x = _course(y0, x0, y1, x1)
     at = 0.0
     while True:
         y, x = y0 + along_y * at, x0 + along_x * at

@@ -2,8 +2,8 @@
 
 A window of n x n columns rolls with the robot; row and column of a place are its cell numbers modulo n, so that nothing is ever moved. A column holds 32
 voxels, by height modulo 32 voxels, of four numbers each: height, when it was seen last (s), returns, and how often it was looked through; `mask` says
-which of them are there. Two by two columns are a cell of ground. The image of a scan holds the nearest return of each direction: a
-voxel nearer than that was looked through.
+which of them are there. Two by two columns are a cell of ground. The image of a scan holds the nearest return of each direction, how
+far away (m) and how steep (rise per metre): a voxel nearer than that, and as high as that ray there, was looked through.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from ambler.kernels.jit import jit_ieee
 
 BINS = 32  # voxels of a column
 Z, SEEN, COUNT, MISSED = 0, 1, 2, 3
+THROUGH = 0.6  # of a voxel's side: how far above or below a low thing's height a ray may pass that looked through it
+LOW_THING = 0.3  # m over the ground
+LOW_PATIENCE = 3.0  # times as long, and as many looks through it, until something low that stands alone is forgotten
 TURNS = 4  # scans in which every cell is renewed once, touched or not
 RETURNS = 3.0  # that a low needs: a beam at an edge lies between two surfaces
 MEMORY, LOW_MEMORY = (
@@ -100,7 +103,7 @@ def insert(points, origin, base, now, limits, first, size, ground, voxels, mask,
     x0, y0 = first[0] * size, first[1] * size
     reach = n * size
     column0, row0 = first[0] % n, first[1] % n
-    image[:, :] = np.inf
+    image[:, :, 0] = np.inf
     too_high = max(oz, bz + high)
     for i in range(points.shape[0]):
         x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
@@ -114,7 +117,8 @@ def insert(points, origin, base, now, limits, first, size, ground, voxels, mask,
         row = int((t - ROW_LOW) / ROW)
         if t >= ROW_LOW and row < ROWS:
             d = direction(dx, dy)
-            image[d, row] = min(image[d, row], away)
+            if away < image[d, row, 0]:
+                image[d, row, 0], image[d, row, 1] = away, t
         u, v = x - x0, y - y0
         if not (u >= 0.0 and v >= 0.0 and u < reach and v < reach):
             continue
@@ -168,12 +172,13 @@ def renew(
     lows,
     highs,
     returns,
+    changed,
 ):
     """Forget voxels whose column was seen again for `decay` seconds without them, and those that were looked through; find each cell's low and high, and of how many
     `returns` they are.
 
     Cells that the scan touched are renewed; every `TURNS`th cell, in `turn`s, also by what was looked through. `up` (3,) is the sensor's upward axis in odom and `elevations` the sines between which it looks. `lows`, `highs` float32 (m, m): see
-    `low_and_high`.
+    `low_and_high`. `changed` uint8 (m, m) becomes 1 where something came or went, else 0.
     """
     n = mask.shape[0]
     half = n // 2
@@ -183,6 +188,7 @@ def renew(
         for cx in range(half):
             is_turn = (cy + cx) & (TURNS - 1) == turn
             is_changed = touched[cy, cx] != 0
+            changed[cy, cx] = touched[cy, cx]
             if not is_changed and not is_turn:
                 continue
             touched[cy, cx] = 0
@@ -192,6 +198,10 @@ def renew(
                 continue
             found = 0
             g = ground[cy, cx]
+            # Few returns tell of what is low, a kerb: it is forgotten slowly, unless what stood over it has gone, too.
+            is_low = not _stands_high(y, x, g + LOW_THING, voxels, mask)
+            patience = LOW_PATIENCE if is_low else 1.0
+            is_left = False
             for q in range(4):
                 iy, ix = y + (q >> 1), x + (q & 1)
                 m = mask[iy, ix]
@@ -207,22 +217,61 @@ def renew(
                     bit = np.uint32(1) << np.uint32(b)
                     m &= ~bit
                     if voxels[iy, ix, b, SEEN] < now:
-                        if fresh - voxels[iy, ix, b, SEEN] > decay:
+                        is_gone = fresh - voxels[iy, ix, b, SEEN] > decay * patience
+                        if not is_gone and is_turn and not voxels[iy, ix, b, Z] < g + 0.5 * size:  # true without ground
+                            if away >= 2.0 * size:
+                                ray = (rx, ry, voxels[iy, ix, b, Z] - origin[2], away, seen_in)
+                                beside = THROUGH * size if is_low else np.inf
+                                voxels[iy, ix, b, MISSED] += _looked_through(ray, up, elevations, margin, beside, image)
+                            is_gone = voxels[iy, ix, b, MISSED] >= misses * patience
+                        if is_gone:
                             mask[iy, ix] &= ~bit
                             is_changed = True
+                            is_left = is_left or voxels[iy, ix, b, Z] > g + LOW_THING
                             continue
-                        if is_turn and not voxels[iy, ix, b, Z] < g + 0.5 * size:  # true without ground, too
-                            ray = (rx, ry, voxels[iy, ix, b, Z] - origin[2], away, seen_in)
-                            if away >= 2.0 * size:
-                                voxels[iy, ix, b, MISSED] += _looked_through(ray, up, elevations, margin, image)
-                            if voxels[iy, ix, b, MISSED] >= misses:
-                                mask[iy, ix] &= ~bit
-                                is_changed = True
-                                continue
                     heights[found], counts[found] = voxels[iy, ix, b, Z], voxels[iy, ix, b, COUNT]
                     found += 1
+            if is_left:
+                found = _leave(y, x, g, now, size, voxels, mask, heights, counts)
+            changed[cy, cx] = is_changed
             if is_changed:
                 lows[cy, cx], highs[cy, cx], returns[cy, cx] = low_and_high(heights, counts, found, 1.5 * size)
+
+
+@jit_ieee
+def _stands_high(y, x, height, voxels, mask):
+    """Return whether a voxel of a cell's four columns, the first at (y, x), lies higher; also where the height is not known."""
+    if math.isnan(height):
+        return True
+    for q in range(4):
+        iy, ix = y + (q >> 1), x + (q & 1)
+        m = mask[iy, ix]
+        while m != 0:
+            b = lowest_bit(m)
+            m &= ~(np.uint32(1) << np.uint32(b))
+            if voxels[iy, ix, b, Z] > height:
+                return True
+    return False
+
+
+@jit_ieee
+def _leave(y, x, g, now, size, voxels, mask, heights, counts):
+    """Forget what of a cell was not seen just now between the ground at height `g` and `LOW_THING` over it: the feet of who has left. Write the rest into `heights` and `counts`; returns how many."""
+    found = 0
+    for q in range(4):
+        iy, ix = y + (q >> 1), x + (q & 1)
+        m = mask[iy, ix]
+        while m != 0:
+            b = lowest_bit(m)
+            bit = np.uint32(1) << np.uint32(b)
+            m &= ~bit
+            z = voxels[iy, ix, b, Z]
+            if g + 0.5 * size < z < g + LOW_THING and voxels[iy, ix, b, SEEN] < now:
+                mask[iy, ix] &= ~bit
+                continue
+            heights[found], counts[found] = z, voxels[iy, ix, b, COUNT]
+            found += 1
+    return found
 
 
 @jit_ieee
@@ -263,18 +312,19 @@ def low_and_high(heights, counts, found, lift):
 
 
 @jit_ieee
-def _looked_through(ray, up, elevations, margin, image):
+def _looked_through(ray, up, elevations, margin, beside, image):
     """Return 1 when the scan's rays in a voxel's direction went on behind it, 0.2 when none came back though it is in view, else 0.
 
-    `ray`: x, y and z from the sensor to the voxel, its length in the plane, and its column of the image.
+    `ray`: x, y and z from the sensor to the voxel, its length in the plane, and its column of the image. Rays count that pass at most `beside` metres above or below it.
     """
     x, y, z, away, seen_in = ray
     t = (z / away - ROW_LOW) / ROW
     if not (t >= 0.0 and t < ROWS):
         return 0.0
-    nearest = image[seen_in, int(t)]
+    nearest = image[seen_in, int(t), 0]
     if nearest < np.inf:
-        return 1.0 if nearest > away + margin * (1.0 + away * 0.1) else 0.0
+        is_through = abs(image[seen_in, int(t), 1] - z / away) * away < beside
+        return 1.0 if is_through and nearest > away + margin * (1.0 + away * 0.1) else 0.0
     sine = (x * up[0] + y * up[1] + z * up[2]) / math.sqrt(away * away + z * z)
     return 0.2 if elevations[0] + 0.03 < sine < elevations[1] - 0.03 else 0.0
 
@@ -285,7 +335,7 @@ def warm_up() -> None:
     voxels, mask = np.zeros((n, n, BINS, 4), np.float32), np.zeros((n, n), np.uint32)
     newest = np.full((n, n), -1e9, np.float32)
     ground, evidence = np.full((n // 2, n // 2), np.nan, np.float32), np.zeros((n // 2, n // 2), np.uint8)
-    image, first = np.empty((DIRECTIONS, ROWS), np.float32), np.zeros(2, np.int64)
+    image, first = np.empty((DIRECTIONS, ROWS, 2), np.float32), np.zeros(2, np.int64)
     forget_left(mask, newest, evidence, ground, ground, ground, first, first)
     points = np.array([[0.35, 0.35, 0.0], [0.35, 0.35, 0.3]], np.float32)
     origin, up, limits = np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.1, 1.0, 0.1, 0.1])
@@ -293,4 +343,4 @@ def warm_up() -> None:
     for now in (0.0, 0.1):
         insert(points, origin, np.zeros(3), now, limits, first, 0.1, ground, voxels, mask, newest, image, evidence)
     args = (first, 0.1, ground, voxels, mask, newest, image, evidence)
-    renew(origin, up, elevations, 0.2, 1.0, 0.3, 3.0, 0, *args, *np.empty((3, n // 2, n // 2), np.float32))
+    renew(origin, up, elevations, 0.2, 1.0, 0.3, 3.0, 0, *args, *np.empty((3, n // 2, n // 2), np.float32), evidence)

@@ -151,7 +151,7 @@ def find_drops(
                 continue
             row = int(math.floor(((expected - 2.0 * depth - origin[2]) / r - ROW_LOW) / ROW))
             if 0 <= row < ROWS:
-                nearest = image[d, row]
+                nearest = image[d, row, 0]
                 if nearest < np.inf and nearest > r + 1.0 + 0.2 * r:
                     through += 1
                     is_through = through >= 2
@@ -248,7 +248,7 @@ def warm_up() -> None:
     lows, state = np.zeros((m, m), np.float32), np.ones((m, m), np.uint8)
     evidence, depths, excess = np.zeros((m, m), np.uint8), np.zeros((m, m), np.float32), np.zeros((m, m), np.float32)
     first, origin = np.zeros(2, np.int64), np.array([0.8, 0.8, 0.0])
-    image = np.full((DIRECTIONS, ROWS), np.inf, np.float32)
+    image = np.full((DIRECTIONS, ROWS, 2), np.inf, np.float32)
     seen = (lows, lows, lows.copy(), state)
     find_drops(*seen, origin, first, 0.1, 0, 0.1, 0.06, 1.5, image, evidence, depths)
     mark_edges(evidence, 6, excess, 0.08, state)

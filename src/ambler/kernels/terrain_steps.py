@@ -95,10 +95,21 @@ def _unroll(ground, state, returns, first, sure):
 
 
 @jit_ieee
-def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, sure, slopes, excess, classes):
+def _is_changed(changed, y, x):
+    """Return whether something came or went in a cell (modulo m) or within two of it."""
+    m = changed.shape[0]
+    for dy in range(-2, 3):
+        for dx in range(-2, 3):
+            if changed[wrapped(y + dy, m), wrapped(x + dx, m)] != 0:
+                return True
+    return False
+
+
+@jit_ieee
+def judge_ground(ground, state, lows, highs, returns, changed, first, size, step, steep, sure, slopes, excess, classes):
     """Find slopes, steps and steep ground. `slopes` float32 (2, m, m): rise per metre along x and y; `excess` float32 (m, m): how much higher the high of a cell lies
     than the ground of one at most three away, beyond what its own and the other's slope explain; `classes` uint8 (m, m). `sure` float32
-    (m + 8, m + 8) is room to work in."""
+    (m + 8, m + 8) is room to work in. Where nothing `changed` uint8 (m, m), a step stays one."""
     m = ground.shape[0]
     cell = 2.0 * size
     cx0, cy0 = first[0] // 2, first[1] // 2
@@ -107,6 +118,7 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
     for ly in range(m):
         for lx in range(m):
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
+            before = np.float64(excess[y, x])
             excess[y, x] = 0.0
             slopes[0, y, x] = slopes[1, y, x] = 0.0
             classes[y, x] = UNKNOWN
@@ -122,12 +134,15 @@ def judge_ground(ground, state, lows, highs, returns, first, size, step, steep, 
             # Both ways: floor between two cars is not steep for the hood beside it.
             if rise_x * rise_x + rise_y * rise_y > steep * steep:
                 classes[y, x] = STEEP
+            # Who comes too near to see a kerb still knows it: what is judged anew without being seen anew only loses.
+            held = before if before > step and not _is_changed(changed, y, x) else 0.0
             if not is_sure:
+                excess[y, x] = held
                 continue
             spread = np.float64(highs[y, x]) - np.float64(lows[y, x])
-            top, most = h, 0.0
+            top, most = h, held
             if returns[y, x] >= 2.0 * SURE and spread > step:
-                most = spread  # a kerb may fill a cell of which no floor is seen, nor any around it
+                most = max(most, spread)  # a kerb may fill a cell of which no floor is seen, nor any around it
             # A slope spreads the returns of a cell, too; where it is not known, nothing is known of the rest.
             if not is_alone_x and not is_alone_y:
                 top += max(0.0, spread - SPREAD * cell * (abs(slope_x) + abs(slope_y)))
@@ -157,4 +172,4 @@ def warm_up() -> None:
     lows, sure = np.zeros((m, m), np.float32), np.empty((m + 8, m + 8), np.float32)
     slopes, excess, classes = np.empty((2, m, m), np.float32), np.empty((m, m), np.float32), np.empty((m, m), np.uint8)
     seen, first = (lows.copy(), np.ones((m, m), np.uint8)), np.zeros(2, np.int64)
-    judge_ground(*seen, lows, lows, lows, first, 0.1, 0.08, 0.4, sure, slopes, excess, classes)
+    judge_ground(*seen, lows, lows, lows, classes.copy(), first, 0.1, 0.08, 0.4, sure, slopes, excess, classes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path as FilePath
 
@@ -42,6 +42,7 @@ from ambler.wire.cloud_files import CLOUD_SUFFIX, write_cloud
 
 REGISTRATION = 0.02  # simulated seconds that a scan takes in the background
 EXAMINATION = 1.0
+EDGE_BEAMS = 4.0  # of the cloud that is told: a kerb's edge is met by few beams and must not come and go like dust
 CLOSING = 0.2  # simulated seconds in which a keyframe is matched and the graph solved
 MAP_PERIOD = 10  # scans between two tellings of where odom lies in the map
 
@@ -105,8 +106,9 @@ class LidarOdometryNode(Node):
         self._lidar, self._imu = mounts[SensorKind.CLOUD], mounts[SensorKind.IMU]
         imu_from_base = self._imu.base_from_sensor.inverse()
         imu_from_lidar = imu_from_base @ self._lidar.base_from_sensor
-        looks = CloudLooks(air or AirFilterConfig())
-        airs = AirFilter(air, looks), AirFilter(air, looks)
+        air = air or AirFilterConfig()
+        looks = CloudLooks(air)
+        airs = AirFilter(air, looks), AirFilter(replace(air, beams=max(air.beams, EDGE_BEAMS)), looks)
         self._odometry = BaseOdometry(config, imu_from_lidar, imu_from_base, airs)
         self._view = config.view
         self._examination = StartExamination(config, imu_from_lidar)

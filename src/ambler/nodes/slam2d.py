@@ -159,7 +159,7 @@ class Slam2dNode(Node):
         self._newest_ns = scan.stamp_ns
         is_telling = self._trust.may_match(scan.points)
         taken = scan if is_telling else replace(scan, points=scan.points[:0], intensities=None, starts=None)
-        result = self.slam.update(taken, may_insert=is_telling and self._trust.may_map)
+        result = self.slam.update(taken, may_insert=self._trust.may_map)
         self._trust.update(
             scan.stamp_ns, result.odom_from_base, result.map_from_base.transform(scan.points), result.score
         )

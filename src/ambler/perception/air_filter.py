@@ -21,6 +21,7 @@ F64 = NDArray[np.float64]
 SAMPLE = 4000  # returns from which brightness and the distance of beams are told
 AROUND = 1.2  # times the greatest range that is judged: so far out neighbours may lie
 _OPEN = 255  # no verdict yet
+APART = 1e4  # m
 PATCH = math.radians(6.0)  # edge of the patches that tell how much of the sphere a scanner sees
 
 
@@ -28,7 +29,7 @@ PATCH = math.radians(6.0)  # edge of the patches that tell how much of the spher
 class AirFilterConfig:
     """`dim`: share of the brightness that a quarter of the returns exceed, below which a return is doubted (dust 0.05, a wall met at 80° 0.2).
     `range_most` m: farther out so little light comes from nothing but surfaces. `depth` (share of the range that neighbours may be before or behind: the floor, met flatly), `thickness` m (noise of three standard deviations), `share` of the neighbours: what
-    makes a surface. A place is a cube of `cell` m, and lasts when `again` of the 15 clouds before hit it."""
+    makes a surface. A place is a cube of `cell` m, larger where it would be narrower than `beams` of the scanner's beams, and lasts when `again` of the 15 clouds before hit it."""
 
     is_used: bool = True
     dim: float = 0.25
@@ -37,6 +38,7 @@ class AirFilterConfig:
     thickness: float = 0.04
     share: float = 0.6
     cell: float = 0.1
+    beams: float = 0.0
     again: int = 3
     places_most: int = 1 << 16
 
@@ -64,6 +66,11 @@ class CloudLooks:
             self._verdicts[asked] = self._judge(asked)
         return np.asarray(self._verdicts[doubted])
 
+    @property
+    def spacing(self) -> float:
+        """Mean angle (rad) between the beams of the cloud."""
+        return self._sorted().spacing
+
     def _dim_below(self, cloud: PointCloud) -> float:
         """Return the intensity below which a return is dim beside the others: infinite, where a scanner does not tell brightness."""
         sample = cloud.intensity[:: max(1, len(cloud.intensity) // SAMPLE)]
@@ -71,16 +78,19 @@ class CloudLooks:
         return float(self._config.dim * high) if high > low else math.inf
 
     def _judge(self, asked: NDArray[np.int64]) -> NDArray[np.uint8]:
-        if self._cells is None:
-            assert self._cloud is not None
-            self._cells = _Cells.of(self._cloud, self._limit, AROUND * self._config.range_most)
-        c, cells = self._config, self._cells
+        c, cells = self._config, self._sorted()
         verdicts = np.empty(len(asked), np.uint8)
         kernel.judge(
             *(cells.points, cells.is_dim, np.searchsorted(cells.near, asked), cells.columns, cells.rows),
             *(cells.cell_of, cells.begins, cells.order, cells.spacing, c.depth, c.thickness, c.share, verdicts),
         )
         return verdicts
+
+    def _sorted(self) -> _Cells:
+        if self._cells is None:
+            assert self._cloud is not None
+            self._cells = _Cells.of(self._cloud, self._limit, AROUND * self._config.range_most)
+        return self._cells
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,12 +157,19 @@ class AirFilter:
         kept[doubted[verdicts == kernel.CLOUDY]] = False
         lonely = doubted[verdicts == kernel.LONELY]
         if len(lonely):
-            kept[lonely] = self._lasts(np.asarray(place(asked[lonely]), np.float64))
+            ranges = np.linalg.norm(cloud.points[asked[lonely]].astype(np.float64), axis=1)
+            kept[lonely] = self._lasts(np.asarray(place(asked[lonely]), np.float64), ranges)
         return kept
 
-    def _lasts(self, places: F64) -> NDArray[np.bool_]:
+    def _lasts(self, places: F64, ranges: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Return which places (M, 3) at these ranges (M,) were hit before; the sides of their cubes are `cell` times a power of two."""
+        c = self.config
+        wide = c.beams * self._looks.spacing * ranges / c.cell
+        doublings = np.round(np.log2(np.maximum(wide, 1.0)))
+        places = places / 2.0 ** doublings[:, None]
+        places[:, 2] += APART * doublings  # cubes of other sides are other places
         is_lasting = np.empty(len(places), np.bool_)
-        kernel.remember(*self._table, self._scan, places, self.config.cell, self.config.again, is_lasting)
+        kernel.remember(*self._table, self._scan, places, c.cell, c.again, is_lasting)
         return is_lasting
 
 

@@ -59,12 +59,14 @@ class TerrainAnalysis:
         self._voxels = np.zeros((n, n, columns.BINS, 4), np.float32)
         self._mask = np.zeros((n, n), np.uint32)
         self._newest = np.full((n, n), -1e9, np.float32)
-        self._image = np.full((columns.DIRECTIONS, columns.ROWS), np.inf, np.float32)
+        self._image = np.full((columns.DIRECTIONS, columns.ROWS, 2), np.inf, np.float32)
         self._lows, self._highs, self._returns, self._ground, self._excess, self._depths, self._memory = (
             np.full((m, m), np.nan, np.float32) for _ in range(7)
         )
         self._slopes, self._sure = np.zeros((2, m, m), np.float32), np.zeros((m + 8, m + 8), np.float32)
-        self._state, self._classes, self._evidence, self._touched = (np.zeros((m, m), np.uint8) for _ in range(4))
+        self._state, self._classes, self._evidence, self._touched, self._changed = (
+            np.zeros((m, m), np.uint8) for _ in range(5)
+        )
         self._gap = np.zeros((m, m), np.int32)
         self._queue, self._later = np.zeros(2 * m * m, np.int32), np.zeros(m * m, np.int32)
         self._begin_ns: int | None = None
@@ -75,14 +77,19 @@ class TerrainAnalysis:
         """Forget everything."""
         self._mask[:], self._newest[:], self._evidence[:] = 0, -1e9, 0
         self._ground[:], self._lows[:], self._depths[:], self._state[:] = np.nan, np.nan, 0.0, 0
-        self._memory[:] = np.nan
+        self._memory[:], self._excess[:] = np.nan, 0.0
 
     def forget(self, x: float, y: float, radius: float) -> None:
         """Forget what was seen within a radius (m) of a place in the odom frame."""
         c = self.config
         for size, cell, first, arrays in (
             (c.columns, c.voxel, self._first, ((self._mask, 0), (self._newest, -1e9))),
-            (c.columns // 2, c.cell, self._first // 2, ((self._evidence, 0), (self._depths, 0.0), (self._state, 0))),
+            (
+                c.columns // 2,
+                c.cell,
+                self._first // 2,
+                ((self._evidence, 0), (self._depths, 0.0), (self._excess, 0.0), (self._state, 0)),
+            ),
             (
                 c.columns // 2,
                 c.cell,
@@ -144,6 +151,7 @@ class TerrainAnalysis:
             self._lows,
             self._highs,
             self._returns,
+            self._changed,
         )
         self._judge(base, origin)
 
@@ -164,9 +172,8 @@ class TerrainAnalysis:
         terrain_ground.grow_ground(*known, base, *place, c.own_radius, *growth, *work)
         seen = (self._ground, self._state)
         judged = (self._sure, self._slopes, self._excess, self._classes)
-        terrain_steps.judge_ground(
-            *seen, self._lows, self._highs, self._returns, *place, c.step, math.tan(c.steep), *judged
-        )
+        told = (self._lows, self._highs, self._returns, self._changed)
+        terrain_steps.judge_ground(*seen, *told, *place, c.step, math.tan(c.steep), *judged)
         hidden = (MARCH * c.cell / 0.2, c.drop, c.hidden * c.cell / 0.2)
         terrain_edges.find_drops(
             self._lows,

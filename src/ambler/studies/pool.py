@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,11 +20,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ambler.core.errors import BadInputError
+from ambler.evaluation.results import processor_seconds
 
 Result = dict[str, Any]
 OnResult = Callable[[int, Result], None]
 PATIENCE = 20.0  # seconds that a process gets to end its run in order
 RETRIES = 3  # of a case whose cluster worker was lost
+CASE_WALL, CASE_CPU = "case_wall_seconds", "case_cpu_seconds"  # in every result of a pool: what the case took
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,13 @@ class Job:
     function: Callable[[Any, Path], Result]
     case: Any
     folder: Path
+
+
+def timed(function: Callable[[Any, Path], Result], case: Any, folder: Path) -> Result:
+    """Run a case; its result tells also the seconds of the wall and of processors (of this process and its ended children) that it took."""
+    wall, cpu = time.perf_counter(), processor_seconds()
+    result = function(case, folder)
+    return {**result, CASE_WALL: time.perf_counter() - wall, CASE_CPU: processor_seconds() - cpu}
 
 
 class Pool(Protocol):
@@ -54,7 +64,7 @@ class CaseProcess:
 
     def run(self, job: Job) -> Result:
         """Run a job and return its result; `ended` "crashed" when the process died."""
-        jobs, results = self._process.stdin, self._process.stdout
+        begin, jobs, results = time.perf_counter(), self._process.stdin, self._process.stdout
         assert jobs is not None
         assert results is not None
         try:
@@ -64,7 +74,8 @@ class CaseProcess:
         except (EOFError, OSError, pickle.UnpicklingError):
             code = self._process.wait()
             cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-            return {"ended": "crashed", "why": f"its process ended: {cause}"}
+            seconds = time.perf_counter() - begin
+            return {"ended": "crashed", "why": f"its process ended: {cause}", CASE_WALL: seconds}
         return result
 
     @property
@@ -96,7 +107,7 @@ class ThisProcess:
         """See Pool."""
         for number, job in enumerate(jobs):
             job.folder.mkdir(parents=True, exist_ok=True)
-            on_result(number, job.function(job.case, job.folder))
+            on_result(number, timed(job.function, job.case, job.folder))
 
 
 class LocalPool:

@@ -19,7 +19,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import ambler
 from ambler.core.errors import BadInputError
-from ambler.studies.pool import Job, Pool
+from ambler.studies.pool import CASE_CPU, CASE_WALL, Job, Pool
 from ambler.wire.atomic_file import write_whole
 
 Result = dict[str, Any]
@@ -50,14 +50,37 @@ class Study(Generic[C]):
     line: Callable[[Result], str]
 
 
+@dataclass(slots=True)
+class Spent:
+    """Seconds that the cases of a campaign took, summed up: of the wall (as if one had run after the other), and of processors. A case whose result was kept counts with what it took
+    when it was run, so that a campaign that was resumed tells the same as one that was not interrupted."""
+
+    wall: float = 0.0
+    cpu: float = 0.0
+
+    def take(self, result: Result) -> Result:
+        """Count a case; returns its result without what it took."""
+        left = dict(result)
+        self.wall += left.pop(CASE_WALL, 0.0)
+        self.cpu += left.pop(CASE_CPU, 0.0)
+        return left
+
+
 def conduct(
-    study: Study[C], out: Path, pool: Pool, *, is_fresh: bool = False, tell: Callable[[str], None] = print
+    study: Study[C],
+    out: Path,
+    pool: Pool,
+    *,
+    is_fresh: bool = False,
+    tell: Callable[[str], None] = print,
+    spent: Spent | None = None,
 ) -> list[Result]:
-    """Return one result per case, in their order, each with `label` and the plain values of its case.
+    """Return one result per case, in their order, each with `label` and the plain values of its case; `spent` counts what all of them took.
 
     Those that `out` holds are taken (unless `is_fresh`), the others are run. A case whose process died, or that raised, has `ended`
     "crashed" and `why`; it is not kept. Raises BadInputError for labels that are not unique.
     """
+    spent = spent or Spent()
     labels = [case.label for case in study.cases]
     if len(set(labels)) < len(labels):
         raise BadInputError(f"study {study.name}: several cases are called {_repeated(labels)}")
@@ -78,7 +101,7 @@ def conduct(
         tell(f"[{sum(r is not None for r in results)} of {len(labels)}] {labels[k]}: {_line(study, whole)}")
 
     pool.run(jobs, take)
-    return [result for result in results if result is not None]
+    return [spent.take(result) for result in results if result is not None]
 
 
 def key_of(study: Study[C], case: C) -> str:

@@ -16,7 +16,7 @@ from ambler.evaluation.tuning import Ranked, TrialResults
 from ambler.evaluation.tuning_space import Case, TuningSpace
 from ambler.studies.demo_process import demo_line, run_demo
 from ambler.studies.pool import Pool
-from ambler.studies.study import Study, conduct
+from ambler.studies.study import Spent, Study, conduct
 from ambler.studies.study_settings import StudySettings
 
 KEPT = {"result.json", "case.log", "demo.log", "demo.json", "profile.yaml"}
@@ -55,9 +55,15 @@ def run_trial(trial: TrialCase, folder: Path) -> dict[str, Any]:
 
 
 def tune(
-    space: TuningSpace, out: Path, pool: Pool, *, run: RunTrial = run_trial, tell: Callable[[str], None] = print
+    space: TuningSpace,
+    out: Path,
+    pool: Pool,
+    *,
+    run: RunTrial = run_trial,
+    tell: Callable[[str], None] = print,
+    spent: Spent | None = None,
 ) -> list[Ranked]:
-    """Run what `out` has no results of, rung by rung, and return the ranking; raises BadInputError when runs lack what `space` weighs."""
+    """Run what `out` has no results of, rung by rung, and return the ranking; `spent` counts what all runs took. Raises BadInputError when runs lack what `space` weighs."""
     results = TrialResults(space)
     cases = space.cases()
     going = list(range(len(results.trials)))
@@ -68,7 +74,7 @@ def tune(
         trials = [TrialCase(t, case, settings[t], options) for case in cases[before:count] for t in going]
         alone = 1 if before == 0 else 0  # the first of all: what no run tells is noticed before the others have run
         for some in (trials[:alone], trials[alone:]):
-            told = conduct(Study("tune", some, run, demo_line), out, pool, tell=tell)
+            told = conduct(Study("tune", some, run, demo_line), out, pool, tell=tell, spent=spent)
             for trial, metrics in zip(some, told, strict=True):
                 results.add(trial.trial, trial.case, metrics)
         going, before = results.going_on(going, count), count

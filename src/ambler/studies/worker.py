@@ -12,8 +12,11 @@ import sys
 import threading
 import time
 import traceback
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
+
+from ambler.studies.pool import timed
 
 
 def main() -> None:
@@ -31,7 +34,7 @@ def main() -> None:
         if not is_warm:
             _warm_up()
             is_warm = True
-        _answer(results, _run(function, case, folder))
+        _answer(results, timed(partial(_run, function), case, folder))
 
 
 def _run(function: Any, case: Any, folder: Path) -> dict[str, Any]:
