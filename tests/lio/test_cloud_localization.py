@@ -16,8 +16,8 @@ from ambler.core.se3 import SE3
 from ambler.kernels import cloud_search
 from ambler.kernels.cloud_search import FLAT, WALL
 from ambler.lio.cloud_localizer import CloudLocalizer, CloudPose, CloudTracker
-from ambler.lio.cloud_map import CloudMap
-from ambler.lio.cloud_match import CloudMatch, apart, between, judge, turned
+from ambler.lio.cloud_map import CloudMap, Image
+from ambler.lio.cloud_match import CloudMatch, apart, between, compared, judge, turned
 from ambler.lio.cloud_relocalizer import CloudState
 from ambler.lio.config import CloudLocalizerConfig, LioConfig
 from ambler.lio.health import LioResult
@@ -214,6 +214,50 @@ def test_along_a_tunnel_the_place_is_left_to_the_odometry_and_across_it_is_corre
 def test_quality_counts_a_ray_through_a_wall_twice() -> None:
     match = CloudMatch(SE3(), walls=0.9, flats=1.0, blocked=0.2, residual_m=0.05, information=np.eye(6))
     assert match.quality == pytest.approx(0.5)
+
+
+def test_the_place_where_walls_fit_tightly_comes_before_one_that_they_lie_beside() -> None:
+    """Where things were moved rays go through what is gone at the right place, too; a place that explains few walls says nothing about tightness."""
+    right = CloudMatch(SE3(), walls=0.86, flats=0.7, blocked=0.13, residual_m=0.027, information=np.eye(6))
+    deck = replace(right, walls=0.83, blocked=0.05, residual_m=0.052)
+    little = replace(right, walls=0.3, blocked=0.0, residual_m=0.004)
+    assert deck.quality > right.quality
+    assert [m.walls for m in compared([little, deck, right])] == [0.86, 0.83, 0.3]
+    assert compared([right])[0].quality == right.quality
+    assert compared([]) == ()
+
+
+def two_decks(rng: np.random.Generator, *, has_upper: bool) -> np.ndarray:
+    """Points of a floor with walls around one half of it, and of a deck 3 m above it with walls of another plan."""
+
+    def wall(x0: float, y0: float, x1: float, y1: float, z: float) -> np.ndarray:
+        along, up = rng.random(6000), rng.uniform(z, z + 2.0, 6000)
+        return np.column_stack((x0 + along * (x1 - x0), y0 + along * (y1 - y0), up))
+
+    def floor(z: float) -> np.ndarray:
+        return np.column_stack((rng.uniform(0.0, 16.0, (20_000, 2)), np.full(20_000, z)))
+
+    lower = [floor(0.0), wall(2.0, 2.0, 14.0, 2.0, 0.0), wall(2.0, 2.0, 2.0, 9.0, 0.0)]
+    upper = [floor(3.0), wall(12.0, 14.0, 12.0, 5.0, 3.0), wall(5.0, 14.0, 12.0, 14.0, 3.0)]
+    return np.concatenate([*lower, *(upper if has_upper else [])]) + rng.normal(0.0, 0.01, 3)
+
+
+def test_each_of_two_decks_is_seen_from_above_by_itself() -> None:
+    rng = np.random.default_rng(3)
+    assert CloudMap(two_decks(rng, has_upper=False)).decks == ()
+    both = CloudMap(two_decks(rng, has_upper=True))
+    assert len(both.decks) == 2
+    for image, own, others in ((both.decks[0], (2.0, 5.0), (12.0, 9.0)), (both.decks[1], (12.0, 9.0), (2.0, 5.0))):
+        assert _brightness(image, *own) > 200
+        assert _brightness(image, *others) < 30
+        assert _brightness(both.image, *own) > 200
+
+
+def _brightness(image: Image, x: float, y: float) -> int:
+    """Return what the finest level of an image holds around a place."""
+    rim = image.stack.shape[1] - image.standing.shape[0]
+    iy, ix = rim + int((y - image.corner[1]) / image.cell), rim + int((x - image.corner[0]) / image.cell)
+    return int(image.stack[0, iy - 1 : iy + 2, ix - 1 : ix + 2].max())
 
 
 def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:

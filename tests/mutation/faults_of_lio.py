@@ -228,7 +228,7 @@ LIO = (
     PlantedFault(
         "rays through walls do not speak against a place",
         "lio/cloud_match.py",
-        "return self.walls - 2.0 * self.blocked",
+        "return (self.walls - 2.0 * self.blocked) * self.tightness",
         "return self.walls",
         CLOUD,
     ),
@@ -345,5 +345,21 @@ LIO = (
         "return CloudPose(result.stamp_ns, CloudState.LOST, None, None, match)",
         "return CloudPose(result.stamp_ns, CloudState.LOST, result.map_from_imu, SE3(), match)",
         CLOUD_NODE,
+    ),
+    PlantedFault(
+        "places are not compared by how tightly they fit",
+        "lio/cloud_match.py",
+        "own = [replace(match, tightness=min(1.0, least / max(match.residual_m, 1e-6))) for match in matches]",
+        "own = list(matches)",
+        (
+            "tests/lio/test_cloud_localization.py::test_the_place_where_walls_fit_tightly_comes_before_one_that_they_lie_beside",
+        ),
+    ),
+    PlantedFault(
+        "all decks are searched at once",
+        "lio/cloud_map.py",
+        "return tuple(images) if len(images) > 1 else ()",
+        "return ()",
+        ("tests/lio/test_cloud_localization.py::test_each_of_two_decks_is_seen_from_above_by_itself",),
     ),
 )

@@ -22,6 +22,10 @@ from ambler.wire.cloud_files import read_cloud
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 POINTS_LEAST = 1000
+DECK_CELL, DECKS_APART, DECKS_MOST = 1.0, 1.8, 4
+SHARED_LEAST = 0.1  # of the smaller of two floors, above the other: they are decks
+DECK_WALLS = (0.3, 2.2)  # metres over a floor between which its walls are seen from above
+WALL_CELLS_LEAST = 10
 IMAGE_MOST = 16_000_000  # cells; at 0.4 m some 1.6 km by 1.6 km
 
 
@@ -61,6 +65,7 @@ class CloudMap:
             raise BadInputError(f"{name}: holds hardly any surface; is it a map, or a single scan?")
         self._enter(kinds, _cell_planes(finite, self.points, c))
         self.image = _image(self.points, kinds, c)
+        self.decks = _decks(self.points, kinds, c)
         self.heights = float(self.points[:, 2].min()), float(self.points[:, 2].max())
 
     @classmethod
@@ -144,6 +149,31 @@ def _cell_planes(points: F64, queries: F64, config: CloudMapConfig) -> F64:
 def _keys(points: F64, cell: float) -> NDArray[np.int64]:
     i = np.floor(points / cell).astype(np.int64) + (1 << 20)
     return np.asarray((i[:, 0] << 42) | (i[:, 1] << 21) | i[:, 2])
+
+
+def _decks(points: F64, kinds: U8, config: CloudMapConfig) -> tuple[Image, ...]:
+    """Return an image of the walls over each floor where floors lie above one another, else none: seen together, the walls of one deck hide which place of another
+    a robot is at."""
+    corner = points[:, :2].min(axis=0)
+    cells = np.floor((points[:, :2] - corner) / DECK_CELL).astype(np.int64)
+    cells = cells[:, 1] * (cells[:, 0].max() + 1) + cells[:, 0]
+    is_flat = kinds == cloud_search.FLAT
+    flat_cells, flat_z = cells[is_flat], points[is_flat, 2]
+    floors: dict[float, set[int]] = {}
+    layers = np.round(flat_z / config.height_step).astype(np.int64)
+    areas = {int(k): len(np.unique(flat_cells[layers == k])) for k in np.unique(layers)}
+    for k in sorted(areas, key=lambda k: -areas[k]):
+        z = k * config.height_step
+        if len(floors) < DECKS_MOST and all(abs(z - other) >= DECKS_APART for other in floors):
+            floors[z] = set(flat_cells[np.abs(flat_z - z) <= config.height_step].tolist())
+    images = []
+    for z, area in sorted(floors.items()):
+        others = [own for other, own in floors.items() if other != z]
+        shared = max((len(area & own) / max(1, min(len(area), len(own))) for own in others), default=0.0)
+        is_over = (kinds == cloud_search.WALL) & (points[:, 2] > z + DECK_WALLS[0]) & (points[:, 2] < z + DECK_WALLS[1])
+        if shared >= SHARED_LEAST and len(np.unique(cells[is_over])) >= WALL_CELLS_LEAST:
+            images.append(_image(points, np.where(is_over | is_flat, kinds, 0).astype(np.uint8), config))
+    return tuple(images) if len(images) > 1 else ()
 
 
 def _image(points: F64, kinds: U8, config: CloudMapConfig) -> Image:

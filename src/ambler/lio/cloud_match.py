@@ -7,7 +7,8 @@ through a surface of it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import small_gicp
@@ -23,12 +24,14 @@ from ambler.lio.state import log, to_se3
 F64 = NDArray[np.float64]
 WALLS_LEAST = 15  # points on walls below which a place cannot be told from others
 RAYS = 400
+AS_MANY = 0.9  # of the walls that another place explains
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudMatch:
     """A pose and what speaks for it: shares of the points on walls and on flats that are explained, of the rays that are blocked; RMS distance of the explained
-    from their planes, m; `information` float64 (6, 6) of unit noise about rotation and translation (both in `local`, on the right)."""
+    from their planes, m; `information` float64 (6, 6) of unit noise about rotation and translation (both in `local`, on the right); `tightness`: the least residual
+    of the places that explain as many walls over its own, 1 when it stands alone."""
 
     map_from_local: SE3
     walls: float
@@ -36,11 +39,21 @@ class CloudMatch:
     blocked: float
     residual_m: float
     information: F64
+    tightness: float = 1.0
 
     @property
     def quality(self) -> float:
-        """The share of the walls that is explained, minus twice that of the rays which should not have come through."""
-        return self.walls - 2.0 * self.blocked
+        """The share of the walls that is explained, minus twice that of the rays which should not have come through; less where it lies beside the walls rather than on them."""
+        return (self.walls - 2.0 * self.blocked) * self.tightness
+
+
+def compared(matches: Sequence[CloudMatch]) -> tuple[CloudMatch, ...]:
+    """Return the places of one sight with their tightness, the best first: where things were moved rays go through what is gone at the right place, too, but there the walls that
+    are left fit to centimetres."""
+    most = max((match.walls for match in matches), default=0.0)
+    least = min((match.residual_m for match in matches if match.walls >= AS_MANY * most), default=0.0)
+    own = [replace(match, tightness=min(1.0, least / max(match.residual_m, 1e-6))) for match in matches]
+    return tuple(sorted(own, key=lambda match: -match.quality))
 
 
 def register(

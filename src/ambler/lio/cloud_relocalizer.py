@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 from ambler.core.se2 import wrap_angle
 from ambler.core.se3 import SE3
 from ambler.kernels import relocalization as kernel
-from ambler.lio.cloud_map import CloudMap
-from ambler.lio.cloud_match import CloudMatch, apart, judge, register, tilt_of
+from ambler.lio.cloud_map import CloudMap, Image
+from ambler.lio.cloud_match import CloudMatch, apart, compared, judge, register, tilt_of
 from ambler.lio.config import CloudMatchConfig, CloudRelocalizerConfig
 from ambler.lio.sight import LaidScan, LocalCloud, Sight
 
 F64 = NDArray[np.float64]
 SECTORS = 8
 WALLS_LEAST = 30
+OWN_DECK = (-0.3, 1.6)  # metres above the sensor between which walls of its own deck lie
 SENSOR_ABOVE = (-1.0, 4.0)  # metres that a sensor may be below the lowest and above the highest point of a map
 
 
@@ -94,8 +95,12 @@ class CloudRelocalizer:
         if len(walls) < WALLS_LEAST:
             return ()
         found: list[CloudMatch] = []
-        starts = self._at_heights(local, self._from_above(walls, window), window)
-        for start in starts[: c.refined]:
+        places = [self._from_above(walls, self.map.image, window)]
+        if window is None:  # near a guess nothing can hide what is looked for
+            level = walls[(walls[:, 2] > OWN_DECK[0]) & (walls[:, 2] < OWN_DECK[1])]
+            places += [self._from_above(level, deck, None) for deck in self.map.decks if len(level) >= WALLS_LEAST]
+        starts = self._at_heights(local, np.concatenate(places), window)
+        for start in starts[: c.refined * len(places)]:
             if any(self._is_same(start, other.map_from_local) for other in found):
                 continue
             pose = register(self.map, local, start, self._match)
@@ -107,7 +112,7 @@ class CloudRelocalizer:
                 continue
             found = [m for m in found if not self._is_same(pose, m.map_from_local)]
             found.append(match)
-        return tuple(sorted(found, key=lambda m: -m.quality))
+        return compared(found)
 
     def _is_due(self, result: LaidScan) -> bool:
         if result.stamp_ns < self._next_ns:
@@ -123,9 +128,9 @@ class CloudRelocalizer:
         guess = self._guess_from_odom @ local.odom_from_local
         return np.array([*guess.translation, guess.to_se2().yaw])
 
-    def _from_above(self, walls: F64, window: F64 | None) -> F64:
+    def _from_above(self, walls: F64, image: Image, window: F64 | None) -> F64:
         """Return places (K, 3): x, y, yaw whose walls from above look like those seen, the best first."""
-        c, image = self.config, self.map.image
+        c = self.config
         points = _spread(walls[:, :2], image.cell, c.search_points)
         reach = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 90))
         turns = math.ceil(2.0 * math.pi * max(reach, 5.0) / image.cell)
