@@ -247,7 +247,9 @@ MOTION = (
         "nodes/controller.py",
         "passed = self._yielding.creeping(allowed)",
         "passed = BodyVelocity()",
-        ("tests/control/test_nodes.py",),
+        (
+            "tests/control/test_nodes.py::test_a_robot_creeps_towards_who_stands_in_its_way_and_that_is_no_lack_of_progress",
+        ),
     ),
     PlantedFault(
         "a robot that creeps past people makes no progress",
