@@ -201,6 +201,13 @@ MOTION = (
         MOVERS,
     ),
     PlantedFault(
+        "what no ray has ever looked into may be a person",
+        "perception/mover_tracker.py",
+        "if is_person and self._was_seen(place):",
+        "if is_person:",
+        MOVERS,
+    ),
+    PlantedFault(
         "straight boards are people",
         "perception/mover_tracker.py",
         "stand_bulge: float = 0.04",

@@ -162,6 +162,18 @@ def test_a_board_that_came_is_nobody() -> None:
         assert len(feed(tracker, k, [], [*ROOM, *board], SE2(), rng)) == 0
 
 
+def test_the_corner_of_a_desk_whose_sides_were_grazed_before_they_were_met_is_nobody() -> None:
+    """Rays along its sides pass through the outer half of the cells that the sides lie in; through the desk itself none ever passes."""
+    tracker, rng, nothing = MoverTracker(), np.random.default_rng(14), np.zeros((0, 2))
+    grazing_from, grazing_to = np.array([[2.02, 0.0], [1.5, 0.62]]), np.array([[2.02, 1.4], [3.2, 0.62]])
+    for k in range(10):
+        scan = PlanarScan(k * 100_000_000, nothing.astype(np.float32), grazing_to.astype(np.float32))
+        tracker.update(scan, nothing, grazing_to, np.zeros((1, 2)), grazing_from)
+    desk = [(2.05, 0.65, 2.05, 1.05), (2.05, 0.65, 2.45, 0.65)]
+    for k in range(10, 40):
+        assert len(feed(tracker, k, [], [*ROOM, *desk], SE2(), rng)) == 0
+
+
 def test_two_who_walk_side_by_side_are_two() -> None:
     tracker, rng = MoverTracker(), np.random.default_rng(10)
     for k in range(25):

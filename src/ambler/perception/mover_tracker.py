@@ -234,9 +234,20 @@ class MoverTracker:
             for part in self._people_of(np.flatnonzero(labels == k), points):
                 group = points[part]
                 bulge = math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0])))
-                if bulge >= c.stand_bulge and np.hypot(*np.ptp(group, axis=0)) >= c.stand_size:
-                    places.append(self._middle(group, starts[part] if len(starts) > 1 else starts))
+                place = self._middle(group, starts[part] if len(starts) > 1 else starts)
+                is_person = bulge >= c.stand_bulge and np.hypot(*np.ptp(group, axis=0)) >= c.stand_size
+                if is_person and self._was_seen(place):
+                    places.append(place)
         return places
+
+    def _was_seen(self, place: F64) -> bool:
+        """Say whether anything has told of the cell of a place: who came stands where rays had passed, and no ray passes through a desk whose
+        sides were grazed before they were met."""
+        ix, iy = (int(i) for i in np.floor(place / self._config.resolution))
+        k = (iy % self._size) * self._size + ix % self._size
+        return bool(
+            self._grid[0, k] == iy * 1000003 + ix and self._grid[1, k] != kernels.UNKNOWN
+        )  # `kernels.movers._cell`
 
     def _note_standing(self, place: F64, now: float) -> None:
         """Take a place where somebody stands: his own track's, or that of one who has not been known."""
