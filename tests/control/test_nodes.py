@@ -14,6 +14,7 @@ from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.core.errors import NoValidPathError
 from ambler.core.messages import GateState, PoseStamped, VelocityCommand
+from ambler.core.movers import Movers
 from ambler.core.protocols import BodyVelocity, LocalPlanner
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
@@ -116,6 +117,18 @@ def test_nothing_moves_before_the_gate_is_armed() -> None:
     assert robot.base.pose == SE2()
     assert robot.codes == [], "a paused gate is no lack of progress"
     assert {s.state for s in robot.person.states} == {GateState.PAUSED}
+
+
+def test_a_robot_creeps_towards_who_stands_in_its_way_and_that_is_no_lack_of_progress(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = Robot([(0.6, follow(3.0))])
+    stands = Movers(0, np.array([[1.5, 0.1, 0.0, 0.0, 0.0, 0.0]]))
+    monkeypatch.setattr(robot.controller._view, "movers", lambda now_ns: stands)
+    robot.run(14.0)
+    assert max(math.hypot(v.vx, v.vy) for v in robot.commands_after(0.0)) < 0.05
+    assert robot.base.pose.x > 0.2
+    assert robot.codes == []
 
 
 def test_cancelling_stops() -> None:

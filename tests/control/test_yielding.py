@@ -27,6 +27,12 @@ def walker(x: float, y: float, vx: float, vy: float) -> Movers:
     return Movers(0, np.array([[x, y, vx, vy, vx, vy]]))
 
 
+def sent(yielding: Yielding, wanted: BodyVelocity) -> BodyVelocity:
+    """What the controller sends to a robot that has nowhere to go out of the way."""
+    passed = yielding.limited(wanted)
+    return passed if passed != BodyVelocity() else yielding.creeping(wanted)
+
+
 def meet(robot, start: SE2, wanted: BodyVelocity, person, velocity, turns_at: float = math.inf):
     """As `meet_bend`; who turns round does so at once."""
     return meet_bend(robot, start, wanted, person, velocity, [(turns_at, math.pi)])
@@ -43,12 +49,36 @@ def meet_bend(robot, start: SE2, wanted: BodyVelocity, person, velocity, turns):
             (_, angle), turns = turns[0], turns[1:]
             walk = SE2(0.0, 0.0, angle).transform(walk[None])[0]
         yielding.set_movers(walker(*place, *walk), pose, v)
-        waiting.append(yielding.limited(wanted))
+        waiting.append(sent(yielding, wanted))
         v = step_velocity(v, waiting.pop(0), robot.limits, dt)
         log.append((pose, v, place.copy()))
         pose = pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * dt)
         driven += math.hypot(v.vx, v.vy) * dt
         place = place + walk * dt
+        outline = pose.transform(robot.footprint)
+        if distance_to_polygon((place[0], place[1]), outline) <= PERSON:
+            point = pose.inverse().transform(_nearest(place, outline)[None])[0]
+            return k * dt, max(_approach(p, u, q, point) for p, u, q in log[-10:]), driven
+    return math.inf, -math.inf, driven
+
+
+def meet_setting_out(robot, wanted: BodyVelocity, person, pace: float, sets_out: float, aim=(0.0, 0.0)):
+    """As `meet_bend`, with somebody who stands, whom nobody has seen walking, and who then walks straight to where a point of the robot is,
+    told by shares of half its length and width."""
+    yielding, pose, v = Yielding(YieldConfig(), robot), SE2(), BodyVelocity()
+    waiting, log, dt, driven = [BodyVelocity()] * 2, [], 0.05, 0.0
+    place, velocity = np.array(person, float), np.zeros(2)
+    for k in range(120):
+        if not velocity.any() and k * dt >= sets_out:
+            to = pose.transform((np.array(aim) * robot.footprint.max(axis=0))[None])[0] - place
+            velocity = pace * to / math.hypot(*to)
+        yielding.set_movers(Movers(0, np.array([[*place, *velocity, *velocity]])), pose, v)
+        waiting.append(sent(yielding, wanted))
+        v = step_velocity(v, waiting.pop(0), robot.limits, dt)
+        log.append((pose, v, place.copy()))
+        pose = pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * dt)
+        driven += math.hypot(v.vx, v.vy) * dt
+        place = place + velocity * dt
         outline = pose.transform(robot.footprint)
         if distance_to_polygon((place[0], place[1]), outline) <= PERSON:
             point = pose.inverse().transform(_nearest(place, outline)[None])[0]
@@ -110,6 +140,69 @@ def test_who_walks_a_bend_into_the_robot_finds_it_standing(
     assert math.isinf(seconds) or approach <= 0.05
 
 
+@given(
+    st.sampled_from(["diff", "spot"]),
+    st.floats(-math.pi, math.pi),
+    st.floats(0.9, 3.0),
+    st.floats(0.8, 1.2),
+    st.floats(0.0, 3.0),
+    st.sampled_from([(0.0, 0.0), (0.8, 0.0), (-0.8, 0.0), (0.0, 0.8), (0.0, -0.8)]),
+    st.sampled_from([BodyVelocity(0.5), BodyVelocity(0.3, 0.0, 0.7), BodyVelocity(0.0, 0.0, -0.8), BodyVelocity(-0.3)]),
+)
+@settings(max_examples=150, deadline=None)
+def test_who_stood_and_sets_out_finds_the_robot_standing(name, bearing, away, pace, sets_out, aim, wanted) -> None:
+    person = (away * math.cos(bearing), away * math.sin(bearing))
+    seconds, approach, _ = meet_setting_out(ROBOTS[name], wanted, person, pace, sets_out, aim)
+    assert math.isinf(seconds) or approach <= 0.05
+
+
+def test_who_sets_out_for_the_flank_of_a_turning_robot_finds_it_standing() -> None:
+    yielding = Yielding(YieldConfig(), SPOT)
+    yielding.set_movers(Movers(0, np.array([[0.5, -1.2, 0.0, 0.0, 0.0, 0.0]])), SE2(), BodyVelocity())
+    assert abs(yielding.limited(BodyVelocity(0.0, 0.0, 0.7)).wz) < 0.2
+
+
+def test_who_has_just_set_out_and_seems_slow_yet_lets_the_robot_go_no_faster() -> None:
+    yielding = Yielding(YieldConfig(), DIFF)
+    for speed in (0.0, 0.2, 0.4, 0.7):
+        yielding.set_movers(walker(0.2, 1.2, 0.0, -speed), SE2(), BodyVelocity())
+        assert sent(yielding, BodyVelocity(0.0, 0.0, 1.5)).wz < 0.16, speed
+
+
+def test_a_robot_creeps_past_who_stands_in_its_way() -> None:
+    """Who stands may set out; a robot that creeps stands before he is there, and it gets on."""
+    seconds, _, driven = meet_setting_out(DIFF, BodyVelocity(0.5), (1.2, 0.4), 1.0, 99.0)
+    assert math.isinf(seconds)
+    assert 0.2 < driven < 0.6, "six seconds, of which the first moments may be faster"
+
+
+@pytest.mark.parametrize("wanted", [BodyVelocity(0.5), BodyVelocity(0.1, 0.0, 1.5), BodyVelocity(0.0, 0.0, -0.7)])
+@pytest.mark.parametrize("robot", [DIFF, SPOT])
+def test_no_corner_of_a_creeping_robot_is_fast(robot, wanted: BodyVelocity) -> None:
+    yielding = Yielding(YieldConfig(), robot)
+    yielding.set_movers(walker(1.5, 1.5, 0.0, 0.0), SE2(), BodyVelocity())
+    v = yielding.creeping(wanted)
+    x, y = robot.footprint.T
+    speeds = np.hypot(v.vx - v.wz * y, v.vy + v.wz * x)
+    assert 0.03 < speeds.max() < 0.045
+    assert yielding.is_waiting(v)
+    assert yielding.is_waiting(BodyVelocity())
+    assert not yielding.is_waiting(BodyVelocity(0.1))
+    assert yielding.creeping(BodyVelocity(0.01)) == BodyVelocity(0.01)
+
+
+def test_a_robot_does_not_creep_into_who_stands_at_it() -> None:
+    yielding = Yielding(YieldConfig(), DIFF)
+    yielding.set_movers(walker(0.65, 0.0, 0.0, 0.0), SE2(), BodyVelocity())
+    assert yielding.creeping(BodyVelocity(0.3)) == BodyVelocity()
+    assert yielding.creeping(BodyVelocity(-0.3)).vx < -0.03
+
+
+def test_who_stands_aside_lets_the_robot_leave() -> None:
+    _, _, driven = meet_setting_out(DIFF, BodyVelocity(0.5), (-0.9, 0.0), 1.0, 99.0)
+    assert driven > 2.0
+
+
 def test_without_yielding_the_same_robot_would_be_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Yielding, "limited", lambda self, wanted: wanted)
     seconds, approach, _ = meet(DIFF, SE2(), BodyVelocity(0.8), (3.0, 0.0), (-1.2, 0.0))
@@ -137,9 +230,9 @@ def test_who_walks_past_with_room_does_not_stop_it() -> None:
 def test_a_touched_robot_may_leave_and_not_press_on() -> None:
     yielding = Yielding(YieldConfig(), DIFF)
     yielding.set_movers(walker(0.52, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
-    assert yielding.limited(BodyVelocity(0.3)) == BodyVelocity()
-    assert yielding.limited(BodyVelocity(-0.3)).vx < -0.05
-    assert yielding.limited(BodyVelocity(0.0, 0.0, 1.0)) == BodyVelocity(), "turning brings its corner nearer"
+    assert sent(yielding, BodyVelocity(0.3)) == BodyVelocity()
+    assert sent(yielding, BodyVelocity(-0.3)).vx < -0.05
+    assert sent(yielding, BodyVelocity(0.0, 0.0, 1.0)) == BodyVelocity(), "turning brings its corner nearer"
 
 
 def test_nobody_near_changes_nothing() -> None:

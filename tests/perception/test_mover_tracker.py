@@ -126,3 +126,102 @@ def test_who_has_stood_for_ten_seconds_is_an_obstacle_until_he_walks_again() -> 
     assert seen[stood + 80] == 1
     assert seen[stood + 110] == seen[stood + 129] == 0
     assert seen[-1] == 1
+
+
+def known_at(movers, place, within: float = 0.35) -> bool:
+    """Whether somebody is known at a place."""
+    return any(math.dist(state[:2], place) < within for state in movers.states)
+
+
+def test_who_is_found_standing_where_the_room_was_free_may_set_out() -> None:
+    """He came while the robot looked elsewhere; that nobody saw him walk does not make him a part of the room."""
+    tracker, rng = MoverTracker(), np.random.default_rng(7)
+    for k in range(10):
+        feed(tracker, k, [], ROOM, SE2(), rng)
+    for k in range(10, 24):
+        movers = feed(tracker, k, [(2.0, 0.6)], ROOM, SE2(), rng)
+    assert len(movers) == 1
+    assert known_at(movers, (2.0, 0.6), 0.2)
+    assert math.hypot(*movers.states[0, 2:4]) < 0.1
+
+
+@pytest.mark.parametrize("gone", [3, 9])
+def test_what_stood_there_from_the_beginning_did_not_come(gone: int) -> None:
+    """Rays that graze along a wall pass it for some scans, and meet it again."""
+    tracker, rng = MoverTracker(), np.random.default_rng(8)
+    for k in range(60):
+        is_met = k < 10 or k >= 10 + gone
+        movers = feed(tracker, k, [(2.0, 0.6)] if is_met else [], ROOM, SE2(), rng)
+        assert len(movers) == 0
+
+
+def test_a_board_that_came_is_nobody() -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(9)
+    for k in range(40):
+        board = [(2.0, 0.3, 2.0, 0.8)] if k >= 10 else []
+        assert len(feed(tracker, k, [], [*ROOM, *board], SE2(), rng)) == 0
+
+
+def test_the_corner_of_a_desk_whose_sides_were_grazed_before_they_were_met_is_nobody() -> None:
+    """Rays along its sides pass through the outer half of the cells that the sides lie in; through the desk itself none ever passes."""
+    tracker, rng, nothing = MoverTracker(), np.random.default_rng(14), np.zeros((0, 2))
+    grazing_from, grazing_to = np.array([[2.02, 0.0], [1.5, 0.62]]), np.array([[2.02, 1.4], [3.2, 0.62]])
+    for k in range(10):
+        scan = PlanarScan(k * 100_000_000, nothing.astype(np.float32), grazing_to.astype(np.float32))
+        tracker.update(scan, nothing, grazing_to, np.zeros((1, 2)), grazing_from)
+    desk = [(2.05, 0.65, 2.05, 1.05), (2.05, 0.65, 2.45, 0.65)]
+    for k in range(10, 40):
+        assert len(feed(tracker, k, [], [*ROOM, *desk], SE2(), rng)) == 0
+
+
+def test_two_who_walk_side_by_side_are_two() -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(10)
+    for k in range(25):
+        x = 4.5 - 0.1 * max(0, k - 5)
+        movers = feed(tracker, k, [(x, 0.3), (x, -0.3)] if k >= 5 else [], ROOM, SE2(), rng)
+    assert len(movers) == 2
+    assert known_at(movers, (x, 0.3))
+    assert known_at(movers, (x, -0.3))
+
+
+def test_two_who_meet_and_stand_before_each_other_stay_two() -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(13)
+    near, far = np.array([1.0, 0.0]), np.array([0.72, 0.48])
+    towards = (far - near) / math.dist(near, far)
+    for k in range(80):
+        left = 0.1 * max(0, 30 - k)
+        people = [near - left * towards, far + left * towards] if k >= 5 else []
+        movers = feed(tracker, k, [tuple(p) for p in people], ROOM, SE2(), rng)
+        if k >= 34:
+            assert known_at(movers, near, 0.25), f"scan {k}"
+            assert known_at(movers, far, 0.25), f"scan {k}"
+
+
+def test_who_walks_past_does_not_take_the_name_of_who_stands() -> None:
+    tracker, rng, stands = MoverTracker(), np.random.default_rng(11), (2.0, 0.6)
+    for k in range(80):
+        here = (3.2 - 0.1 * k, 0.6) if k < 12 else stands
+        other = (3.0 - 0.1 * (k - 25), 0.12)
+        movers = feed(tracker, k, [here, other] if 25 <= k < 50 else [here], ROOM, SE2(), rng)
+        if k >= 14:
+            assert known_at(movers, stands), f"scan {k}"
+        if 35 <= k < 45:
+            assert known_at(movers, other), f"scan {k}"
+
+
+def test_who_is_hidden_behind_another_stands_there_still_until_his_place_is_seen_empty() -> None:
+    tracker, rng, stands = MoverTracker(), np.random.default_rng(12), (3.0, 0.0)
+    walk = [(3.0, 1.5 - 0.1 * k) for k in range(15)]
+    before = [(1.5, -1.0 + 0.1 * min(k, 10)) for k in range(40)]
+    k = 0
+    for place in [*walk, *[stands] * 5]:
+        movers = feed(tracker, k, [place], ROOM, SE2(), rng)
+        k += 1
+    for other in before:
+        movers = feed(tracker, k, [stands, other], ROOM, SE2(), rng)
+        assert known_at(movers, stands), f"scan {k}"
+        k += 1
+    for _ in range(14):  # the other leaves, and nobody stands behind him any more
+        movers = feed(tracker, k, [], ROOM, SE2(), rng)
+        k += 1
+    assert not known_at(movers, stands)

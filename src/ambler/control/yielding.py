@@ -1,8 +1,9 @@
 """Yielding: no motion passes from which the robot could not stand still for half a second before anybody who moves reaches it.
 
-Each mover may go on, go on as he last walked, turn round, or turn towards the robot (who walks a bend does that); at every moment of the
-motion, and of the braking after it, the filled footprint keeps clear of all four (passive safety, Bouraine, Fraichard and Salhi 2012, with the half second by which a contact is
-judged). Whoever reaches a robot that stands, or that only moves away from him, is let come.
+Each mover may go on, go on as he last walked, turn round, or turn towards the robot (who walks a bend does that, and who stands may set out
+so); at every moment of the motion, and of the braking after it, the filled footprint keeps clear of all of them (passive safety, Bouraine,
+Fraichard and Salhi 2012, with the half second by which a contact is judged). Whoever reaches a robot that stands, that creeps so slowly that it
+stands at once, or that only moves away from him, is let come.
 """
 
 from __future__ import annotations
@@ -36,9 +37,13 @@ class YieldConfig:
     hold           for which a command holds until the next one can replace it
     calm           seconds of standing before a contact that make it none of the robot's
     slow           m/s that do not count as moving towards somebody
+    creep          m/s of the fastest corner of a robot that may go no faster: it stands within a centimetre, and a contact by less than
+                   0.05 m/s is no collision
     step           seconds between the moments that are looked at
     scales         shares of a wanted velocity that are tried, the greatest first
     speed_min      below this a mover stands; he may walk again as he last did, or turn round
+    setting_out    m/s at which anybody may come towards the robot, at least: who stood, and who is thought slow because he has just set out
+    beside         metres within which who comes may walk into any side of the robot, not only towards its middle
     brake_share    share of the deceleration limits that is counted on
     speed_max, turn_max   m/s and rad/s in company: a robot that may have to stand half a second from now must not be fast
     patience       seconds of yielding that do not count as lack of progress
@@ -54,9 +59,12 @@ class YieldConfig:
     hold: float = 0.1
     calm: float = 0.65
     slow: float = 0.03
+    creep: float = 0.04
     step: float = 0.05
-    scales: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
+    scales: tuple[float, ...] = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.08)
     speed_min: float = 0.3
+    setting_out: float = 1.2
+    beside: float = 2.0
     brake_share: float = 0.8
     speed_max: float = 0.5
     turn_max: float = 0.7
@@ -78,8 +86,11 @@ class Yielding:
         lim, share = robot.limits, config.brake_share
         brakes = [share * lim.ax_brake, share * lim.ay_brake, share * lim.az_max]
         self._plan = np.array([config.reaction, config.hold, *brakes, config.calm, config.slow, config.step])
+        (x0, y0), (x1, y1) = self._corners.min(axis=0), self._corners.max(axis=0)
+        self._sides = np.array([[x0, 0.0], [x1, 0.0], [0.0, y0], [0.0, y1]])
         self.hypotheses = np.zeros((0, 6))
         """Where movers may go, float64 (H, 6) of (x, y, vx, vy, radius, growth) from now on, in the odom frame."""
+        self._likely = self.hypotheses
         self._going_on = np.zeros((0, 4))
         sideways = ((0.0, -1.0), (0.0, 1.0)) if robot.drive is DriveKind.OMNI and lim.vy_max > 0.0 else ()
         self._ways_out = (*sideways, *(((-1.0, 0.0),) if lim.vx_min < 0.0 else ()), (1.0, 0.0))
@@ -99,17 +110,21 @@ class Yielding:
         self._now = np.array([velocity.vx, velocity.vy, velocity.wz])
         self._going_on = near.states[:, :4]
         self.hypotheses = self._hypotheses(near.states)
+        self._likely = self._hypotheses(near.states, is_evading=True)
 
     def contact_in(self, wanted: BodyVelocity) -> float:
         """Return in how many seconds a velocity would start a contact, inf if in none."""
+        return self._contact_in(wanted, self.hypotheses)
+
+    def _contact_in(self, wanted: BodyVelocity, hypotheses: F64) -> float:
         if self.is_alone:
             return math.inf
         twist = np.array([wanted.vx, wanted.vy, wanted.wz])
         shape = (self._normals, self._offsets, self._corners, self._past)
-        return float(starts_contact(self._pose, self._now, twist, self._plan, self.hypotheses, *shape))
+        return float(starts_contact(self._pose, self._now, twist, self._plan, hypotheses, *shape))
 
     def limited(self, wanted: BodyVelocity) -> BodyVelocity:
-        """Return as much of a velocity, along the same arc, as starts no contact; nothing if even the least does."""
+        """Return as much of a velocity, along the same arc, as starts no contact; nothing if that is no more than `creeping`."""
         if self.is_alone or wanted == BodyVelocity():
             return wanted
         c = self._config
@@ -117,9 +132,31 @@ class Yielding:
         wanted = BodyVelocity(wanted.vx / fastest, wanted.vy / fastest, wanted.wz / fastest)
         for scale in c.scales:
             slower = BodyVelocity(wanted.vx * scale, wanted.vy * scale, wanted.wz * scale)
+            if self._fastest(slower) <= c.creep:
+                break
             if self.contact_in(slower) == math.inf:
                 return slower
         return BodyVelocity()
+
+    def creeping(self, wanted: BodyVelocity) -> BodyVelocity:
+        """Return as much of a velocity, along the same arc, as moves no corner of the robot faster than what does not count; nothing if that
+        leads closer still to somebody who stands at the robot."""
+        if wanted == BodyVelocity():
+            return wanted
+        scale = min(1.0, self._config.creep / self._fastest(wanted))
+        slower = BodyVelocity(wanted.vx * scale, wanted.vy * scale, wanted.wz * scale)
+        at_rest = np.zeros((len(self._going_on), 6))
+        at_rest[:, :2], at_rest[:, 4:] = self._going_on[:, :2], (self._config.radius, self._config.growth)
+        return slower if self._contact_in(slower, at_rest) == math.inf else BodyVelocity()
+
+    def is_waiting(self, sent: BodyVelocity) -> bool:
+        """Say whether a robot that is sent so fast only waits for somebody: it stands or creeps."""
+        return not self.is_alone and self._fastest(sent) <= self._config.creep + 1e-9
+
+    def _fastest(self, velocity: BodyVelocity) -> float:
+        """Return how fast (m/s) the fastest corner moves."""
+        x, y = self._corners.T
+        return float(np.hypot(velocity.vx - velocity.wz * y, velocity.vy + velocity.wz * x).max())
 
     def evasion(self, free_slide: Callable[[float, float], float]) -> BodyVelocity:
         """Return a velocity straight out of the way of who is about to walk into a robot that stands; nothing if nobody is, or if there is
@@ -132,7 +169,7 @@ class Yielding:
         for vx, vy in self._ways_out:
             wanted = BodyVelocity(vx * c.evade_speed, vy * c.evade_speed)
             gap = self._gap_after(wanted)
-            if gap <= best or self.contact_in(wanted) < math.inf:
+            if gap <= best or self._contact_in(wanted, self._likely) < math.inf:
                 continue
             if free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length) >= c.evade_length - 1e-6:
                 best, chosen = gap, wanted
@@ -152,15 +189,21 @@ class Yielding:
                 least = min(least, float(gap) - c.radius)
         return least
 
-    def _hypotheses(self, states: F64) -> F64:
+    def _hypotheses(self, states: F64, *, is_evading: bool = False) -> F64:
+        """Return where movers may go; for a robot that gets out of their way, no faster than they walk: whoever follows it anywhere would
+        leave it nowhere to go."""
         c = self._config
+        targets = np.vstack((self._pose[None, :2], SE2(*self._pose).transform(self._sides)))
         rows = []
         for x, y, vx, vy, wx, wy in states:
             is_walking = math.hypot(vx, vy) >= c.speed_min
             ways = [(vx, vy), (-vx, -vy)] if is_walking else [(vx, vy), (wx, wy), (-wx, -wy)]
             speed = math.hypot(vx, vy) if is_walking else math.hypot(wx, wy)
-            to_x, to_y = self._pose[0] - x, self._pose[1] - y
-            away = max(1e-6, math.hypot(to_x, to_y))
-            ways.append((speed * to_x / away, speed * to_y / away))
+            if not is_evading:  # who has just set out seems slow at first
+                speed = max(math.hypot(vx, vy), math.hypot(wx, wy), c.setting_out)
+            is_beside = not is_evading and math.dist((x, y), self._pose[:2]) < c.beside
+            for to_x, to_y in (targets if is_beside else targets[:1]) - (x, y):
+                away = max(1e-6, math.hypot(to_x, to_y))
+                ways.append((speed * to_x / away, speed * to_y / away))
             rows += [(x, y, *way, c.radius, c.growth) for way in ways]
         return np.array(rows).reshape(-1, 6)

@@ -14,7 +14,9 @@ from ambler.kernels.jit import jit
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 STANDING, BESIDE, CAME, MOVING = 0, 1, 2, 3
+ALONE = 1  # where nothing ever stood from the first look on, nor beside it
 MISSES = 2  # scans in a row that must look through an occupied cell before it counts as free
+GONE = 10  # scans in a row after which what stood there is gone; along a wall rays graze for fewer
 LEANING = 0.25  # metres to either side of a touched point that a turning robot brings nearer to who leans there
 AWAY = 0.7  # share of a motion that must lead away from who touches the robot, else it slides along him and pushes with what comes next
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
@@ -33,17 +35,18 @@ def _cell(x, y, resolution, size, keys, states):
 
 
 @jit
-def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resolution, age, grid, times, out):
+def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resolution, age, grid, times, out, alone):
     """Take one scan and write uint8 (N,) into `out`: of each point whether it stands, came into what was free beside something that stands,
-    came into what was free, or moves.
+    came into what was free, or moves; and into `alone` (N,) whether it came to where nothing has stood since the place came into sight: a wall
+    along which rays graze is looked through and met again, and seems to have come.
 
     All places float64 (., 2) in a frame that does not move; `starts` and `free_starts` (N, 2) or (1, 2). `grid` int64 (5, size * size): key,
-    state, scan of the last hit, scans that looked through since, the last of them; `times` float64 (2, size * size): since when a cell is
-    occupied, and 1 if it was free before. Points beyond `reach` stand.
+    state, scan of the last hit, scans that looked through since, the last of them; `times` float64 (3, size * size): since when a cell is
+    occupied, 1 if it was free before, and 1 if it was ever found occupied without that. Points beyond `reach` stand.
     """
     size = int(math.sqrt(grid.shape[1]))
     keys, states, hits, misses = grid[0], grid[1], grid[2], grid[3]
-    since, was_free = times[0], times[1]
+    since, was_free, stood = times[0], times[1], times[2]
     for i in range(points.shape[0]):
         s = min(i, starts.shape[0] - 1)
         if math.hypot(points[i, 0] - starts[s, 0], points[i, 1] - starts[s, 1]) > reach:
@@ -51,12 +54,14 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
         k = _cell(points[i, 0], points[i, 1], resolution, size, keys, states)
         if states[k] != OCCUPIED:
             was_free[k] = 1.0 if states[k] == FREE else 0.0
+            if states[k] == UNKNOWN:
+                stood[k] = 1.0
             states[k], since[k] = OCCUPIED, now
         hits[k], misses[k] = scan, 0
-    _look_through(points, starts, BEFORE_HIT, scan, reach, resolution, size, grid)
-    _look_through(free_ends, free_starts, 0.0, scan, reach, resolution, size, grid)
+    _look_through(points, starts, BEFORE_HIT, scan, reach, resolution, size, grid, stood)
+    _look_through(free_ends, free_starts, 0.0, scan, reach, resolution, size, grid, stood)
     for i in range(points.shape[0]):
-        out[i] = STANDING
+        out[i], alone[i] = STANDING, 0
         s = min(i, starts.shape[0] - 1)
         if math.hypot(points[i, 0] - starts[s, 0], points[i, 1] - starts[s, 1]) > reach:
             continue
@@ -64,10 +69,13 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
         if was_free[k] == 0.0:
             continue
         out[i] = CAME if now - since[k] > age else MOVING
+        alone[i] = ALONE
         for dy in range(-1, 2):
             for dx in range(-1, 2):
                 x, y = points[i, 0] + dx * resolution, points[i, 1] + dy * resolution
                 n = _cell(x, y, resolution, size, keys, states)
+                if states[n] != UNKNOWN and stood[n] > 0.0:
+                    alone[i] = 0
                 if states[n] == OCCUPIED and was_free[n] == 0.0:
                     out[i] = BESIDE
                 elif states[n] == OCCUPIED and now - since[n] > age:
@@ -75,7 +83,7 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
 
 
 @jit
-def _look_through(ends, starts, short, scan, reach, resolution, size, grid):
+def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stood):
     keys, states, hits, misses, missed = grid[0], grid[1], grid[2], grid[3], grid[4]
     for i in range(ends.shape[0]):
         s = min(i, starts.shape[0] - 1)
@@ -92,11 +100,23 @@ def _look_through(ends, starts, short, scan, reach, resolution, size, grid):
                 continue
             last = k
             if states[k] == UNKNOWN:
-                states[k] = FREE
-            elif states[k] == OCCUPIED and missed[k] != scan:
+                states[k], stood[k] = FREE, 0.0
+            elif missed[k] != scan and (states[k] == OCCUPIED or stood[k] > 0.0):
                 misses[k], missed[k] = misses[k] + 1, scan
                 if misses[k] >= MISSES:
                     states[k] = FREE
+                if misses[k] >= GONE:
+                    stood[k] = 0.0
+
+
+@jit
+def count_occupied(points, resolution, grid):
+    """Return how many of the points (N, 2) lie in cells of `judge_points`' grid that are occupied as far as anybody has seen."""
+    size, count = int(math.sqrt(grid.shape[1])), 0
+    for i in range(points.shape[0]):
+        if grid[1, _cell(points[i, 0], points[i, 1], resolution, size, grid[0], grid[1])] == OCCUPIED:
+            count += 1
+    return count
 
 
 @jit
@@ -224,10 +244,11 @@ def _came_nearer(point, mover, past, last, plan):
 def warm_up() -> None:
     """Compile every kernel of this module."""
     points, one = np.array([[1.0, 0.1], [1.0, 0.2]]), np.zeros((1, 2))
-    grid, times = np.zeros((5, 64), np.int64), np.zeros((2, 64))
-    kinds = np.zeros(2, np.uint8)
+    grid, times = np.zeros((5, 64), np.int64), np.zeros((3, 64))
+    kinds, alone = np.zeros(2, np.uint8), np.zeros(2, np.uint8)
     for scan in range(2):
-        judge_points(points, one, points, points, 0.1 * scan, scan, 5.0, 0.1, 0.7, grid, times, kinds)
+        judge_points(points, one, points, points, 0.1 * scan, scan, 5.0, 0.1, 0.7, grid, times, kinds, alone)
+    count_occupied(points, 0.1, grid)
     group_points(points, kinds, 0, 0.3, np.zeros(2, np.int32), np.zeros(2, np.int32))
     corners = np.array([[0.3, -0.2], [0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2]])
     normals, offsets = footprint_edges(corners, 0.0)

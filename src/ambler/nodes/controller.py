@@ -399,14 +399,19 @@ class ControllerNode(Node):
             self._drive(command)
 
     def _drive(self, wanted: BodyVelocity) -> None:
-        """Send as much of a velocity as starts no contact with anybody who moves; a robot that has to stand gets out of his way if it can."""
-        passed = self._yielding.limited(_slowed(wanted, self._speed_most))
-        is_standing = passed == BodyVelocity() and not self._yielding.is_alone
-        if not is_standing:
+        """Send as much of a velocity as starts no contact with anybody who moves or may set out; a robot that has to stand gets out of his way
+        if it can, and else creeps."""
+        allowed = _slowed(wanted, self._speed_most)
+        passed = self._yielding.limited(allowed)
+        if not self._yielding.is_waiting(passed):
             self._yields_since_ns = None
         elif self._yields_since_ns is None:
             self._yields_since_ns = self.ctx.now_ns
-        self._send(self._yielding.evasion(self._seen_slide) if is_standing else passed)
+        if passed == BodyVelocity() and not self._yielding.is_alone:
+            passed = self._yielding.evasion(self._seen_slide)
+            if passed == BodyVelocity():
+                passed = self._yielding.creeping(allowed)
+        self._send(passed)
 
     def _seen_slide(self, heading: float, length: float) -> float:
         """Return how far the robot may slide along a heading of the odom frame through what it has seen to be free, at most `length` m."""

@@ -2,7 +2,8 @@
 
 Points that move (`kernels.movers`) are grouped; each group is about where a person is. A track follows the nearest group with the gains of a
 straight line fitted to its first measurements, which fade to those of an alpha-beta filter (Kalata 1984). Somebody who stops stays a
-track while anything stands there that came later than the room was seen. Of a cloud only what goes on above its height band counts.
+track while anything stands there that came later than the room was seen, and whoever is found standing so is taken for somebody who may
+set out. Of a cloud only what goes on above its height band counts.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from ambler.kernels import movers as kernels
 from ambler.registration.planar_scan import PlanarScan
 
 F64 = NDArray[np.float64]
+NOTHING = np.zeros((0, 2))
+HIDDEN = 0.25  # seconds without a measurement after which somebody who stood is taken to stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +33,7 @@ class MoverConfig:
                     walks at 0.7 m/s is past a place by then
     link            metres between neighbouring points of one group
     min_points      points of a group: a person at the end of the reach shows more
-    size_max        metres across a group; a larger one is no person
+    size_max        metres across a group; a larger one is no single person, one of up to `pair_size_max` two side by side
     to_middle       metres from the mean of the visible side of a person to the middle
     gate            metres from a track's prediction within which a group may be its own
     alpha, beta     the gains that the fit fades to
@@ -38,6 +41,11 @@ class MoverConfig:
                     of where it began: a wall that comes into sight piece by piece leaves its first piece behind
     close           metres from a scanner within which `close_confirmed` measurements and `close_way` metres are enough: there is no time for
                     more, and walls that come into sight piece by piece lie farther off
+    stand_size      metres across what stands where the room was seen free, for it to be somebody who may set out: less is a leg of a table that
+                    rays met late
+    stand_bulge     standard deviation (m) of such a one's points across their line, at least: pieces of walls are straight
+    stand_confirmed measurements after which such a one is believed
+    twin            metres between two tracks that are one and the same person's
     coast           seconds for which a track that nobody sees goes on
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
     still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
@@ -49,7 +57,8 @@ class MoverConfig:
     age: float = 0.7
     link: float = 0.25
     min_points: int = 3
-    size_max: float = 0.9
+    size_max: float = 0.7
+    pair_size_max: float = 1.3
     to_middle: float = 0.15
     gate: float = 0.5
     alpha: float = 0.5
@@ -60,6 +69,10 @@ class MoverConfig:
     close: float = 1.6
     close_confirmed: int = 2
     close_way: float = 0.1
+    stand_size: float = 0.25
+    stand_bulge: float = 0.04
+    stand_confirmed: int = 3
+    twin: float = 0.25
     coast: float = 0.8
     speed_max: float = 2.0
     speed_min: float = 0.3
@@ -69,15 +82,23 @@ class MoverConfig:
 class _Track:
     """One mover: position and velocity, when it was last measured, and how often."""
 
-    def __init__(self, place: F64, now: float) -> None:
+    def __init__(self, place: F64, now: float, *, stands: bool = False) -> None:
         self.place, self.velocity, self.walk = place, np.zeros(2), np.zeros(2)
         self.born, self.seen, self.at = place, now, now
         self.count = 1
         self.is_mover = False
+        self.stands = stands
+        self.surface = NOTHING
+        """What was hit of him when he stood, float64 (N, 2)."""
         self.rest, self.resting_since = place, now
 
     def predicted(self, now: float) -> F64:
-        return self.place + self.velocity * (now - self.at)
+        return self.place + self.pace(now) * (now - self.at)
+
+    def pace(self, now: float) -> F64:
+        """Return his velocity: who stood before he was hidden stands."""
+        is_hidden = len(self.surface) > 0 and now - self.seen > HIDDEN
+        return np.zeros(2) if is_hidden else self.velocity
 
     def measure(self, place: F64, now: float, config: MoverConfig, points: F64, starts: F64) -> None:
         """Take a place; `points` (N, 2) are all that the scan hit, from `starts`."""
@@ -100,6 +121,8 @@ class _Track:
             self.rest, self.resting_since = self.place, now
         if not self.is_mover and self.count >= enough and math.dist(self.place, self.born) >= way:
             self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()
+        if self.stands and self.count >= config.stand_confirmed:
+            self.is_mover = True
         if self.is_mover and speed >= max(config.speed_min, 0.8 * math.hypot(*self.walk)):
             self.walk = self.velocity
 
@@ -112,7 +135,7 @@ class MoverTracker:
         self._size = math.ceil(2.2 * c.reach / c.resolution)
         self._grid = np.zeros((5, self._size * self._size), np.int64)
         self._grid[0] = np.iinfo(np.int64).min
-        self._times = np.zeros((2, self._size * self._size))
+        self._times = np.zeros((3, self._size * self._size))
         self._scan = 0
         self._begun_ns: int | None = None
         self._tracks: list[_Track] = []
@@ -124,18 +147,21 @@ class MoverTracker:
             self._begun_ns = scan.stamp_ns
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
         points = np.require(points, np.float64, ["C", "W"])
-        kinds = self._judged(points, free_ends, starts, free_starts, now)
+        kinds, alone = self._judged(points, free_ends, starts, free_starts, now)
         # Rays pass over what is low until the robot stands farther off; whoever walks is tall.
         if scan.falls is not None:
             kinds[np.isfinite(scan.falls.tops)] = kernels.STANDING
         places = self._groups(points, kinds, starts)
-        came = points[kinds != kernels.STANDING]  # beside a wall, too: who is known may lean on it
-        for track in self._tracks:
-            self._follow(track, places, came, points, starts, now)
+        is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
+        came, is_old = points[is_here], kinds[is_here] != kernels.MOVING
+        for track, is_his in zip(self._tracks, self._owned(came, now), strict=True):
+            self._follow(track, places, came[is_his], is_old[is_his], points, starts, now)
         self._tracks += [_Track(place, now) for place in places]
-        self._tracks = [t for t in self._tracks if now - t.seen <= self._config.coast]
+        self._tracks = self._one_each([t for t in self._tracks if now - t.seen <= self._config.coast or self._hides(t)])
+        for place in self._standing(points, (kinds == kernels.CAME) & (alone == kernels.ALONE), starts):
+            self._note_standing(place, now)
         rows = [
-            np.concatenate((t.predicted(now), t.velocity, t.walk))
+            np.concatenate((t.predicted(now), t.pace(now), t.walk))
             for t in self._tracks
             if t.is_mover and not self._is_still(t, now)
         ]
@@ -145,9 +171,12 @@ class MoverTracker:
     def _is_still(self, track: _Track, now: float) -> bool:
         return now - track.resting_since > self._config.still
 
-    def _judged(self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float) -> NDArray[np.uint8]:
+    def _judged(
+        self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return of every point what it is, and whether nothing ever stood there (`kernels.movers.judge_points`)."""
         self._scan += 1
-        c, kinds = self._config, np.zeros(len(points), np.uint8)
+        c, kinds, alone = self._config, np.zeros(len(points), np.uint8), np.zeros(len(points), np.uint8)
         begins, ends, free_begins = (np.require(a, np.float64, ["C", "W"]) for a in (starts, free_ends, free_starts))
         kernels.judge_points(
             *(
@@ -163,9 +192,10 @@ class MoverTracker:
                 self._grid,
                 self._times,
                 kinds,
+                alone,
             )
         )
-        return kinds
+        return kinds, alone
 
     def _groups(self, points: F64, kinds: NDArray[np.uint8], starts: F64) -> list[F64]:
         """Return the middles of everything of a person's size that moves."""
@@ -177,24 +207,108 @@ class MoverTracker:
         count = kernels.group_points(points, kinds, kernels.MOVING, c.link, labels, queue)
         places = []
         for k in range(count):
-            group = points[labels == k]
-            if len(group) >= c.min_points and float(np.hypot(*np.ptp(group, axis=0))) <= c.size_max:
-                places.append(self._middle(group, starts[labels == k] if len(starts) > 1 else starts))
+            for part in self._people_of(np.flatnonzero(labels == k), points):
+                places.append(self._middle(points[part], starts[part] if len(starts) > 1 else starts))
         return places
+
+    def _people_of(self, rows: NDArray[np.int64], points: F64) -> list[NDArray[np.int64]]:
+        """Return which rows of a group belong to whom: one person, two who stand or walk side by side, or nobody."""
+        c, group = self._config, points[rows]
+        size = float(np.hypot(*np.ptp(group, axis=0)))
+        if len(group) < c.min_points or size > c.pair_size_max:
+            return []
+        if size <= c.size_max:
+            return [rows]
+        along = (group - group.mean(axis=0)) @ np.linalg.eigh(np.cov(group.T))[1][:, 1]
+        is_first = along < 0.5 * (along.min() + along.max())
+        return [part for part in (rows[is_first], rows[~is_first]) if len(part) >= c.min_points]
+
+    def _standing(self, points: F64, came: NDArray[np.bool_], starts: F64) -> list[F64]:
+        """Return the middles of everything of a person's size that came to where nothing had stood, and stands there."""
+        c = self._config
+        starts, points = starts[came] if len(starts) > 1 else starts, points[came]
+        labels, queue = np.empty(len(points), np.int32), np.empty(len(points), np.int32)
+        count = kernels.group_points(points, np.zeros(len(points), np.uint8), 0, c.link, labels, queue)
+        places = []
+        for k in range(count):
+            for part in self._people_of(np.flatnonzero(labels == k), points):
+                group = points[part]
+                bulge = math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0])))
+                place = self._middle(group, starts[part] if len(starts) > 1 else starts)
+                is_person = bulge >= c.stand_bulge and np.hypot(*np.ptp(group, axis=0)) >= c.stand_size
+                if is_person and self._was_seen(place):
+                    places.append(place)
+        return places
+
+    def _was_seen(self, place: F64) -> bool:
+        """Say whether anything has told of the cell of a place: who came stands where rays had passed, and no ray passes through a desk whose
+        sides were grazed before they were met."""
+        ix, iy = (int(i) for i in np.floor(place / self._config.resolution))
+        k = (iy % self._size) * self._size + ix % self._size
+        return bool(
+            self._grid[0, k] == iy * 1000003 + ix and self._grid[1, k] != kernels.UNKNOWN
+        )  # `kernels.movers._cell`
+
+    def _note_standing(self, place: F64, now: float) -> None:
+        """Take a place where somebody stands: his own track's, or that of one who has not been known."""
+        near = [t for t in self._tracks if math.dist(place, t.predicted(now)) <= 0.8 * self._config.gate]
+        for track in near:
+            track.stands = True
+        if not near:
+            self._tracks.append(_Track(place, now, stands=True))
+
+    def _one_each(self, tracks: list[_Track]) -> list[_Track]:
+        """Leave out every track that has come to be where one stands that has been measured more often: two of one person."""
+        kept: list[_Track] = []
+        for track in sorted(tracks, key=lambda t: (not t.is_mover, -t.count)):
+            if all(math.dist(track.place, other.place) > self._config.twin for other in kept):
+                kept.append(track)
+        return kept
 
     def _middle(self, group: F64, starts: F64) -> F64:
         mean, away = group.mean(axis=0), group.mean(axis=0) - starts.mean(axis=0)
         return np.asarray(mean + self._config.to_middle * away / max(1e-9, math.hypot(*away)))
 
-    def _follow(self, track: _Track, places: list[F64], came: F64, points: F64, starts: F64, now: float) -> None:
-        """Give a track the group that is nearest to where it should be, else whatever stands there that came later."""
+    def _owned(self, came: F64, now: float) -> list[NDArray[np.bool_]]:
+        """Say of every track which points lie no nearer to another one who may stand: two who stand side by side keep their own."""
+        whole = np.ones(len(came), np.bool_)
+        places = [t.predicted(now) if t.is_mover or t.stands else None for t in self._tracks]
+        away = {k: np.hypot(*(came - place).T) for k, place in enumerate(places) if place is not None}
+        if len(away) < 2 or len(came) == 0:
+            return [whole] * len(places)
+        least = np.min(list(away.values()), axis=0)
+        return [away[k] <= least if k in away else whole for k in range(len(places))]
+
+    def _follow(
+        self,
+        track: _Track,
+        places: list[F64],
+        came: F64,
+        is_old: NDArray[np.bool_],
+        points: F64,
+        starts: F64,
+        now: float,
+    ) -> None:
+        """Give a track what stands where he stood, else the group that is nearest to where he should be, else whatever is there that came
+        later than the room was seen. `is_old` says which points of `came` have been where they are for a while."""
         c, expected = self._config, track.predicted(now)
-        if places:
+        may_stand = track.is_mover or track.stands
+        near = np.hypot(*(came - expected).T) <= 0.7 * c.gate if may_stand else np.zeros(len(came), np.bool_)
+        has_walked_off = math.hypot(*track.velocity) >= c.speed_min or 2 * int((near & is_old).sum()) <= int(near.sum())
+        if places and (has_walked_off or not near.any()):
             away = [math.dist(expected, place) for place in places]
             k = int(np.argmin(away))
             if away[k] <= c.gate:
+                track.surface = NOTHING
                 track.measure(places.pop(k), now, c, points, starts)
                 return
-        near = came[np.hypot(*(came - expected).T) <= 0.7 * c.gate] if track.is_mover else came[:0]
-        if len(near) >= c.min_points:
-            track.measure(self._middle(near, starts), now, c, points, starts)
+        if int(near.sum()) >= c.min_points:
+            if math.hypot(*track.velocity) < c.speed_min:
+                track.surface = came[near]
+            track.measure(self._middle(came[near], starts), now, c, points, starts)
+
+    def _hides(self, track: _Track) -> bool:
+        """Whether somebody who was seen to walk, and then to stand, may stand there still: no ray has passed where he was hit."""
+        return bool(track.walk.any()) and 2 * kernels.count_occupied(
+            track.surface, self._config.resolution, self._grid
+        ) > len(track.surface)
