@@ -624,6 +624,13 @@ TERRAIN = (
         ),
     ),
     PlantedFault(
+        "what is known of the floor below a deck is known of the deck",
+        "kernels/terrain_ground.py",
+        "if known < base[2] - UNDER:",
+        "if False:",
+        ("tests/perception/test_terrain.py::test_remembered_ground_far_below_may_lie_under_a_deck",),
+    ),
+    PlantedFault(
         "a slope is as flat in a cell as a floor",
         "kernels/terrain_steps.py",
         "SPREAD = 0.65",

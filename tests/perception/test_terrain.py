@@ -379,6 +379,19 @@ def test_firm_ground_far_below_is_not_joined() -> None:
     assert len(within(below, 8.8, 11.0, 1.2)) > 5
 
 
+def test_remembered_ground_far_below_may_lie_under_a_deck() -> None:
+    """Ground that falls and is known, but not seen: down to what may lie under a deck it is ground."""
+    rover, analysis = Rover(made(slab(-20.0, 2.6, -20.0, 20.0)), ROBOTS["go2"], 4), TerrainAnalysis(config("go2"))
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(2.5, 7.2, 0.1), np.arange(-1.5, 1.5, 0.1)))
+    for _ in range(6):
+        points, stamp_ns, base, sensor = rover.scan(SE3((0.0, 0.0, LEVEL)))
+        analysis.remember(np.column_stack((x, y, -0.35 * (x - 2.5))).astype(np.float32))
+        analysis.update(points, stamp_ns, base, sensor)
+    terrain = analysis.terrain()
+    assert terrain.classes[terrain.spec.cell_of(5.0, 0.1)] == Ground.GROUND
+    assert terrain.classes[terrain.spec.cell_of(6.8, 0.1)] == Ground.UNKNOWN
+
+
 def test_ground_that_was_remembered_gives_way_to_what_is_seen() -> None:
     """Firm ground stands for cells of few returns as long as it is told; without it they have their own low again."""
     rover, analysis = Rover(made(FLOOR), ROBOTS["mecanum"], 4), TerrainAnalysis(config())

@@ -14,6 +14,7 @@ from ambler.kernels.terrain_columns import BINS, COUNT, Z, lowest_bit, wrapped
 
 UNKNOWN, GROUND, OBSTACLE, DROP, STEEP, STAIRS = 0, 1, 2, 3, 4, 5
 SURE = 7.0  # returns from which on the height of a cell is sure to some centimetres
+UNDER = 1.2  # metres below the robot from which on remembered ground may lie under a deck that it has not seen yet
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
 
 
@@ -41,7 +42,7 @@ def grow_ground(
 ):
     """Grow the ground from under the robot over cells that continue it; unseen ones carry the height on.
 
-    Where too little is seen now, `memory` (m, m) of ground that is known to be firm, NaN elsewhere, stands for it where it continues the ground, and the `evidence` for a drop is void; `touched` uint8 (m, m)
+    Where too little is seen now, `memory` (m, m) of ground that is known to be firm, NaN elsewhere, stands for it where it continues the ground, and the `evidence` for a drop is void, unless it lies `UNDER` the robot; `touched` uint8 (m, m)
     becomes 1 there, so that the cell's own low is found again.
 
     `lows`, `highs` (m, m) as the columns, modulo m; `ground` float32 (m, m) gets heights, `state` uint8 1 for seen ground, 2 for carried heights, 0
@@ -94,6 +95,8 @@ def grow_ground(
                 continue
             low = lows[qy, qx]
             known = memory[qy, qx]
+            if known < base[2] - UNDER:
+                known = np.nan
             joined = climb if state[py, px] == 1 else slack + tilt * (wide + 1) * cell
             is_poor = math.isnan(low) or (returns[qy, qx] < SURE and abs(low - known) <= climb)
             if is_poor and abs(known - z) <= joined:  # false where nothing is known
