@@ -193,13 +193,14 @@ def renew(
                 continue
             touched[cy, cx] = 0
             y, x = 2 * cy, 2 * cx
-            if (mask[y, x] | mask[y, x + 1] | mask[y + 1, x] | mask[y + 1, x + 1]) == 0:
+            everything = mask[y, x] | mask[y, x + 1] | mask[y + 1, x] | mask[y + 1, x + 1]
+            if everything == 0:
                 lows[cy, cx] = np.nan
                 continue
             found = 0
             g = ground[cy, cx]
             # Few returns tell of what is low, a kerb: it is forgotten slowly, unless what stood over it has gone, too.
-            is_low = not _stands_high(y, x, g + LOW_THING, voxels, mask)
+            is_low = not math.isnan(g) and (everything & ~_low_bins(g, size)) == 0
             patience = LOW_PATIENCE if is_low else 1.0
             is_left = False
             for q in range(4):
@@ -239,19 +240,14 @@ def renew(
 
 
 @jit_ieee
-def _stands_high(y, x, height, voxels, mask):
-    """Return whether a voxel of a cell's four columns, the first at (y, x), lies higher; also where the height is not known."""
-    if math.isnan(height):
-        return True
-    for q in range(4):
-        iy, ix = y + (q >> 1), x + (q & 1)
-        m = mask[iy, ix]
-        while m != 0:
-            b = lowest_bit(m)
-            m &= ~(np.uint32(1) << np.uint32(b))
-            if voxels[iy, ix, b, Z] > height:
-                return True
-    return False
+def _low_bins(g, size):
+    """Return the bins of a column between as much below the ground at height `g` as a low thing stands above it, and the top of that, as bits."""
+    reach = int(math.ceil(LOW_THING / size))
+    own = int(math.floor(g / size))
+    bits = np.uint32(0)
+    for k in range(-reach, reach + 1):
+        bits |= np.uint32(1) << np.uint32((own + k) & (BINS - 1))
+    return bits
 
 
 @jit_ieee
