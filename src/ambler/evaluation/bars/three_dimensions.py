@@ -72,6 +72,13 @@ ROWS: Sequence[Row] = (
         ),
     ),
     Row(
+        "switched on in saved garages of two decks (drawn), 30 % of the cars gone or moved since: told nothing, it looks and turns for 20 s (simulated)",
+        "0 wrong places, ≤ 10 % unsure",
+        "lost3d.json",
+        "{right} of {starts} right, {wrong} wrong (≤ {wrong_ratio_high_95:.1%} at 95 %), {unsure} unsure; after {found_s_median:.1f} s (worst {found_s_worst:.1f})",
+        all_of(at_most(wrong=0), lambda fields: bool(fields["bars_unsure"])),
+    ),
+    Row(
         "LiDAR-inertial odometry with 30 % of the returns false: dust and rain; standing smoke (drawn sites, simulated)",
         "error ≤ 1.5 × that in clear air",
         "lio_air.json",
@@ -133,6 +140,13 @@ ROWS: Sequence[Row] = (
         "{with_voxels_reached} of {with_voxels_goals} goals, {with_voxels_collisions} collisions in {with_voxels_runs} runs; without {without_reached} of {without_goals}, "
         "{without_collisions} collisions",
         at_most("with_voxels_", collisions=0),
+    ),
+    Row(
+        "20 walking people, 10 of whom do not yield, drawn: contacts that the robot caused (`diff`, `amr_omni`, `spot`; three worlds)",
+        "0 in 30 runs",
+        "crowd.json",
+        "{collisions} in {runs} runs, of {contacts} contacts in all; median way {path_length_m_median:.0f} m, {reachable_coverage_ratio_median:.0%} of the floor in at most 300 s",
+        all_of(at_most(collisions=0), at_least(runs=30)),
     ),
     Row(
         "sites in three dimensions, drawn (plots with slopes and kerbs, garages of two levels), explored by `go2`, `mecanum` and `spot`",
