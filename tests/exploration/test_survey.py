@@ -173,6 +173,7 @@ def test_who_does_not_see_the_floor_beside_himself_is_not_sent_to_where_it_is_on
     depth: int, nearest: float, *, is_goal: bool
 ) -> None:
     occupancy = bay()
+    occupancy[15:55, 109:115] = -1  # there is something else to look at
     band = occupancy[70 - depth : 70]
     band[band == 0] = OCC_ASSUMED
     config = SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(nearest, 6.2))
@@ -184,6 +185,22 @@ def test_who_does_not_see_the_floor_beside_himself_is_not_sent_to_where_it_is_on
     assert (frontier.goal is not None) == is_goal
     if frontier.goal is not None and nearest > 1.0:
         assert occupancy[round(frontier.goal[1] / R - 0.5), round(frontier.goal[0] / R - 0.5)] == 0
+
+
+def test_where_nothing_else_is_left_it_goes_on_over_ground_that_is_only_assumed() -> None:
+    """As on the last metres of a ramp, from where a level LiDAR looks over the floor of the landing."""
+    occupancy = bay()
+    band = occupancy[55:70]
+    band[band == 0] = OCC_ASSUMED
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+    kinds = []
+    for _ in range(2):
+        (frontier,) = surveyor.update(*grids(occupancy), SE2(6.0, 2.0)).frontiers
+        assert frontier.state is FrontierState.OPEN
+        assert frontier.goal is not None
+        kinds.append(int(occupancy[round(frontier.goal[1] / R - 0.5), round(frontier.goal[0] / R - 0.5)]))
+        surveyor.memory.refuse(frontier, "nothing changed", grids(occupancy)[0], has_looked=True)
+    assert kinds == [0, OCC_ASSUMED], "first from where it sees the floor"
 
 
 def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:

@@ -631,6 +631,13 @@ TERRAIN = (
         ("tests/perception/test_terrain.py::test_remembered_ground_far_below_may_lie_under_a_deck",),
     ),
     PlantedFault(
+        "a deck is left whose landing a level LiDAR looks over",
+        "exploration/survey.py",
+        "if self.config.looks_from_afar and not is_last_resort:",
+        "if self.config.looks_from_afar:",
+        ("tests/exploration/test_survey.py::test_where_nothing_else_is_left_it_goes_on_over_ground_that_is_only_assumed",),
+    ),
+    PlantedFault(
         "a slope is as flat in a cell as a floor",
         "kernels/terrain_steps.py",
         "SPREAD = 0.65",

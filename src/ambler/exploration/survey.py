@@ -128,19 +128,10 @@ class FrontierSurvey:
         is_inside = sides == Side.INSIDE
         groups, over = (group(found.spec, np.sort(found.cells[k & is_inside])) for k in (~is_over, is_over))
         distance = self._distances(costs, map_from_base)
-        goals = self._goals(drivable, groups, costs, distance)
-        gains, headings = self._gains(occupancy, groups, goals)
-        self._step_back((occupancy, drivable), groups, costs, distance, map_from_base, goals, headings)
-        diy, dix = occupancy.spec.offset_in(costs.spec)
-        frontiers = []
-        for g, (cells, centroid) in enumerate(groups.split()):
-            goal, path_distance = None, math.inf
-            if goals[g] >= 0:
-                iy, ix = divmod(int(goals[g]), occupancy.spec.width)
-                goal = (*occupancy.spec.center_of(iy, ix), float(headings[g]))
-                path_distance = float(distance[iy + diy, ix + dix])
-            frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
-            frontiers.append(self._judge(frontier, float(gains[g]), occupancy))
+        maps = (occupancy, drivable)
+        frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base)
+        if self.config.looks_from_afar and not any(each.state is FrontierState.OPEN for each in frontiers):
+            frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base, is_last_resort=True)
         frontiers += [self._judge_over(*looked_at, occupancy.spec.resolution) for looked_at in over.split()]
         frontiers += self._left_out(found, sides)
         gains = np.concatenate([gains, np.zeros(len(frontiers) - len(groups))])
@@ -150,6 +141,33 @@ class FrontierSurvey:
         reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
         left_out = float(np.count_nonzero(sides)) * occupancy.spec.resolution
         return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out)
+
+    def _judged(
+        self,
+        maps: tuple[OccupancyGrid, OccupancyGrid],
+        groups: FrontierGroups,
+        costs: CostGrid,
+        distance: NDArray[np.float32],
+        map_from_base: SE2,
+        *,
+        is_last_resort: bool = False,
+    ) -> tuple[list[Frontier], NDArray[np.float64]]:
+        """Return the frontiers of groups (N,) with their goals, judged, and what their goals let see. `maps`: what was seen, and with what is assumed to be free."""
+        seen, drivable = maps
+        goals = self._goals(drivable, groups, costs, distance, is_last_resort=is_last_resort)
+        gains, headings = self._gains(seen, groups, goals)
+        self._step_back(maps, groups, costs, distance, map_from_base, goals, headings)
+        diy, dix = seen.spec.offset_in(costs.spec)
+        frontiers = []
+        for g, (cells, centroid) in enumerate(groups.split()):
+            goal, path_distance = None, math.inf
+            if goals[g] >= 0:
+                iy, ix = divmod(int(goals[g]), seen.spec.width)
+                goal = (*seen.spec.center_of(iy, ix), float(headings[g]))
+                path_distance = float(distance[iy + diy, ix + dix])
+            frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
+            frontiers.append(self._judge(frontier, float(gains[g]), seen))
+        return frontiers, gains
 
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
         """Tell whether a frontier that is gone may have closed only because the map assumes ground there now."""
@@ -233,12 +251,18 @@ class FrontierSurvey:
         return self._frontier_map.update(occupancy.spec, occupancy.data, changed)
 
     def _goals(
-        self, occupancy: OccupancyGrid, groups: FrontierGroups, costs: CostGrid, distance: NDArray[np.float32]
+        self,
+        occupancy: OccupancyGrid,
+        groups: FrontierGroups,
+        costs: CostGrid,
+        distance: NDArray[np.float32],
+        *,
+        is_last_resort: bool,
     ) -> NDArray[np.int64]:
         """Return the goal of each group, a flat index or -1: where the robot can turn, or else anywhere that it can reach. A scanner that does not see the floor beside itself is led
-        to ground that was seen: what is only assumed is passed over on the way to it, and no goal, because a kerb may hide there."""
+        to ground that was seen: what is only assumed is passed over on the way to it, and no goal, because a kerb may hide there; unless nothing else is left to look at (`is_last_resort`): on the last metres of a ramp it looks over the landing's floor."""
         shift = _cell_shift(occupancy.spec, costs.spec)
-        if self.config.looks_from_afar:
+        if self.config.looks_from_afar and not is_last_resort:
             iy, ix = np.nonzero(occupancy.data == self.config.assumed) + np.array(shift)[:, None]
             is_inside = (iy >= 0) & (iy < distance.shape[0]) & (ix >= 0) & (ix < distance.shape[1])
             distance = distance.copy()
