@@ -68,7 +68,7 @@ def test_a_late_subscriber_gets_the_newest_message_of_each_writer(
     shown: list[str] = []
     executor = executor_type(Stack([Announcer("a", 1.0, 2.0), Announcer("b", 7.0), late]))  # type: ignore[abstract]
     executor.tap(lambda topic, message, now_ns, writer: shown.append(writer))
-    executor.run(0.15)
+    executor.run(0.6 if executor_type is LiveExecutor else 0.15)  # a loaded machine takes its time
     executor.close()
     heard = [(m.frame, m.point[0]) for m in late.heard]
     assert heard[-2:] == [("a", 2.0), ("b", 7.0)]
