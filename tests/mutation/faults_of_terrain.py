@@ -635,7 +635,9 @@ TERRAIN = (
         "exploration/survey.py",
         "if self.config.looks_from_afar and not is_last_resort:",
         "if self.config.looks_from_afar:",
-        ("tests/exploration/test_survey.py::test_where_nothing_else_is_left_it_goes_on_over_ground_that_is_only_assumed",),
+        (
+            "tests/exploration/test_survey.py::test_where_nothing_else_is_left_it_goes_on_over_ground_that_is_only_assumed",
+        ),
     ),
     PlantedFault(
         "a slope is as flat in a cell as a floor",
