@@ -159,6 +159,20 @@ MOTION = (
         YIELDING,
     ),
     PlantedFault(
+        "who walks to where no ray has been is a part of the room",
+        "perception/mover_tracker.py",
+        "            if track.is_mover:\n                self._follow_out_of_sight",
+        "            if track.is_mover and now < 0.0:\n                self._follow_out_of_sight",
+        MOVERS,
+    ),
+    PlantedFault(
+        "where somebody stood long ago whoever comes is a part of the room",
+        "kernels/movers.py",
+        "scan - hits[k] > UNSEEN:",
+        "scan - hits[k] > 1000 * UNSEEN:",
+        MOVERS,
+    ),
+    PlantedFault(
         "who stands still is forgotten",
         "perception/mover_tracker.py",
         "may_stand = track.is_mover or track.stands",
@@ -203,8 +217,8 @@ MOTION = (
     PlantedFault(
         "what no ray has ever looked into may be a person",
         "perception/mover_tracker.py",
-        "if is_person and self._was_seen(place):",
-        "if is_person:",
+        "if self._is_person(group) and self._was_seen(place):",
+        "if self._is_person(group):",
         MOVERS,
     ),
     PlantedFault(

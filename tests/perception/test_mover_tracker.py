@@ -225,3 +225,20 @@ def test_who_is_hidden_behind_another_stands_there_still_until_his_place_is_seen
         movers = feed(tracker, k, [], ROOM, SE2(), rng)
         k += 1
     assert not known_at(movers, stands)
+
+
+@pytest.mark.parametrize("stood_there", [False, True])
+def test_who_walks_to_where_no_ray_has_been_for_long_is_no_part_of_the_room(stood_there: bool) -> None:
+    """He comes behind somebody who goes out of his way, and stops: where he stops nothing was known, or that somebody stood there long ago."""
+    tracker, rng = MoverTracker(), np.random.default_rng(9)
+    if stood_there:
+        for k in range(3):
+            feed(tracker, k, [(3.0, 0.0)], ROOM, SE2(), rng)
+    for k in range(3, 40):
+        feed(tracker, k, [(1.5, 0.0)], ROOM, SE2(), rng)
+    for k in range(90):
+        y = min(0.0, -1.8 + 0.11 * k)
+        before = 0.0 if y < -0.5 else 0.5 * (y + 0.5) if y < 0.0 else min(2.0, 0.25 + 0.1 * (k - 17))
+        movers = feed(tracker, k + 40, [(1.5, before), (3.0, y)], ROOM, SE2(), rng)
+        if k >= 30:
+            assert known_at(movers, (3.0, 0.0))

@@ -17,6 +17,7 @@ STANDING, BESIDE, CAME, MOVING = 0, 1, 2, 3
 ALONE = 1  # where nothing ever stood from the first look on, nor beside it
 MISSES = 2  # scans in a row that must look through an occupied cell before it counts as free
 GONE = 10  # scans in a row after which what stood there is gone; along a wall rays graze for fewer
+UNSEEN = 20  # scans without a hit and without a look through after which nobody knows whether what is hit again stood there all the time
 LEANING = 0.25  # metres to either side of a touched point that a turning robot brings nearer to who leans there
 AWAY = 0.7  # share of a motion that must lead away from who touches the robot, else it slides along him and pushes with what comes next
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
@@ -42,7 +43,7 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
 
     All places float64 (., 2) in a frame that does not move; `starts` and `free_starts` (N, 2) or (1, 2). `grid` int64 (5, size * size): key,
     state, scan of the last hit, scans that looked through since, the last of them; `times` float64 (3, size * size): since when a cell is
-    occupied, 1 if it was free before, and 1 if it was ever found occupied without that. Points beyond `reach` stand.
+    occupied (or, if nothing was known before, in sight), 1 if it was free before, and 1 if it was ever found occupied without that. Points beyond `reach` stand.
     """
     size = int(math.sqrt(grid.shape[1]))
     keys, states, hits, misses = grid[0], grid[1], grid[2], grid[3]
@@ -57,6 +58,8 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
             if states[k] == UNKNOWN:
                 stood[k] = 1.0
             states[k], since[k] = OCCUPIED, now
+        elif was_free[k] == 0.0 and scan - hits[k] > UNSEEN:
+            since[k] = now
         hits[k], misses[k] = scan, 0
     _look_through(points, starts, BEFORE_HIT, scan, reach, resolution, size, grid, stood)
     _look_through(free_ends, free_starts, 0.0, scan, reach, resolution, size, grid, stood)
@@ -117,6 +120,25 @@ def count_occupied(points, resolution, grid):
         if grid[1, _cell(points[i, 0], points[i, 1], resolution, size, grid[0], grid[1])] == OCCUPIED:
             count += 1
     return count
+
+
+@jit
+def came_into_sight(points, after, resolution, grid, times, out):
+    """Write into `out` uint8 (N,) which of the points (N, 2) lie in cells of `judge_points`' grid that came into sight occupied
+    after `after` (s): nothing tells whether what is there came."""
+    size = int(math.sqrt(grid.shape[1]))
+    for i in range(points.shape[0]):
+        k = _cell(points[i, 0], points[i, 1], resolution, size, grid[0], grid[1])
+        out[i] = grid[1, k] == OCCUPIED and times[1, k] == 0.0 and times[0, k] > after
+
+
+@jit
+def make_free_before(points, resolution, grid, times):
+    """Take the cells of `judge_points`' grid under the points (N, 2) for ones that were free before what stands in them came."""
+    size = int(math.sqrt(grid.shape[1]))
+    for i in range(points.shape[0]):
+        k = _cell(points[i, 0], points[i, 1], resolution, size, grid[0], grid[1])
+        times[1, k], times[2, k] = 1.0, 0.0
 
 
 @jit
@@ -249,6 +271,8 @@ def warm_up() -> None:
     for scan in range(2):
         judge_points(points, one, points, points, 0.1 * scan, scan, 5.0, 0.1, 0.7, grid, times, kinds, alone)
     count_occupied(points, 0.1, grid)
+    came_into_sight(points, 0.0, 0.1, grid, times, kinds)
+    make_free_before(points, 0.1, grid, times)
     group_points(points, kinds, 0, 0.3, np.zeros(2, np.int32), np.zeros(2, np.int32))
     corners = np.array([[0.3, -0.2], [0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2]])
     normals, offsets = footprint_edges(corners, 0.0)

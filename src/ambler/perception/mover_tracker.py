@@ -151,6 +151,9 @@ class MoverTracker:
         # Rays pass over what is low until the robot stands farther off; whoever walks is tall.
         if scan.falls is not None:
             kinds[np.isfinite(scan.falls.tops)] = kernels.STANDING
+        for track in self._tracks:
+            if track.is_mover:
+                self._follow_out_of_sight(track, points, kinds, starts, now)
         places = self._groups(points, kinds, starts)
         is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
         came, is_old = points[is_here], kinds[is_here] != kernels.MOVING
@@ -233,10 +236,8 @@ class MoverTracker:
         for k in range(count):
             for part in self._people_of(np.flatnonzero(labels == k), points):
                 group = points[part]
-                bulge = math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0])))
                 place = self._middle(group, starts[part] if len(starts) > 1 else starts)
-                is_person = bulge >= c.stand_bulge and np.hypot(*np.ptp(group, axis=0)) >= c.stand_size
-                if is_person and self._was_seen(place):
+                if self._is_person(group) and self._was_seen(place):
                     places.append(place)
         return places
 
@@ -306,6 +307,32 @@ class MoverTracker:
             if math.hypot(*track.velocity) < c.speed_min:
                 track.surface = came[near]
             track.measure(self._middle(came[near], starts), now, c, points, starts)
+
+    def _follow_out_of_sight(
+        self, track: _Track, points: F64, kinds: NDArray[np.uint8], starts: F64, now: float
+    ) -> None:
+        """Count as moving what comes into sight where somebody should be who walks, as large as a person and apart from all else: he walked to
+        where no ray had been for long, and is no part of the room. Changes `kinds` (N,)."""
+        c, expected = self._config, track.predicted(now)
+        near = np.flatnonzero(np.hypot(*(points - expected).T) <= c.gate + c.pair_size_max)
+        around, fresh = points[near], np.zeros(len(near), np.uint8)
+        kernels.came_into_sight(around, now - c.age, c.resolution, self._grid, self._times, fresh)
+        if not fresh.any():
+            return
+        labels, queue = np.empty(len(near), np.int32), np.empty(len(near), np.int32)
+        count = kernels.group_points(around, np.zeros_like(fresh), 0, c.link, labels, queue)
+        for chosen in (np.flatnonzero(labels == k) for k in range(count)):
+            group, is_new = around[chosen], (fresh[chosen] != 0) | (kinds[near[chosen]] != kernels.STANDING)
+            is_person = len(group) >= c.min_points and is_new.all() and self._is_person(group)
+            if is_person and math.dist(self._middle(group, starts), expected) <= c.gate:
+                kinds[near[chosen]] = kernels.MOVING
+                kernels.make_free_before(group, c.resolution, self._grid, self._times)
+
+    def _is_person(self, group: F64) -> bool:
+        """Say whether points (N, 2) are as wide as a person, and bent as one's side is."""
+        c, size = self._config, float(np.hypot(*np.ptp(group, axis=0)))
+        bulge = math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0])))
+        return bulge >= c.stand_bulge and c.stand_size <= size <= c.size_max
 
     def _hides(self, track: _Track) -> bool:
         """Whether somebody who was seen to walk, and then to stand, may stand there still: no ray has passed where he was hit."""
