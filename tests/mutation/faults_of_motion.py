@@ -159,6 +159,13 @@ MOTION = (
         YIELDING,
     ),
     PlantedFault(
+        "who stands so near that no ray meets his head is nobody",
+        "perception/mover_tracker.py",
+        "< self._config.headless",
+        "< 0.0",
+        MOVERS,
+    ),
+    PlantedFault(
         "who walks to where no ray has been is a part of the room",
         "perception/mover_tracker.py",
         "            if track.is_mover:\n                self._follow_out_of_sight",

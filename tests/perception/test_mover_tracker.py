@@ -117,6 +117,17 @@ def test_of_a_cloud_only_what_is_tall_walks(top: float, found: bool) -> None:
     assert bool(len(tracker.movers)) == found
 
 
+def test_who_comes_so_near_that_no_ray_meets_his_head_stays_known() -> None:
+    """The rays of a scanner that looks up by 15 degrees leave a person of any height below the band at half a metre."""
+    tracker, rng = MoverTracker(), np.random.default_rng(8)
+    for k in range(45):
+        place = (max(0.75, 3.0 - 0.12 * k), 0.2)
+        top = 0.8 + 0.27 * (place[0] - RADIUS)
+        movers = feed(tracker, k, [place], ROOM, SE2(), rng, top if top < 0.95 else math.inf)
+        if k >= 6:
+            assert known_at(movers, place)
+
+
 def test_who_has_stood_for_ten_seconds_is_an_obstacle_until_he_walks_again() -> None:
     tracker, rng = MoverTracker(), np.random.default_rng(4)
     walk = [3.5 - 0.1 * k for k in range(12)]

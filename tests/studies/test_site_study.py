@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 from ambler.studies.site_study import is_done, site_study, summarize
+from ambler.studies.study import plain_values
 
 GOOD = {
     "kind": "plot",
+    "seed": 1,
     "world": "plot-1",
     "robot": "go2",
     "ended": "finished",
@@ -29,6 +31,14 @@ def test_a_run_that_lacks_something_is_not_done(what, value):
     assert not is_done(bad)
     fields = summarize([GOOD, bad])
     assert (fields["all.done"], fields["all.runs"], fields["bars.done"]) == (1, 2, False)
+
+
+def test_a_run_that_crashed_counts_and_is_told_with_the_others():
+    case = site_study([7], ("garage",), ("spot",)).cases[0]
+    crashed = {**plain_values(case), "ended": "crashed", "why": "died"}
+    fields = summarize([GOOD, crashed])
+    assert (fields["all.done"], fields["all.runs"], fields["bars.done"]) == (1, 2, False)
+    assert (fields["run.garage-7.spot.ended"], fields["run.plot-1.go2.ended"]) == ("crashed", "finished")
 
 
 def test_the_way_is_judged_by_the_median_and_kinds_take_turns():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ambler.core.movers import NOBODY, Movers
 from ambler.kernels import movers as kernels
-from ambler.registration.planar_scan import PlanarScan
+from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 F64 = NDArray[np.float64]
 NOTHING = np.zeros((0, 2))
@@ -45,6 +45,8 @@ class MoverConfig:
                     rays met late
     stand_bulge     standard deviation (m) of such a one's points across their line, at least: pieces of walls are straight
     stand_confirmed measurements after which such a one is believed
+    headless        metres from a scanner within which the head of whoever stands there may be above all rays, if what they meet goes up to
+                    `headroom` metres below the scanner
     twin            metres between two tracks that are one and the same person's
     coast           seconds for which a track that nobody sees goes on
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
@@ -72,6 +74,8 @@ class MoverConfig:
     stand_size: float = 0.25
     stand_bulge: float = 0.04
     stand_confirmed: int = 3
+    headless: float = 1.0
+    headroom: float = 0.1
     twin: float = 0.25
     coast: float = 0.8
     speed_max: float = 2.0
@@ -148,9 +152,8 @@ class MoverTracker:
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
         points = np.require(points, np.float64, ["C", "W"])
         kinds, alone = self._judged(points, free_ends, starts, free_starts, now)
-        # Rays pass over what is low until the robot stands farther off; whoever walks is tall.
         if scan.falls is not None:
-            kinds[np.isfinite(scan.falls.tops)] = kernels.STANDING
+            kinds[self._is_low(points, starts, scan.falls)] = kernels.STANDING
         for track in self._tracks:
             if track.is_mover:
                 self._follow_out_of_sight(track, points, kinds, starts, now)
@@ -170,6 +173,12 @@ class MoverTracker:
         ]
         self.movers = Movers(scan.stamp_ns, np.array(rows).reshape(-1, 6))
         return self.movers
+
+    def _is_low(self, points: F64, starts: F64, falls: RayFalls) -> NDArray[np.bool_]:
+        """Say of every point whether it belongs to something low, over which rays pass until the robot stands farther off; whoever walks is tall.
+        Of who stands close no ray sees the head: what goes up to the scanner there may be he."""
+        is_close = np.hypot(*(points - starts).T) < self._config.headless
+        return np.asarray(np.isfinite(falls.tops) & ~(is_close & (falls.tops > falls.height - self._config.headroom)))
 
     def _is_still(self, track: _Track, now: float) -> bool:
         return now - track.resting_since > self._config.still

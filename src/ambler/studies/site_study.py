@@ -78,7 +78,8 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for r in results:
         told = ("ended", "is_home", "collisions", "levels", "surface_coverage_ratio", "reachable_coverage_ratio")
         more = ("false_free_ratio", "ratio_vs_known_tour", "path_length_m", "ate_unaligned_rms_m", "sim_seconds")
-        fields |= {f"run.{r['world']}.{r['robot']}.{what}": r.get(what) for what in (*told, *more)}
+        run = f"run.{r['kind']}-{r['seed']}.{r['robot']}"
+        fields |= {f"{run}.{what}": r.get(what) for what in (*told, *more)}
     ratio = whole["ratio_vs_known_tour_median"]
     fields |= {
         "bars.done": whole["done"] == whole["runs"],
