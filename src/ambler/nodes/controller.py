@@ -80,8 +80,8 @@ from ambler.runtime.topics import (
 FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
-PERIOD = 0.05  # between cycles, when no scan begins one
-APART_NS = 20_000_000  # between cycles, at least
+PERIOD = 0.06  # between cycles, when no scan begins one: with ten scans a second every second cycle, and no scan comes just after one
+APART_NS = 5_000_000  # between cycles, at least
 RECOVERY_PADDING = 0.02
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
