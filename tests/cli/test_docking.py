@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ambler.apps.scene import RunOptions
 from ambler.cli.main import main
 from ambler.evaluation.docking import DetectionErrors, DockingOutcome, lower_bound, summarize, table
 from ambler.evaluation.docking_pictures import draw_detections, draw_final_errors, draw_times
+from ambler.nodes.steps import DockStep, TeachStep
 from ambler.sim.camera import FRONT_CAMERA
 from ambler.sim.world_file import load_world
 from ambler.studies import docking_study
@@ -51,6 +53,14 @@ def test_bad_input_is_one_line(
     told = capsys.readouterr().err.strip().splitlines()
     assert len(told) == 1
     assert word in told[0]
+
+
+def test_what_is_taught_into_a_file_that_is_not_there_begins_with_the_plan(tmp_path: Path) -> None:
+    teaching = RunOptions(steps=(TeachStep("charger_1"),), world="dock_room", docks_file=tmp_path / "docks.yaml")
+    assert teaching.known_docks_file is None
+    assert replace(teaching, steps=(DockStep("charger_1"),)).known_docks_file == tmp_path / "docks.yaml"
+    (tmp_path / "docks.yaml").write_text("docks: {}")
+    assert teaching.known_docks_file == tmp_path / "docks.yaml"
 
 
 def test_a_camera_is_calibrated_from_simulated_boards(tmp_path: Path) -> None:

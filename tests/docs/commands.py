@@ -1,10 +1,13 @@
 """Every command line of README and of the pages: those in code blocks, and those that a sentence mentions."""
 
+import argparse
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from ambler.cli.main import build_parser
 
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -60,3 +63,34 @@ def mentioned_commands() -> Iterator[Command]:
         for line in re.findall(r"`([^`\n]+)`", _split(page)[1]):
             if command := _command(page, line):
                 yield command
+
+
+BLOCKS = {str(command): command for command in block_commands()}
+"""Each command of a code block by its text."""
+
+
+def _sub_parsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of a verb's sub-verbs by name."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}
+
+
+def parser_of(command: Command) -> argparse.ArgumentParser:
+    """Return the parser of a command's verb and sub-verb."""
+    parser = build_parser()
+    for word in command.words:
+        if word == "…" or not (choices := _sub_parsers(parser)):
+            break
+        if word not in choices and parser.prog.endswith("calibrate"):
+            break
+        parser = choices[word]
+    return parser
+
+
+def lengthened(command: Command, more: Sequence[str]) -> list[str]:
+    """Return the words of a command with more options, which override those that it has: before its goals, which may follow on `--`."""
+    words = list(command.words)
+    end = words.index("--") if "--" in words else len(words)
+    return [*words[:end], *more, *words[end:]]

@@ -23,15 +23,20 @@ def make(folder: Path) -> None:
     (folder / "log.clf.gz").write_bytes(gzip.compress(log.encode()))
     (folder / "log.clf.bz2").write_bytes(bz2.compress(log.encode()))
     (folder / "log.relations").write_text(relations)
-    page = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
-    profile = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
-    assert profile is not None
-    (folder / "slow.yaml").write_text(profile[1])
+    profile = first_yaml("configuration")
+    (folder / "slow.yaml").write_text(profile)
     (folder / "studies" / "paths").mkdir(parents=True)
-    (folder / "studies" / "paths" / "best.yaml").write_text(profile[1])
+    (folder / "studies" / "paths" / "best.yaml").write_text(profile)
     plan = (ROOT / "examples" / "lab_empty" / "map.yaml").read_text(encoding="utf-8")
     (folder / "my_floor_plan.yaml").write_text(plan)
     shutil.copy(ROOT / "examples" / "lab_empty" / "map.pgm", folder / "map.pgm")
+
+
+def first_yaml(page: str) -> str:
+    """Return the first block of YAML of a page."""
+    found = re.search(r"```yaml\n(.*?)```", (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert found is not None
+    return found[1]
 
 
 def _drive() -> tuple[str, str]:

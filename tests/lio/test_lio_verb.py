@@ -9,33 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.bridges.recorder import Recorder
 from ambler.cli.main import main
-from ambler.core.messages import Transforms, TransformStamped
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.lio.config import LioConfig
 from ambler.lio.offline import run_offline
-from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
-from ambler.sim.hand_rig import BEGIN_NS
 from ambler.wire.cloud_files import read_cloud, write_cloud
-from ambler.wire.trajectory_files import read_tum_3d, write_tum_3d
-from tests.lio.carried import scans_of, walk
+from ambler.wire.trajectory_files import read_tum_3d
+from tests.lio.carried import save_clouds, save_recording, scans_of, walk
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walk")
-    rig, scans = walk()
-    recorder = Recorder(folder / "recording")
-    edge = TransformStamped(BEGIN_NS, "imu", "lidar", rig.told_mount)
-    recorder.on_message(TRANSFORMS, Transforms(BEGIN_NS, (edge,)), BEGIN_NS)
-    for scan in scans:
-        for sample in scan.imu:
-            recorder.on_message(IMU, sample, sample.stamp_ns)
-        recorder.on_message(CLOUD, scan.cloud, scan.end_ns)
-    recorder.close()
-    write_tum_3d(folder / "truth.tum", [s.end_ns for s in scans], [s.world_from_imu for s in scans])
+    save_recording(folder / "recording", folder / "truth.tum")
     return folder
 
 
@@ -94,10 +81,7 @@ def test_a_folder_of_clouds_is_mapped_and_a_cut_one_is_named(
 ) -> None:
     _, scans = walk()
     folder = tmp_path / "clouds"
-    folder.mkdir()
-    for k, scan in enumerate(scans[:60]):
-        write_cloud(folder / f"{k}.pcd", scan.cloud.points)
-    (folder / "times.txt").write_text("\n".join(f"{1e-9 * s.cloud.stamp_ns:.9f}" for s in scans[:60]))
+    save_clouds(folder, scans[:60])
     words = ["lio", str(folder), "--no-imu", "--out", str(tmp_path / "out")]
     assert main(words) == 0
     assert "60 of 60 scans" in capsys.readouterr().out

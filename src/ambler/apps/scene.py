@@ -74,6 +74,12 @@ class RunOptions:
         """The names of the docks that the steps speak of."""
         return tuple(step.dock for step in self.steps if isinstance(step, DOCKING_STEPS))
 
+    @property
+    def known_docks_file(self) -> Path | None:
+        """The file of docks that is there. One that is to be taught into and is not there yet begins with the docks of the world's plan, as without one."""
+        is_begun = any(isinstance(step, TeachStep) for step in self.steps)
+        return None if self.docks_file is None or (is_begun and not self.docks_file.exists()) else self.docks_file
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -110,8 +116,8 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     grid = _grid(options, robot, world) if site is None else None
     if grid is not None:
         _check_map(options, config, grid)
-    if options.docks_file is not None:
-        known = DockDatabase.load(options.docks_file)
+    if options.known_docks_file is not None:
+        known = DockDatabase.load(options.known_docks_file)
         for name in options.docks_wanted:
             known.dock(name)
     camera = None if options.camera_file is None else load_camera_info(options.camera_file)
@@ -209,7 +215,7 @@ def _check_steps(options: RunOptions, robot: SimRobot, world: WorldSpec) -> None
         return
     if not world.docks:
         raise BadInputError(f"world {options.world} has no docks; dock_room, dock_shapes, dock_hall and building have")
-    if options.docks_file is None:
+    if options.known_docks_file is None:
         for name in options.docks_wanted:
             dock_of_world(world, name)
     if not robot.model.scanners:

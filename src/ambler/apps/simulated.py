@@ -96,12 +96,13 @@ class SimulatedRobot(RobotInRun):
         """The docks that the robot knows, in the frame of its map; the file at the run's start is kept for its replay."""
         if not self.scene.world.docks or not self.model.scanners:
             return None
-        if self.options.docks_file is not None:
-            shutil.copyfile(self.options.docks_file, folder.first_docks)
-            return DockDatabase.load(self.options.docks_file)
-        database = docks_of_world(self.scene.world.seen_from(self.world_from_map), folder.docks)
+        if self.options.known_docks_file is not None:
+            shutil.copyfile(self.options.known_docks_file, folder.first_docks)
+            return DockDatabase.load(self.options.known_docks_file)
+        path = folder.docks if self.options.docks_file is None else self.options.docks_file
+        database = docks_of_world(self.scene.world.seen_from(self.world_from_map), path)
         database.save()
-        shutil.copyfile(folder.docks, folder.first_docks)
+        shutil.copyfile(path, folder.first_docks)
         return database
 
 

@@ -32,6 +32,7 @@ def measure(world: str, robot: str, seed: int, seconds: float, out: Path, cloud:
     spent = watch(run.executor)
     try:
         run.run(seconds)
+        ended = run.ended_of(run.robot)
     finally:
         run.close()
     counted = 1e-9 * run.executor.now_ns - FIRST
@@ -45,7 +46,8 @@ def measure(world: str, robot: str, seed: int, seconds: float, out: Path, cloud:
         / 1e6
         / (counted + FIRST),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
-        "is_met": sum(own) <= BAR,
+        "ended": ended,
+        "is_met": sum(own) <= BAR and ended in ("time_limit", "succeeded"),
     }
 
 
