@@ -101,7 +101,7 @@ ROWS: Sequence[Row] = (
         "faults planted into the source, one by one",
         "≥ 60, each noticed by a fast test in < 60 s",
         "mutation.json",
-        "{noticed} of {faults} noticed, the slowest after {slowest_seconds:.0f} s",
+        "{noticed} of {faults} noticed, the slowest after {slowest_seconds:.0f} s of a processor",
         all_of(every("", "noticed", "faults", of=60), at_most(slowest_seconds=60.0)),
     ),
     Row(
