@@ -222,6 +222,23 @@ def test_who_walks_ahead_may_turn_round() -> None:
     assert yielding.limited(BodyVelocity(0.4)).vx < 0.2
 
 
+@pytest.mark.parametrize(
+    ("person", "walk", "wanted"),
+    [
+        ((-0.24, 1.27), (-0.84, 0.83), BodyVelocity(0.26, 0.0, 0.54)),
+        ((-0.58, -0.49), (-0.96, 0.02), BodyVelocity(0.56, 0.0, 0.07)),
+    ],
+)
+def test_who_has_passed_may_turn_round_along_his_own_line(person, walk, wanted) -> None:
+    """His way back leads past the robot's middle and still meets a corner that swings or drives into it; one who goes a metre farther out does not."""
+    yielding = Yielding(YieldConfig(), DIFF)
+    yielding.set_movers(walker(*person, *walk), SE2(0.0, 0.0, 0.0), wanted)
+    assert yielding.contact_in(wanted) < 1.0
+    out = (person[0], person[1] + math.copysign(1.0, person[1]))
+    yielding.set_movers(walker(*out, *walk), SE2(0.0, 0.0, 0.0), wanted)
+    assert yielding.contact_in(wanted) == math.inf
+
+
 def test_who_walks_past_with_room_does_not_stop_it() -> None:
     _, _, driven = meet(DIFF, SE2(), BodyVelocity(0.5), (4.0, 1.3), (-1.2, 0.0))
     assert driven > 2.0
