@@ -129,6 +129,13 @@ SAFETY = (
         GATE,
     ),
     PlantedFault(
+        "a velocity that turns is for a moment faster than before and after",
+        "safety/limits.py",
+        "most = max(math.hypot(current.vx, current.vy), math.hypot(target.vx, target.vy))",
+        "most = math.inf",
+        GATE,
+    ),
+    PlantedFault(
         "turning on the spot is no travel to the memory of blind zones",
         "safety/blind_memory.py",
         "last.distance_to(odom_from_base) + turn * self._radius",

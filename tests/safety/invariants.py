@@ -126,6 +126,25 @@ def every_axis_has_its_own_limit(m: ModuleType) -> None:
     assert np.allclose([down.vx, down.vy, down.wz], [0.6, 0.5, 0.7])
 
 
+def turning_the_velocity_makes_it_no_faster(m: ModuleType) -> None:
+    even = VelocityLimits(1.0, -1.0, 1.0, 9.0)
+    turned = m.limit_acceleration(BodyVelocity(0.29, 0.08), BodyVelocity(0.3, 0.0), even, 0.002)
+    assert turned.vy == m.approach(0.08, 0.0, even.ay_max, even.ay_brake, 0.002)
+    assert math.isclose(math.hypot(turned.vx, turned.vy), math.hypot(0.29, 0.08))
+    aside = m.limit_acceleration(BodyVelocity(0.08, -0.29), BodyVelocity(0.0, -0.3), even, 0.002)
+    assert math.isclose(aside.vx, turned.vy)
+    assert math.isclose(aside.vy, -turned.vx)
+    rng = random.Random(2)
+    for _ in range(500):
+        v, w = (BodyVelocity(*(rng.uniform(-1, 1) for _ in range(3))) for _ in range(2))
+        dt = rng.choice((0.001, 0.02, 0.2))
+        new = m.limit_acceleration(v, w, even, dt)
+        assert math.hypot(new.vx, new.vy) <= max(math.hypot(v.vx, v.vy), math.hypot(w.vx, w.vy)) + 1e-12
+        for value, target, got in ((v.vx, w.vx, new.vx), (v.vy, w.vy, new.vy)):
+            free = m.approach(value, target, even.ax_max, even.ax_brake, dt)
+            assert min(value, free) - 1e-12 <= got <= max(value, free) + 1e-12
+
+
 def numbers_are_told_from_nonsense(m: ModuleType) -> None:
     for bad in (math.nan, math.inf, -math.inf):
         for axis in range(3):
@@ -803,6 +822,7 @@ CHECKS = {
         a_missing_axis_is_left_out,
         accelerations_are_limited,
         every_axis_has_its_own_limit,
+        turning_the_velocity_makes_it_no_faster,
         numbers_are_told_from_nonsense,
     ),
     "selection": (priorities_and_timeouts_choose, old_requests_are_void),

@@ -54,9 +54,15 @@ def approach(value: float, target: float, acceleration: float, braking: float, d
 
 
 def limit_acceleration(current: BodyVelocity, target: BodyVelocity, limits: VelocityLimits, dt: float) -> BodyVelocity:
-    """Return the velocity that the base may have `dt` seconds after `current` on the way to `target`."""
-    return BodyVelocity(
-        approach(current.vx, target.vx, limits.ax_max, limits.ax_brake, dt),
-        approach(current.vy, target.vy, limits.ay_max, limits.ay_brake, dt),
-        approach(current.wz, target.wz, limits.az_max, limits.az_max, dt),
-    )
+    """Return the velocity that the base may have `dt` seconds after `current` on the way to `target`.
+
+    Meanwhile vx and vy together are never faster than both ends: while one axis still slows down, the other one gains no more than that.
+    """
+    vx = approach(current.vx, target.vx, limits.ax_max, limits.ax_brake, dt)
+    vy = approach(current.vy, target.vy, limits.ay_max, limits.ay_brake, dt)
+    most = max(math.hypot(current.vx, current.vy), math.hypot(target.vx, target.vy))
+    if math.hypot(vx, vy) > most and abs(vx) > abs(current.vx):
+        vx = math.copysign(math.sqrt(max(0.0, most**2 - vy**2)), vx)
+    elif math.hypot(vx, vy) > most and abs(vy) > abs(current.vy):
+        vy = math.copysign(math.sqrt(max(0.0, most**2 - vx**2)), vy)
+    return BodyVelocity(vx, vy, approach(current.wz, target.wz, limits.az_max, limits.az_max, dt))
