@@ -38,7 +38,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import GOAL, STATUS, STEER_REQUEST, TELEOP_REQUEST, Topic
+from ambler.runtime.topics import GOAL, SCAN, STATUS, STEER_REQUEST, TELEOP_REQUEST, VELOCITY_REQUEST, Topic
 from tests.control.toy_robot import MAP_FROM_ODOM, ROBOT, Person, ToyBase, ToyPlanner, room, straight_path
 
 Act = Callable[[Person], None]
@@ -204,12 +204,28 @@ def test_navigate_to_a_goal_in_a_wall_ends_beside_it_and_says_how_far() -> None:
 
 def test_navigate_into_a_wall_gives_up_without_touching_it() -> None:
     wall = np.vstack((OPEN, [[1.0, -3.0, 1.0, 3.0]]))
-    robot = Robot([(0.5, navigate(3.0))], wall).run(60.0)
+    robot = Robot([(0.5, navigate(3.0))], wall).run(75.0)
     assert robot.codes == ["RECOVERIES_EXHAUSTED"]
     assert robot.person.outcomes[0].result.recoveries == 7
     corners = robot.base.pose.transform(ROBOT.footprint)
     assert corners[:, 0].max() < 1.0
     assert robot.base.velocity == STILL
+
+
+def test_a_cycle_begins_with_every_scan_and_the_gate_passes_its_request_on_at_once() -> None:
+    robot = Robot([(0.5, follow(4.0))])
+    scans: list[int] = []
+    requests: list[int] = []
+    heard = {SCAN: scans, VELOCITY_REQUEST: requests}
+    robot.executor.tap(lambda topic, message, now_ns, writer: heard[topic].append(now_ns) if topic in heard else None)
+    robot.run(3.0)
+    begun = np.array([ns for ns in requests if ns > 1_000_000_000])
+    for arrival in (ns for ns in scans if 1_000_000_000 < ns < 2_900_000_000):
+        assert 0 <= (begun[begun >= arrival][0] - arrival) <= 11_000_000, "the controller's latency, and no wait"
+    assert set(np.diff(begun)) <= set(range(40_000_000, 56_000_000))
+    commands = np.array([ns for ns, _ in robot.base.heard])
+    for asked in begun[begun < 2_900_000_000]:
+        assert commands[commands > asked][0] - asked <= 2_000_000, "the gate's latency, and no wait"
 
 
 def test_the_emergency_stop_over_the_bus() -> None:

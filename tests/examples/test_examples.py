@@ -87,7 +87,7 @@ def test_a_mission_goes_round(tmp_path: Path) -> None:
 def test_a_client_from_outside_plans_pauses_and_drives(tmp_path: Path) -> None:
     said = outside_client.main(tmp_path / "run")
     assert (said["paused"], said["armed"], said["outcome"]) == (True, True, "SUCCEEDED")
-    assert 3.0 < said["path_length_m"] < 4.5
+    assert 2.85 < said["path_length_m"] < 4.5
 
 
 def test_a_second_robot_explores_beside_the_first(tmp_path: Path) -> None:

@@ -96,6 +96,31 @@ MOTION = (
         ("tests/control/test_primitives.py::test_the_stop_zone_ends_before_a_wall_whatever_the_path_says",),
     ),
     PlantedFault(
+        "a scan waits for the controller's clock",
+        "nodes/controller.py",
+        "if self.ctx.now_ns - self._begun_ns >= NEARLY_NS:",
+        "if False:",
+        (
+            "tests/control/test_nodes.py::test_a_cycle_begins_with_every_scan_and_the_gate_passes_its_request_on_at_once",
+        ),
+    ),
+    PlantedFault(
+        "a request waits for the gate's clock",
+        "nodes/gate.py",
+        "if now_ns - self._step_ns >= APART_NS:",
+        "if False:",
+        (
+            "tests/control/test_nodes.py::test_a_cycle_begins_with_every_scan_and_the_gate_passes_its_request_on_at_once",
+        ),
+    ),
+    PlantedFault(
+        "the direction of a path counts beside its end",
+        "control/trajectory_rollout.py",
+        "weight_heading *= min(1.0, ahead / (2.0 * c.pass_radius))",
+        "weight_heading *= 1.0",
+        ("tests/control/test_nodes.py::test_a_new_path_goal_preempts",),
+    ),
+    PlantedFault(
         "a path goes on while a person steers",
         "nodes/controller.py",
         "if steered is not None:\n                self._steer_step",

@@ -288,6 +288,8 @@ class TrajectoryRollout:
         weight_sideways = c.weight_sideways
         if is_gliding:
             weight_heading = weight_sideways = 0.0
+        ahead = end_s - float(here[1])
+        weight_heading *= min(1.0, ahead / (2.0 * c.pass_radius))  # beside its end a path leads nowhere
         before = float((end_s - here[1]) + min(1.0, weight_path) * here[0])
         gain = min(GAIN_MIN, 0.25 * before, 0.5 * self._speeds(samples)[1] * horizon)
         weights = np.array(

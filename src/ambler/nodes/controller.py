@@ -81,6 +81,8 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
+NEARLY_NS = 40_000_000  # after the cycle before, a scan begins one
+GRACE = 0.005  # for which a cycle waits when no scan has begun the one before: it may come any moment
 RECOVERY_PADDING = 0.02
 VIEW_PERIOD = 0.5
 PATIENCE_NS = 1_500_000_000
@@ -148,6 +150,7 @@ class ControllerNode(Node):
         self._steering, self._teller, self._lean = Steering(), StateTeller(), LeanMeter()
         self._speed_most = math.inf
         self._stop_order = 0
+        self._cycles, self._begun_ns = 0, 0
 
     @property
     def scans(self) -> Topic[Any]:
@@ -160,7 +163,7 @@ class ControllerNode(Node):
         return self._view.stamp_ns
 
     def start(self) -> None:
-        """Subscribe, serve, and start the two timers."""
+        """Subscribe, serve, and start the cycle and the timer of what is shown."""
         if self._view.uses_merged:
             self.ctx.subscribe(MERGED_FREE, self._on_free)
             self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
@@ -182,22 +185,25 @@ class ControllerNode(Node):
         self.ctx.serve_task(FOLLOW_PATH, self._on_follow, self._on_follow_cancelled)
         self.ctx.serve_task(RECOVER, self._on_recover, self._on_recover_cancelled)
         self.ctx.serve(CLEAR_LOCAL_COSTMAP, self._on_clear)
-        self.ctx.timer(PERIOD, self._tick)
+        self._begin_after(PERIOD)
         self.ctx.timer(VIEW_PERIOD, self._show)
 
     # Input
 
     def _on_scan(self, scan: LaserScan) -> None:
         self._view.add_scan(scan)
+        self._begin_with_scan()
 
     def _on_free(self, free: PointCloud) -> None:
         self._view.add_free(free)
 
     def _on_merged(self, cloud: PointCloud) -> None:
         self._view.add_merged(cloud)
+        self._begin_with_scan()
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         self._view.add_cloud(cloud)
+        self._begin_with_scan()
 
     def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
         with suppress(*UNPLACED):
@@ -292,7 +298,22 @@ class ControllerNode(Node):
 
     # Control
 
-    def _tick(self) -> None:
+    def _begin_with_scan(self) -> None:
+        """Begin a cycle with what a scan has just shown, if it is nearly time for one: waiting would age what was seen by half a cycle."""
+        if self.ctx.now_ns - self._begun_ns >= NEARLY_NS:
+            self._begin_after(PERIOD)
+            self._cycle()
+
+    def _begin_after(self, period: float) -> None:
+        self._cycles, self._begun_ns = self._cycles + 1, self.ctx.now_ns
+        self.ctx.after(period, partial(self._begin_again, self._cycles))
+
+    def _begin_again(self, cycles: int) -> None:
+        if cycles == self._cycles:  # no scan has begun one since
+            self._begin_after(PERIOD + GRACE)
+            self._cycle()
+
+    def _cycle(self) -> None:
         steered = self._steering.wanted(self.ctx.now_ns)
         if self._steering.has_ended(steered):
             self._send(BodyVelocity())
