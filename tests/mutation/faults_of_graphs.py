@@ -43,8 +43,15 @@ GRAPHS = (
     PlantedFault(
         "a way goes on from one level to another",
         "planning/visibility_graph.py",
-        "if before is not None and before[0] != floor:",
-        "if False:",
+        "before[0] != floor or ",
+        "",
+        GRAPH,
+    ),
+    PlantedFault(
+        "a robot that was put elsewhere has driven there",
+        "planning/visibility_graph.py",
+        " or math.hypot(x - before[1], y - before[2]) > LEAP",
+        "",
         GRAPH,
     ),
     PlantedFault(

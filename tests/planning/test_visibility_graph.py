@@ -286,6 +286,21 @@ def test_a_way_that_was_driven_begins_anew_on_another_level() -> None:
     assert {int(f) for f in a.nodes[driven, kernels.FLOOR]} == {0, 1}
 
 
+def test_who_was_put_elsewhere_has_not_driven_there() -> None:
+    """Between two runs with one graph a robot is carried, or driven by hand: what lies between is no way of its own, and may be a wall."""
+    walls = np.full((100, 200), FREE, np.uint8)
+    walls[:, 90:110] = FORBIDDEN
+    graph = VisibilityGraph()
+    graph.update(GridSpec(0.05, 200, 100, -5.0, -2.5), walls)
+    around = [(-3.0, 0.0), (-2.0, 1.0), (-1.0, 0.0), (-1.0, -1.5)]
+    for x, y in [*around, *((4.0 + x / 2.0, y) for x, y in around)]:
+        graph.drive(x, y)
+    a = graph.arrays
+    for node in np.flatnonzero(a.is_alive).tolist():
+        others = a.neighbor[node, : a.degree[node]]
+        assert ((a.nodes[others, kernels.X] > 100) == (a.nodes[node, kernels.X] > 100)).all()
+
+
 # Unknown ground
 
 

@@ -42,7 +42,7 @@ TEXTS = {
     PlanStatus.PLANNING: "looking for a way to",
     PlanStatus.FREE_PATH: "over known ground to",
     PlanStatus.ATTEMPTING: "attempting unknown ground on the way to",
-    PlanStatus.UNREACHABLE: "no frontier is left that was not attempted on the way to",
+    PlanStatus.UNREACHABLE: "neither known ground nor a frontier that may still be attempted leads to",
 }
 GRAPH_PERIOD = 2.0  # seconds between two pictures of a planner's graph: thousands of lines
 

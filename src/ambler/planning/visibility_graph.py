@@ -10,6 +10,7 @@ is used while most of its last tests found it open. What is blocked now is never
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ U8 = NDArray[np.uint8]
 
 CORNER, GAP, DRIVEN = 0, 1, 2
 UNIT = 16.0
+LEAP = 3.0  # metres between two places of a robot that it need not have driven
 Curve = tuple[F64, bool]  # points (y, x) in cells, and whether it closes
 
 
@@ -352,8 +354,8 @@ class VisibilityGraph:
             return
         last, before = self.track
         here = (floor, x, y)
-        if before is not None and before[0] != floor:  # its way begins anew on another floor
-            last, before = None, None
+        if before is not None and (before[0] != floor or math.hypot(x - before[1], y - before[2]) > LEAP):
+            last, before = None, None  # its way begins anew on another floor, and where it was not seen to drive
         if last is not None and not self._a.is_alive[last]:
             last = None
         if last is not None and self._sees(last, x, y, floor):
