@@ -160,6 +160,20 @@ MAPPING = (
         ("tests/costmap/test_costmaps.py",),
     ),
     PlantedFault(
+        "who touches the robot where its scanner is blind is nobody",
+        "perception/silent_sectors.py",
+        "for begin, width in _runs(self._was_heard & ~is_heard):",
+        "for begin, width in ():",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
+        "every silence of a scanner is somebody",
+        "perception/mover_tracker.py",
+        "[p for p in silent if self._is_hidden(p, now)]",
+        "list(silent)",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
         "chairs that a cloud looked over walk",
         "perception/mover_tracker.py",
         "if scan.falls is not None:",

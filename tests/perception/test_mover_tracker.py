@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
-from ambler.perception.mover_tracker import MoverTracker
+from ambler.perception.mover_tracker import NOTHING, MoverTracker
 from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 ANGLES = np.linspace(-math.pi, math.pi, 720, endpoint=False)
@@ -36,7 +36,16 @@ def ranges_to(
     return best
 
 
-def feed(tracker: MoverTracker, k: int, discs, walls, place: SE2, rng: np.random.Generator, top: float | None = None):
+def feed(
+    tracker: MoverTracker,
+    k: int,
+    discs,
+    walls,
+    place: SE2,
+    rng: np.random.Generator,
+    top: float | None = None,
+    silent: np.ndarray = NOTHING,
+):
     """Give the tracker one scan of 10 Hz; of a cloud if the `top` of all that it meets is told."""
     ranges = ranges_to(discs, walls, place) + rng.normal(0.0, 0.01, len(ANGLES))
     is_return = np.isfinite(ranges) & (ranges < 10.0)
@@ -48,7 +57,7 @@ def feed(tracker: MoverTracker, k: int, discs, walls, place: SE2, rng: np.random
     if top is not None:
         falls = np.full(len(points), 0.2, np.float32)
         scan = replace(scan, falls=RayFalls(0.8, falls, falls[: len(free)], np.full(len(points), top, np.float32)))
-    return tracker.update(scan, points, free, start, start)
+    return tracker.update(scan, points, free, start, start, silent)
 
 
 ROOM = [(-6.0, -3.0, 6.0, -3.0), (6.0, -3.0, 6.0, 3.0), (6.0, 3.0, -6.0, 3.0), (-6.0, 3.0, -6.0, -3.0)]

@@ -20,8 +20,9 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
-from ambler.perception.mover_tracker import MoverConfig, MoverTracker
+from ambler.perception.mover_tracker import NOTHING, MoverConfig, MoverTracker
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration, scan_to_points
+from ambler.perception.silent_sectors import SilentSectors
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.topics import CLOUD, MERGED_CLOUD, MERGED_FREE, SCAN, Topic
 
@@ -48,6 +49,7 @@ class LocalView:
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
         self._tracker = MoverTracker(movers)
+        self._silences = {m.frame: SilentSectors(m.range_min) for m in robot.sensors if m.kind is SensorKind.CLOUD}
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
         self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
         self._odometry: Odometry | None = None
@@ -106,7 +108,9 @@ class LocalView:
 
     def add_cloud(self, cloud: PointCloud) -> None:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
-        self._mark(cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar))
+        hidden = self._silences[cloud.frame].update(cloud.points)
+        silent = self._mounts[cloud.frame].transform(np.column_stack((hidden, np.zeros(len(hidden)))))[:, :2]
+        self._mark(cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar), silent)
 
     def _mount(self, message: LaserScan | PointCloud) -> Mount:
         return level_mount(self._mounts[message.frame], self._motion, message.stamp_ns, scan_duration(message))
@@ -160,7 +164,7 @@ class LocalView:
     def _sweep(self, message: LaserScan | PointCloud) -> F64:
         return self._motion.sweep(message.stamp_ns, scan_duration(message), self._twist())
 
-    def _mark(self, scan: PlanarScan) -> None:
+    def _mark(self, scan: PlanarScan, silent: F64 = NOTHING) -> None:
         try:
             odom_from_base = self._motion.planar_at(scan.stamp_ns)
         except StaleInputError:
@@ -168,7 +172,7 @@ class LocalView:
         starts, free_starts = (odom_from_base.transform(s) for s in scan.ray_starts())
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
-        self._tracker.update(scan, hits, free_ends, starts, free_starts)
+        self._tracker.update(scan, hits, free_ends, starts, free_starts, odom_from_base.transform(silent))
         if self._obstacles is not None:
             origin = odom_from_base.transform(np.array([scan.origin]))[0]
             place = (float(origin[0]), float(origin[1]))

@@ -48,6 +48,8 @@ class MoverConfig:
     headless        metres from a scanner within which the head of whoever stands there may be above all rays, if what they meet goes up to
                     `headroom` metres below the scanner
     twin            metres between two tracks that are one and the same person's
+    hidden          metres from a direction that falls silent (`perception.silent_sectors`) within which somebody who is tracked may have stepped
+                    nearer to the scanner than it sees, and within which he is expected again
     coast           seconds for which a track that nobody sees goes on
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
     still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
@@ -77,6 +79,7 @@ class MoverConfig:
     headless: float = 1.0
     headroom: float = 0.1
     twin: float = 0.25
+    hidden: float = 0.8
     coast: float = 0.8
     speed_max: float = 2.0
     speed_min: float = 0.3
@@ -143,10 +146,14 @@ class MoverTracker:
         self._scan = 0
         self._begun_ns: int | None = None
         self._tracks: list[_Track] = []
+        self._hidden = NOTHING
         self.movers = NOBODY
 
-    def update(self, scan: PlanarScan, points: F64, free_ends: F64, starts: F64, free_starts: F64) -> Movers:
-        """Take a scan whose points (N, 2), free ends (M, 2) and starts of rays (N or 1, 2), (M or 1, 2) are told in the odom frame."""
+    def update(
+        self, scan: PlanarScan, points: F64, free_ends: F64, starts: F64, free_starts: F64, silent: F64 = NOTHING
+    ) -> Movers:
+        """Take a scan whose points (N, 2), free ends (M, 2), starts of rays (N or 1, 2), (M or 1, 2) and places (K, 2) where something is nearer than
+        the scanner sees are told in the odom frame."""
         if self._begun_ns is None:
             self._begun_ns = scan.stamp_ns
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
@@ -171,8 +178,15 @@ class MoverTracker:
             for t in self._tracks
             if t.is_mover and not self._is_still(t, now)
         ]
+        self._hidden = np.array([p for p in silent if self._is_hidden(p, now)]).reshape(-1, 2)
+        rows += [np.concatenate((place, np.zeros(4))) for place in self._hidden]
         self.movers = Movers(scan.stamp_ns, np.array(rows).reshape(-1, 6))
         return self.movers
+
+    def _is_hidden(self, place: F64, now: float) -> bool:
+        """Say whether somebody stands where the scanner fell silent: one who was there already, or whoever was tracked near it."""
+        known = [*self._hidden, *(t.predicted(now) for t in self._tracks)]
+        return any(math.dist(place, other) < self._config.hidden for other in known)
 
     def _is_low(self, points: F64, starts: F64, falls: RayFalls) -> NDArray[np.bool_]:
         """Say of every point whether it belongs to something low, over which rays pass until the robot stands farther off; whoever walks is tall.

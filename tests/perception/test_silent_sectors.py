@@ -1,0 +1,71 @@
+"""Somebody nearer than a scanner of many rings can see is where it falls silent, and nowhere else."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.se2 import SE2
+from ambler.perception.mover_tracker import MoverTracker
+from ambler.perception.silent_sectors import SilentSectors
+from tests.perception.test_mover_tracker import ROOM, feed, known_at
+
+RANGE_MIN = 0.4
+HEIGHT = 0.8
+
+
+def sweep(somebody: tuple[float, float] | None, wall: float = 5.0, rings=range(-15, 16, 2)) -> np.ndarray:
+    """Returns of a perfect scanner over a floor within a round wall; who stands before it is a disc of 0.25 m."""
+    azimuth, rise = (a.ravel() for a in np.meshgrid(np.arange(0.1, 360.0), np.array(list(rings)), indexing="ij"))
+    azimuth, rise = np.radians(azimuth), np.radians(rise)
+    away = np.full(len(azimuth), wall)
+    away[rise < 0.0] = np.minimum(wall, HEIGHT / -np.tan(rise[rise < 0.0]))
+    if somebody is not None:
+        along = np.cos(azimuth) * somebody[0] + np.sin(azimuth) * somebody[1]
+        square = 0.25**2 - (math.hypot(*somebody) ** 2 - along**2)
+        hit = (square > 0.0) & (along > 0.0)
+        away[hit] = np.minimum(away[hit], along[hit] - np.sqrt(square[hit]))
+    points = np.column_stack((away * np.cos(azimuth), away * np.sin(azimuth), away * np.tan(rise)))
+    return points[(away / np.cos(rise) >= RANGE_MIN) & (away < 100.0)].astype(np.float32)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 37.0, 178.0, 270.0])
+@pytest.mark.parametrize("away", [0.42, 0.5])
+def test_who_is_nearer_than_it_sees_stands_where_it_is_silent(degrees: float, away: float) -> None:
+    silences, angle = SilentSectors(RANGE_MIN), math.radians(degrees)
+    place = (away * math.cos(angle), away * math.sin(angle))
+    assert len(silences.update(sweep(None))) == 0
+    found = silences.update(sweep(place))
+    assert len(found) == 1
+    assert math.dist(found[0], place) < 0.15
+
+
+def test_what_it_sees_is_not_silent_and_a_mast_was_never_heard() -> None:
+    silences = SilentSectors(RANGE_MIN)
+    for somebody in (None, (1.0, 0.5), (0.9, 0.0)):
+        assert len(silences.update(sweep(somebody))) == 0
+    fixed = SilentSectors(RANGE_MIN)
+    for _ in range(3):
+        assert len(fixed.update(sweep((0.45, 0.0)))) == 0, (
+            "what stood there from the beginning may be a part of the robot"
+        )
+
+
+def test_silence_means_nothing_to_who_looks_into_the_open() -> None:
+    silences = SilentSectors(RANGE_MIN)
+    silences.update(sweep(None))
+    assert len(silences.update(sweep(None, wall=1000.0, rings=range(1, 16, 2)))) == 0
+
+
+def test_who_was_tracked_and_steps_out_of_sight_at_the_robot_stays_known() -> None:
+    """He comes as near as 0.5 m, where nothing is seen of him any more; a silence that nobody came to is nobody."""
+    tracker, rng = MoverTracker(), np.random.default_rng(3)
+    for k in range(60):
+        place = (max(0.5, 3.0 - 0.12 * k), 0.2)
+        is_hidden = place[0] == 0.5
+        silent = np.array([[0.47, 0.18], [-0.3, -1.5]]) if is_hidden else np.zeros((0, 2))
+        movers = feed(tracker, k, [] if is_hidden else [place], ROOM, SE2(), rng, silent=silent)
+        if k >= 6:
+            assert known_at(movers, place)
+        assert not known_at(movers, (-0.3, -1.5))
+    assert len(feed(tracker, 60, [], ROOM, SE2(), rng)) == 0, "who no longer hides there has left"
