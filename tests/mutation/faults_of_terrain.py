@@ -188,6 +188,20 @@ TERRAIN = (
         ("tests/perception/test_ground_map.py::test_where_two_levels_meet_is_remembered_as_a_passage",),
     ),
     PlantedFault(
+        "ground that is remembered ends in a step",
+        "kernels/terrain_ground.py",
+        "returns[qy, qx] = REMEMBERED",
+        "returns[qy, qx] = SURE",
+        ("tests/perception/test_terrain.py::test_ground_of_two_visits_between_which_odometry_drifted_has_no_steps",),
+    ),
+    PlantedFault(
+        "ground that is remembered ends in a drop",
+        "kernels/terrain_edges.py",
+        "least = depth + SEAM if is_old or returns[y, x] == REMEMBERED else depth",
+        "least = depth",
+        ("tests/perception/test_terrain.py::test_ground_of_two_visits_between_which_odometry_drifted_has_no_steps",),
+    ),
+    PlantedFault(
         "firm ground is not remembered by the terrain",
         "perception/terrain.py",
         "        self._memory[iy, ix] = points[is_inside, 2]\n",

@@ -354,6 +354,25 @@ def test_a_ramp_that_was_driven_is_ground_where_it_cannot_be_seen() -> None:
     assert knowing.heights[spot] == pytest.approx(-0.16 * 1.5, abs=0.05)
 
 
+@pytest.mark.parametrize(("robot", "beyond"), [("mecanum", -9.0), ("go2", -9.0), ("go2", -0.25)])
+def test_ground_of_two_visits_between_which_odometry_drifted_has_no_steps(robot: str, beyond: float) -> None:
+    """Squares of floor are remembered 9 cm higher than those beside them, as a robot finds its own floor again: no edge of a square is in its way, a deck's edge is,
+    however high above what lies `beyond` it."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(-8.15, 3.0, 0.1), np.arange(-8.15, 8.1, 0.1)))
+    z = np.where((np.floor(x / 0.8) + np.floor(y / 1.2)) % 2.0 == 0.0, 0.045, -0.045)
+    world = made(slab(-20.0, 3.0), *([slab(3.0, 20.0, top=beyond)] if beyond > -1.0 else []))
+    rover, analysis = Rover(world, ROBOTS[robot], 4), TerrainAnalysis(config(robot))
+    for _ in range(12):
+        points, stamp_ns, base, sensor = rover.scan(SE3((0.0, 0.0, LEVEL)))
+        analysis.remember(np.column_stack((x, y, z)).astype(np.float32))
+        analysis.update(points, stamp_ns, base, sensor)
+    terrain = analysis.terrain()
+    remembered = np.abs(np.abs(terrain.heights[terrain.classes == Ground.GROUND]) - 0.045) < 1e-6
+    assert remembered.sum() > 1000
+    assert len(within(terrain, -8.0, 2.7, 8.0)) == 0
+    assert widest_gap(within(terrain, 2.7, 3.9)) < 2.0 * ROBOTS[robot].inscribed_radius
+
+
 def test_firm_ground_does_not_stand_as_high_as_what_was_seen_there_before() -> None:
     """A thing that was seen where the robot is told firm ground later leaves nothing of itself."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(2.1, 4.0, 0.1), np.arange(-1.5, 1.5, 0.1)))

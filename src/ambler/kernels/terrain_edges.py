@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ambler.kernels.jit import jit_ieee
 from ambler.kernels.terrain_columns import DIRECTIONS, QUARTER, ROW, ROW_LOW, ROWS, wrapped
-from ambler.kernels.terrain_ground import DROP, GROUND, OBSTACLE, SURE, UNKNOWN
+from ambler.kernels.terrain_ground import DROP, GROUND, OBSTACLE, REMEMBERED, SURE, UNKNOWN
 
 JOINED_DROP, JOINED_STEP = 8, 9  # only within `mark_edges`
 LEVEL, UNEVEN, UNSEEN, CLOSED_NOW = 16, 17, 18, 19  # only within `_close_holes`
@@ -20,6 +20,7 @@ CLOSED = 6  # cells of a hole in an edge that are closed: no robot is as narrow 
 EVIDENCE_MOST = 12
 RUN = 0.8  # metres over which seen ground tells its slope; after shorter runs it may go on by 0.1 lower for each metre
 RAMP = 0.45  # the steepest fall behind an edge that may be a ramp
+SEAM = 0.08  # metres that ground beside remembered ground may lie lower: what odometry drifts between two visits
 BRIDGE = 0.9  # metres behind an edge that are hidden where rays pass above what follows: beyond, it is a drop
 
 
@@ -76,7 +77,7 @@ def find_drops(
         known = 0  # cells of the run of seen ground
         run_z = run_r = near_z = near_r = mid_z = mid_r = 0.0
         edge_y = edge_x = last_y = last_x = before_y = before_x = just_y = just_x = -1
-        is_hidden = is_through = False
+        is_hidden = is_through = is_old = False
         through = below = 0
         first_off = first_z = first_r = 0.0
         r = 2.0 * cell
@@ -91,18 +92,20 @@ def find_drops(
             last_y, last_x = ly, lx
             y, x = wrapped(oy + ly, m), wrapped(ox + lx, m)
             low = np.float64(lows[y, x])
+            least = depth + SEAM if is_old or returns[y, x] == REMEMBERED else depth
             rise, unsure = 0.0, 0.015 if near_r > run_r + RUN else 0.1
             if known >= 3 and near_r > run_r + 0.3:
                 rise = min(0.0, (near_z - run_z) / (near_r - run_r))  # what rises may level off behind a crest
             expected = near_z + rise * (r - near_r)
-            is_below = known >= 3 and low < expected - depth - unsure * (r - near_r)
+            is_below = known >= 3 and low < expected - least - unsure * (r - near_r)
             if returns[y, x] < 0.6 * SURE and not is_below and not math.isnan(low):
                 if known == 0 and state[y, x] == 1:  # too little is known of it to go by, enough to begin with
                     known, run_z, run_r, mid_z, mid_r, near_z, near_r = 1, low, r, low, r, low, r
+                    is_old = False
                 continue
             if state[y, x] == 1 and not is_below:
                 if is_hidden:
-                    if abs(low - expected) >= depth:
+                    if abs(low - expected) >= least:
                         known = 0  # rays may have passed over it: it falls
                     elif is_through:
                         _count_drop(evidence, depths, edge_y, edge_x, 2.0 * depth)
@@ -114,7 +117,7 @@ def find_drops(
                     run_z, run_r, mid_z, mid_r = low, r, low, r
                 elif r - mid_r > RUN:
                     run_z, run_r, mid_z, mid_r = mid_z, mid_r, low, r
-                near_z, near_r = low, r
+                near_z, near_r, is_old = low, r, returns[y, x] == REMEMBERED
                 known += 1
                 # Where it goes on as ground for two cells more there is no drop; few directions say so, for many run along an edge.
                 if before_y >= 0 and evidence[before_y, before_x] > 0 and d & 6 == 0:
@@ -129,7 +132,7 @@ def find_drops(
                 is_hidden, edge_y, edge_x, through, below, is_through = True, y, x, 0, 0, False
             if not math.isnan(low):
                 off = expected - low
-                is_lower = off > depth + unsure * (r - near_r) and r - near_r <= hidden_most + cell
+                is_lower = off > least + unsure * (r - near_r) and r - near_r <= hidden_most + cell
                 if is_lower and below == 0:
                     below, first_off, first_z, first_r = 1, off, low, r  # one cell may be noise
                     continue

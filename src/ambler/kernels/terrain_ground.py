@@ -14,6 +14,7 @@ from ambler.kernels.terrain_columns import BINS, COUNT, Z, lowest_bit, wrapped
 
 UNKNOWN, GROUND, OBSTACLE, DROP, STEEP, STAIRS = 0, 1, 2, 3, 4, 5
 SURE = 7.0  # returns from which on the height of a cell is sure to some centimetres
+REMEMBERED = 6.5  # "returns" of ground that is remembered, not seen: it tells of drops behind it, but its height is of another time, so where it ends is no step
 UNDER = 1.2  # metres below the robot from which on remembered ground may lie under a deck that it has not seen yet
 LOW_RETURNS = 5.0  # that make a low obstacle: beams between two surfaces lie near the floor
 
@@ -101,7 +102,7 @@ def grow_ground(
             is_poor = math.isnan(low) or (returns[qy, qx] < SURE and abs(low - known) <= climb)
             if is_poor and abs(known - z) <= joined:  # false where nothing is known
                 low = lows[qy, qx] = highs[qy, qx] = known
-                returns[qy, qx] = SURE
+                returns[qy, qx] = REMEMBERED
                 touched[qy, qx] = 1
             if abs(low - known) <= slack:
                 evidence[qy, qx] = 0
