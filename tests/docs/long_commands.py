@@ -146,6 +146,10 @@ STUDIES = {
     "bench live --robot go2 --world plot-1 --seconds 60 --json live.json": Long(
         "--seconds 8", r"none\n +command_seconds +[6-8]\.\d\n.*ended +time_limit"
     ),
+    "bench door --json docs/results/bench_door.json": Long(
+        "--requests 40 --world lab_empty",
+        r"lockstep: calls 32, goals 8, answered 40, .*is_replay_equal True\nlive: calls 32, goals 8, answered 40, ",
+    ),
     "bench exploration": Long(
         "--no-plans --worlds lab_empty", r"lab_empty: tour \d+/\d+/\d+ m 100\.0%, nearest .* greedy .*places +1\n"
     ),

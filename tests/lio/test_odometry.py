@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Imu, PointCloud
+from ambler.core.messages import Imu, Odometry, PointCloud
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
-from ambler.lio.config import LioConfig
+from ambler.kernels import inertial as kernels
+from ambler.lio.config import LioConfig, WheelConfig
 from ambler.lio.health import LioResult
+from ambler.lio.measurements import wheel_velocity
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.lio.offline import run_offline
 from ambler.lio.start import LioInputError
 from ambler.recordings.cloud_scan import CloudScan
-from ambler.sim.hand_rig import RigScan
+from ambler.sim.hand_rig import HandRig, RigScan
 from ambler.studies.lio_study import nees
 from tests.lio.carried import scans_of, walk
 
@@ -48,6 +50,48 @@ def test_a_walk_is_followed_to_centimetres_and_the_covariance_says_so() -> None:
     covariance = odometry.covariance
     assert (covariance == covariance.T).all()
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def wheels_of(rig: HandRig, stamp_ns: int, spinning: float) -> Odometry:
+    """What wheels would measure that know no error, but spin `spinning` m/s too fast."""
+    before, after = rig.pose_at(stamp_ns - 5_000_000), rig.pose_at(stamp_ns + 5_000_000)
+    vx, vy, vz = np.array((before.inverse() @ after).translation) / 0.01
+    nothing = np.zeros((6, 6))
+    return Odometry(stamp_ns, "odom", "base", SE3(), (vx + spinning, vy, vz), (0.0, 0.0, 0.0), nothing, nothing)
+
+
+@pytest.mark.parametrize("every", [1, 20])
+def test_wheels_that_spin_carry_nobody_away(every: int) -> None:
+    """For four seconds of the walk they turn 1 m/s too fast, as those of a robot that pushes against a kerb; of each scan `every` point is used."""
+    rig, recorded = walk()
+    scans = []
+    for number, scan in enumerate(recorded):
+        c, kept = scan.cloud, slice(None, None, every)
+        thin = replace(c, points=c.points[kept], intensity=c.intensity[kept], time=c.time[kept], ring=c.ring[kept])
+        wheels = wheels_of(rig, scan.end_ns, 1.0 if 60 <= number < 100 else 0.0)
+        scans.append(CloudScan(thin, scan.imu, (wheels,)))
+    odometry = LidarInertialOdometry(LioConfig(wheels=WheelConfig(sideways_sigma=0.3)), rig.told_mount, SE3())
+    results = [r for scan in scans if (r := odometry.update(scan)) is not None]
+    assert error_of(results, recorded) < 0.02
+
+
+def test_wheels_within_their_noise_count_fully_and_those_that_spin_hardly_at_all() -> None:
+    rig, recorded = walk()
+    pulled = []
+    for spinning in (0.02, 1.0):
+        odometry = LidarInertialOdometry(LioConfig(), rig.told_mount, SE3())
+        for scan in scans_of(recorded)[:60]:
+            odometry.update(scan)
+        odometry.covariance[6:9, 6:9] += 0.05**2 * np.eye(3)  # nothing but the wheels tells the speed
+        before = odometry.state.velocity.copy()
+        rate = odometry._knots[-1, kernels.W : kernels.W + 3]
+        speed = tuple(odometry.state.rotation.T @ before + np.array([spinning, 0.0, 0.0]))
+        told = replace(wheels_of(rig, recorded[59].end_ns, 0.0), linear=speed)
+        measured = wheel_velocity(odometry.state, rate, told, SE3(), odometry.config.wheels)
+        odometry._measure(measured, odometry.config.wheels.slip)
+        pulled.append(float(np.linalg.norm(odometry.state.velocity - before)) / spinning)
+    assert pulled[0] > 0.5
+    assert pulled[1] < 0.15
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 5])

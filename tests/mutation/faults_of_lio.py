@@ -93,6 +93,20 @@ LIO = (
         ("tests/studies/test_lio_study.py",),
     ),
     PlantedFault(
+        "wheels that spin carry the robot away",
+        "lio/odometry.py",
+        "self._measure(velocity, doubted_from=c.wheels.slip)",
+        "self._measure(velocity)",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "wheels that agree are doubted, too",
+        "lio/odometry.py",
+        "noise * max(1.0, off / doubted_from**2)",
+        "noise * (1.0 + 1e3 * off)",
+        ODOMETRY,
+    ),
+    PlantedFault(
         "the update forgets where the prediction was",
         "lio/odometry.py",
         "(inner @ g + moved[part]) - g) - moved",

@@ -96,12 +96,14 @@ class DegeneracyConfig:
 
 @dataclass(frozen=True, slots=True)
 class WheelConfig:
-    """Velocity of wheel odometry as a measurement: metres per second of a standing base, and a share of the speed."""
+    """Velocity of wheel odometry as a measurement: metres per second of a standing base, and a share of the speed. A velocity that lies more than `slip`
+    standard deviations off what LiDAR and IMU tell counts the less the farther off it lies: the wheels spin."""
 
     is_used: bool = True
     sigma: float = 0.02
     share: float = 0.01
     sideways_sigma: float = 0.05
+    slip: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ is levelled, the error state's position comes first, weak directions are left al
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -320,7 +321,8 @@ class LidarInertialOdometry:
         if self._imu_from_base is not None:
             for message in scan.odometry[-1:]:
                 rate = self._knots[-1, k.W : k.W + 3]
-                self._measure(wheel_velocity(self.state, rate, message, self._imu_from_base, c.wheels))
+                velocity = wheel_velocity(self.state, rate, message, self._imu_from_base, c.wheels)
+                self._measure(velocity, doubted_from=c.wheels.slip)
         if c.planar.is_used:
             self._measure(height_and_tilt(self.state, self._origin, c.planar))
         limits = c.imu
@@ -332,13 +334,15 @@ class LidarInertialOdometry:
         self.state.accel_bias = np.clip(self.state.accel_bias, -limits.accel_bias_most, limits.accel_bias_most)
         return replace(health, is_at_rest=rest is not None, is_biased=is_biased)
 
-    def _measure(self, measured: Measurement) -> None:
-        """Update with a linear measurement of few rows."""
+    def _measure(self, measured: Measurement, doubted_from: float = math.inf) -> None:
+        """Update with a linear measurement of few rows; one that is off by more than `doubted_from` standard deviations has its variances raised by how many times more, squared."""
         n = len(self.covariance)
         h = np.zeros((len(measured.residual), n))
         h[:, : k.EXTRA] = measured.jacobian
         cross = self.covariance @ h.T
-        gain = cross @ np.linalg.inv(h @ cross + np.diag(measured.variances))
+        expected, noise = h @ cross, np.diag(measured.variances)
+        off = float(measured.residual @ np.linalg.solve(expected + noise, measured.residual))
+        gain = cross @ np.linalg.inv(expected + noise * max(1.0, off / doubted_from**2))
         self.state = self.state.plus(gain @ measured.residual)
         covariance = self.covariance - gain @ cross.T
         self.covariance = 0.5 * (covariance + covariance.T)

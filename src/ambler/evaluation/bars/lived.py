@@ -84,6 +84,14 @@ ROWS: Sequence[Row] = (
         all_of(*(every(f"{name}_", "succeeded", of=10) for name in _VERBS)),
     ),
     Row(
+        "calls and goals of four foreign threads while the robot drives, in both executors",
+        "1000 each: all answered; in lockstep repeated to the bit",
+        "bench_door.json",
+        "{lockstep_answered} and {live_answered} answered, {lockstep_lost} and {live_lost} lost, {lockstep_wrong} and {live_wrong} of another question's; "
+        "a call takes {lockstep_call_median_ms:.1f} and {live_call_median_ms:.1f} ms (median); repeated to the bit: {lockstep_is_replay_equal}",
+        lambda f: f["bars_door"] and f["lockstep_answered"] == f["live_answered"] >= 1000,
+    ),
+    Row(
         "runs ended by a signal at a random instant",
         "30 of 30 leave what was known, whole",
         "interrupts.json",
