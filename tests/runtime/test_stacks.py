@@ -147,7 +147,7 @@ def test_instances_of_a_topic_are_streams_of_their_own(executor_type: type[Execu
     reader, order = Reader(), list[tuple[int, str]]()
     executor = executor_type(Stack([Rear(), reader]))  # type: ignore[abstract]
     executor.tap(lambda topic, message, now_ns, writer: order.append((now_ns, topic.ros_name)))
-    executor.run(0.055)
+    executor.run(0.3)
     executor.close()
     assert len(reader.frames) >= 4
     assert set(reader.frames) == {"rear"}
