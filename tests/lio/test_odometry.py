@@ -92,6 +92,8 @@ def test_wheels_within_their_noise_count_fully_and_those_that_spin_hardly_at_all
         pulled.append(float(np.linalg.norm(odometry.state.velocity - before)) / spinning)
     assert pulled[0] > 0.5
     assert pulled[1] < 0.15
+    with pytest.raises(BadInputError, match="slip"):
+        WheelConfig(slip=0.0)
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 5])

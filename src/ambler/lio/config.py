@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ambler.core.errors import BadInputError
+
 STANDARD_GRAVITY = 9.80665
 
 
@@ -104,6 +106,10 @@ class WheelConfig:
     share: float = 0.01
     sideways_sigma: float = 0.05
     slip: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not self.slip > 0.0:
+            raise BadInputError(f"wheels slip: must be positive, is {self.slip}")
 
 
 @dataclass(frozen=True, slots=True)
