@@ -167,6 +167,13 @@ MAPPING = (
         ("tests/perception/test_silent_sectors.py",),
     ),
     PlantedFault(
+        "no robot listens for silence",
+        "perception/silent_sectors.py",
+        "return robot.room_around(x, y) < mount.range_min",
+        "return robot.room_around(x, y) < 0.0 * mount.range_min",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
         "every silence of a scanner is somebody",
         "perception/mover_tracker.py",
         "[p for p in silent if self._is_hidden(p, now)]",

@@ -7,7 +7,8 @@ import pytest
 
 from ambler.core.se2 import SE2
 from ambler.perception.mover_tracker import MoverTracker
-from ambler.perception.silent_sectors import SilentSectors
+from ambler.perception.silent_sectors import SilentSectors, sees_too_late
+from ambler.sim.robots import robot_named
 from tests.perception.test_mover_tracker import ROOM, feed, known_at
 
 RANGE_MIN = 0.4
@@ -69,3 +70,10 @@ def test_who_was_tracked_and_steps_out_of_sight_at_the_robot_stays_known() -> No
             assert known_at(movers, place)
         assert not known_at(movers, (-0.3, -1.5))
     assert len(feed(tracker, 60, [], ROOM, SE2(), rng)) == 0, "who no longer hides there has left"
+
+
+@pytest.mark.parametrize(("robot", "is_late"), [("spot", True), ("go2", False), ("mecanum", False)])
+def test_only_who_may_have_somebody_nearer_than_it_sees_listens_for_silence(robot: str, is_late: bool) -> None:
+    """A VLP-16 sees nothing nearer than 0.4 m, 0.25 m from a flank; a Mid-360 sees from 0.1 m on, deep inside the robot."""
+    model = robot_named(robot).model
+    assert sees_too_late(model, model.clouds[0]) == is_late

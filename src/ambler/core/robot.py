@@ -96,8 +96,12 @@ class RobotModel:
     @property
     def inscribed_radius(self) -> float:
         """Largest circle about the base origin inside the footprint, metres."""
-        a, b = self.footprint, np.roll(self.footprint, -1, axis=0)
-        edge = b - a
+        return self.room_around(0.0, 0.0)
+
+    def room_around(self, x: float, y: float) -> float:
+        """Return the radius of the largest circle about a place inside the (convex) footprint, metres."""
+        a = self.footprint - (x, y)
+        edge = np.roll(a, -1, axis=0) - a
         cross = edge[:, 0] * a[:, 1] - edge[:, 1] * a[:, 0]
         return float(np.min(np.abs(cross) / np.hypot(edge[:, 0], edge[:, 1])))
 

@@ -22,7 +22,7 @@ from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.mover_tracker import NOTHING, MoverConfig, MoverTracker
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration, scan_to_points
-from ambler.perception.silent_sectors import SilentSectors
+from ambler.perception.silent_sectors import SilentSectors, sees_too_late
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.topics import CLOUD, MERGED_CLOUD, MERGED_FREE, SCAN, Topic
 
@@ -49,7 +49,7 @@ class LocalView:
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
         self._tracker = MoverTracker(movers)
-        self._silences = {m.frame: SilentSectors(m.range_min) for m in robot.sensors if m.kind is SensorKind.CLOUD}
+        self._silences = {m.frame: SilentSectors(m.range_min) for m in robot.clouds if sees_too_late(robot, m)}
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
         self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
         self._odometry: Odometry | None = None
@@ -108,9 +108,14 @@ class LocalView:
 
     def add_cloud(self, cloud: PointCloud) -> None:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
+        self._mark(cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar), self._silent(cloud))
+
+    def _silent(self, cloud: PointCloud) -> F64:
+        """Return where somebody stands (K, 2) whom the scanner is too near to see, in the base's frame."""
+        if cloud.frame not in self._silences:
+            return NOTHING
         hidden = self._silences[cloud.frame].update(cloud.points)
-        silent = self._mounts[cloud.frame].transform(np.column_stack((hidden, np.zeros(len(hidden)))))[:, :2]
-        self._mark(cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar), silent)
+        return self._mounts[cloud.frame].transform(np.column_stack((hidden, np.zeros(len(hidden)))))[:, :2]
 
     def _mount(self, message: LaserScan | PointCloud) -> Mount:
         return level_mount(self._mounts[message.frame], self._motion, message.stamp_ns, scan_duration(message))

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.robot import RobotModel, SensorMount
+
 F64 = NDArray[np.float64]
 
 
@@ -59,6 +61,12 @@ class SilentSectors:
                 angle = 2.0 * math.pi * begin / c.sectors + half
                 middles.append((away * math.cos(angle), away * math.sin(angle)))
         return np.array(middles).reshape(-1, 2)
+
+
+def sees_too_late(robot: RobotModel, mount: SensorMount) -> bool:
+    """Say whether somebody beside a robot may be nearer to one of its scanners than that can see."""
+    x, y, _ = mount.base_from_sensor.translation
+    return robot.room_around(x, y) < mount.range_min
 
 
 def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
