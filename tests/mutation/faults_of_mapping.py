@@ -174,6 +174,20 @@ MAPPING = (
         ("tests/perception/test_silent_sectors.py",),
     ),
     PlantedFault(
+        "the controller's view hears no silence",
+        "nodes/local_view.py",
+        "if cloud.frame not in self._silences:",
+        "if cloud.frame:",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
+        "silences are told where the base is not",
+        "nodes/local_view.py",
+        "free_starts, odom_from_base.transform(silent))",
+        "free_starts, silent)",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
         "every silence of a scanner is somebody",
         "perception/mover_tracker.py",
         "[p for p in silent if self._is_hidden(p, now)]",

@@ -5,7 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from ambler.core.messages import Odometry, PointCloud
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
+from ambler.nodes.local_view import LocalView
 from ambler.perception.mover_tracker import MoverTracker
 from ambler.perception.silent_sectors import SilentSectors, sees_too_late
 from ambler.sim.robots import robot_named
@@ -77,3 +81,20 @@ def test_only_who_may_have_somebody_nearer_than_it_sees_listens_for_silence(robo
     """A VLP-16 sees nothing nearer than 0.4 m, 0.25 m from a flank; a Mid-360 sees from 0.1 m on, deep inside the robot."""
     model = robot_named(robot).model
     assert sees_too_late(model, model.clouds[0]) == is_late
+
+
+def test_the_controllers_view_of_spot_knows_who_leans_on_its_flank() -> None:
+    """He walks up from the left until no ray meets him; the robot stands somewhere in odom, turned."""
+    model = robot_named("spot").model
+    mount, place, nothing = model.clouds[0], SE2(2.0, -1.0, 0.7), np.zeros((6, 6))
+    view = LocalView(model, LocalCostmap(LocalCostmapConfig(), model))
+    for k in range(60):
+        stamp_ns, away = k * 100_000_000, max(0.45, 3.0 - 0.12 * k)
+        odometry = Odometry(stamp_ns, "odom", "base", SE3.from_se2(place), (0.0,) * 3, (0.0,) * 3, nothing, nothing)
+        view.add_odometry(odometry)
+        points = sweep((0.0, away))
+        flat = np.zeros(len(points), np.float32)
+        view.add_cloud(PointCloud(stamp_ns, mount.frame, points, flat, flat, flat.astype(np.uint16)))
+    x, y, _ = mount.base_from_sensor.translation
+    somebody = place.transform(np.array([[x, y + away]]))[0]
+    assert known_at(view.movers(stamp_ns), (float(somebody[0]), float(somebody[1])))
