@@ -162,8 +162,15 @@ MAPPING = (
     PlantedFault(
         "who touches the robot where its scanner is blind is nobody",
         "perception/silent_sectors.py",
-        "for begin, width in _runs(self._was_heard & ~is_heard):",
+        "for begin, width in _runs(~is_heard & (self._silent_for <= c.patience)):",
         "for begin, width in ():",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
+        "who fell silent once is there for ever",
+        "perception/silent_sectors.py",
+        "~is_heard & (self._silent_for <= c.patience)",
+        "~is_heard & (self._silent_for < 10**6)",
         ("tests/perception/test_silent_sectors.py",),
     ),
     PlantedFault(

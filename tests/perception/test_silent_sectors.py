@@ -56,6 +56,16 @@ def test_what_it_sees_is_not_silent_and_a_mast_was_never_heard() -> None:
         )
 
 
+def test_a_silence_that_lasts_is_no_news() -> None:
+    """A robot that stands on a slope looks over the ground behind itself for as long as it stands there."""
+    silences = SilentSectors(RANGE_MIN)
+    silences.update(sweep(None))
+    found = [len(silences.update(sweep((0.45, 0.0)))) for _ in range(200)]
+    assert found == [1] * 150 + [0] * 50
+    silences.update(sweep(None))
+    assert len(silences.update(sweep((0.45, 0.0)))) == 1
+
+
 def test_silence_means_nothing_to_who_looks_into_the_open() -> None:
     silences = SilentSectors(RANGE_MIN)
     silences.update(sweep(None))

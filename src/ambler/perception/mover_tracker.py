@@ -185,7 +185,7 @@ class MoverTracker:
 
     def _is_hidden(self, place: F64, now: float) -> bool:
         """Say whether somebody stands where the scanner fell silent: one who was there already, or whoever was tracked near it."""
-        known = [*self._hidden, *(t.predicted(now) for t in self._tracks)]
+        known = [*self._hidden, *(t.predicted(now) for t in self._tracks if t.is_mover)]
         return any(math.dist(place, other) < self._config.hidden for other in known)
 
     def _is_low(self, points: F64, starts: F64, falls: RayFalls) -> NDArray[np.bool_]:

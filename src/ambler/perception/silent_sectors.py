@@ -1,7 +1,7 @@
 """Where a scanner of many rings falls silent: something stands nearer to it than it can see.
 
 A scanner tells nothing of what is nearer than its least range. Some of its rings look down and meet the floor, so that every direction returns
-something; one that returned something before and now returns nothing at all is blocked at once, from the lowest ring to the highest.
+something; one that returned something shortly before and now returns nothing at all is blocked at once, from the lowest ring to the highest.
 Our own idea; it names no sensor's fault, since a lens that is covered by dirt is silent in just the same way.
 """
 
@@ -26,6 +26,7 @@ class SilenceConfig:
     least       silent sectors in a row that are somebody: a leg of a table, or a post, hides fewer
     most        silent sectors in a row that still are: who stands at the scanner hides less than half of the view
     heard       share of all sectors that must return something, else silence means nothing: the scanner looks into the open
+    patience    sweeps after which a sector that stays silent is no news any more: a robot on a slope looks over the ground behind itself
     radius      of a person, from which the distance follows by the width of the silence
     """
 
@@ -33,6 +34,7 @@ class SilenceConfig:
     least: int = 5
     most: int = 36
     heard: float = 0.5
+    patience: int = 150
     radius: float = 0.25
 
 
@@ -42,7 +44,7 @@ class SilentSectors:
     def __init__(self, range_min: float, config: SilenceConfig | None = None) -> None:
         self._range_min = range_min
         self._config = config if config is not None else SilenceConfig()
-        self._was_heard = np.zeros(self._config.sectors, np.bool_)
+        self._silent_for = np.full(self._config.sectors, self._config.patience)  # sweeps
 
     def update(self, points: NDArray[np.float32]) -> F64:
         """Return the middles (K, 2) of whoever stands nearer than the least range, from the returns (N, 3) of a sweep; both in the scanner's frame."""
@@ -50,11 +52,11 @@ class SilentSectors:
         turns = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * math.pi)
         turns = turns[np.isfinite(turns)]
         is_heard = np.bincount(np.floor(turns * c.sectors).astype(np.int64) % c.sectors, minlength=c.sectors) > 0
-        self._was_heard |= is_heard
+        self._silent_for = np.where(is_heard, 0, self._silent_for + 1)
         if is_heard.mean() < c.heard:
             return np.zeros((0, 2))
         middles = []
-        for begin, width in _runs(self._was_heard & ~is_heard):
+        for begin, width in _runs(~is_heard & (self._silent_for <= c.patience)):
             if c.least <= width <= c.most:
                 half = math.pi * width / c.sectors
                 away = min(c.radius / math.sin(half), self._range_min + c.radius)
