@@ -26,6 +26,7 @@ from ambler.core.requests import EndProgramRequest, GateReply, GateRequest, Plan
 from ambler.core.se2 import SE2
 from ambler.evaluation.goals import draw_goals
 from ambler.nodes.steps import NavigateStep
+from ambler.runtime.door import RunEndedError
 from ambler.runtime.executor import Executor
 from ambler.runtime.tasks import ARM, COMPUTE_PATH, END_PROGRAM, NAVIGATE, NavigateGoal
 from ambler.runtime.topics import TRUE_POSE, VELOCITY_COMMAND
@@ -140,7 +141,7 @@ def _ask(executor: Executor, drives: threading.Event, places: Sequence[SE2], who
                 told.waits.append(time.monotonic() - begin)
             if k % 10 == 5 and tickets:
                 tickets[-1].cancel()
-        except WaitingTimeoutError:
+        except (WaitingTimeoutError, RunEndedError):
             told.lost += 1
         except AmblerError:  # an answer, too: it has a name
             told.refused += 1
