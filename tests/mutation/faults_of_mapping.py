@@ -190,8 +190,8 @@ MAPPING = (
     PlantedFault(
         "silences are told where the base is not",
         "nodes/local_view.py",
-        "free_starts, odom_from_base.transform(silent))",
-        "free_starts, silent)",
+        "hidden = odom_from_base.transform(silent)",
+        "hidden = silent",
         ("tests/perception/test_silent_sectors.py",),
     ),
     PlantedFault(

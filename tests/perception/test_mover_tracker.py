@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
-from ambler.perception.mover_tracker import NOTHING, MoverTracker
+from ambler.perception.mover_track import NOTHING
+from ambler.perception.mover_tracker import MoverTracker
 from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 ANGLES = np.linspace(-math.pi, math.pi, 720, endpoint=False)
 RADIUS = 0.25
+NO_DRIFT = SE2()
 
 
 def ranges_to(
@@ -45,8 +47,11 @@ def feed(
     rng: np.random.Generator,
     top: float | None = None,
     silent: np.ndarray = NOTHING,
+    world_from_odom: SE2 = NO_DRIFT,
+    map_from_odom: SE2 | None = None,
 ):
-    """Give the tracker one scan of 10 Hz; of a cloud if the `top` of all that it meets is told."""
+    """Give the tracker one scan of 10 Hz, from `place` in the world; of a cloud if the `top` of all that it meets is told. It is told in the odom
+    frame, with where somebody thinks that that lies in the map."""
     ranges = ranges_to(discs, walls, place) + rng.normal(0.0, 0.01, len(ANGLES))
     is_return = np.isfinite(ranges) & (ranges < 10.0)
     directions = np.stack((np.cos(ANGLES + place.yaw), np.sin(ANGLES + place.yaw)), axis=1)
@@ -57,7 +62,8 @@ def feed(
     if top is not None:
         falls = np.full(len(points), 0.2, np.float32)
         scan = replace(scan, falls=RayFalls(0.8, falls, falls[: len(free)], np.full(len(points), top, np.float32)))
-    return tracker.update(scan, points, free, start, start, silent)
+    told = [world_from_odom.inverse().transform(p) for p in (points, free, start, start)]
+    return tracker.update(scan, *told, silent, map_from_odom)
 
 
 ROOM = [(-6.0, -3.0, 6.0, -3.0), (6.0, -3.0, 6.0, 3.0), (6.0, 3.0, -6.0, 3.0), (-6.0, 3.0, -6.0, -3.0)]
@@ -105,6 +111,57 @@ def test_a_robot_that_drives_and_turns_among_walls_sees_nobody() -> None:
         found += len(feed(tracker, k, [(3.5, -1.5)], walls, place, rng))
         place = place @ SE2.exp(np.array([0.06, 0.0, 0.05 * math.sin(0.1 * k)]))
     assert found == 0
+
+
+def _phantoms_of_a_round_trip(*, is_told: bool) -> int:
+    walls = [*ROOM, (1.0, -3.0, 1.0, -0.6), (1.0, 0.6, 1.0, 3.0), (-2.0, 0.5, -2.0, 0.9), (3.0, 1.0, 3.4, 1.4)]
+    tracker, rng, found = MoverTracker(), np.random.default_rng(15), 0
+    for k in range(300):
+        place = SE2(-0.5 + 3.0 * math.sin(0.02 * k), 0.1 * math.sin(0.05 * k), 0.0)
+        drift = SE2(0.0, 0.0, 0.0008 * k)
+        movers = feed(tracker, k, [(3.5, -1.5)], walls, place, rng, None, NOTHING, drift, drift if is_told else None)
+        found += len(movers)
+    return found
+
+
+def test_odometry_that_drifts_makes_nobody_of_the_walls() -> None:
+    """Where the robot comes back after half a minute, the odom frame has turned by 0.24 rad: what was seen free there is wall."""
+    assert _phantoms_of_a_round_trip(is_told=True) == 0
+    assert _phantoms_of_a_round_trip(is_told=False) > 50, "the case is none"
+
+
+@pytest.mark.parametrize("correction", [SE2(-0.9, 0.4, 0.5), SE2(0.01, 0.0, 0.01)])
+def test_who_is_known_stays_where_he_is_when_the_map_is_corrected(correction: SE2) -> None:
+    """The robot is somewhere else in the map than it had thought. Seen from it he is where he was, and goes on as he did; nobody else came."""
+    tracker, rng = MoverTracker(), np.random.default_rng(16)
+    for k in range(45):
+        x = 4.0 - 0.1 * max(0, k - 8)
+        movers = feed(
+            tracker, k, [(x, 0.5)], ROOM, SE2(), rng, None, NOTHING, NO_DRIFT, correction if k >= 22 else SE2()
+        )
+        if k >= 18:
+            assert len(movers) == 1, f"scan {k}"
+            assert known_at(movers, (x, 0.5), 0.25), f"scan {k}"
+            assert math.dist(movers.states[0, 2:4], (-1.0, 0.0)) < 0.3, f"scan {k}"
+
+
+@pytest.mark.parametrize("correction", [SE2(-0.5, 0.3, 0.0), SE2(0.0, 0.0, 0.3)])
+def test_the_room_is_forgotten_when_a_correction_moves_it(correction: SE2) -> None:
+    """A post that lies elsewhere in the map then, where rays had passed before, did not come."""
+    tracker, rng = MoverTracker(), np.random.default_rng(17)
+    for k in range(60):
+        told = correction if k >= 20 else SE2()
+        movers = feed(tracker, k, [(2.0, 0.6)], ROOM, SE2(), rng, None, NOTHING, NO_DRIFT, told)
+        assert len(movers) == 0, f"scan {k}"
+
+
+def test_the_end_of_a_wall_that_comes_into_sight_piece_by_piece_is_nobody() -> None:
+    """Rays have passed where it ends; it is as wide and as bent as a person's side, but it goes on in the wall."""
+    tracker, rng = MoverTracker(), np.random.default_rng(18)
+    seen, whole = (2.0, -3.0, 2.0, 0.3), [(2.0, -3.0, 2.0, 0.6), (2.0, 0.6, 2.25, 0.6), (2.0, 0.45, 1.9, 0.6)]
+    for k in range(40):
+        walls = [*ROOM, *([seen] if k < 12 else whole)]
+        assert len(feed(tracker, k, [], walls, SE2(0.0, 1.2, 0.0), rng)) == 0, f"scan {k}"
 
 
 def test_who_was_there_from_the_start_is_found_when_he_comes() -> None:

@@ -46,7 +46,7 @@ from ambler.perception.air_filter import AirFilterConfig
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.glass_map import GlassMapConfig
 from ambler.perception.ground_map import GroundMapConfig
-from ambler.perception.mover_tracker import MoverConfig
+from ambler.perception.mover_track import MoverConfig
 from ambler.perception.planar import PlanarConfig, default_planar
 from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.perception.terrain_config import TerrainConfig

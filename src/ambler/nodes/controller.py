@@ -42,7 +42,7 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.local_modes import LeanMeter, StateTeller, Steering
 from ambler.nodes.local_view import LocalView
-from ambler.perception.mover_tracker import MoverConfig
+from ambler.perception.mover_track import MoverConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
 from ambler.runtime.tasks import (

@@ -20,7 +20,8 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
-from ambler.perception.mover_tracker import NOTHING, MoverConfig, MoverTracker
+from ambler.perception.mover_track import NOTHING, MoverConfig
+from ambler.perception.mover_tracker import MoverTracker
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration, scan_to_points
 from ambler.perception.silent_sectors import SilentSectors, sees_too_late
 from ambler.registration.planar_scan import PlanarScan
@@ -177,7 +178,9 @@ class LocalView:
         starts, free_starts = (odom_from_base.transform(s) for s in scan.ray_starts())
         hits = odom_from_base.transform(scan.points)
         free_ends = odom_from_base.transform(scan.free_points)
-        self._tracker.update(scan, hits, free_ends, starts, free_starts, odom_from_base.transform(silent))
+        map_from_odom = None if self._odom_from_map is None else self._odom_from_map.inverse()
+        hidden = odom_from_base.transform(silent)
+        self._tracker.update(scan, hits, free_ends, starts, free_starts, hidden, map_from_odom)
         if self._obstacles is not None:
             origin = odom_from_base.transform(np.array([scan.origin]))[0]
             place = (float(origin[0]), float(origin[1]))

@@ -9,129 +9,17 @@ set out. Of a cloud only what goes on above its height band counts.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.movers import NOBODY, Movers
+from ambler.core.se2 import SE2
 from ambler.kernels import movers as kernels
+from ambler.perception.mover_track import NOTHING, MoverConfig, MoverTrack
 from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 F64 = NDArray[np.float64]
-NOTHING = np.zeros((0, 2))
-HIDDEN = 0.25  # seconds without a measurement after which somebody who stood is taken to stand
-
-
-@dataclass(frozen=True, slots=True)
-class MoverConfig:
-    """Numbers of the tracker, SI.
-
-    reach           metres from a scanner within which movers are looked for: 2 s of a person and a robot who approach each other
-    resolution      side of a cell; below half a person, above the noise of ranges
-    age             seconds for which a cell may be occupied and still count as reached by something that moves: a person of 0.5 m who
-                    walks at 0.7 m/s is past a place by then
-    link            metres between neighbouring points of one group
-    min_points      points of a group: a person at the end of the reach shows more
-    size_max        metres across a group; a larger one is no single person, one of up to `pair_size_max` two side by side
-    to_middle       metres from the mean of the visible side of a person to the middle
-    gate            metres from a track's prediction within which a group may be its own
-    alpha, beta     the gains that the fit fades to
-    confirmed       measurements after which a track is believed, if it has moved by `way` metres and nothing stands within `vacated` metres
-                    of where it began: a wall that comes into sight piece by piece leaves its first piece behind
-    close           metres from a scanner within which `close_confirmed` measurements and `close_way` metres are enough: there is no time for
-                    more, and walls that come into sight piece by piece lie farther off
-    stand_size      metres across what stands where the room was seen free, for it to be somebody who may set out: less is a leg of a table that
-                    rays met late
-    stand_bulge     standard deviation (m) of such a one's points across their line, at least: pieces of walls are straight
-    stand_confirmed measurements after which such a one is believed
-    headless        metres from a scanner within which the head of whoever stands there may be above all rays, if what they meet goes up to
-                    `headroom` metres below the scanner
-    twin            metres between two tracks that are one and the same person's
-    hidden          metres from a direction that falls silent (`perception.silent_sectors`) within which somebody who is tracked may have stepped
-                    nearer to the scanner than it sees, and within which he is expected again
-    coast           seconds for which a track that nobody sees goes on
-    speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
-    still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
-                    (a post that came into sight behind glass) would be yielded to for ever
-    """
-
-    reach: float = 5.5
-    resolution: float = 0.1
-    age: float = 0.7
-    link: float = 0.25
-    min_points: int = 3
-    size_max: float = 0.7
-    pair_size_max: float = 1.3
-    to_middle: float = 0.15
-    gate: float = 0.5
-    alpha: float = 0.5
-    beta: float = 0.2
-    confirmed: int = 3
-    way: float = 0.3
-    vacated: float = 0.15
-    close: float = 1.6
-    close_confirmed: int = 2
-    close_way: float = 0.1
-    stand_size: float = 0.25
-    stand_bulge: float = 0.04
-    stand_confirmed: int = 3
-    headless: float = 1.0
-    headroom: float = 0.1
-    twin: float = 0.25
-    hidden: float = 0.8
-    coast: float = 0.8
-    speed_max: float = 2.0
-    speed_min: float = 0.3
-    still: float = 10.0
-
-
-class _Track:
-    """One mover: position and velocity, when it was last measured, and how often."""
-
-    def __init__(self, place: F64, now: float, *, stands: bool = False) -> None:
-        self.place, self.velocity, self.walk = place, np.zeros(2), np.zeros(2)
-        self.born, self.seen, self.at = place, now, now
-        self.count = 1
-        self.is_mover = False
-        self.stands = stands
-        self.surface = NOTHING
-        """What was hit of him when he stood, float64 (N, 2)."""
-        self.rest, self.resting_since = place, now
-
-    def predicted(self, now: float) -> F64:
-        return self.place + self.pace(now) * (now - self.at)
-
-    def pace(self, now: float) -> F64:
-        """Return his velocity: who stood before he was hidden stands."""
-        is_hidden = len(self.surface) > 0 and now - self.seen > HIDDEN
-        return np.zeros(2) if is_hidden else self.velocity
-
-    def measure(self, place: F64, now: float, config: MoverConfig, points: F64, starts: F64) -> None:
-        """Take a place; `points` (N, 2) are all that the scan hit, from `starts`."""
-        self.count += 1
-        k, dt = self.count, now - self.at
-        alpha = max(config.alpha, 2.0 * (2 * k - 1) / (k * (k + 1)))
-        beta = max(config.beta, 6.0 / (k * (k + 1)))
-        rest = place - self.predicted(now)
-        self.place = self.predicted(now) + alpha * rest
-        if dt > 0.0:
-            self.velocity = self.velocity + beta * rest / dt
-        speed = math.hypot(*self.velocity)
-        if speed > config.speed_max:
-            self.velocity = self.velocity * (config.speed_max / speed)
-        self.at = self.seen = now
-        is_close = float(np.hypot(*(starts - self.place).T).min()) < config.close
-        enough, way = (config.close_confirmed, config.close_way) if is_close else (config.confirmed, config.way)
-        moved = math.dist(self.place, self.rest)
-        if moved > config.way or (moved > way and speed > config.speed_min):
-            self.rest, self.resting_since = self.place, now
-        if not self.is_mover and self.count >= enough and math.dist(self.place, self.born) >= way:
-            self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()
-        if self.stands and self.count >= config.stand_confirmed:
-            self.is_mover = True
-        if self.is_mover and speed >= max(config.speed_min, 0.8 * math.hypot(*self.walk)):
-            self.walk = self.velocity
 
 
 class MoverTracker:
@@ -145,18 +33,30 @@ class MoverTracker:
         self._times = np.zeros((3, self._size * self._size))
         self._scan = 0
         self._begun_ns: int | None = None
-        self._tracks: list[_Track] = []
+        self._tracks: list[MoverTrack] = []
         self._hidden = NOTHING
+        self._map_from_odom = SE2()
         self.movers = NOBODY
 
     def update(
-        self, scan: PlanarScan, points: F64, free_ends: F64, starts: F64, free_starts: F64, silent: F64 = NOTHING
+        self,
+        scan: PlanarScan,
+        points: F64,
+        free_ends: F64,
+        starts: F64,
+        free_starts: F64,
+        silent: F64 = NOTHING,
+        map_from_odom: SE2 | None = None,
     ) -> Movers:
         """Take a scan whose points (N, 2), free ends (M, 2), starts of rays (N or 1, 2), (M or 1, 2) and places (K, 2) where something is nearer than
-        the scanner sees are told in the odom frame."""
+        the scanner sees are told in the odom frame, and where that frame lies in the map, if anybody knows."""
         if self._begun_ns is None:
             self._begun_ns = scan.stamp_ns
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
+        if map_from_odom is not None:
+            self._correct(map_from_odom, starts.mean(axis=0) if len(starts) > 0 else np.zeros(2))
+        told = (points, free_ends, starts, free_starts, silent)
+        points, free_ends, starts, free_starts, silent = (self._map_from_odom.transform(p) for p in told)
         points = np.require(points, np.float64, ["C", "W"])
         kinds, alone = self._judged(points, free_ends, starts, free_starts, now)
         if scan.falls is not None:
@@ -169,9 +69,10 @@ class MoverTracker:
         came, is_old = points[is_here], kinds[is_here] != kernels.MOVING
         for track, is_his in zip(self._tracks, self._owned(came, now), strict=True):
             self._follow(track, places, came[is_his], is_old[is_his], points, starts, now)
-        self._tracks += [_Track(place, now) for place in places]
+        self._tracks += [MoverTrack(place, now) for place in places]
         self._tracks = self._one_each([t for t in self._tracks if now - t.seen <= self._config.coast or self._hides(t)])
-        for place in self._standing(points, (kinds == kernels.CAME) & (alone == kernels.ALONE), starts):
+        came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
+        for place in self._standing(points, came_alone, points[~came_alone & (kinds != kernels.MOVING)], starts):
             self._note_standing(place, now)
         rows = [
             np.concatenate((t.predicted(now), t.pace(now), t.walk))
@@ -180,8 +81,22 @@ class MoverTracker:
         ]
         self._hidden = np.array([p for p in silent if self._is_hidden(p, now)]).reshape(-1, 2)
         rows += [np.concatenate((place, np.zeros(4))) for place in self._hidden]
-        self.movers = Movers(scan.stamp_ns, np.array(rows).reshape(-1, 6))
+        self.movers = Movers(scan.stamp_ns, _told_in(np.array(rows).reshape(-1, 6), self._map_from_odom.inverse()))
         return self.movers
+
+    def _correct(self, map_from_odom: SE2, scanner: F64) -> None:
+        """Remember the room in the map's frame: odometry that drifts by a tenth of a radian in some minutes would bring walls back to where the
+        room was seen free. People were seen from where the robot thought to be, and move with a correction; one that moves what the scanner at
+        `scanner` (2,) of the odom frame sees by more than a cell makes the room unknown."""
+        new_from_old = map_from_odom @ self._map_from_odom.inverse()
+        before = self._map_from_odom.transform(scanner[None, :])
+        shift = math.dist(new_from_old.transform(before)[0], before[0])
+        self._map_from_odom = map_from_odom
+        if shift + self._config.reach * abs(new_from_old.yaw) > self._config.resolution:
+            self._grid[0] = np.iinfo(np.int64).min
+        for track in self._tracks:
+            track.move(new_from_old)
+        self._hidden = new_from_old.transform(self._hidden)
 
     def _is_hidden(self, place: F64, now: float) -> bool:
         """Say whether somebody stands where the scanner fell silent: one who was there already, or whoever was tracked near it."""
@@ -194,7 +109,7 @@ class MoverTracker:
         is_close = np.hypot(*(points - starts).T) < self._config.headless
         return np.asarray(np.isfinite(falls.tops) & ~(is_close & (falls.tops > falls.height - self._config.headroom)))
 
-    def _is_still(self, track: _Track, now: float) -> bool:
+    def _is_still(self, track: MoverTrack, now: float) -> bool:
         return now - track.resting_since > self._config.still
 
     def _judged(
@@ -249,8 +164,9 @@ class MoverTracker:
         is_first = along < 0.5 * (along.min() + along.max())
         return [part for part in (rows[is_first], rows[~is_first]) if len(part) >= c.min_points]
 
-    def _standing(self, points: F64, came: NDArray[np.bool_], starts: F64) -> list[F64]:
-        """Return the middles of everything of a person's size that came to where nothing had stood, and stands there."""
+    def _standing(self, points: F64, came: NDArray[np.bool_], room: F64, starts: F64) -> list[F64]:
+        """Return the middles of everything of a person's size that came to where nothing had stood, and stands there apart from the `room` (K, 2):
+        ends of walls come into sight piece by piece."""
         c = self._config
         starts, points = starts[came] if len(starts) > 1 else starts, points[came]
         labels, queue = np.empty(len(points), np.int32), np.empty(len(points), np.int32)
@@ -260,9 +176,13 @@ class MoverTracker:
             for part in self._people_of(np.flatnonzero(labels == k), points):
                 group = points[part]
                 place = self._middle(group, starts[part] if len(starts) > 1 else starts)
-                if self._is_person(group) and self._was_seen(place):
+                if self._is_person(group) and self._was_seen(place) and self._is_apart(group, room):
                     places.append(place)
         return places
+
+    def _is_apart(self, group: F64, others: F64) -> bool:
+        gaps = np.hypot(*(group[:, None, :] - others[None, :, :]).transpose(2, 0, 1))
+        return bool(gaps.min(initial=np.inf) > self._config.link)
 
     def _was_seen(self, place: F64) -> bool:
         """Say whether anything has told of the cell of a place: who came stands where rays had passed, and no ray passes through a desk whose
@@ -279,11 +199,11 @@ class MoverTracker:
         for track in near:
             track.stands = True
         if not near:
-            self._tracks.append(_Track(place, now, stands=True))
+            self._tracks.append(MoverTrack(place, now, stands=True))
 
-    def _one_each(self, tracks: list[_Track]) -> list[_Track]:
+    def _one_each(self, tracks: list[MoverTrack]) -> list[MoverTrack]:
         """Leave out every track that has come to be where one stands that has been measured more often: two of one person."""
-        kept: list[_Track] = []
+        kept: list[MoverTrack] = []
         for track in sorted(tracks, key=lambda t: (not t.is_mover, -t.count)):
             if all(math.dist(track.place, other.place) > self._config.twin for other in kept):
                 kept.append(track)
@@ -305,7 +225,7 @@ class MoverTracker:
 
     def _follow(
         self,
-        track: _Track,
+        track: MoverTrack,
         places: list[F64],
         came: F64,
         is_old: NDArray[np.bool_],
@@ -332,7 +252,7 @@ class MoverTracker:
             track.measure(self._middle(came[near], starts), now, c, points, starts)
 
     def _follow_out_of_sight(
-        self, track: _Track, points: F64, kinds: NDArray[np.uint8], starts: F64, now: float
+        self, track: MoverTrack, points: F64, kinds: NDArray[np.uint8], starts: F64, now: float
     ) -> None:
         """Count as moving what comes into sight where somebody should be who walks, as large as a person and apart from all else: he walked to
         where no ray had been for long, and is no part of the room. Changes `kinds` (N,)."""
@@ -357,8 +277,15 @@ class MoverTracker:
         bulge = math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0])))
         return bulge >= c.stand_bulge and c.stand_size <= size <= c.size_max
 
-    def _hides(self, track: _Track) -> bool:
+    def _hides(self, track: MoverTrack) -> bool:
         """Whether somebody who was seen to walk, and then to stand, may stand there still: no ray has passed where he was hit."""
         return bool(track.walk.any()) and 2 * kernels.count_occupied(
             track.surface, self._config.resolution, self._grid
         ) > len(track.surface)
+
+
+def _told_in(states: F64, new_from_old: SE2) -> F64:
+    """Return states (K, 6) of movers told in another frame."""
+    turn = SE2(0.0, 0.0, new_from_old.yaw)
+    parts = (new_from_old.transform(states[:, :2]), turn.transform(states[:, 2:4]), turn.transform(states[:, 4:6]))
+    return np.hstack(parts)
