@@ -25,9 +25,9 @@ BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything 
 
 @jit
 def _cell(x, y, resolution, size, keys, states):
-    """Return the flat index of the cell of a place, forgetting what was there when the grid has rolled on."""
+    """Return the flat index of the cell of a place, forgetting what was there when the grid has rolled on; `size` is a power of two."""
     ix, iy = int(math.floor(x / resolution)), int(math.floor(y / resolution))
-    k = (iy % size) * size + ix % size
+    k = (iy & (size - 1)) * size + (ix & (size - 1))
     key = iy * 1000003 + ix
     if keys[k] != key:
         keys[k] = key

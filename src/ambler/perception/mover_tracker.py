@@ -27,7 +27,7 @@ class MoverTracker:
 
     def __init__(self, config: MoverConfig | None = None) -> None:
         self._config = c = config if config is not None else MoverConfig()
-        self._size = math.ceil(2.2 * c.reach / c.resolution)
+        self._size = 1 << math.ceil(math.log2(2.2 * c.reach / c.resolution))
         self._grid = np.zeros((5, self._size * self._size), np.int64)
         self._grid[0] = np.iinfo(np.int64).min
         self._times = np.zeros((3, self._size * self._size))
@@ -168,6 +168,8 @@ class MoverTracker:
         """Return the middles of everything of a person's size that came to where nothing had stood, and stands there apart from the `room` (K, 2):
         ends of walls come into sight piece by piece."""
         c = self._config
+        if np.count_nonzero(came) < c.min_points:
+            return []
         starts, points = starts[came] if len(starts) > 1 else starts, points[came]
         labels, queue = np.empty(len(points), np.int32), np.empty(len(points), np.int32)
         count = kernels.group_points(points, np.zeros(len(points), np.uint8), 0, c.link, labels, queue)
@@ -188,7 +190,7 @@ class MoverTracker:
         """Say whether anything has told of the cell of a place: who came stands where rays had passed, and no ray passes through a desk whose
         sides were grazed before they were met."""
         ix, iy = (int(i) for i in np.floor(place / self._config.resolution))
-        k = (iy % self._size) * self._size + ix % self._size
+        k = iy % self._size * self._size + ix % self._size
         return bool(
             self._grid[0, k] == iy * 1000003 + ix and self._grid[1, k] != kernels.UNKNOWN
         )  # `kernels.movers._cell`
