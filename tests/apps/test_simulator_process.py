@@ -26,6 +26,8 @@ from ambler.sim.robots import robot_named
 from ambler.wire.mcap_reader import read_recording
 from tests.devices.fakes import HOST, FakeBase, FakeBattery, FakeImu, wait_until
 
+pytestmark = pytest.mark.live
+
 WATCHDOG = 0.3
 
 

@@ -18,6 +18,8 @@ from ambler.cli.main import main
 from ambler.studies.interrupt_study import judge_remains
 from ambler.wire.map_files import load_map
 
+pytestmark = pytest.mark.live
+
 DEMO = ["demo", "--world", "office", "--exit", "--no-view"]
 
 

@@ -31,6 +31,8 @@ from ambler.wire.ros_messages import encode
 from tests.devices.fakes import HOST, FakeBattery, Stepper, wait_until
 from tests.hand_made_context import HandMadeContext
 
+pytestmark = pytest.mark.live
+
 OFFSET = -987_654_321_012
 """What the other side's clock says less what ours says, nanoseconds."""
 MODEL = CameraModel("camera", 4, 3, 2.0, 2.0, 1.5, 1.0)

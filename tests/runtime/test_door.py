@@ -23,6 +23,8 @@ from ambler.runtime.topics import OUTSIDE_CALLS, VELOCITY_REQUEST, Topic
 from ambler.wire.ros_messages import encode
 from tests.runtime.toys import DOUBLE, Bomb, Server, Source
 
+pytestmark = pytest.mark.live
+
 EXECUTORS = [LockstepExecutor, LiveExecutor]
 Handle = GoalHandle[DockGoal, DockFeedback, DockReport]
 

@@ -15,6 +15,8 @@ from ambler.runtime.stack import Stack
 from ambler.runtime.topics import TELEOP_REQUEST, VELOCITY_REQUEST
 from tests.runtime.toys import Bomb, Client, Filter, OdometryReader, Server, Source
 
+pytestmark = pytest.mark.live
+
 EXECUTORS = [LockstepExecutor, LiveExecutor]
 
 

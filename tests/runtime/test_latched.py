@@ -13,6 +13,8 @@ from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
 from ambler.runtime.topics import STATIC_TRANSFORMS, Topic
 
+pytestmark = pytest.mark.live
+
 EXECUTORS = [LockstepExecutor, LiveExecutor]
 PLACE = Topic("set_pose", PointStamped, "/place", "latched", 1, has_many_writers=True)
 

@@ -22,6 +22,8 @@ from ambler.wire.mcap_file import McapRecorder
 from ambler.wire.mcap_reader import read_recording
 from tests.runtime.toys import Bomb, Filter, Source
 
+pytestmark = pytest.mark.live
+
 EXECUTORS = [LockstepExecutor, LiveExecutor]
 
 

@@ -86,6 +86,7 @@ def test_no_kernel_is_compiled_while_the_robot_moves(lab_run: SimulatedRun, tmp_
     assert sum(before.values()) > 20
 
 
+@pytest.mark.live
 def test_the_same_scenario_passes_in_the_live_executor(tmp_path: Path) -> None:
     live = explore(tmp_path / "live", RunOptions(world="lab_empty", port=None, is_realtime=True, time_limit=240.0))
     assert live.ended == "finished"
@@ -146,6 +147,7 @@ def test_coverage_grows_to_the_end(lab_run: SimulatedRun) -> None:
     assert np.all(np.diff(coverage[:, 0]) > 0)
 
 
+@pytest.mark.live
 def test_a_live_robot_explores_behind_a_serial_line_and_a_socket(tmp_path: Path) -> None:
     live = explore(tmp_path / "apart", RunOptions(world="lab_empty", port=None, is_apart=True, time_limit=240.0))
     assert live.ended == "finished", live.text

@@ -71,6 +71,7 @@ def test_it_replays_to_the_same_bits(run: SimulatedRun, tmp_path: Path) -> None:
     assert {"/odom", "/registered_view", "/slam_pose"} <= {t.topic for t in comparison.topics}
 
 
+@pytest.mark.live
 def test_it_explores_live_too(tmp_path: Path) -> None:
     options = RunOptions(
         world="lab_empty", robot="spot", port=None, profile=BY_LIDAR, is_realtime=True, time_limit=240.0

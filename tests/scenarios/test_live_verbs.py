@@ -20,6 +20,8 @@ from ambler.nodes.steps import DockStep, NavigateStep, TeachStep, UndockStep
 from ambler.runtime.topics import VELOCITY_COMMAND, Topic
 from ambler.studies.live_study import VERBS
 
+pytestmark = pytest.mark.live
+
 
 # Docking live in one process with its camera and its simulator needs 1.2 cores to itself: `ambler eval live` runs it ten times.
 @pytest.mark.parametrize("verb", ["navigate_lost", pytest.param("dock", marks=pytest.mark.slow), "undock"])

@@ -16,6 +16,8 @@ from ambler.runtime.lockstep import LockstepExecutor
 from ambler.wire.ros_messages import decode, encode
 from tests.bridges.viewer import Viewer
 
+pytestmark = pytest.mark.live
+
 GOAL = SE2(1.5, 1.0, 1.57)
 
 

@@ -18,6 +18,8 @@ from ambler.studies.scan_watch import ScanWatch
 from tests.hand_made_context import HandMadeContext
 from tests.safety.test_gaps import PUCK, Rig
 
+pytestmark = pytest.mark.live
+
 MS = 1_000_000
 
 
