@@ -32,7 +32,7 @@ class FrontEndConfig:
     refine: RefineConfig = field(default_factory=RefineConfig)
     blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
     lines: LineConfig = field(default_factory=LineConfig)
-    telling: float = 0.01
+    telling: float = 0.002
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2
