@@ -289,6 +289,52 @@ def test_a_robot_that_stands_where_it_may_not_be_reaches_nothing() -> None:
     assert survey.frontiers[0].state is FrontierState.UNREACHABLE
 
 
+def seen_through_a_slit() -> NDArray[np.int8]:
+    """A room of 9 x 8 m, known up to x = 6 m: a frontier 8 m wide."""
+    occupancy = np.full((100, 120), -1, np.int8)
+    occupancy[10:90, 10:70] = 0
+    occupancy[9, 9:70] = occupancy[90, 9:70] = 100
+    occupancy[9:91, 9] = 100
+    return occupancy
+
+
+def looked_at(surveyor: FrontierSurvey, occupancy: NDArray[np.int8]) -> Frontier:
+    """Survey, and look at the frontier from its goal in vain; return the frontier as it was judged."""
+    (frontier,) = surveyor.update(*grids(occupancy), SE2(2.0, 2.0, 0.0)).frontiers
+    assert frontier.goal is not None
+    place = frontier.goal[:2]
+    if frontier.state is FrontierState.OPEN:
+        surveyor.memory.refuse(frontier, "nothing changed", grids(occupancy)[0], has_looked=True, place=place)
+    return frontier
+
+
+def test_a_wide_frontier_that_showed_nothing_is_looked_at_from_elsewhere() -> None:
+    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
+    looks = [looked_at(surveyor, seen_through_a_slit()) for _ in range(5)]
+    assert [look.state for look in looks] == [FrontierState.OPEN] * 4 + [FrontierState.UNREACHABLE]
+    assert looks[0].goal == looks[1].goal  # twice from one place, as before
+    places = np.array([look.goal for look in looks[1:4] if look.goal is not None])[:, :2]
+    apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+    assert np.all(apart[~np.eye(3, dtype=bool)] >= 1.5 * SurveyConfig().goal_reach)
+    assert np.all(places[:, 0] > 6.0)  # and each beside the frontier, at x = 7 m
+
+
+def test_a_narrow_frontier_has_no_elsewhere() -> None:
+    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
+    looks = [looked_at(surveyor, corridor()) for _ in range(3)]
+    assert [look.state for look in looks] == [FrontierState.OPEN] * 2 + [FrontierState.UNREACHABLE]
+    assert looks[-1].reason == "looked at 2 times: nothing changed"
+
+
+def test_a_frontier_that_failed_on_the_way_has_no_place_to_look_away_from() -> None:
+    surveyor = FrontierSurvey(SurveyConfig(), path_distances)
+    view = (*grids(seen_through_a_slit()), SE2(2.0, 2.0, 0.0))
+    for _ in range(2):
+        (frontier,) = surveyor.update(*view).frontiers
+        surveyor.memory.refuse(frontier, "it closes and opens again", view[0], has_looked=True)
+    assert surveyor.update(*view).frontiers[0].state is FrontierState.UNREACHABLE
+
+
 def test_sizes_come_from_the_robot() -> None:
     footprint = np.array([[0.4, 0.3], [-0.4, 0.3], [-0.4, -0.3], [0.4, -0.3]])
     config = SurveyConfig.from_robot(RobotModel("r", DriveKind.DIFFERENTIAL, footprint, VelocityLimits()), 100)

@@ -314,6 +314,13 @@ MAPPING = (
         ("tests/slam2d/test_slam.py",),
     ),
     PlantedFault(
+        "between smooth walls the texture of the cells holds scans back",
+        "slam2d/front_end.py",
+        "if weakness <= 0.0:",
+        "if weakness <= 1.0:",
+        ("tests/slam2d/test_slam.py::test_between_smooth_walls_the_way_is_that_of_the_odometry",),
+    ),
+    PlantedFault(
         "odometry that slips is trusted",
         "slam2d/front_end.py",
         "is_trusted = prediction.is_measured and self.odometry_error < 1.0",

@@ -447,6 +447,13 @@ MOTION = (
         EXPLORE,
     ),
     PlantedFault(
+        "a frontier that showed nothing through a slit is never looked at from its other end",
+        "exploration/survey.py",
+        "is_elsewhere=g in elsewhere",
+        "is_elsewhere=False",
+        SURVEY,
+    ),
+    PlantedFault(
         "an exploration ends without looking once more",
         "missions/explore.py",
         "        if not self._has_swept:\n            return self._sweep(view)\n",

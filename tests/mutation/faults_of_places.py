@@ -16,6 +16,20 @@ PLACES = (
         ("tests/sim/test_generator.py::test_a_seed_is_a_place_and_another_seed_another_one",),
     ),
     PlantedFault(
+        "a saved map leaks through the gaps of its walls",
+        "sim/floorplan.py",
+        "ends = beyond & ndimage",
+        "ends = occupied & ndimage",
+        ("tests/sim/test_world_file.py::test_a_saved_map_ends_where_its_author_saw_nothing",),
+    ),
+    PlantedFault(
+        "what nobody saw is floor when a saver wrote a generous threshold",
+        "wire/map_files.py",
+        "return saved if np.any(saved == OCC_FREE) else served",
+        "return served",
+        ("tests/sim/test_world_file.py::test_a_saved_map_ends_where_its_author_saw_nothing",),
+    ),
+    PlantedFault(
         "people of drawn places walk through furniture",
         "sim/generator/rooms.py",
         "if not any(place.overlaps(piece.place) for piece in plan.pieces):",

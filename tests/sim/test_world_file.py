@@ -9,12 +9,13 @@ import pytest
 from scipy import ndimage
 
 from ambler.core.errors import BadInputError
-from ambler.core.grid import GridSpec
+from ambler.core.grid import OCC_FREE, GridSpec
 from ambler.core.se2 import SE2
 from ambler.sim.floorplan import merge_cells
 from ambler.sim.kinematic_physics import FootprintCollider
 from ambler.sim.robots import robot_named, robot_names
-from ambler.sim.truth import reachable_cells
+from ambler.sim.solids import WorldSpec
+from ambler.sim.truth import reachable_cells, truth_grid
 from ambler.sim.world_file import load_world, world_names
 from ambler.wire.map_files import save_map
 from tests.public_data import public
@@ -120,6 +121,50 @@ def test_the_picture_of_a_map_is_read_with_the_yaml_beside_it(tmp_path: Path) ->
     save_map(tmp_path / "m", GridSpec(0.05, 80, 60, -10.0, 3.0), cells)
     assert load_world(tmp_path / "m.pgm") == load_world(tmp_path / "m.yaml")
     assert load_world(tmp_path / "m.pgm").start.x < -6.0
+
+
+def saved_plan(folder: Path, free_thresh: float) -> Path:
+    """Save a room of 6 x 4 m as map savers do, with a gap in its wall, a cell that the beams missed, and a column whose inside nobody saw."""
+    pixels = np.full((60, 120), 205, np.uint8)
+    pixels[9:51, 29:91] = 0
+    pixels[10:50, 30:90] = 254
+    pixels[30:36, 90] = 205  # the gap
+    pixels[20, 40] = 205
+    pixels[18:23, 60:65], pixels[19:22, 61:64] = 0, 205
+    cv2.imwrite(str(folder / "saved.pgm"), pixels)
+    (folder / "saved.yaml").write_text(
+        f"image: saved.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {free_thresh}\n"
+    )
+    return folder / "saved.yaml"
+
+
+def floor_cells(world: WorldSpec) -> float:
+    """The floor that is joined to the start, in cells of 0.1 m; measured on half cells, because a true map begins with a corner at the start."""
+    return np.count_nonzero(truth_grid(world, 0.25, 0.05)[1] == OCC_FREE) / 4
+
+
+@pytest.mark.parametrize("free_thresh", [0.196, 0.25])
+def test_a_saved_map_ends_where_its_author_saw_nothing(tmp_path: Path, free_thresh: float) -> None:
+    path = saved_plan(tmp_path, free_thresh)
+    world = load_world(path)
+    assert floor_cells(world) == 60 * 40 - 25  # the missed cell is floor, the column is not
+    assert 3.0 < world.start.x < 9.0  # the void around the room is wider
+    with pytest.raises(BadInputError, match="not on a free cell"):
+        load_world(path, start=SE2(1.0, 1.0, 0.0))
+
+
+def test_floor_ends_with_the_picture(tmp_path: Path) -> None:
+    pixels = np.full((40, 60), 255, np.uint8)
+    pixels[0], pixels[-1], pixels[:, 0] = 0, 0, 0  # open on the right
+    cv2.imwrite(str(tmp_path / "p.png"), pixels)
+    assert floor_cells(load_world(tmp_path / "p.png")) == 38 * 59
+
+
+def test_a_plan_whose_floor_is_painted_like_the_unknown_keeps_it(tmp_path: Path) -> None:
+    pixels = np.full((40, 60), 0, np.uint8)
+    pixels[5:35, 5:55] = 205
+    cv2.imwrite(str(tmp_path / "p.png"), pixels)
+    assert floor_cells(load_world(tmp_path / "p.png")) == 30 * 50
 
 
 @pytest.mark.parametrize("robot", robot_names())

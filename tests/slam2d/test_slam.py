@@ -59,6 +59,26 @@ def test_a_base_at_rest_begins_its_map_with_ten_scans_and_not_with_the_noise_of_
     assert float(np.std(yaws)) < 2.5e-4
 
 
+def test_between_smooth_walls_the_way_is_that_of_the_odometry() -> None:
+    """Nothing tells how far along the robot is; the texture of the cells held it back by several percent of the way."""
+    walls = np.array([[-60.0, -1.62, 60.0, -1.62], [-60.0, 1.58, 60.0, 1.58]])
+    truth = [SE2(0.08 * k, 0.02 * math.sin(0.1 * k), 0.0) for k in range(200)]
+    course = drive(truth, walls=walls, range_max=12.0)
+    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
+    found = results[0].map_from_base.inverse() @ results[-1].map_from_base
+    assert found.x == pytest.approx(truth[-1].x, abs=0.03)
+    assert abs(found.y - (truth[-1].y - truth[0].y)) < 0.02
+
+
+def test_one_wall_across_the_way_overrules_odometry_that_is_too_long() -> None:
+    walls = np.array([[-60.0, -1.62, 14.0, -1.62], [-60.0, 1.58, 14.0, 1.58], [14.0, -1.62, 14.0, 1.58]])
+    truth = [SE2(0.05 * k, 0.0, 0.0) for k in range(160)]
+    course = drive(truth, scale, walls=walls, range_max=30.0)
+    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
+    found = results[0].map_from_base.inverse() @ results[-1].map_from_base
+    assert found.x == pytest.approx(truth[-1].x, abs=0.04)  # the odometry says 0.40 m more
+
+
 def test_odometry_that_stands_still_is_overruled_by_the_scans() -> None:
     course = drive(oval(1.0), dead)
     results = run(Slam2d(), course, with_odometry=True)

@@ -23,7 +23,9 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 @dataclass(frozen=True, slots=True)
 class MemoryConfig:
     """`match_distance` (m) and `match_ratio` say when two frontiers are the same one; the map has changed near a frontier when
-    at least `change_cells` cells within `change_radius` (m) of its middle changed between unknown, free and occupied."""
+    at least `change_cells` cells within `change_radius` (m) of its middle changed between unknown, free and occupied. A look in vain speaks for the
+    place that it was made from: a frontier is looked at from up to `max_other_places` more, if it has goals so far apart, before it is left
+    alone."""
 
     max_attempts: int = 3
     max_looks: int = 2
@@ -31,6 +33,7 @@ class MemoryConfig:
     match_ratio: float = 0.5
     change_radius: float = 1.5
     change_cells: int = 40
+    max_other_places: int = 2
     visits: VisitsConfig = field(default_factory=VisitsConfig)
 
 
@@ -59,8 +62,8 @@ def patch_around(
 
 @dataclass(slots=True)
 class Refusal:
-    """One remembered place: its cells (m), how often it was tried and looked at in vain, why, the map around it then, and the `box` of its
-    cells (x0, y0, x1, y1)."""
+    """One remembered place: its cells (m), how often it was tried and looked at in vain, why, the map around it then, where it was
+    looked at from (x, y), and the `box` of its cells (x0, y0, x1, y1)."""
 
     tree: cKDTree
     center: tuple[float, float]
@@ -68,6 +71,7 @@ class Refusal:
     looks: int
     reason: str
     patch: NDArray[np.uint8]
+    places: tuple[tuple[float, float], ...] = ()
     is_pardoned: bool = False
     box: tuple[float, float, float, float] = field(init=False)
 
@@ -88,13 +92,21 @@ class FrontierMemory:
     def __len__(self) -> int:
         return len(self._refusals)
 
-    def refuse(self, frontier: Frontier, reason: str, occupancy: OccupancyGrid, *, has_looked: bool) -> None:
-        """Remember that a drive to this frontier failed, or (`has_looked`) that the robot stood there and nothing changed."""
+    def refuse(
+        self,
+        frontier: Frontier,
+        reason: str,
+        occupancy: OccupancyGrid,
+        *,
+        has_looked: bool,
+        place: tuple[float, float] | None = None,
+    ) -> None:
+        """Remember that a drive to this frontier failed, or (`has_looked`) that the robot stood there, at `place`, and nothing changed."""
         if has_looked:
             self.visit(frontier, occupancy)
         patch = self._patch(occupancy, frontier.centroid)
         old = self.find(frontier)
-        attempts, looks = (0, 0) if old is None else (old.attempts, old.looks)
+        attempts, looks, places = (0, 0, ()) if old is None else (old.attempts, old.looks, old.places)
         if old is not None:
             self._refusals.remove(old)
         self._refusals.append(
@@ -105,6 +117,7 @@ class FrontierMemory:
                 looks + has_looked,
                 reason,
                 patch,
+                places if place is None else (*places, place),
             )
         )
 
@@ -127,12 +140,20 @@ class FrontierMemory:
                 return refusal
         return None
 
-    def reason_against(self, frontier: Frontier, occupancy: OccupancyGrid) -> str:
-        """Return why this frontier must not be tried now, or an empty text."""
+    def places_in_vain(self, frontier: Frontier) -> tuple[tuple[float, float], ...]:
+        """Return the places (x, y) from which this frontier was looked at often enough, while it deserves a look from another one."""
+        c, refusal = self.config, self.find(frontier)
+        if refusal is None or refusal.looks < c.max_looks or len(refusal.places) >= c.max_looks + c.max_other_places:
+            return ()
+        return refusal.places
+
+    def reason_against(self, frontier: Frontier, occupancy: OccupancyGrid, *, is_elsewhere: bool = False) -> str:
+        """Return why this frontier must not be tried now, or an empty text. `is_elsewhere`: its goal is none of the places that it was
+        looked at from in vain."""
         if self._visits is not None and self._visits.at(frontier, occupancy.spec) >= self.config.max_attempts:
             return f"given up after {self.config.max_attempts} visits: it closes and opens again"
         refusal = self.find(frontier)
-        if refusal is None or refusal.is_pardoned:
+        if refusal is None or refusal.is_pardoned or is_elsewhere:
             return ""
         tried = refusal.attempts + refusal.looks
         if tried >= self.config.max_attempts:

@@ -23,6 +23,9 @@ from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import viewpoints, visible_unknown
 
+ELSEWHERE = (
+    1.5  # goal reaches: no goal of the same cell of a frontier lies so far from another one, not even diagonally
+)
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
 """(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable.
 A PlanningError says that no path can start there."""
@@ -155,6 +158,7 @@ class FrontierSurvey:
         """Return the frontiers of groups (N,) with their goals, judged, and what their goals let see. `maps`: what was seen, and with what is assumed to be free."""
         seen, drivable = maps
         goals = self._goals(drivable, groups, costs, distance, is_last_resort=is_last_resort)
+        elsewhere = self._look_from_elsewhere(drivable, groups, costs, distance, goals)
         gains, headings = self._gains(seen, groups, goals)
         self._step_back(maps, groups, costs, distance, map_from_base, goals, headings)
         diy, dix = seen.spec.offset_in(costs.spec)
@@ -166,8 +170,35 @@ class FrontierSurvey:
                 goal = (*seen.spec.center_of(iy, ix), float(headings[g]))
                 path_distance = float(distance[iy + diy, ix + dix])
             frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
-            frontiers.append(self._judge(frontier, float(gains[g]), seen))
+            frontiers.append(self._judge(frontier, float(gains[g]), seen, is_elsewhere=g in elsewhere))
         return frontiers, gains
+
+    def _look_from_elsewhere(
+        self,
+        occupancy: OccupancyGrid,
+        groups: FrontierGroups,
+        costs: CostGrid,
+        distance: NDArray[np.float32],
+        goals: NDArray[np.int64],
+    ) -> set[int]:
+        """Give groups that were looked at in vain goals away from the places of those looks, where there are such; return which groups. A wide
+        frontier may be seen through a slit, from where nothing more can be seen, and lie open at its other end."""
+        spec, moved = occupancy.spec, set[int]()
+        if len(self.memory) == 0 or self.config.assumed is not None:
+            return moved
+        for g, (cells, centroid) in enumerate(groups.split()):
+            if goals[g] < 0 or len(cells) * spec.resolution < self.config.min_size:
+                continue
+            places = self.memory.places_in_vain(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN))
+            if not places:
+                continue
+            one = FrontierGroups(spec, groups.cells[groups.starts[g] : groups.starts[g + 1]], np.array([0, len(cells)]))
+            away = _without_discs(distance, costs.spec, places, ELSEWHERE * self.config.goal_reach)
+            goal = int(self._goals(occupancy, one, costs, away, is_last_resort=True)[0])
+            if goal >= 0:
+                goals[g] = goal
+                moved.add(g)
+        return moved
 
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
         """Tell whether a frontier that is gone may have closed only because the map assumes ground there now."""
@@ -299,7 +330,7 @@ class FrontierSurvey:
         visible_unknown(seen, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
         return gains, headings
 
-    def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid) -> Frontier:
+    def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, *, is_elsewhere: bool) -> Frontier:
         c = self.config
         if reason := self._too_small(frontier.cells, occupancy.spec.resolution):
             return _refused(frontier, FrontierState.TOO_SMALL, reason)
@@ -315,7 +346,7 @@ class FrontierSurvey:
                 FrontierState.TOO_SMALL,
                 f"only {gain:.2f} m² of unknown visible, less than {c.min_gain:.2f} m²",
             )
-        reason = self.memory.reason_against(frontier, occupancy)
+        reason = self.memory.reason_against(frontier, occupancy, is_elsewhere=is_elsewhere)
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
 
     def _judge_over(self, cells: NDArray[np.float32], centroid: tuple[float, float], resolution: float) -> Frontier:
@@ -337,6 +368,20 @@ def _cell_shift(spec: GridSpec, cost_spec: GridSpec) -> tuple[int, int]:
     if not math.isclose(spec.resolution, cost_spec.resolution, rel_tol=1e-6) or off_grid > 1e-3:
         raise BadInputError("the map and the global costmap are not aligned to whole cells of one size")
     return spec.offset_in(cost_spec)
+
+
+def _without_discs(
+    distance: NDArray[np.float32], spec: GridSpec, places: tuple[tuple[float, float], ...], radius: float
+) -> NDArray[np.float32]:
+    """Return path distances with inf within `radius` (m) of places."""
+    y = spec.origin_y + (np.arange(spec.height) + 0.5) * spec.resolution
+    x = spec.origin_x + (np.arange(spec.width) + 0.5) * spec.resolution
+    away = distance.copy()
+    for px, py in places:
+        rows, columns = np.abs(y - py) <= radius, np.abs(x - px) <= radius
+        is_near = np.hypot(y[rows, None] - py, x[None, columns] - px) <= radius
+        away[np.ix_(rows, columns)] = np.where(is_near, np.float32(np.inf), away[np.ix_(rows, columns)])
+    return away
 
 
 def _refused(frontier: Frontier, state: FrontierState, reason: str) -> Frontier:

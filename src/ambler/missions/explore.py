@@ -496,10 +496,19 @@ class ExploreMission:
         away, planned = (_nearest(frontier, place) for place in (view.map_from_base, self._sent))
         has_looked = away <= max(planned + self.config.near, self._surveyor.config.goal_reach)
         reason = "nothing changed" if has_looked else f"the drive ended {away:.1f} m away"
-        self._remember(view, frontier, reason, has_looked=has_looked)
+        place = (view.map_from_base.x, view.map_from_base.y) if has_looked else None
+        self._remember(view, frontier, reason, has_looked=has_looked, place=place)
 
-    def _remember(self, view: ExploreView, frontier: Frontier, reason: str, *, has_looked: bool) -> None:
-        self._surveyor.memory.refuse(frontier, reason, view.map, has_looked=has_looked)
+    def _remember(
+        self,
+        view: ExploreView,
+        frontier: Frontier,
+        reason: str,
+        *,
+        has_looked: bool,
+        place: tuple[float, float] | None = None,
+    ) -> None:
+        self._surveyor.memory.refuse(frontier, reason, view.map, has_looked=has_looked, place=place)
         self._look(view)
 
     def _sweep(self, view: ExploreView) -> list[Command]:

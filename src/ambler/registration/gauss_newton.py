@@ -46,7 +46,7 @@ class MatchResult:
     @property
     def degeneracy(self) -> float:
         """Smallest over largest eigenvalue of the translational information with the yaw marginalized: 0 in a corridor, 1 isotropic."""
-        low, high = np.linalg.eigvalsh(_translational(self.information))
+        low, high = np.linalg.eigvalsh(translational(self.information))
         return float(max(0.0, low) / high) if high > 0.0 else 0.0
 
     def covariance(self, sigma: float, floor: tuple[float, float]) -> NDArray[np.float64]:
@@ -56,7 +56,7 @@ class MatchResult:
         that is weak in one direction comes from clutter and the lattice rather than from walls, and is discounted (see `weak_ratio`).
         """
         h = self.information.copy()
-        schur = _translational(h)
+        schur = translational(h)
         values, vectors = np.linalg.eigh(schur)
         share = np.clip(values / max(self.weak_ratio * values[-1], 1e-9), 0.05, 1.0)
         h[:2, :2] += (vectors * (values * share**2)) @ vectors.T - schur
@@ -64,7 +64,7 @@ class MatchResult:
         return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
 
 
-def _translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
+def translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the translational information (2, 2) with the yaw marginalized."""
     if h[2, 2] <= 0.0:
         return h[:2, :2]
@@ -73,7 +73,7 @@ def _translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _prior_information(h: NDArray[np.float64], config: RefineConfig) -> NDArray[np.float64]:
     """Return the prior's information (3, 3): stronger along directions in which the points say little."""
-    values, vectors = np.linalg.eigh(_translational(h))
+    values, vectors = np.linalg.eigh(translational(h))
     weakness = np.clip(1.0 - values / max(config.weak_ratio * values[-1], 1e-9), 0.0, 1.0)
     low, high = config.translation_weight**2, config.weak_translation_weight**2
     out = np.zeros((3, 3))

@@ -60,16 +60,21 @@ class LineField:
 
     def fit(self, points: F32, origin: tuple[float, float], start: SE2) -> SE2:
         """Return the pose near `start` at which points (N, 2) of the base frame lie on the lines; `start` where too few do."""
+        return self.fit_telling(points, origin, start)[0]
+
+    def fit_telling(self, points: F32, origin: tuple[float, float], start: SE2) -> tuple[SE2, F64 | None]:
+        """Return what `fit` does, and the information (3, 3) about x, y, yaw in the grid frame that is in the lines; None where too few points lie on them."""
         config = self._config
         pose, info = start.as_array(), np.zeros(2)
         linear, angular = config.start_sigma
         prior = np.array([linear**-2, linear**-2, angular**-2])
         options = np.array([config.least_points, config.sigma, config.independent_points, config.iterations], float)
+        h = np.empty((3, 3))
         kernels.fit(
             *(self._keys, self._moments, config.size, points, np.array(origin), pose, prior, options),
-            *(np.empty((3, 3)), info),
+            *(h, info),
         )
-        return SE2.from_array(pose) if info[0] >= config.least_share else start
+        return (SE2.from_array(pose), h) if info[0] >= config.least_share else (start, None)
 
 
 def _capacity(rows: int) -> int:

@@ -1,4 +1,9 @@
-"""A floor plan (PGM + YAML of ROS map_server) or a plain picture as a world: occupied cells become walls, merged into few boxes."""
+"""A floor plan (PGM + YAML of ROS map_server) or a plain picture as a world: occupied cells become walls, merged into few boxes.
+
+A plan ends where its author saw nothing: unknown cells, and what lies beyond the picture, are no floor, and floor that borders on them ends
+at a wall there. Else a robot could leave a saved map through the gaps that every saved map has in its walls. A patch of unknown cells in the
+middle of the floor, beside which no surface was seen, was missed by the beams, and is floor.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +15,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambler.core.errors import BadInputError
-from ambler.core.grid import OCC_FREE, GridSpec
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se2 import SE2
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.wire.map_files import load_map
+from ambler.wire.map_files import PIXEL_UNKNOWN, load_plan
 
 OCCUPIED = 65
 WALL_HEIGHT = 2.5
 PICTURE_RESOLUTION = 0.1
 PICTURE_SOLID = 150
 START_GREY = 203
+AROUND = np.ones((3, 3), bool)
 
 
 def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpec:
@@ -27,21 +33,21 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
 
     Raises BadInputError if the plan has no free cell, or the start lies on none.
     """
-    spec, occupancy = load_map(yaml_path)
+    spec, occupancy = load_plan(yaml_path)
     if start is None:
         start = _widest_place(yaml_path, spec, occupancy)
     iy, ix = spec.cell_of(start.x, start.y)
     if not spec.contains_cell(iy, ix) or occupancy[iy, ix] != OCC_FREE:
         raise BadInputError(f"{yaml_path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
-    solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(occupancy >= OCCUPIED))]
-    return WorldSpec(yaml_path.stem, tuple(solids), start)
+    spec, occupied, ends = _with_ends(spec, occupancy)
+    return WorldSpec(yaml_path.stem, _to_solids(spec, occupied | ends), start)
 
 
-def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.bool_], SE2 | None]:
-    """Read a grey or coloured picture as (grid, which cells are solid [iy, ix], the start that it marks or None).
+def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.int8], SE2 | None]:
+    """Read a grey or coloured picture as (grid, occupancy [iy, ix]: occupied, free or unknown, the start that it marks or None).
 
     Pixels darker than 150 of 255 are solid; a block of grey 203 among the free ones marks the start (the public dungeon maps use
-    127, 194 and 203; 205 is what map servers write for unknown, and no mark). The lower left corner of the picture is the grid's origin. Raises BadInputError.
+    127, 194 and 203; 205 is what map savers write for unknown, and no mark). The lower left corner of the picture is the grid's origin. Raises BadInputError.
     """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
@@ -52,7 +58,9 @@ def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.bo
     start = None
     if len(rows):
         start = SE2(*spec.center_of(round(float(rows.mean())), round(float(columns.mean()))), 0.0)
-    return spec, pixels < PICTURE_SOLID, start
+    occupancy = np.where(pixels < PICTURE_SOLID, np.int8(OCC_OCCUPIED), np.int8(OCC_FREE))
+    saved = np.where(pixels == PIXEL_UNKNOWN, np.int8(OCC_UNKNOWN), occupancy)
+    return spec, saved if np.any(saved == OCC_FREE) else occupancy, start
 
 
 def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:
@@ -60,16 +68,30 @@ def world_from_picture(path: Path, start: SE2 | None = None, resolution: float =
 
     Raises BadInputError.
     """
-    spec, solid, marked = read_picture(path, resolution)
+    spec, occupancy, marked = read_picture(path, resolution)
     if start is None:
-        occupancy = np.where(solid, np.int8(100), np.int8(OCC_FREE))
         start = marked if marked is not None else _widest_place(path, spec, occupancy)
     iy, ix = spec.cell_of(start.x, start.y)
-    if not spec.contains_cell(iy, ix) or solid[iy, ix]:
+    if not spec.contains_cell(iy, ix) or occupancy[iy, ix] != OCC_FREE:
         raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
-    surface = solid & ndimage.binary_dilation(~solid, np.ones((3, 3), bool), iterations=2)
-    solids = [_to_solid(k, box, spec) for k, box in enumerate(merge_cells(surface))]
-    return WorldSpec(path.stem, tuple(solids), start)
+    spec, solid, ends = _with_ends(spec, occupancy)
+    surface = solid & ndimage.binary_dilation(~solid, AROUND, iterations=2)
+    return WorldSpec(path.stem, _to_solids(spec, surface | ends), start)
+
+
+def _with_ends(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[GridSpec, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return a plan with one cell around it: its grid, which cells [iy, ix] are occupied, and at which the floor ends without a wall."""
+    r = spec.resolution
+    spec = GridSpec(r, spec.width + 2, spec.height + 2, spec.origin_x - r, spec.origin_y - r)
+    occupancy = np.pad(occupancy, 1, constant_values=OCC_UNKNOWN)
+    occupied, unknown = occupancy >= OCCUPIED, occupancy < 0
+    patches, _ = ndimage.label(unknown, AROUND)
+    bounded = np.append(
+        patches[ndimage.binary_dilation(occupied, AROUND)], patches[0, 0]
+    )  # beside a surface, or the outside
+    beyond = unknown & np.isin(patches, bounded)
+    ends = beyond & ndimage.binary_dilation(~occupied & ~beyond, AROUND)
+    return spec, occupied, np.asarray(ends)
 
 
 def merge_cells(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
@@ -100,6 +122,10 @@ def _widest_place(yaml_path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) 
     clearance = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
     iy, ix = np.unravel_index(int(np.argmax(clearance)), clearance.shape)
     return SE2(*spec.center_of(int(iy), int(ix)), 0.0)
+
+
+def _to_solids(spec: GridSpec, cells: NDArray[np.bool_]) -> tuple[Solid, ...]:
+    return tuple(_to_solid(k, box, spec) for k, box in enumerate(merge_cells(cells)))
 
 
 def _to_solid(k: int, box: tuple[int, int, int, int], spec: GridSpec) -> Solid:

@@ -251,7 +251,8 @@ class _Job:
         self._graph = b.graph.snapshot()
 
     def run(self) -> JobResult:
-        found = self._search() if self._queries else []
+        counts = self._counts.copy()
+        found = self._search(counts) if self._queries else []
         believed, waiting = self._sort(found)
         edges = [c.edge for c in believed]
         optimized = optimize(self._graph, edges, self._config) if edges or self._must_solve else None
@@ -261,20 +262,18 @@ class _Job:
         aside |= {key: c for key, c in self._closures.items() if key in rejected}
         return JobResult(
             *(tuple(believed), tuple(waiting), tuple(aside.values())),
-            *(self._counts.tries, optimized, len(self._nodes) - 1),
+            *(counts.tries, optimized, len(self._nodes) - 1),
         )
 
-    def _search(self) -> list[Closure]:
+    def _search(self, counts: PairCounts) -> list[Closure]:
         lengths = (0.0, *np.diff(self._ways))
-        drift = DriftGraph(lengths, self._counts.linked, self._scale, self._loop.drift).covariances(
+        drift = DriftGraph(lengths, counts.linked, self._scale, self._loop.drift).covariances(
             self._graph.poses[self._submap_vertices]
         )
         chooser = CandidateChooser(
             *(self._loop, self._nodes, self._finished, self._submap_vertices, self._graph.poses, drift)
         )
-        candidates = [
-            c for q in self._queries for c in chooser.candidates(q, self._loop.candidates_per_node, self._counts)
-        ]
+        candidates = [c for q in self._queries for c in chooser.candidates(q, self._loop.candidates_per_node, counts)]
         found = []
         for c in candidates:
             submap = self._finished[c.submap]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.correlative import Window, correlate
-from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine
+from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine, translational
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively, points_between_returns
 from ambler.slam2d.config import FrontEndConfig
 from ambler.slam2d.extrapolator import Prediction
@@ -71,7 +71,7 @@ class FrontEnd:
             if self._stands_at_start and self._inserted is not None:
                 _, pose = self._inserted
             else:
-                pose = target.local_from_submap @ target.lines.fit(points, scan.origin, match.grid_from_base)
+                pose = target.local_from_submap @ self._on_lines(target, points, scan, match.grid_from_base, prediction)
                 self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None
@@ -98,6 +98,23 @@ class FrontEnd:
             match = self._rescued_match(target, points, prediction, match)
         self._usual_score += 0.05 * (match.score - self._usual_score)
         return match
+
+    def _on_lines(
+        self, target: Submap, points: F32, scan: PlanarScan, grid_from_base: SE2, prediction: Prediction
+    ) -> SE2:
+        """Return the pose at which a scan lies on the lines of the submap, in its frame. Along a direction of which these lines say next to nothing, between smooth
+        parallel walls whose ends are out of sight, it is the predicted one: what cells prefer there is their texture, which holds a scan back
+        by some percent of the way."""
+        fitted, told = target.lines.fit_telling(points, scan.origin, grid_from_base)
+        if told is None or not prediction.is_measured or self.odometry_error >= 1.0:
+            return fitted
+        values, vectors = np.linalg.eigh(translational(told))
+        weakness = 1.0 - float(values[0]) / max(self._config.telling * float(values[1]), 1e-9)
+        if weakness <= 0.0:
+            return fitted
+        predicted, along = target.to_submap(prediction.local_from_base), vectors[:, 0]
+        miss = weakness * float(along @ (predicted.x - fitted.x, predicted.y - fitted.y))
+        return SE2(fitted.x + miss * float(along[0]), fitted.y + miss * float(along[1]), fitted.yaw)
 
     def _steady_match(
         self, target: Submap, points: F32, prediction: Prediction, window: Window, match: MatchResult

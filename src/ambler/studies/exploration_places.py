@@ -38,10 +38,10 @@ def worlds_named(names: str, sensor_range: float) -> list[Place]:
 
 def plan_world(plan: Path, resolution: float, sensor_range: float) -> GridWorld:
     """Read a floor plan; raises BadInputError when it is no picture or has no start."""
-    spec, solid, start = read_picture(plan, resolution)
+    spec, occupancy, start = read_picture(plan, resolution)
     if start is None:
         raise BadInputError(f"{plan}: no pixel of {START_GREY}, which marks the start")
-    truth = np.where(solid, OCC_OCCUPIED, OCC_FREE).astype(np.int8)
+    truth = np.where(occupancy == OCC_FREE, OCC_FREE, OCC_OCCUPIED).astype(np.int8)
     return GridWorld(spec, truth, start, distance_field, sensor_range=sensor_range)
 
 

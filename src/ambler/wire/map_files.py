@@ -8,6 +8,7 @@ pixels are unknown; raw: the pixel is the occupancy, above 100 unknown. A pictur
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,13 +60,20 @@ def save_map(
 
 def load_map(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
     """Read a map; returns its geometry and occupancy int8 [iy, ix], row 0 at the lowest y. Raises BadInputError."""
+    return _load(yaml_path, _as_served)
+
+
+def load_plan(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
+    """Read a map as `load_map` does, but for what it was saved to say: map savers write 205 for unknown and, many of them, a free_thresh of
+    0.25, with which map servers read that as free. Raises BadInputError."""
+    return _load(yaml_path, _as_saved)
+
+
+def _load(
+    yaml_path: Path, interpret: Callable[[NDArray[np.uint8], _Description], NDArray[np.int8]]
+) -> tuple[GridSpec, NDArray[np.int8]]:
     description = _read_description(yaml_path)
-    pixels = _read_image(description.image)
-    if description.mode == "raw":
-        grey = _grey(pixels)
-        occupancy = np.where(grey <= 100, np.rint(grey), OCC_UNKNOWN).astype(np.int8)
-    else:
-        occupancy = _interpret(pixels, description)
+    occupancy = interpret(_read_image(description.image), description)
     height, width = occupancy.shape
     spec = GridSpec(description.resolution, width, height, *description.origin)
     cells = np.ascontiguousarray(occupancy[::-1])
@@ -83,8 +91,18 @@ def load_bend(yaml_path: Path) -> tuple[float, float]:
     return position, yaw
 
 
-def _interpret(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
+def _as_saved(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
+    served = _as_served(pixels, description)
+    if description.mode != "trinary" or description.is_negated:
+        return served
+    saved = np.where(_grey(pixels) == PIXEL_UNKNOWN, np.int8(OCC_UNKNOWN), served)
+    return saved if np.any(saved == OCC_FREE) else served  # a plan whose floor is painted with that grey
+
+
+def _as_served(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
     grey = _grey(pixels)
+    if description.mode == "raw":
+        return np.where(grey <= 100, np.rint(grey), OCC_UNKNOWN).astype(np.int8)
     occupied = grey / 255.0 if description.is_negated else (255.0 - grey) / 255.0
     low, high = description.free_thresh, description.occupied_thresh
     out = np.full(grey.shape, OCC_UNKNOWN, np.int8)
