@@ -38,6 +38,19 @@ def test_a_robot_that_is_pushed_is_where_its_scans_say_and_not_its_wheels(kind: 
             assert math.hypot(error[0], error[1]) < 0.02, f"scan {k}"
 
 
+def test_particles_that_stand_while_the_robot_is_pushed_do_not_draw_it_to_the_next_post_of_a_fence() -> None:
+    """Posts every 0.35 m: matched from where the particles are, the pushed robot would be a post farther on."""
+    posts = [rooms.box(1.0 + 0.35 * k, y, 0.1, 0.1) for k in range(34) for y in (0.5, 2.5)]
+    room, rng = rooms.Room("fence", (14.0, 3.0), tuple(posts)), np.random.default_rng(3)
+    particles, pose = made("particles", SurfaceMap.from_occupancy(*room.occupancy())), SE2(7.1, 1.5, 0.1)
+    particles.set_pose(0, SE2(), pose, SURE)
+    for k in range(1, 30):
+        pose = pose @ SE2(-0.08, 0.0, 0.0) if 20 < k <= 23 else pose
+        estimate = particles.update(Observation(k * S // 10, SE2(), room.scan(pose, rng, beams=360)))
+        error = rooms.error_of(estimate.map_from_base, pose)
+        assert k <= 3 or math.hypot(error[0], error[1]) < 0.02, f"scan {k}"
+
+
 def test_while_a_match_is_refused_what_is_told_covers_it() -> None:
     """0.4 m within one scan is faster than anybody walks: not believed, but it may be true, and that is told."""
     room, rng = rooms.office(), np.random.default_rng(3)
