@@ -14,9 +14,68 @@ FOUND = ("tests/localization/test_relocalization.py",)
 MADE_MAPS = ("tests/localization/test_made_maps.py",)
 NODE = ("tests/localization/test_localization_node.py",)
 BEND = ("tests/localization/test_map_bend.py",)
+PUSHED = ("tests/localization/test_pushed.py",)
+ALIKE = ("tests/localization/test_place_evidence.py",)
+MADE_STUDY = ("tests/studies/test_made_maps.py",)
 MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
 
 LOCALIZATION = (
+    PlantedFault(
+        "the tracker believes its wheels rather than its scans when it is pushed",
+        "localization/grid_tracker.py",
+        "return self._matcher.explains_more(result, prior, points)",
+        "return False",
+        PUSHED,
+    ),
+    PlantedFault(
+        "a match anywhere is taken for a push",
+        "localization/grid_tracker.py",
+        "PUSH_SPEED = 1.5",
+        "PUSH_SPEED = 1e9",
+        PUSHED,
+    ),
+    PlantedFault(
+        "what is told does not cover a match that is refused",
+        "localization/grid_tracker.py",
+        "spread = 0.5 * np.outer(away[:3], away[:3])",
+        "spread = 0.0 * np.outer(away[:3], away[:3])",
+        PUSHED,
+    ),
+    PlantedFault(
+        "while it stands the particle filter matches from its particles alone",
+        "localization/particle_filter.py",
+        "np.stack([mean, self._carried])",
+        "np.stack([mean, mean])",
+        PUSHED,
+    ),
+    PlantedFault(
+        "one thing proves a place against another that looks alike",
+        "localization/relocalizer.py",
+        "if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:",
+        "if 2 * near + far - 2 * against[0] - against[1] < 1:",
+        ALIKE,
+    ),
+    PlantedFault(
+        "no number of things tells places apart",
+        "localization/relocalizer.py",
+        "if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:",
+        "if True:",
+        ALIKE,
+    ),
+    PlantedFault(
+        "each cell of a thing counts as one",
+        "localization/place_evidence.py",
+        "return int(ndimage.label(picture, np.ones((3, 3)))[1])",
+        "return len(cells)",
+        ALIKE,
+    ),
+    PlantedFault(
+        "floor that the map does not know is a place of the map",
+        "studies/made_lost.py",
+        "int(cells[iy, ix]) >= 0",
+        "int(cells[iy, ix]) >= -1",
+        MADE_STUDY,
+    ),
     PlantedFault(
         "a match that surprises by its depth widens the pose alone",
         "localization/grid_tracker.py",

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
 from ambler.evaluation.localization_quality import LocalizationErrors
-from ambler.studies.made_drives import MADE_METHODS, judged, nees, rms
+from ambler.sim.faults import people_that_fit
+from ambler.sim.solids import Shape, Solid
+from ambler.sim.world_file import load_world
+from ambler.studies.made_drives import MADE_METHODS, judged, nees, people_fault, rms
+from ambler.studies.made_lost import is_mapped
 from ambler.studies.made_maps_study import summarize
 
 S = 1_000_000_000
@@ -79,6 +86,47 @@ def test_the_bars_are_those_of_all_drives_together() -> None:
         (good, [*[lost(2.0)] * 38, lost(None), lost(5.5)], "bars.relocalization"),
     ):
         assert not summarize(maps, driven, started)[missed], missed
+
+
+def test_starts_where_the_map_knows_nothing_count_apart_but_wrong_ones_always() -> None:
+    maps, good = [map_result("flat-1")], [drive_result("flat-1", 0.010, 0.8)]
+    outside = {**lost(None), "is_mapped": False}
+    fields = summarize(maps, good, [*[lost(2.0)] * 38, outside, outside])
+    assert fields["bars.relocalization"]
+    assert fields["relocalization.runs"] == 38
+    assert fields["relocalization.unmapped"] == 2
+    assert fields["relocalization.success_ratio_with_unmapped"] == pytest.approx(0.95)
+    fields = summarize(maps, good, [*[lost(2.0)] * 38, {**lost(2.0, wrong=1), "is_mapped": False}])
+    assert fields["relocalization.wrong"] == 1
+    assert not fields["bars.relocalization"]
+
+
+def test_only_known_cells_are_a_place_of_the_map() -> None:
+    cells = np.array([[0, 100, -1, -1]], np.int8)
+    spec = GridSpec(0.5, 4, 1, 10.0, 20.0)
+    assert [is_mapped(cells, spec, SE2(10.25 + 0.5 * k, 20.25, 1.0)) for k in range(4)] == [True, True, False, False]
+    assert not is_mapped(cells, spec, SE2(9.0, 20.25, 0.0))
+
+
+def test_as_many_people_walk_about_as_there_is_room_for() -> None:
+    world = load_world("two_rooms")
+    everybody = people_that_fit(world, 3, (world.start,), 6)
+    assert people_fault(6, world, 3, world.start) == ("people@6",)
+    assert everybody == 6
+    closet = replace(world, solids=(*world.solids, *boxes_beside(world.start)))
+    assert people_that_fit(closet, 3, (closet.start,), 6) == 0
+    assert people_fault(6, closet, 3, closet.start) == ()
+    assert people_fault(0, world, 3, world.start) == ()
+
+
+def boxes_beside(start: SE2) -> list[Solid]:
+    """Four walls of 3 m around a pose."""
+    return [
+        Solid(
+            f"closet{k}", Shape.BOX, start @ SE2(0.0, 0.0, 0.5 * math.pi * k) @ SE2(1.5, 0.0, 0.0), 0.1, 3.1, 0.0, 2.0
+        )
+        for k in range(4)
+    ]
 
 
 def test_a_campaign_in_which_every_drive_crashed_says_why() -> None:

@@ -99,6 +99,34 @@ def weigh_by_beams(cells, frame, particles, points, model, scale, log_weights):
 
 
 @jit
+def label_return(cells, frame, x, y, dx, dy, r, slack):
+    """Judge a return at `r` metres along the unit vector (dx, dy) from (x, y): 0 explained, 1 too far, 2 too near."""
+    expected = cast_ray(cells, frame, x, y, dx, dy, r + 2.0 * slack)
+    if abs(r - expected) <= slack:
+        return 0
+    # A ray that grazes an edge may pass beside it: it contradicts only if its neighbours to both sides do as well.
+    left = cast_ray(cells, frame, x - slack * dy, y + slack * dx, dx, dy, r + 2.0 * slack)
+    right = cast_ray(cells, frame, x + slack * dy, y - slack * dx, dx, dy, r + 2.0 * slack)
+    if r > expected:
+        return 1 if r > left + slack and r > right + slack else 0
+    return 2 if left > r + slack and right > r + slack else 0
+
+
+@jit
+def label_returns(cells, frame, points, pose, slack, labels):
+    """Write `labels` int8 (N,) as `label_return` gives them, of returns float32 (N, 2) seen from one pose float64 (3,); -1 at the sensor itself."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for b in range(points.shape[0]):
+        px, py = points[b, 0], points[b, 1]
+        r = math.sqrt(px * px + py * py)
+        if r < 1e-6:
+            labels[b] = -1
+            continue
+        dx, dy = (c * px - s * py) / r, (s * px + c * py) / r
+        labels[b] = label_return(cells, frame, pose[0], pose[1], dx, dy, r, slack)
+
+
+@jit
 def contradictions(cells, frame, points, pose, slack, out):
     """Judge returns against the map from one pose float64 (3,): `out` int64 (3,) counts points explained, too far, too near.
 
@@ -113,24 +141,7 @@ def contradictions(cells, frame, points, pose, slack, out):
         if r < 1e-6:
             continue
         dx, dy = (c * px - s * py) / r, (s * px + c * py) / r
-        expected = cast_ray(cells, frame, pose[0], pose[1], dx, dy, r + 2.0 * slack)
-        if r > expected + slack:
-            # A ray that grazes an edge may pass beside it: too far only if its neighbours to both sides are blocked as well.
-            left = cast_ray(cells, frame, pose[0] - slack * dy, pose[1] + slack * dx, dx, dy, r + 2.0 * slack)
-            right = cast_ray(cells, frame, pose[0] + slack * dy, pose[1] - slack * dx, dx, dy, r + 2.0 * slack)
-            if r > left + slack and r > right + slack:
-                out[1] += 1
-            else:
-                out[0] += 1
-        elif expected > r + slack:
-            left = cast_ray(cells, frame, pose[0] - slack * dy, pose[1] + slack * dx, dx, dy, r + 2.0 * slack)
-            right = cast_ray(cells, frame, pose[0] + slack * dy, pose[1] - slack * dx, dx, dy, r + 2.0 * slack)
-            if left > r + slack and right > r + slack:
-                out[2] += 1
-            else:
-                out[0] += 1
-        else:
-            out[0] += 1
+        out[label_return(cells, frame, pose[0], pose[1], dx, dy, r, slack)] += 1
 
 
 def warm_up() -> None:
@@ -145,4 +156,6 @@ def warm_up() -> None:
     weigh_by_field(field, frame, particles, points, -1.0, 1.0, weights)
     cast_ray(cells, frame, 1.0, 1.0, 1.0, 0.0, 2.0)
     weigh_by_beams(cells, frame, particles, points, np.ones(7), 1.0, weights)
+    label_return(cells, frame, 1.0, 1.0, 1.0, 0.0, 1.0, 0.1)
+    label_returns(cells, frame, points, np.ones(3), 0.1, np.zeros(2, np.int8))
     contradictions(cells, frame, points, np.ones(3), 0.1, np.zeros(3, np.int64))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.core.se2 import SE2
+from ambler.core.se2 import SE2, wrap_angle
 from ambler.localization.errors import NoPoseError
 from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Mode, Observation
 from ambler.localization.matcher import MatcherConfig, MatchResult, ScanMatcher, fuse
@@ -24,6 +24,8 @@ from ambler.localization.surface_map import SurfaceMap
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+PUSH_SPEED = 1.5  # m/s at which somebody who walks into the robot moves it while its wheels tell nothing
+PUSH_TURN = 1.5  # rad/s
 WIDEST = 25.0  # m²: a pose as uncertain as this is not made more uncertain by scans that it does not believe
 
 
@@ -56,6 +58,7 @@ class GridTracker:
         self._odom_from_base = SE2()
         self._novelty = 1.0
         self._is_locked = False
+        self._matched_ns = 0
         self._estimate: Estimate | None = None
 
     @property
@@ -82,6 +85,7 @@ class GridTracker:
         self._odom_from_base = odom_from_base
         self._novelty = 1.0
         self._is_locked = False
+        self._matched_ns = stamp_ns
         self._estimate = Estimate(stamp_ns, map_from_base, covariance.copy(), 0.0, Mode.ODOMETRY, 0.0, False)
 
     def request_update(self) -> None:
@@ -99,7 +103,7 @@ class GridTracker:
         result = None
         if len(points) >= config.min_points:
             result = self._match(points, predicted)
-        self._estimate = self._fuse(observation.stamp_ns, predicted, result)
+        self._estimate = self._fuse(observation.stamp_ns, predicted, result, points)
         return self._estimate
 
     def _predict(self, pose: SE2, motion: SE2) -> SE2:
@@ -138,24 +142,37 @@ class GridTracker:
             starts.append(center + np.array([offset[0], offset[1], c * turn, 0.0]))
         return np.array(starts)
 
-    def _fuse(self, stamp_ns: int, predicted: SE2, result: MatchResult | None) -> Estimate:
+    def _fuse(self, stamp_ns: int, predicted: SE2, result: MatchResult | None, points: F32) -> Estimate:
         config = self.config
         if result is None or result.score < config.min_score or result.determined == 0:
             score = 0.0 if result is None else result.score
             return self._carried(stamp_ns, predicted, score, 0.0)
         prior = np.array([predicted.x, predicted.y, predicted.yaw, self._depth])
-        fusion = fuse(prior, self._covariance, result)
+        fusion, away = fuse(prior, self._covariance, result), _difference(result.state, prior)
+        if fusion.surprise > config.gate and self._is_push(stamp_ns, prior, result, points):
+            fusion = fuse(prior, self._covariance + np.outer(away, away), result)
         if fusion.surprise > config.gate:
             self._doubt()
             self._is_locked = False
-            return self._carried(stamp_ns, predicted, result.score, fusion.surprise)
+            spread = 0.5 * np.outer(away[:3], away[:3])
+            return self._carried(stamp_ns, predicted, result.score, fusion.surprise, spread)
         self._covariance = fusion.covariance
         self._depth = float(fusion.state[3])
         self._matcher.learn(self._novelty)
         self._novelty = 0.0
         self._is_locked = True
+        self._matched_ns = stamp_ns
         mode = Mode(result.determined)
         return Estimate(stamp_ns, fusion.map_from_base, fusion.published, result.score, mode, fusion.surprise, True)
+
+    def _is_push(self, stamp_ns: int, prior: F64, result: MatchResult, points: F32) -> bool:
+        """Say whether odometry missed a motion: a match that surprises explains clearly more than the prediction, and lies no farther from it than
+        somebody who walks into the robot can have moved it since the last match. Wheels that are pushed or slip tell nothing of it."""
+        seconds = 1e-9 * (stamp_ns - self._matched_ns)
+        away = _difference(result.state, prior)
+        if math.hypot(away[0], away[1]) > PUSH_SPEED * seconds or abs(away[2]) > PUSH_TURN * seconds:
+            return False
+        return self._matcher.explains_more(result, prior, points)
 
     def _doubt(self) -> None:
         """Widen pose and depth after a match that was not believed. The depth, too: in a made map it is another one where a wall was drawn by
@@ -165,6 +182,15 @@ class GridTracker:
         grown[3] = min(math.sqrt(3.0), max(1.0, widest / math.sqrt(self._covariance[3, 3])))
         self._covariance *= np.outer(grown, grown)
 
-    def _carried(self, stamp_ns: int, predicted: SE2, score: float, surprise: float) -> Estimate:
-        covariance = self._covariance[:3, :3].copy()
+    def _carried(
+        self, stamp_ns: int, predicted: SE2, score: float, surprise: float, spread: F64 | None = None
+    ) -> Estimate:
+        """Tell the prediction; `spread` float64 (3, 3) is added while it may as well be where a refused match says."""
+        covariance = self._covariance[:3, :3] + (np.zeros((3, 3)) if spread is None else spread)
         return Estimate(stamp_ns, predicted, covariance, score, Mode.ODOMETRY, surprise, False)
+
+
+def _difference(state: F64, prior: F64) -> F64:
+    away = state - prior
+    away[2] = wrap_angle(float(away[2]))
+    return away

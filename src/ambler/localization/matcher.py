@@ -18,6 +18,7 @@ from ambler.localization.surface_map import SurfaceMap
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+CLEARLY = 0.03  # robust cost per point: three of a hundred returns that one pose explains and another does not
 MAP_PRIOR = 3.0  # stretches of wall that the belief about the map's errors is worth before anything was seen
 MAP_MEMORY = 100.0  # stretches of wall that are remembered
 MAP_NOISE_LEAST = 0.0005  # metres
@@ -184,6 +185,23 @@ class ScanMatcher:
         determined = kernel.project(normal, g, lever, ratio, weight, self._work, self._values, self._vectors)
         score = float(info[3]) / max(len(points), 1)
         return MatchResult(state, score, cost, determined, normal, h, shared, noise, map_noise, lever)
+
+    def explains_more(self, match: MatchResult, state: F64, points: F32) -> bool:
+        """Say whether a match explains clearly more of the points, which come from `thin`, than `state` float64 (4,) does."""
+        scale, info = self.config.last_scale, np.empty(4)
+        kernel.accumulate(
+            self.map.nearest,
+            self.map.surfaces,
+            self.map.frame,
+            points,
+            state,
+            scale,
+            4.0 * scale,
+            np.empty((4, 4)),
+            np.empty(4),
+            info,
+        )
+        return bool(float(info[0]) - match.cost >= CLEARLY)
 
     def _limits(self, points: F32) -> F64:
         lever = float(np.sqrt(np.mean(np.square(points).sum(axis=1)))) if len(points) else 1.0

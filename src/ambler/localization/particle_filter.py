@@ -100,7 +100,8 @@ class ParticleFilter:
         self._bin_weight = np.empty(most)
         self._depth, self._depth_variance = 0.0, (config.depth_sigma * surface_map.spec.resolution) ** 2
         self._slow = self._fast = 0.0
-        self._odom_of_particles = SE2()
+        self._odom_of_particles = self._odom_of_estimate = SE2()
+        self._carried = np.zeros(3)
         self._is_requested = False
         self._estimate: Estimate | None = None
 
@@ -144,6 +145,9 @@ class ParticleFilter:
         way, turn = math.hypot(motion.x, motion.y), abs(motion.yaw)
         is_due = self._is_requested or way >= config.update_way or turn >= config.update_turn
         points = self._matcher.thin(observation.points_base)
+        since = self._odom_of_estimate.inverse() @ observation.odom_from_base
+        self._carried = (self._estimate.map_from_base @ since).as_array()
+        self._odom_of_estimate = observation.odom_from_base
         if not is_due:
             mean, covariance = self._cluster()
             pose, covariance = predict(SE2.from_array(mean), covariance, motion, config.odometry)
@@ -167,7 +171,7 @@ class ParticleFilter:
         self._particles = np.ascontiguousarray(poses)
         self._particles[:, 2] = np.arctan2(np.sin(poses[:, 2]), np.cos(poses[:, 2]))
         self._weights = np.full(len(poses), 1.0 / len(poses))
-        self._odom_of_particles = odom_from_base
+        self._odom_of_particles = self._odom_of_estimate = odom_from_base
         self._slow = self._fast = 0.0
         self._is_requested = True
 
@@ -288,7 +292,7 @@ class ParticleFilter:
         prior_covariance[3, 3] = self._depth_variance
         fusion = fuse(prior, prior_covariance, match)
         if fusion.surprise > config.gate:
-            if not self._explains_more(match.map_from_base, SE2.from_array(mean), points):
+            if not self._explains_more(match, prior, points):
                 pose, surprise = SE2.from_array(mean), fusion.surprise
                 self._estimate = Estimate(
                     stamp_ns, pose, covariance.copy(), match.score, Mode.ODOMETRY, surprise, False
@@ -318,15 +322,20 @@ class ParticleFilter:
         self._depth += variance * told * (float(match.state[3]) - self._depth)
         self._depth_variance = max(variance, match.map_noise / 6.0)
 
-    def _explains_more(self, pose: SE2, other: SE2, points: F32) -> bool:
-        """Tell whether a pose makes the points clearly more likely than another does."""
-        both = np.stack([pose.as_array(), other.as_array()])
+    def _explains_more(self, match: MatchResult, prior: F64, points: F32) -> bool:
+        """Tell whether a match makes the points clearly more likely than a prior float64 (4,) does: near by as the matcher sees it, farther off by the
+        likelihood field."""
+        if self._matcher.explains_more(match, prior, points):
+            return True
+        both = np.stack([match.state[:3], prior[:3]])
         logs, outside = np.empty(2), math.log(self.config.z_rand)
         field_kernel.weigh_by_field(self._field, self.map.frame, both, points, outside, 1.0 / len(points), logs)
         return bool(logs[0] > logs[1] + 0.05)
 
     def _seed(self, pose: SE2) -> None:
-        """Put every fourth particle near a pose; all weigh the same until the next scan."""
+        """Put every fourth particle near a pose; all weigh the same until the next scan, which weighs them although the robot may stand: odometry
+        tells nothing of a push."""
+        self._is_requested = True
         count = len(self._particles)
         chosen = np.arange(0, count, 4)
         sigma = np.array([SEED_SIGMA[0], SEED_SIGMA[0], SEED_SIGMA[1]])
@@ -336,7 +345,8 @@ class ParticleFilter:
     def _match(self, mean: F64, covariance: F64, points: F32) -> MatchResult | None:
         if len(points) < self.config.matcher.min_weight:
             return None
-        starts = np.append(mean, self._depth)[None]
+        # A push moves the robot while its particles stand until it drives again: the pose told last, carried by odometry, is nearer then.
+        starts = np.column_stack([np.stack([mean, self._carried]), np.full(2, self._depth)])
         match = self._matcher.match(points, starts, self._depth_variance)
         if match.score >= 0.5 or covariance[0, 0] + covariance[1, 1] > 25.0:
             return match

@@ -18,6 +18,7 @@ from ambler.kernels import likelihood_field as field_kernel
 from ambler.kernels import relocalization as kernel
 from ambler.localization.localizer import Observation
 from ambler.localization.matcher import MatcherConfig, ScanMatcher
+from ambler.localization.place_evidence import PlaceEvidence
 from ambler.localization.surface_map import SurfaceMap
 
 F32 = NDArray[np.float32]
@@ -29,7 +30,8 @@ class RelocalizerConfig:
     """`cell`, `sigma`, `depth`: grid, smoothing (m) and levels of the search; `search_points` at most `range_most` metres away.
     `keep_ratio`: poses scoring less than this share of the best are not pursued. A pose is plausible with `accept` quality, and unique
     when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad.
-    Two views suffice for a pose of `sure_quality` that leads by `sure_margin`; in an old or crowded map it must lead as much and new searches
+    Two views suffice for a pose of `sure_quality` that leads by `sure_margin`, or explains at least `sure_things` separate things more than each
+    that comes nearer (`place_evidence`); in an old or crowded map it must lead as much and new searches
     of the whole map must come back to it `confirmations` times. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
@@ -42,10 +44,11 @@ class RelocalizerConfig:
     candidates: int = 16
     accept: float = 0.5
     margin: float = 0.08
-    viewpoint_way: float = 0.4
-    viewpoint_turn: float = 0.6
+    viewpoint_way: float = 0.3
+    viewpoint_turn: float = 0.45
     sure_quality: float = 0.88
     sure_margin: float = 0.15
+    sure_things: int = 4
     confirmations: int = 3
     retry_after: float = 0.5
     slack: float = 0.12
@@ -54,12 +57,13 @@ class RelocalizerConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """A place where the robot could be: refined pose, covariance float64 (3, 3) in map axes, and quality: share of explained returns
-    minus twice the share that went through walls."""
+    """A place where the robot could be: refined pose, covariance float64 (3, 3) in map axes, quality: share of explained returns
+    minus twice the share that went through walls; and what all views said of it."""
 
     map_from_base: SE2
     covariance: F64
     quality: float
+    evidence: PlaceEvidence = field(default_factory=PlaceEvidence)
 
 
 class RelocalizationState(enum.Enum):
@@ -141,13 +145,14 @@ class Relocalizer:
             if self._hypotheses:
                 self._viewpoints = 1
                 self._odom_of_viewpoint = observation.odom_from_base
+                self._hypotheses = tuple(self._with_view(h, observation) for h in self._hypotheses)
             return self._answer(observation.stamp_ns)
         motion = self._odom_of_viewpoint.inverse() @ observation.odom_from_base
         carried = self._carry(observation.points_base, motion)
         fresh = self.search(observation.points_base)
         if carried and fresh and _is_same(carried[0].map_from_base, fresh[0].map_from_base, 0.3, 0.2):
             self._confirmations += 1
-        self._hypotheses = self._combine(carried, fresh)
+        self._hypotheses = tuple(self._with_view(h, observation) for h in self._combine(carried, fresh))
         self._viewpoints = self._viewpoints + 1 if self._hypotheses else 0
         self._odom_of_viewpoint = observation.odom_from_base
         return self._answer(observation.stamp_ns)
@@ -216,9 +221,29 @@ class Relocalizer:
                 continue
             mean = (hypothesis.quality * self._viewpoints + judged.quality) / (self._viewpoints + 1)
             if judged.quality >= self.config.accept - 0.1:
-                carried.append(replace(judged, quality=mean))
+                carried.append(replace(judged, quality=mean, evidence=hypothesis.evidence))
         carried.sort(key=lambda h: -h.quality)
         return tuple(carried)
+
+    def _with_view(self, hypothesis: Hypothesis, observation: Observation) -> Hypothesis:
+        """Add what a view says of a place, at the pose that is its own there."""
+        seen = observation.points_base
+        points = np.array(seen[np.isfinite(seen).all(axis=1)], np.float32, order="C")
+        labels, pose = np.empty(len(points), np.int8), hypothesis.map_from_base.as_array()
+        field_kernel.label_returns(self.map.cells, self.map.frame, points, pose, self._slack, labels)
+        there = observation.odom_from_base.transform(points)
+        return replace(hypothesis, evidence=hypothesis.evidence.with_view(there, labels))
+
+    def _is_alone(self) -> bool:
+        """Say whether each other place comes much less near than the best, or explains several things less; and none that the best does not."""
+        best, config = self._hypotheses[0], self.config
+        for other in self._hypotheses[1:]:
+            if best.quality - other.quality >= config.sure_margin:
+                continue
+            (near, far), against = best.evidence.things_over(other.evidence), other.evidence.things_over(best.evidence)
+            if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:
+                return False
+        return True
 
     def _combine(self, carried: tuple[Hypothesis, ...], fresh: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
         """Keep what was carried, unless the fresh search finds a clearly better place that nobody thought of before."""
@@ -240,10 +265,10 @@ class Relocalizer:
         lead = hypotheses[0].quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
         is_sure = hypotheses[0].quality >= config.sure_quality and viewpoints >= 2
         is_confirmed = self._confirmations >= config.confirmations
-        if lead < config.margin:
-            state = RelocalizationState.AMBIGUOUS
-        elif lead >= config.sure_margin and (is_sure or is_confirmed):
+        if (is_sure or is_confirmed) and self._is_alone():
             state = RelocalizationState.FOUND
+        elif lead < config.margin:
+            state = RelocalizationState.AMBIGUOUS
         else:
             state = RelocalizationState.VERIFYING
         return Relocalization(stamp_ns, state, hypotheses, viewpoints)

@@ -277,16 +277,36 @@ def _cut_panel(wall: Solid) -> list[Solid]:
 
 def _people(world: WorldSpec, seed: int, starts: Sequence[SE2], target: str) -> tuple[Person, ...]:
     """Choose straight ways through free space that can be reached from the world's start, far from where robots start, and who yields."""
-    rng = named_generator(seed, "people")
     wanted, stubborn = numbers_of_people(target)
     unyielding = {int(k) for k in named_generator(seed, "yields").permutation(wanted)[:stubborn]}
+    people = [
+        Person(f"{FAULT_PERSON}{k}", way, speed=speed, yields=k not in unyielding)
+        for k, (way, speed) in enumerate(_ways(world, seed, starts, wanted))
+    ]
+    if len(people) < (wanted if target else 1):
+        room = f"room for {len(people)} people only" if people else "no room for people to walk"
+        raise BadInputError(f"fault people: world {world.name} has {room}")
+    return tuple(people)
+
+
+def people_that_fit(world: WorldSpec, seed: int, starts: Sequence[SE2], wanted: int) -> int:
+    """Return for how many of so many people more the fault `people` would find a way to walk."""
+    return len(_ways(world, seed, starts, wanted))
+
+
+Way = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _ways(world: WorldSpec, seed: int, starts: Sequence[SE2], wanted: int) -> list[tuple[Way, float]]:
+    """Draw the ends of up to `wanted` ways, and how fast each is walked (m/s)."""
+    rng = named_generator(seed, "people")
     home = world.from_start()
     keep_clear = np.array([[p.x, p.y] for p in (world.start.inverse() @ start for start in starts)])
     spec, clear = reachable_cells(home, WAY_ROOM, 0.1, 0.5)
     cells = np.argwhere(clear)
-    people: list[Person] = []
+    ways: list[tuple[Way, float]] = []
     for _ in range(4000 * max(1, wanted // PEOPLE)):
-        if len(people) == wanted or len(cells) == 0:
+        if len(ways) == wanted or len(cells) == 0:
             break
         (ay, ax), (by, bx) = cells[rng.integers(len(cells), size=2)]
         a, b = spec.center_of(int(ay), int(ax)), spec.center_of(int(by), int(bx))
@@ -297,10 +317,5 @@ def _people(world: WorldSpec, seed: int, starts: Sequence[SE2], target: str) -> 
         if is_free and WAY_LENGTH[0] <= math.dist(a, b) <= WAY_LENGTH[1]:
             ends = world.start.transform(np.array([a, b])).tolist()
             way = ((ends[0][0], ends[0][1]), (ends[1][0], ends[1][1]))
-            k = len(people)
-            speed = float(rng.uniform(0.8, 1.3))
-            people.append(Person(f"{FAULT_PERSON}{k}", way, speed=speed, yields=k not in unyielding))
-    if len(people) < (wanted if target else 1):
-        room = f"room for {len(people)} people only" if people else "no room for people to walk"
-        raise BadInputError(f"fault people: world {world.name} has {room}")
-    return tuple(people)
+            ways.append((way, float(rng.uniform(0.8, 1.3))))
+    return ways

@@ -28,8 +28,9 @@ from ambler.localization.surface_map import SurfaceMap
 from ambler.perception.planar import scan_to_points
 from ambler.perception.scanner_profile import calibrated_robot
 from ambler.runtime.topics import LOCALIZED_POSE, SCAN
-from ambler.sim.faults import Fault
+from ambler.sim.faults import Fault, people_that_fit
 from ambler.sim.robots import robot_named
+from ambler.sim.solids import WorldSpec
 from ambler.sim.world import SimulationConfig
 from ambler.sim.world_file import load_world
 from ambler.studies.localization_study import METHODS, Method, localize, told_config
@@ -163,14 +164,17 @@ def record_made_drive(case: MadeDriveCase, folder: Path) -> float:
     route = route_from(start, points[1:], SPEED, REST)
     seconds = min(driving_time(points, SPEED, route.turn_rate, REST), LONGEST)
     settings = robot_config(robot.model, case.settings.only(SENSING).profile)
-    faults = tuple(Fault.parse(text) for text in people_fault(case.people))
-    config = SimulationConfig(case.seed + case.number, faults=faults)
-    record_drive(folder, world, robot, route, seconds, config, world.start @ start, settings)
+    seed, world_from_start = case.seed + case.number, world.start @ start
+    faults = tuple(Fault.parse(text) for text in people_fault(case.people, world, seed, world_from_start))
+    config = SimulationConfig(seed, faults=faults)
+    record_drive(folder, world, robot, route, seconds, config, world_from_start, settings)
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
-def people_fault(people: int) -> tuple[str, ...]:
-    """Return the faults that let so many people more walk about."""
+def people_fault(wanted: int, world: WorldSpec, seed: int, start: SE2) -> tuple[str, ...]:
+    """Return the faults that let so many people more walk about, or as many as the place has room for: a ward that is full of beds, and a robot in the
+    middle of its only free floor, are places like others."""
+    people = people_that_fit(world, seed, (start,), wanted) if wanted else 0
     return (f"people@{people}",) if people else ()
 
 

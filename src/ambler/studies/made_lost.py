@@ -8,22 +8,29 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ambler.apps.scene import with_map_bend
+from ambler.core.grid import GridSpec
+from ambler.core.se2 import SE2
+from ambler.sim.world_file import load_world
 from ambler.studies.lost_robot import relocalize
 from ambler.studies.lost_robot_study import lost_config
-from ambler.studies.made_drives import MadeMap
+from ambler.studies.made_drives import MadeMap, people_fault
 from ambler.studies.made_map import made_truth
-from ambler.studies.random_drives import DRIVE_TIME, DriveCase, record_random_drive
+from ambler.studies.random_drives import DRIVE_TIME, DriveCase, record_random_drive, start_of
 from ambler.studies.study import Study
 from ambler.wire.map_files import load_map
 
 
 @dataclass(frozen=True, slots=True)
 class MadeLostCase:
-    """A robot switched on in `drive`, on a later day than that on which its map was made."""
+    """A robot switched on in `drive`, on a later day than that on which its map was made; `people` more than the plan has walk about."""
 
     drive: DriveCase
     made: MadeMap
+    people: int = 0
 
     @property
     def label(self) -> str:
@@ -37,16 +44,28 @@ def made_lost_study(cases: Sequence[MadeLostCase]) -> Study[MadeLostCase]:
 
 
 def run_lost(case: MadeLostCase, folder: Path) -> dict[str, Any]:
-    """Record the drive and switch the robot on in it."""
+    """Record the drive and switch the robot on in it. `is_mapped`: whether it stands where the map knows anything."""
     recording = folder / "drive"
     shutil.rmtree(recording, ignore_errors=True)
     drive, made, robot = case.drive, case.made, case.drive.robot
-    recorded = record_random_drive(drive, recording)
+    world = load_world(drive.world)
+    start = world.start @ start_of(drive)
+    people = people_fault(case.people, world, drive.seed + drive.number, start)
+    settings = replace(drive.settings, faults=(*drive.settings.faults, *people))
+    recorded = record_random_drive(replace(drive, settings=settings), recording)
     recorded = replace(recorded, truth=made_truth(made.keyframes_file, made.truth_file))
     config = with_map_bend(lost_config(robot, drive.settings), Path(made.map_file))
-    found = relocalize(recorded, robot, config, load_map(Path(made.map_file)), DRIVE_TIME)
+    spec, cells = load_map(Path(made.map_file))
+    found = relocalize(recorded, robot, config, (spec, cells), DRIVE_TIME)
     shutil.rmtree(recording)
-    return {"world": drive.world, **asdict(found)}
+    return {"world": drive.world, "is_mapped": is_mapped(cells, spec, recorded.truth.pose(start)), **asdict(found)}
+
+
+def is_mapped(cells: NDArray[np.int8], spec: GridSpec, map_from_base: SE2) -> bool:
+    """Say whether a place is in a map, int8 [iy, ix], at all. Floor that could not be reached on the day of the map, behind furniture that stands
+    elsewhere since, is not: what is unknown there is no place that anybody could recognize."""
+    iy, ix = spec.cell_of(map_from_base.x, map_from_base.y)
+    return spec.contains_cell(iy, ix) and int(cells[iy, ix]) >= 0
 
 
 def _line(result: dict[str, Any]) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from ambler.core.errors import BadInputError
@@ -21,7 +20,6 @@ from ambler.studies.made_drives import (
     MadeMap,
     drive_study,
     nees,
-    people_fault,
     rms,
 )
 from ambler.studies.made_lost import MadeLostCase, made_lost_study
@@ -60,9 +58,8 @@ def conduct_made_maps(
         for k in range(drives)
     ]
     driven = conduct(drive_study(drive_cases))
-    crowded = replace(settings, faults=(*settings.faults, *people_fault(PEOPLE)))
     lost_cases = [
-        MadeLostCase(DriveCase(day, robot, k, seed, crowded), known)
+        MadeLostCase(DriveCase(day, robot, k, seed, settings), known, PEOPLE)
         for day, seed, known in zip(days, seeds, made, strict=True)
         for k in range(starts)
     ]
@@ -87,8 +84,16 @@ def summarize(maps: Sequence[Result], driven: Sequence[Result], started: Sequenc
             told = errors_of_drives(here, method)
             fields |= {f"{world}.{method}.{name}": value for name, value in told.items()}
     if started:
-        lost = summarize_relocalization(started)
+        # Who stands where the map knows nothing cannot be told where; it may still not be told a wrong place.
+        mapped = [r for r in started if r.get("is_mapped", True)]
+        lost = summarize_relocalization(mapped or started)
         fields |= {f"relocalization.{name}": value for name, value in lost.items()}
+        everywhere = summarize_relocalization(started)
+        lost["wrong"] = fields["relocalization.wrong"] = everywhere["wrong"]
+        fields["relocalization.wrong_ratio_at_most"] = everywhere["wrong_ratio_at_most"]
+        fields["relocalization.unmapped"] = len(started) - len(mapped)
+        fields["relocalization.success_ratio_with_unmapped"] = everywhere["success_ratio"]
+        fields["relocalization.crashed"] = sum(r.get("ended") == CRASHED for r in started)
         fields["bars.relocalization"] = bool(lost["success_ratio"] >= RELOCALIZED_LEAST and lost["wrong"] == 0)
     for method in (m.name for m in MADE_METHODS):
         fields[f"bars.{method}.error"] = fields["crashed"] == 0 and fields[f"{method}.error_rms_m"] <= ERROR_MOST

@@ -1,0 +1,100 @@
+"""What tells places apart that look alike: separate things, each counted once, and never one alone that may have been carried away."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ambler.core.se2 import SE2
+from ambler.localization.localizer import Observation
+from ambler.localization.place_evidence import EXPLAINED, TOO_FAR, TOO_NEAR, PlaceEvidence
+from ambler.localization.relocalizer import RelocalizationState, Relocalizer, RelocalizerConfig
+from ambler.localization.surface_map import SurfaceMap
+from tests.localization import rooms
+
+S = 1_000_000_000
+
+
+def view(spots: list[tuple[float, float]], label: int, returns: int = 5) -> tuple[rooms.F64, rooms.NDArray[np.int8]]:
+    """So many returns at each spot, all judged alike."""
+    return np.repeat(np.array(spots), returns, axis=0), np.full(returns * len(spots), label, np.int8)
+
+
+def evidence(*views: tuple[rooms.F64, rooms.NDArray[np.int8]]) -> PlaceEvidence:
+    out = PlaceEvidence()
+    for points, labels in views:
+        out = out.with_view(points, labels)
+    return out
+
+
+def test_things_are_counted_once_however_often_they_are_seen() -> None:
+    spots = [(1.1, 1.1), (1.4, 1.7), (6.2, 1.1), (9.2, 4.3)]  # the first two are one thing
+    right = evidence(*[view(spots, EXPLAINED)] * 3)
+    assert right.things_over(evidence(*[view(spots, TOO_NEAR)] * 3)) == (3, 0)
+    assert right.things_over(evidence(*[view(spots, TOO_FAR)] * 3)) == (0, 3)
+    assert right.things_over(right) == (0, 0)
+    assert evidence(view(spots, TOO_NEAR)).things_over(right) == (0, 0)
+
+
+def test_what_neither_explains_and_single_beams_tell_nothing() -> None:
+    spots = [(1.1, 1.1), (6.2, 1.1)]
+    person = evidence(view(spots, TOO_NEAR))
+    assert person.things_over(person) == (0, 0)
+    assert evidence(view(spots, EXPLAINED, 2)).things_over(evidence(view(spots, TOO_NEAR, 2))) == (0, 0)
+
+
+def hallway(name: str, without: int | None = None) -> rooms.Room:
+    """30 m by 2.4 m: cupboards in a row on both sides, at uneven distances; one may be gone."""
+    places = [
+        (2.0, 0.15),
+        (5.0, 2.25),
+        (8.6, 0.15),
+        (11.1, 2.25),
+        (13.0, 0.15),
+        (17.9, 2.25),
+        (21.8, 0.15),
+        (23.2, 2.25),
+    ]
+    solids = [rooms.box(x, y, 0.8, 0.3) for k, (x, y) in enumerate(places) if k != without]
+    return rooms.Room(name, (28.0, 2.4), tuple(solids))
+
+
+def searched(
+    world: rooms.Room, known: rooms.Room, start: SE2, steps: int, reach: float = 6.0
+) -> list[tuple[RelocalizationState, float]]:
+    """Let a robot with short sight drive 0.35 m between views; per view the state, and how far the best place is off."""
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*known.occupancy()), RelocalizerConfig())
+    rng, out, motion = np.random.default_rng(4), [], SE2()
+    for k in range(steps):
+        points = world.scan(start @ motion, rng, reach=reach)
+        answer = relocalizer.update(Observation(k * S, motion, points))
+        best = answer.hypotheses[0].map_from_base if answer.hypotheses else SE2()
+        out.append((answer.state, math.hypot(best.x - (start @ motion).x, best.y - (start @ motion).y)))
+        motion = motion @ SE2(0.35, 0.0, 0.05 * (-1) ** k)
+    return out
+
+
+def test_a_hallway_that_looks_alike_everywhere_is_told_apart_by_several_things() -> None:
+    room = hallway("hallway")
+    views = searched(room, room, SE2(10.5, 1.2, 0.1), 5)
+    states = [state for state, _ in views]
+    assert states[0] is not RelocalizationState.FOUND
+    assert RelocalizationState.FOUND in states
+    assert all(away < 0.1 for state, away in views if state is RelocalizationState.FOUND)
+
+
+def alike(without: int | None = None) -> rooms.Room:
+    """Two equal halls of 14 m in a row, with a post in the first only; it may be gone."""
+    posts = [rooms.box(5.0, 0.15, 0.8, 0.3), rooms.box(9.5, 3.85, 0.8, 0.3)]
+    halls = [rooms.box(14.1, 2.0, 0.2, 4.0)]
+    second = [rooms.box(19.2, 0.15, 0.8, 0.3), rooms.box(23.7, 3.85, 0.8, 0.3)]
+    post = [] if without == 0 else [rooms.box(8.0, 2.0, 0.4, 0.4)]
+    return rooms.Room("alike", (28.2, 4.0), (*posts, *halls, *second, *post))
+
+
+def test_one_thing_that_was_carried_away_does_not_prove_another_place() -> None:
+    """The post of the first hall is gone: the second hall explains all that is seen, and is not where the robot is."""
+    views = searched(alike(without=0), alike(), SE2(6.0, 2.0, 0.1), 5, reach=20.0)
+    assert all(state is not RelocalizationState.FOUND for state, _ in views)
+    assert any(away > 10.0 for _, away in views), "the wrong hall must look better, or this says nothing"
