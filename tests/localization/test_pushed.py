@@ -51,6 +51,24 @@ def test_particles_that_stand_while_the_robot_is_pushed_do_not_draw_it_to_the_ne
         assert k <= 3 or math.hypot(error[0], error[1]) < 0.02, f"scan {k}"
 
 
+def test_one_scan_that_fits_elsewhere_does_not_carry_the_told_pose_there() -> None:
+    """A quarter of the particles are in another room (as after doubt), and one scan looks like that room."""
+    room, rng = rooms.office(), np.random.default_rng(3)
+    config = ParticleFilterConfig()
+    particles = ParticleFilter(SurfaceMap.from_occupancy(*room.occupancy()), config, np.random.default_rng(1))
+    here, there = SE2(7.0, 4.0, 0.3), SE2(1.8, 4.4, -1.0)
+    particles.set_pose(0, SE2(), here, SURE)
+    for k in range(1, 4):
+        particles.update(Observation(k * S // 10, SE2(), room.scan(here, rng, beams=360)))
+    particles._particles[::4] = there.as_array() + 0.02 * rng.standard_normal((len(particles._particles[::4]), 3))
+    told = particles.update(Observation(S // 2, SE2(), room.scan(there, rng, beams=360)))
+    assert told.map_from_base.distance_to(here) < 0.5
+    for k in range(6, 30):
+        particles.request_update()
+        told = particles.update(Observation(k * S // 10, SE2(), room.scan(there, rng, beams=360)))
+    assert told.map_from_base.distance_to(there) < 0.05, "what is seen again and again is believed"
+
+
 def test_while_a_match_is_refused_what_is_told_covers_it() -> None:
     """0.4 m within one scan is faster than anybody walks: not believed, but it may be true, and that is told."""
     room, rng = rooms.office(), np.random.default_rng(3)

@@ -49,6 +49,13 @@ LOCALIZATION = (
         PUSHED,
     ),
     PlantedFault(
+        "one scan that fits better elsewhere carries the particle filter there",
+        "localization/particle_filter.py",
+        "reach = NEAR + 3.0",
+        "reach = 1e9 + 3.0",
+        PUSHED,
+    ),
+    PlantedFault(
         "one thing proves a place against another that looks alike",
         "localization/relocalizer.py",
         "if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:",

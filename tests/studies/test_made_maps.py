@@ -12,12 +12,15 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.evaluation.localization_quality import LocalizationErrors
-from ambler.sim.faults import people_that_fit
+from ambler.sim.faults import Fault, people_that_fit
+from ambler.sim.robots import robot_named
 from ambler.sim.solids import Shape, Solid
+from ambler.sim.world import BodySpec, SimulationConfig, World
 from ambler.sim.world_file import load_world
 from ambler.studies.made_drives import MADE_METHODS, judged, nees, people_fault, rms
 from ambler.studies.made_lost import is_mapped
 from ambler.studies.made_maps_study import summarize
+from ambler.studies.random_drives import DriveCase, start_of
 
 S = 1_000_000_000
 
@@ -117,6 +120,18 @@ def test_as_many_people_walk_about_as_there_is_room_for() -> None:
     assert people_that_fit(closet, 3, (closet.start,), 6) == 0
     assert people_fault(6, closet, 3, closet.start) == ()
     assert people_fault(0, world, 3, world.start) == ()
+
+
+def test_people_that_fit_do_find_their_ways() -> None:
+    """A robot that starts behind furniture shares its floor with nobody, though the rest of the office has room for many."""
+    drive = DriveCase("office-7101-day1", "diff", 23, 7101)
+    world = load_world(drive.world)
+    start = world.start @ start_of(drive)
+    faults = tuple(Fault.parse(text) for text in people_fault(6, world, 7124, start))
+    assert faults == ()
+    assert people_fault(6, world, 7124, world.start) == ("people@6",)
+    simulated = World(world, [BodySpec("robot", robot_named("diff"), start)], SimulationConfig(7124, faults=faults))
+    assert simulated.spec.people == world.people
 
 
 def boxes_beside(start: SE2) -> list[Solid]:

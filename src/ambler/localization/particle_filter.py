@@ -27,6 +27,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
+NEAR = 0.5  # metres, besides three sigma, within which a match belongs to the cluster
 SEED_SIGMA = (0.05, 0.03)  # metres, radians
 
 
@@ -280,7 +281,7 @@ class ParticleFilter:
     ) -> Estimate:
         """Refine a predicted cluster by the scan and remember the estimate; `since_particles`: motion since the particles moved."""
         config = self.config
-        match = self._match(mean, covariance, points)
+        match = self._match(mean, covariance, points, since_particles)
         if match is None or match.score < config.min_score or match.determined == 0:
             score = 0.0 if match is None else match.score
             pose = SE2.from_array(mean)
@@ -325,9 +326,11 @@ class ParticleFilter:
     def _explains_more(self, match: MatchResult, prior: F64, points: F32) -> bool:
         """Tell whether a match makes the points clearly more likely than a prior float64 (4,) does: near by as the matcher sees it, farther off by the
         likelihood field."""
-        if self._matcher.explains_more(match, prior, points):
-            return True
-        both = np.stack([match.state[:3], prior[:3]])
+        return self._matcher.explains_more(match, prior, points) or self._is_likelier(match.state, prior, points)
+
+    def _is_likelier(self, state: F64, prior: F64, points: F32) -> bool:
+        """Tell whether the likelihood field finds the points clearly likelier at one state float64 (4,) than at another."""
+        both = np.stack([state[:3], prior[:3]])
         logs, outside = np.empty(2), math.log(self.config.z_rand)
         field_kernel.weigh_by_field(self._field, self.map.frame, both, points, outside, 1.0 / len(points), logs)
         return bool(logs[0] > logs[1] + 0.05)
@@ -342,7 +345,9 @@ class ParticleFilter:
         self._particles[chosen] = pose.as_array() + sigma * self._rng.standard_normal((len(chosen), 3))
         self._weights = np.full(count, 1.0 / count)
 
-    def _match(self, mean: F64, covariance: F64, points: F32) -> MatchResult | None:
+    def _match(self, mean: F64, covariance: F64, points: F32, since_particles: SE2) -> MatchResult | None:
+        """Match from the cluster and from the pose told last; where that explains little, from other particles, too. A place that is no part of the
+        cluster is not told for one scan that fits better there: particles are put there, and further scans weigh them."""
         if len(points) < self.config.matcher.min_weight:
             return None
         # A push moves the robot while its particles stand until it drives again: the pose told last, carried by odometry, is nearer then.
@@ -353,4 +358,11 @@ class ParticleFilter:
         heaviest = np.argsort(-self._weights, kind="stable")[:: max(1, len(self._weights) // 12)][:12]
         starts = np.column_stack([self._particles[heaviest], np.full(len(heaviest), self._depth)])
         other = self._matcher.match(points, starts, self._depth_variance)
-        return other if other.cost < match.cost else match
+        if other.cost >= match.cost:
+            return match
+        reach = NEAR + 3.0 * math.sqrt(covariance[0, 0] + covariance[1, 1])
+        if other.map_from_base.distance_to(SE2.from_array(mean)) <= reach:
+            return other
+        if self._is_likelier(other.state, np.append(mean, self._depth), points):
+            self._seed(other.map_from_base @ since_particles.inverse())
+        return match

@@ -290,8 +290,9 @@ def _people(world: WorldSpec, seed: int, starts: Sequence[SE2], target: str) -> 
 
 
 def people_that_fit(world: WorldSpec, seed: int, starts: Sequence[SE2], wanted: int) -> int:
-    """Return for how many of so many people more the fault `people` would find a way to walk."""
-    return len(_ways(world, seed, starts, wanted))
+    """Return for how many of so many people more the fault `people` finds a way to walk; it looks for fewer less long."""
+    found = len(_ways(world, seed, starts, wanted))
+    return found if found in (0, wanted) else people_that_fit(world, seed, starts, found)
 
 
 Way = tuple[tuple[float, float], tuple[float, float]]

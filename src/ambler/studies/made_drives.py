@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -173,8 +173,8 @@ def record_made_drive(case: MadeDriveCase, folder: Path) -> float:
 
 def people_fault(wanted: int, world: WorldSpec, seed: int, start: SE2) -> tuple[str, ...]:
     """Return the faults that let so many people more walk about, or as many as the place has room for: a ward that is full of beds, and a robot in the
-    middle of its only free floor, are places like others."""
-    people = people_that_fit(world, seed, (start,), wanted) if wanted else 0
+    middle of its only free floor, are places like others. Ways are those that can be reached from where the robot starts."""
+    people = people_that_fit(replace(world, start=start), seed, (start,), wanted) if wanted else 0
     return (f"people@{people}",) if people else ()
 
 
