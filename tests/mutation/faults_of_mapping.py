@@ -41,6 +41,27 @@ MAPPING = (
         LINES,
     ),
     PlantedFault(
+        "a scan that fits nowhere near is not sought farther away",
+        "slam2d/config.py",
+        "lost_score_ratio: float = 0.7",
+        "lost_score_ratio: float = 0.0",
+        SLAM,
+    ),
+    PlantedFault(
+        "loops are not sought wider at the end",
+        "slam2d/config.py",
+        "widenings: tuple[float, ...] = (1.0, 4.0)",
+        "widenings: tuple[float, ...] = (1.0,)",
+        SLAM,
+    ),
+    PlantedFault(
+        "nothing is sought beside a closure that moves the map far",
+        "slam2d/back_end.py",
+        "return found + self._found(self._followed(found, chooser))",
+        "return found",
+        SLAM,
+    ),
+    PlantedFault(
         "a loop closure may fit ten times worse than a place does",
         "slam2d/config.py",
         "min_score: float = 0.55",

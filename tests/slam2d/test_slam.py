@@ -14,7 +14,7 @@ from ambler.slam2d.graph import OptimizedGraph
 from ambler.slam2d.offline import points_on_walls
 from ambler.slam2d.slam import Slam2d
 from tests.registration.room import distance_to_walls, scan_at
-from tests.slam2d.drives import PERIOD_NS, drive, errors, oval, run, short_submaps
+from tests.slam2d.drives import PERIOD_NS, RING, around_the_ring, drive, errors, oval, run, short_submaps
 
 
 def scale(pose: SE2, motion: SE2) -> SE2:
@@ -98,6 +98,40 @@ def test_wheels_that_stand_still_are_doubted_before_the_robot_leaves_the_window(
     course = drive(oval(1.0, 60), lambda pose, motion: SE2(0.0, 0.0, motion.yaw))
     results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(seed), with_background=False)
     assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
+
+
+@pytest.mark.parametrize("at", [25, 33])
+def test_a_scan_that_fits_nowhere_near_is_found_again_as_far_as_wheels_slip(at: int) -> None:
+    """Key frames, one per 0.3 m: between two of them the base goes on by a metre and turns with it, of which odometry tells the beginning only."""
+    way = oval(1.5, 35)
+    truth = [*way[: at + 1], *way[at + 4 :]]
+    course = drive(truth, lambda pose, motion: pose.inverse() @ way[at + 1] if pose is way[at] else motion)
+    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(1), with_background=False)
+    assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
+
+
+def test_a_loop_that_no_window_reaches_is_sought_wider_at_the_end() -> None:
+    """Wheels turn by 14 degrees more than they tell while nothing is seen around a corner: far more than scan matching drifts on the way."""
+    truth, dark = around_the_ring(0.25, 8.0), range(88, 100)
+    kinked = {id(truth[k]) for k in dark}
+
+    def slipped(pose: SE2, motion: SE2) -> SE2:
+        return SE2(motion.x, motion.y, motion.yaw + 0.25 / len(dark)) if id(pose) in kinked else motion
+
+    course = drive(truth, slipped, RING, 12.0)
+    slam = Slam2d(short_submaps(24))
+    rng = np.random.default_rng(1)
+    for k, pose in enumerate(truth):
+        scan = scan_at(pose, (k + 1) * PERIOD_NS, RING, rng, range_max=12.0)
+        slam.add_odometry(scan.stamp_ns, course.odometry[k])
+        slam.update(replace(scan, points=scan.points[:0]) if k - 1 in dark else scan)
+        work = slam.take_background_work()
+        if work is not None:
+            slam.commit(work())
+    seen = [truth[slam.stamp_of_node(k) // PERIOD_NS - 1] for k in (0, slam.nodes - 1)]
+    assert errors(seen, [slam.local_from_node(k) for k in (0, slam.nodes - 1)])[1, 0] > 2.0, "the way is bent"
+    slam.finish()
+    assert errors(seen, [slam.map_from_node(k) for k in (0, slam.nodes - 1)])[1, 0] < 0.1
 
 
 def test_nodes_are_added_on_motion_only() -> None:

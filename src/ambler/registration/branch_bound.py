@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2
 from ambler.kernels import branch_bound
 from ambler.registration.cell_grid import CellGrid
-from ambler.registration.correlative import Window, angular_step
+from ambler.registration.correlative import Window, angular_step, correlate
 
 F32 = NDArray[np.float32]
 
@@ -55,6 +55,19 @@ class BranchBoundMatcher:
             return None
         score = 0.1 + 0.8 * float(best[3]) / (255.0 * len(points))
         return BranchBoundResult(SE2.from_array(best[:3]), score, scored, step)
+
+
+def search_coarse_to_fine(
+    matcher: BranchBoundMatcher, grid: CellGrid, points: F32, center: SE2, window: Window, min_score: float
+) -> SE2 | None:
+    """Search a wide window on a matcher's coarse cells, which promise too much, never too little, then the best of them on the cells of `grid`; None where
+    nothing fits better than `min_score`."""
+    coarse = matcher.match(points, center, window, min_score)
+    if coarse is None:
+        return None
+    near = Window(1.5 * float(matcher.frame[0]), coarse.angular_step)
+    fine = correlate(grid, points, coarse.grid_from_base, near)
+    return fine.grid_from_base if fine.score > min_score else None
 
 
 def _pooled(cells: NDArray[np.uint16], size: int) -> NDArray[np.uint16]:

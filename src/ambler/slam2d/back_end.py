@@ -20,7 +20,7 @@ from ambler.slam2d.config import GraphConfig, LoopConfig
 from ambler.slam2d.drift import DriftGraph
 from ambler.slam2d.front_end import LocalResult
 from ambler.slam2d.graph import Edge, EdgeKind, Graph, OptimizedGraph, diagonal_information, information_of, optimize
-from ambler.slam2d.loop_candidates import CandidateChooser, Node, PairCounts
+from ambler.slam2d.loop_candidates import Candidate, CandidateChooser, Node, PairCounts
 from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual, key_of
 from ambler.slam2d.submaps import Submap
 
@@ -63,6 +63,7 @@ class BackEnd:
         self.closures: dict[tuple[int, int], Closure] = {}
         self.is_converged = True
         self.moves = 0
+        self.widening = 1.0
         self._point_sigma = point_sigma
         self._searcher = LoopSearcher(loop, graph, point_sigma)
         self._counts = PairCounts()
@@ -184,8 +185,9 @@ class BackEnd:
         queries, self._queue = self._queue[:size], self._queue[size:]
         return _Job(self, queries, must_solve=is_due or is_last).run
 
-    def queue_final(self) -> None:
-        """Queue many nodes once more, now that everything is known; for the end of a recording."""
+    def queue_final(self, widening: float = 1.0) -> None:
+        """Queue many nodes once more, now that everything is known, with windows so many times as wide; for the end of a recording."""
+        self.widening = widening
         self._counts.tries = {}
         last = -math.inf
         for index, node in enumerate(self.nodes):
@@ -248,6 +250,7 @@ class _Job:
         self._pending, self._aside = b._pending, b._aside
         self._closures = dict(b.closures)
         self._scale = b.drift_scale
+        self._widening = b.widening
         self._graph = b.graph.snapshot()
 
     def run(self) -> JobResult:
@@ -271,18 +274,32 @@ class _Job:
             self._graph.poses[self._submap_vertices]
         )
         chooser = CandidateChooser(
-            *(self._loop, self._nodes, self._finished, self._submap_vertices, self._graph.poses, drift)
+            *(self._loop, self._nodes, self._finished, self._submap_vertices, self._graph.poses, drift, self._widening)
         )
         candidates = [c for q in self._queries for c in chooser.candidates(q, self._loop.candidates_per_node, counts)]
-        found = []
+        found = self._found(candidates)
+        return found + self._found(self._followed(found, chooser))
+
+    def _found(self, candidates: list[Candidate]) -> list[Closure]:
+        """Search each; return the closures that are new."""
+        out: dict[tuple[int, int], Closure] = {}
         for c in candidates:
-            submap = self._finished[c.submap]
-            closure = self._searcher.search(
-                c, self._nodes[c.node], submap, self._submap_vertices[c.submap], self._usual
-            )
+            vertex = self._submap_vertices[c.submap]
+            closure = self._searcher.search(c, self._nodes[c.node], self._finished[c.submap], vertex, self._usual)
             if closure is not None and key_of(closure) not in self._closures:
-                found.append(closure)
-        return found
+                out[key_of(closure)] = closure
+        return list(out.values())
+
+    def _followed(self, found: list[Closure], chooser: CandidateChooser) -> list[Candidate]:
+        """Return what tells whether the closures are true that move the map far: what else must fit then."""
+        poses, ways = self._graph.poses, np.array([n.way for n in self._nodes])
+        out: dict[tuple[int, int], Candidate] = {}
+        for closure in found:
+            if moves_map_by(closure, poses) > self._loop.surprise:
+                wanted = SE2.from_array(poses[closure.edge.edge_from]) @ closure.edge.from_from_to
+                for c in chooser.neighbours(closure.node, wanted, ways):
+                    out.setdefault((c.node, c.submap), c)
+        return list(out.values())
 
     def _sort(self, found: list[Closure]) -> tuple[list[Closure], list[Closure]]:
         """Split into closures to believe, among them such as were set aside and fit by now, and those that wait."""

@@ -13,7 +13,10 @@ from ambler.registration.line_field import LineConfig
 @dataclass(frozen=True, slots=True)
 class FrontEndConfig:
     """Scan matching and insertion. The search window around the prediction is base + gain * predicted motion, within the largest. A direction of which
-    the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry."""
+    the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry.
+
+    A match whose score is below `lost_score_ratio` of the usual one is sought in `lost_window` (m, rad) too, on cells `lost_coarseness` times as wide first.
+    """
 
     voxel_size: float = 0.025
     match_max_voxel: float = 0.5
@@ -29,6 +32,9 @@ class FrontEndConfig:
     odometry_slack: float = 0.03
     odometry_slack_gain: float = 0.4
     rescue_margin: float = 0.05
+    lost_score_ratio: float = 0.7
+    lost_window: tuple[float, float] = (2.0, math.radians(45.0))
+    lost_coarseness: int = 4
     refine: RefineConfig = field(default_factory=RefineConfig)
     blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
     lines: LineConfig = field(default_factory=LineConfig)
@@ -68,7 +74,9 @@ class LoopConfig:
 
     A closure that moves its node by more than `surprise` (m) must be confirmed: by `confirmations` closures of several nodes, which all
     move the map in the same way, spread over a way of `spread_ratio` times what they move it, within `spread` (m). Two closures move it the
-    same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them.
+    same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them. For each such closure the nodes are searched
+    that come `follow` metres of way before or after its own, near where they would be if it were true. At the end of a recording all
+    windows are so many times as wide as `widenings` say, one after the other: a front end that lost its way once is off by more than it drifts.
     """
 
     max_voxel: float = 0.9
@@ -83,6 +91,8 @@ class LoopConfig:
     agreement: tuple[float, float] = (0.5, math.radians(3.0))
     agreement_per_metre: tuple[float, float] = (0.02, math.radians(0.1))
     most_pending: int = 200
+    follow: tuple[float, ...] = (-8.0, -5.0, -3.0, -1.5, 1.5, 3.0, 5.0, 8.0)
+    widenings: tuple[float, ...] = (1.0, 4.0)
     max_view_distance: float = 6.0
     turn_price: float = 4.0
     query_distance: float = 1.0

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.registration.branch_bound import BranchBoundMatcher, search_coarse_to_fine
 from ambler.registration.correlative import Window, correlate
 from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine, translational
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively, points_between_returns
@@ -18,6 +19,8 @@ from ambler.slam2d.submaps import ActiveSubmaps, Submap
 F32 = NDArray[np.float32]
 
 SEARCH_WEIGHTS = 0.5, 0.5  # 1/m, 1/rad: what a place farther from the prediction loses of its score
+MOST = 0.5  # of the points lie on walls where a scan is found again; fewer do in many places of a window that wide
+LOST_DEPTH = 4  # of the stack in which a scan is sought that fits nowhere near
 POINTS_LEAST = 10  # of a scan that is matched or inserted
 START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
 STILL_MOTION = (
@@ -44,7 +47,7 @@ class FrontEnd:
     """Local SLAM of Cartographer (Hess, Kohler, Rapp and Andor, ICRA 2016, section IV): `update` is its one step per scan.
 
     What the paper does not have stands in steps of its own: the last step of a match, onto the lines of the submap (`LineField`); odometry that is doubted (`_judge_odometry`, `_steady_match`), and a match
-    that is unusually bad (`_rescued_match`). Knows nothing of the global frame.
+    that is unusually bad (`_rescued_match`, `_found_again`). Knows nothing of the global frame.
     """
 
     def __init__(self, config: FrontEndConfig) -> None:
@@ -135,7 +138,22 @@ class FrontEnd:
             rescued = refine(target.grid, points, start, start, config.blind_refine)
             if rescued.score > max(usual, match.score + config.rescue_margin):
                 match = rescued
+        if match.score < config.lost_score_ratio * self._usual_score:
+            return self._found_again(target, points, prediction) or match
         return match
+
+    def _found_again(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult | None:
+        """Hardly anything of the scan is where odometry led: wheels slip and are lifted, and tell more or less way than any gain allows. Search as far as a base
+        gets from one scan to the next; None where nothing fits as usual."""
+        config = self._config
+        usual = self._usual_score - config.rescue_score_drop
+        matcher = BranchBoundMatcher(target.grid, LOST_DEPTH, config.lost_coarseness)
+        prior = target.to_submap(prediction.local_from_base)
+        start = search_coarse_to_fine(matcher, target.grid, points, prior, Window(*config.lost_window), usual)
+        if start is None:
+            return None
+        found = refine(target.grid, points, start, start, config.blind_refine)
+        return found if found.score > usual and found.inlier_ratio > MOST else None
 
     def _window(self, motion: SE2, is_trusted: bool) -> Window:
         """Return where to search: farther after more motion, and where odometry is not trusted."""

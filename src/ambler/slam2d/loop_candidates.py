@@ -90,7 +90,7 @@ class PairCounts:
 
 
 class CandidateChooser:
-    """Chooses on one snapshot: nodes, the finished submaps, their vertices and the poses (V, 3) of all vertices."""
+    """Chooses on one snapshot: nodes, the finished submaps, their vertices and the poses (V, 3) of all vertices. `widening` multiplies the windows."""
 
     def __init__(
         self,
@@ -100,7 +100,9 @@ class CandidateChooser:
         submap_vertices: Sequence[int],
         poses: F64,
         drift: Drift,
+        widening: float = 1.0,
     ) -> None:
+        self._widening = widening
         self._config, self._nodes, self._drift = config, nodes, drift
         self._poses = poses
         self._finished = finished
@@ -113,6 +115,29 @@ class CandidateChooser:
             [np.hypot(*(v[:, :2] - c).T).max(initial=0.0) for v, c in zip(views, self._centers, strict=True)]
         )
 
+    def neighbours(self, node: int, map_from_base: SE2, ways: F64) -> list[Candidate]:
+        """Return what else must fit where a closure is true that puts a node at `map_from_base`: nodes before and after it on the way, each near where the way
+        between the two leads then, in the submap that has the nearest view. `ways` (N,) are driven until each node, metres."""
+        moved = map_from_base @ SE2.from_array(self._poses[self._nodes[node].vertex]).inverse()
+        found = np.searchsorted(ways, [ways[node] + d for d in self._config.follow]).clip(0, len(ways) - 1)
+        out = (self._neighbour(int(k), moved) for k in dict.fromkeys(found.tolist()) if k != node)
+        return [candidate for candidate in out if candidate is not None]
+
+    def _neighbour(self, query: int, moved: SE2) -> Candidate | None:
+        config, node = self._config, self._nodes[query]
+        rows = np.flatnonzero(self._indices < node.submap - 1)
+        if not len(rows):
+            return None
+        map_from_base = moved @ SE2.from_array(self._poses[node.vertex])
+        views = self._view_distances(rows, map_from_base.as_array())
+        if views.min() > config.max_view_distance:
+            return None
+        submap = int(self._indices[rows[np.argmin(views)]])
+        map_from_submap = SE2.from_array(self._poses[self._submap_vertices[submap]])
+        window = Window(config.coarse_above, config.angle_base)
+        covariance = self._drift.of(node.submap)[submap]
+        return Candidate(query, submap, map_from_submap.inverse() @ map_from_base, window, covariance)
+
     def candidates(self, query: int, wanted: int, counts: PairCounts) -> list[Candidate]:
         """Return the most promising finished submaps for a node, and count the tries."""
         config, node = self._config, self._nodes[query]
@@ -121,7 +146,7 @@ class CandidateChooser:
         pose = self._poses[node.vertex]
         covariances = self._drift.of(node.submap)[self._indices]
         failures = counts.failures(node.submap, len(self._submap_vertices))[self._indices]
-        sigmas = _SIGMAS * (1.0 + failures / config.tries_to_double)
+        sigmas = self._widening * _SIGMAS * (1.0 + failures / config.tries_to_double)
         reach = np.minimum(config.window_base + sigmas * _largest_sigma(covariances), config.window_max)
         is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii

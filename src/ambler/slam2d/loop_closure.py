@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ambler.core.se2 import SE2, wrap_angle
-from ambler.registration.branch_bound import BranchBoundMatcher
-from ambler.registration.correlative import Window, correlate
+from ambler.registration.branch_bound import BranchBoundMatcher, search_coarse_to_fine
 from ambler.registration.gauss_newton import refine
 from ambler.slam2d.config import GraphConfig, LoopConfig
 from ambler.slam2d.graph import Edge, EdgeKind, information_of
@@ -79,12 +78,7 @@ class LoopSearcher:
             fine = self._stack(submap, 1).match(points, candidate.submap_from_base, window, min_score)
             return fine.grid_from_base if fine else None
         matcher = self._stack(submap, self._config.coarseness)
-        coarse = matcher.match(points, candidate.submap_from_base, window, min_score)
-        if coarse is None:
-            return None
-        near = Window(1.5 * float(matcher.frame[0]), coarse.angular_step)
-        fine_match = correlate(submap.grid, points, coarse.grid_from_base, near)
-        return fine_match.grid_from_base if fine_match.score > min_score else None
+        return search_coarse_to_fine(matcher, submap.grid, points, candidate.submap_from_base, window, min_score)
 
     def _stack(self, submap: Submap, coarseness: int) -> BranchBoundMatcher:
         key = submap.index, coarseness
