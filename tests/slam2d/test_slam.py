@@ -7,14 +7,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from ambler.apps.config import SHARP
 from ambler.core.se2 import SE2
 from ambler.registration.planar_scan import PlanarScan
 from ambler.slam2d.back_end import JobResult
+from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
 from ambler.slam2d.graph import OptimizedGraph
 from ambler.slam2d.offline import points_on_walls
 from ambler.slam2d.slam import Slam2d
 from tests.registration.room import distance_to_walls, scan_at
 from tests.slam2d.drives import PERIOD_NS, RING, around_the_ring, drive, errors, oval, run, short_submaps
+
+OF_ROBOTS = Slam2dConfig(FrontEndConfig(telling=SHARP.telling))
 
 
 def scale(pose: SE2, motion: SE2) -> SE2:
@@ -64,7 +68,7 @@ def test_between_smooth_walls_the_way_is_that_of_the_odometry() -> None:
     walls = np.array([[-60.0, -1.62, 60.0, -1.62], [-60.0, 1.58, 60.0, 1.58]])
     truth = [SE2(0.08 * k, 0.02 * math.sin(0.1 * k), 0.0) for k in range(200)]
     course = drive(truth, walls=walls, range_max=12.0)
-    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
+    results = run(Slam2d(OF_ROBOTS), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
     found = results[0].map_from_base.inverse() @ results[-1].map_from_base
     assert found.x == pytest.approx(truth[-1].x, abs=0.03)
     assert abs(found.y - (truth[-1].y - truth[0].y)) < 0.02
@@ -74,7 +78,7 @@ def test_one_wall_across_the_way_overrules_odometry_that_is_too_long() -> None:
     walls = np.array([[-60.0, -1.62, 14.0, -1.62], [-60.0, 1.58, 14.0, 1.58], [14.0, -1.62, 14.0, 1.58]])
     truth = [SE2(0.05 * k, 0.0, 0.0) for k in range(160)]
     course = drive(truth, scale, walls=walls, range_max=30.0)
-    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
+    results = run(Slam2d(OF_ROBOTS), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
     found = results[0].map_from_base.inverse() @ results[-1].map_from_base
     assert found.x == pytest.approx(truth[-1].x, abs=0.04)  # the odometry says 0.40 m more
 

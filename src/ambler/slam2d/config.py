@@ -13,7 +13,7 @@ from ambler.registration.line_field import LineConfig
 @dataclass(frozen=True, slots=True)
 class FrontEndConfig:
     """Scan matching and insertion. The search window around the prediction is base + gain * predicted motion, within the largest. A direction of which
-    the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry.
+    the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry (0: none is; a log's wheels may slip by metres between two scans).
 
     A match whose score is below `lost_score_ratio` of the usual one is sought in `lost_window` (m, rad) too, on cells `lost_coarseness` times as wide first.
     """
@@ -38,7 +38,7 @@ class FrontEndConfig:
     refine: RefineConfig = field(default_factory=RefineConfig)
     blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
     lines: LineConfig = field(default_factory=LineConfig)
-    telling: float = 0.002
+    telling: float = 0.0
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2

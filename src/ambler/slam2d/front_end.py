@@ -109,7 +109,8 @@ class FrontEnd:
         parallel walls whose ends are out of sight, it is the predicted one: what cells prefer there is their texture, which holds a scan back
         by some percent of the way."""
         fitted, told = target.lines.fit_telling(points, scan.origin, grid_from_base)
-        if told is None or not prediction.is_measured or self.odometry_error >= 1.0:
+        is_trusted = prediction.is_measured and self.odometry_error < 1.0
+        if told is None or not is_trusted or self._config.telling == 0.0:
             return fitted
         values, vectors = np.linalg.eigh(translational(told))
         weakness = 1.0 - float(values[0]) / max(self._config.telling * float(values[1]), 1e-9)
