@@ -342,10 +342,17 @@ MAPPING = (
         ("tests/slam2d/test_slam.py::test_between_smooth_walls_the_way_is_that_of_the_odometry",),
     ),
     PlantedFault(
+        "of a voxel the first point of the scan is chosen",
+        "kernels/scan_points.py",
+        "(middle if picks_middle else 0)",
+        "0",
+        ("tests/registration/test_voxels.py",),
+    ),
+    PlantedFault(
         "odometry that slips is trusted",
         "slam2d/front_end.py",
-        "is_trusted = prediction.is_measured and self.odometry_error < 1.0",
-        "is_trusted = prediction.is_measured",
+        "return prediction.is_measured and self.odometry_error < 1.0",
+        "return prediction.is_measured",
         SLAM,
     ),
     PlantedFault(

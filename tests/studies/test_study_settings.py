@@ -40,7 +40,9 @@ from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 WITHOUT_ROBOT = {"map", "results"}
 VERBS = sorted({p.stem.removeprefix("eval_") for p in Path(cli.__file__).parent.glob("eval_*.py")} - WITHOUT_ROBOT)
-STUDIES = [["eval", verb, *(["absent.bag"] if verb == "odometry" else [])] for verb in VERBS] + [["bench", "live"]]
+STUDIES = [["eval", verb, *(["absent.bag"] if verb in ("odometry", "variants") else [])] for verb in VERBS] + [
+    ["bench", "live"]
+]
 HORIZON = StudySettings({"rollout": {"horizon": 1.25}})
 
 

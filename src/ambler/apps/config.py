@@ -192,12 +192,15 @@ SHARP = FrontEndConfig(
     scans_per_submap=150,
     insertion=InsertionConfig(p_hit=0.6, p_miss=0.46),
     telling=0.002,
+    picks_middle=True,
 )
 
 SHARP_CLOUD = replace(SHARP, insertion=InsertionConfig())
 
 # Where stamps are right, loops can be searched more densely than in a log.
-CLOSE_LOOPS = LoopConfig(query_distance=0.5, candidates_per_node=4, searches_per_job=12, tries_per_pair=24)
+CLOSE_LOOPS = LoopConfig(
+    query_distance=0.5, candidates_per_node=4, searches_per_job=12, tries_per_pair=24, picks_middle=True
+)
 
 FLOOR_DOUBT = 0.15  # metres above the floor from which on the gate and the map believe a cloud: a body that sways sees floor at 0.1 m
 SEEN_WELL = (

@@ -258,47 +258,62 @@ def _voxel_slot(key, mask):
 
 
 @jit
-def _is_first(key, table):
-    """Say whether a key was not yet in the hash table, and put it there."""
-    mask = table.shape[0] - 1
+def _slot_of(key, keys):
+    """Return where a key lies in the hash table, put there if it was not yet."""
+    mask = keys.shape[0] - 1
     h = _voxel_slot(key, mask)
-    while table[h] != -1 and table[h] != key:
+    while keys[h] != -1 and keys[h] != key:
         h = (h + 1) & mask
-    is_first = table[h] == -1
-    table[h] = key
-    return is_first
+    keys[h] = key
+    return h
 
 
 @jit
-def voxel_filter(points, size, table, out):
-    """Keep the first point of every square voxel; returns how many were written to `out`.
-
-    `points`, `out` float32 (N, 2); `table` int64, a power of two of at least 2 N entries, scratch.
-    """
-    table[:] = -1
+def _count_voxels(points, size, table):
+    """Write into `table` how many points each voxel holds; returns how many voxels there are."""
+    keys, counts = table[0], table[1]
+    keys[:], counts[:] = -1, 0
     n = 0
     for i in range(points.shape[0]):
-        if _is_first(_voxel_key(points[i, 0], points[i, 1], size), table):
-            out[n, 0] = points[i, 0]
-            out[n, 1] = points[i, 1]
-            n += 1
+        h = _slot_of(_voxel_key(points[i, 0], points[i, 1], size), keys)
+        n += counts[h] == 0
+        counts[h] += 1
     return n
 
 
 @jit
-def choose_voxels(points, size, table, chosen):
-    """Write the rows of the points that `voxel_filter` keeps into `chosen` int64 (N,); returns how many."""
-    table[:] = -1
+def choose_voxels(points, size, table, picks_middle, chosen):
+    """Write the row of one point of every square voxel into `chosen` int64 (N,), in their order; returns how many.
+
+    Of the points of a voxel it is the first one in the order of the scan, or with `picks_middle` the middle one. The first one is biased: along a wall, noise of the range brings a beam
+    into the next voxel early, so that walls would be chosen too near before the foot of their perpendicular and too far behind it, and every
+    scan turns with its scanner. `points` float32 (N, 2); `table` int64 (3, M), M a power of two of at least 2 N, scratch.
+    """
+    _count_voxels(points, size, table)
+    keys, counts, seen = table[0], table[1], table[2]
+    seen[:] = 0
     n = 0
     for i in range(points.shape[0]):
-        if _is_first(_voxel_key(points[i, 0], points[i, 1], size), table):
+        h = _slot_of(_voxel_key(points[i, 0], points[i, 1], size), keys)
+        middle = (counts[h] - 1 + (h & 1)) >> 1  # of an even number the lower or the upper one, by chance
+        if seen[h] == (middle if picks_middle else 0):
             chosen[n] = i
             n += 1
+        seen[h] += 1
     return n
 
 
 @jit
-def adaptive_voxel_filter(points, max_size, min_points, table, out):
+def voxel_filter(points, size, table, picks_middle, chosen, out):
+    """Copy the points that `choose_voxels` chooses to `out` float32 (N, 2); returns how many. `chosen` int64 (N,) is scratch."""
+    n = choose_voxels(points, size, table, picks_middle, chosen)
+    for k in range(n):
+        out[k, 0], out[k, 1] = points[chosen[k], 0], points[chosen[k], 1]
+    return n
+
+
+@jit
+def adaptive_voxel_filter(points, max_size, min_points, table, picks_middle, chosen, out):
     """Filter with the largest voxel that keeps at least `min_points`; returns how many were written to `out`.
 
     Halving, then bisection to 10 % (Cartographer's adaptive voxel filter).
@@ -309,24 +324,24 @@ def adaptive_voxel_filter(points, max_size, min_points, table, out):
             out[i, 0] = points[i, 0]
             out[i, 1] = points[i, 1]
         return n_all
-    n = voxel_filter(points, max_size, table, out)
+    n = _count_voxels(points, max_size, table)
     if n >= min_points:
-        return n
+        return voxel_filter(points, max_size, table, picks_middle, chosen, out)
     high = max_size
     low = max_size * 0.5
     while low > 0.01 * max_size:
-        n = voxel_filter(points, low, table, out)
+        n = _count_voxels(points, low, table)
         if n >= min_points:
             break
         high = low
         low *= 0.5
     while n >= min_points and (high - low) / low > 0.1:
         middle = 0.5 * (low + high)
-        if voxel_filter(points, middle, table, out) >= min_points:
+        if _count_voxels(points, middle, table) >= min_points:
             low = middle
         else:
             high = middle
-    return voxel_filter(points, low, table, out)
+    return voxel_filter(points, low, table, picks_middle, chosen, out)
 
 
 @jit
@@ -410,8 +425,8 @@ def warm_up() -> None:
         np.zeros(8, np.float32),
         counts,
     )
-    table = np.zeros(16, np.int64)
-    voxel_filter(points, 0.1, table, out)
-    choose_voxels(points, 0.1, table, np.zeros(4, np.int64))
-    adaptive_voxel_filter(points, 0.5, 2, table, out)
+    table, chosen = np.zeros((3, 16), np.int64), np.zeros(4, np.int64)
+    voxel_filter(points, 0.1, table, True, chosen, out)
+    choose_voxels(points, 0.1, table, True, chosen)
+    adaptive_voxel_filter(points, 0.5, 2, table, True, chosen, out)
     fill_surfaces(points, np.zeros(2), np.ones(5), out)

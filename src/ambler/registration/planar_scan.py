@@ -71,10 +71,10 @@ class PlanarScan:
         starts = one if self.starts is None else self.starts.astype(np.float64)
         return starts, one if self.free_starts is None else self.free_starts.astype(np.float64)
 
-    def thinned(self, size: float) -> PlanarScan:
-        """Return the scan with the first return of every square voxel; what belongs to the returns goes with them."""
+    def thinned(self, size: float, *, picks_middle: bool = True) -> PlanarScan:
+        """Return the scan with the middle or the first return of every square voxel; what belongs to the returns goes with them."""
         chosen = np.empty(len(self.points), np.int64)
-        n = scan_points.choose_voxels(self.points, size, _table(len(self.points)), chosen)
+        n = scan_points.choose_voxels(self.points, size, _table(len(self.points)), picks_middle, chosen)
         rows, f = chosen[: int(n)], self.falls
         return replace(
             self,
@@ -86,22 +86,23 @@ class PlanarScan:
 
 
 def _table(n: int) -> NDArray[np.int64]:
-    return np.empty(1 << max(4, (2 * n).bit_length()), np.int64)
+    return np.empty((3, 1 << max(4, (2 * n).bit_length())), np.int64)
 
 
 def filter_voxels(points: F32, size: float) -> F32:
-    """Keep the first point of every square voxel; (N, 2) -> (K, 2), order kept."""
-    out = np.empty_like(points)
-    return out[: int(scan_points.voxel_filter(points, size, _table(len(points)), out))]
+    """Keep the middle point of every square voxel, in the order of the scan; (N, 2) -> (K, 2), order kept."""
+    out, chosen = np.empty_like(points), np.empty(len(points), np.int64)
+    return out[: int(scan_points.voxel_filter(points, size, _table(len(points)), True, chosen, out))]
 
 
-def filter_voxels_adaptively(points: F32, max_size: float, min_points: int) -> F32:
+def filter_voxels_adaptively(points: F32, max_size: float, min_points: int, *, picks_middle: bool = True) -> F32:
     """Keep at least `min_points` points with the largest voxel up to `max_size` that allows it; (N, 2) -> (K, 2).
 
-    The voxel is never below 1/128 of `max_size`, so that points closer than that may count as one.
+    The voxel is never below 1/128 of `max_size`, so that points closer than that may count as one. `picks_middle`: of its points the middle one in the
+    order of the scan, else the first one.
     """
-    out = np.empty_like(points)
-    n = scan_points.adaptive_voxel_filter(points, max_size, min_points, _table(len(points)), out)
+    out, chosen = np.empty_like(points), np.empty(len(points), np.int64)
+    n = scan_points.adaptive_voxel_filter(points, max_size, min_points, _table(len(points)), picks_middle, chosen, out)
     return out[: int(n)]
 
 

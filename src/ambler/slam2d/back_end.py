@@ -111,7 +111,8 @@ class BackEnd:
         pose = result.local_from_base
         previous = self.nodes[-1] if self.nodes else None
         vertex = self.graph.add_vertex(map_from_local @ pose)
-        loop_points = filter_voxels_adaptively(result.scan.points, self._loop.max_voxel, self._loop.min_points)
+        sizes = (self._loop.max_voxel, self._loop.min_points)
+        loop_points = filter_voxels_adaptively(result.scan.points, *sizes, picks_middle=self._loop.picks_middle)
         if previous is not None:
             motion = previous.local_from_base.inverse() @ pose
             self._way += math.hypot(motion.x, motion.y) + _RADIANS_WAY * abs(motion.yaw)

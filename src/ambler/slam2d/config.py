@@ -15,6 +15,8 @@ class FrontEndConfig:
     """Scan matching and insertion. The search window around the prediction is base + gain * predicted motion, within the largest. A direction of which
     the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry (0: none is; a log's wheels may slip by metres between two scans).
 
+    `picks_middle`: of the returns in a voxel the middle one of the scan is taken, which turns no wall (`kernels.scan_points.choose_voxels`); else the first.
+
     A match whose score is below `lost_score_ratio` of the usual one is sought in `lost_window` (m, rad) too, on cells `lost_coarseness` times as wide first.
     """
 
@@ -39,6 +41,7 @@ class FrontEndConfig:
     blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
     lines: LineConfig = field(default_factory=LineConfig)
     telling: float = 0.0
+    picks_middle: bool = False
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2
@@ -77,6 +80,7 @@ class LoopConfig:
     same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them. For each such closure the nodes are searched
     that come `follow` metres of way before or after its own, near where they would be if it were true. At the end of a recording all
     windows are so many times as wide as `widenings` say, one after the other: a front end that lost its way once is off by more than it drifts.
+    `picks_middle` as in the front end.
     """
 
     max_voxel: float = 0.9
@@ -110,6 +114,7 @@ class LoopConfig:
     searches_per_job: int = 24
     edges_per_pair: int = 6
     cached_stacks: int = 48
+    picks_middle: bool = False
     drift: DriftConfig = field(default_factory=DriftConfig)
     refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=10))
 

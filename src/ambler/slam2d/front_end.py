@@ -64,8 +64,9 @@ class FrontEnd:
     def update(self, scan: PlanarScan, prediction: Prediction, *, may_insert: bool = True) -> LocalResult:
         """Match one scan near its prediction and insert it when the robot has moved, if it may be."""
         config, target = self._config, self.active.target
-        scan = scan.thinned(config.voxel_size)
-        points = filter_voxels_adaptively(scan.points, config.match_max_voxel, config.match_min_points)
+        scan = scan.thinned(config.voxel_size, picks_middle=config.picks_middle)
+        sizes = (config.match_max_voxel, config.match_min_points)
+        points = filter_voxels_adaptively(scan.points, *sizes, picks_middle=config.picks_middle)
         pose, match = prediction.local_from_base, None
         if target is not None and len(points) >= POINTS_LEAST:
             match = self._match(target, points, prediction)
@@ -91,7 +92,7 @@ class FrontEnd:
 
     def _match(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult:
         """Correlate about the prediction and refine; doubt odometry and bad matches."""
-        is_trusted = prediction.is_measured and self.odometry_error < 1.0
+        is_trusted = self._trusts(prediction)
         window = self._window(prediction.motion, is_trusted)
         weights = self._config.refine if is_trusted else self._config.blind_refine
         match = _match_near(target, points, target.to_submap(prediction.local_from_base), window, weights)
@@ -109,8 +110,7 @@ class FrontEnd:
         parallel walls whose ends are out of sight, it is the predicted one: what cells prefer there is their texture, which holds a scan back
         by some percent of the way."""
         fitted, told = target.lines.fit_telling(points, scan.origin, grid_from_base)
-        is_trusted = prediction.is_measured and self.odometry_error < 1.0
-        if told is None or not is_trusted or self._config.telling == 0.0:
+        if told is None or not self._trusts(prediction) or self._config.telling == 0.0:
             return fitted
         values, vectors = np.linalg.eigh(translational(told))
         weakness = 1.0 - float(values[0]) / max(self._config.telling * float(values[1]), 1e-9)
@@ -155,6 +155,9 @@ class FrontEnd:
             return None
         found = refine(target.grid, points, start, start, config.blind_refine)
         return found if found.score > usual and found.inlier_ratio > MOST else None
+
+    def _trusts(self, prediction: Prediction) -> bool:
+        return prediction.is_measured and self.odometry_error < 1.0
 
     def _window(self, motion: SE2, is_trusted: bool) -> Window:
         """Return where to search: farther after more motion, and where odometry is not trusted."""
