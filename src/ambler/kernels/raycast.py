@@ -405,9 +405,8 @@ def corrupt_ranges(distance, cosine, normals, uniforms, noise, out):
     """Turn exact distances float32 (C, R) into measured ones: noise, mixed pixels at edges, losses, the range limits.
 
     `noise` is `RangeNoise`: noise sigma_0 + sigma_1 * r; a beam is lost (NaN) with probability `dropout` plus up to `grazing_dropout` as its cosine
-    of incidence falls from `grazing_cosine` to 0; where the distance jumps between two columns of the same ring by
-    `mixed_min` to `mixed_max` metres, either of them straddles the edge with half the probability `mixed`, and lies anywhere between the two
-    (if it were always the later one, all edges would turn with the scanner, and maps with them). Nearer than `range_min`:
+    of incidence falls from `grazing_cosine` to 0; where the distance jumps from the previous column of the same ring by
+    `mixed_min` to `mixed_max` metres, it lies anywhere between the two with probability `mixed`. Nearer than `range_min`:
     NaN; farther than `range_max` or nothing hit: inf. `normals`, `uniforms` float32 (C, R) are the chance.
     """
     for c in range(distance.shape[0]):
@@ -423,13 +422,10 @@ def corrupt_ranges(distance, cosine, normals, uniforms, noise, out):
             if u < lost or d < noise.range_min:
                 out[c, r] = np.nan
                 continue
-            if u - lost < noise.mixed:
-                share = 2.0 * (u - lost) / noise.mixed
-                other = c - 1 if share < 1.0 else c + 1
-                if 0 <= other < distance.shape[0]:
-                    jump = distance[other, r] - d
-                    if noise.mixed_min < abs(jump) < noise.mixed_max:
-                        d += jump * (share % 1.0)
+            if c > 0 and noise.mixed > 0.0:
+                jump = distance[c - 1, r] - d
+                if noise.mixed_min < abs(jump) < noise.mixed_max and u - lost < noise.mixed:
+                    d += jump * (u - lost) / noise.mixed
             d += (noise.sigma_0 + noise.sigma_1 * d) * normals[c, r]
             out[c, r] = d if d <= noise.range_max else np.inf
 
