@@ -13,14 +13,15 @@ from ambler.control.motion_primitives import MotionPrimitives
 from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.core.errors import NoValidPathError
-from ambler.core.messages import GateState, PoseStamped, VelocityCommand
-from ambler.core.movers import Movers
+from ambler.core.messages import GateState, PointCloud, PoseStamped, VelocityCommand
+from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity, LocalPlanner
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
 from ambler.nodes.controller import ControllerNode
 from ambler.nodes.gate import GateNode
+from ambler.nodes.local_view import LocalView
 from ambler.nodes.navigator import NavigatorNode
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.stack import Stack
@@ -38,7 +39,7 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import GOAL, SCAN, STATUS, STEER_REQUEST, TELEOP_REQUEST, VELOCITY_REQUEST, Topic
+from ambler.runtime.topics import GOAL, MOVERS, SCAN, STATUS, STEER_REQUEST, TELEOP_REQUEST, VELOCITY_REQUEST, Topic
 from tests.control.toy_robot import MAP_FROM_ODOM, ROBOT, Person, ToyBase, ToyPlanner, room, straight_path
 
 Act = Callable[[Person], None]
@@ -129,6 +130,18 @@ def test_a_robot_creeps_towards_who_stands_in_its_way_and_that_is_no_lack_of_pro
     assert max(math.hypot(v.vx, v.vy) for v in robot.commands_after(0.0)) < 0.05
     assert robot.base.pose.x > 0.2
     assert robot.codes == []
+
+
+def test_where_people_are_is_told_until_nobody_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, told = Robot([]), list[PointCloud]()
+    robot.executor.tap(lambda topic, message, *_: told.append(message) if topic is MOVERS else None)
+    crowd = [NOBODY, Movers(0, np.array([[1.5, 0.1, 0.3, 0.4, 0.0, 0.0]])), NOBODY]
+    monkeypatch.setattr(LocalView, "tracked", property(lambda view: crowd[0] if len(crowd) == 1 else crowd.pop(0)))
+    robot.run(2.0)
+    assert [len(cloud.points) for cloud in told] == [1, 0], "the empty one once"
+    assert told[0].frame == "odom"
+    assert np.allclose(told[0].points, [[1.5, 0.1, 0.0]])
+    assert np.allclose(told[0].intensity, [0.5])
 
 
 def test_cancelling_stops() -> None:

@@ -210,6 +210,77 @@ def test_without_yielding_the_same_robot_would_be_to_blame(monkeypatch: pytest.M
     assert approach > 0.5
 
 
+def stander(x: float, y: float, walk, rest: float, *others) -> Movers:
+    """Somebody who stands, last walked at `walk` and has stood for `rest` seconds; and others who stand, and walked to the left."""
+    rows = [[x, y, 0.0, 0.0, *walk], *([a, b, 0.0, 0.0, 0.0, 1.0] for a, b in others)]
+    return Movers(0, np.array(rows), np.full(len(rows), rest))
+
+
+def passed(movers: Movers) -> float:
+    yielding = Yielding(YieldConfig(), DIFF)
+    yielding.set_movers(movers, SE2(), BodyVelocity())
+    return yielding.limited(BodyVelocity(0.5)).vx
+
+
+def test_who_has_stood_for_a_while_sets_out_along_his_own_line_if_at_all() -> None:
+    aside, along, straight_at_it = (0.9, 1.0), (1.0, 0.0), (-0.67, -0.74)
+    assert passed(stander(*aside, along, 2.0)) == 0.5
+    assert passed(stander(*aside, along, 0.5)) < 0.2, "he may be about to turn"
+    assert passed(stander(*aside, (0.0, 0.0), 2.0)) < 0.2, "nobody knows his line"
+    assert passed(stander(*aside, straight_at_it, 2.0, (1.5, 1.6))) < 0.2, (
+        "he was stopped by somebody else, and comes on"
+    )
+
+
+def test_who_stopped_for_the_robot_is_not_waited_for() -> None:
+    ahead, towards = (1.4, 0.0), (-1.0, 0.0)
+    assert passed(stander(*ahead, towards, 2.0)) > 0.2
+    alone, accompanied = passed(stander(*ahead, towards, 2.0)), passed(stander(*ahead, towards, 2.0, (1.5, 1.1)))
+    assert alone > 2.0 * accompanied, "somebody else may have stopped him"
+    assert passed(stander(2.3, 0.0, towards, 2.0)) < 0.3, "so far away he stands for some other reason"
+    assert passed(stander(0.62, 0.0, towards, 2.0)) < 0.1, "he stands right before it"
+
+
+@given(
+    st.sampled_from(["diff", "spot"]),
+    st.floats(-math.pi, math.pi),
+    st.floats(0.9, 2.5),
+    st.floats(-math.pi, math.pi),
+    st.floats(0.7, 1.2),
+    st.floats(0.0, 2.0),
+    st.floats(-0.3, 0.3),
+    st.booleans(),
+    st.sampled_from([BodyVelocity(0.5), BodyVelocity(0.3, 0.0, 0.7), BodyVelocity(0.0, 0.0, -0.8), BodyVelocity(-0.3)]),
+)
+@settings(max_examples=150, deadline=None)
+def test_who_stood_and_goes_on_or_back_along_his_line_finds_the_robot_standing(
+    name, bearing, away, heading, pace, sets_out, bend, goes_back, wanted
+) -> None:
+    """With somebody else near, who may have stopped him."""
+    robot = ROBOTS[name]
+    yielding, pose, v = Yielding(YieldConfig(), robot), SE2(), BodyVelocity()
+    place, walk = np.array([away * math.cos(bearing), away * math.sin(bearing)]), np.zeros(2)
+    last = pace * np.array([math.cos(heading), math.sin(heading)])
+    other = place + 0.7 * last / pace
+    waiting, log, dt = [BodyVelocity()] * 2, [], 0.05
+    for k in range(120):
+        if k * dt >= sets_out:
+            walk = SE2(0.0, 0.0, bend + math.pi * goes_back).transform(last[None])[0]
+        rest = 2.0 + k * dt if not walk.any() else 0.0
+        rows = np.array([[*place, *walk, *(walk if walk.any() else last)], [*other, 0.0, 0.0, 0.0, 0.0]])
+        yielding.set_movers(Movers(0, rows, np.array([rest, 9.0])), pose, v)
+        waiting.append(sent(yielding, wanted))
+        v = step_velocity(v, waiting.pop(0), robot.limits, dt)
+        log.append((pose, v, place.copy()))
+        pose = pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * dt)
+        place = place + walk * dt
+        outline = pose.transform(robot.footprint)
+        if distance_to_polygon((place[0], place[1]), outline) <= PERSON:
+            point = pose.inverse().transform(_nearest(place, outline)[None])[0]
+            assert max(_approach(p, u, q, point) for p, u, q in log[-10:]) <= 0.05
+            return
+
+
 def test_who_turns_round_before_the_robot_is_not_run_into() -> None:
     for turns_at in np.arange(0.0, 3.0, 0.25):
         seconds, approach, _ = meet(DIFF, SE2(), BodyVelocity(0.8), (1.1, 0.0), (0.4, 0.0), float(turns_at))

@@ -1,15 +1,17 @@
 """Trajectory errors and collisions against values that are known beforehand."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ambler.core.errors import BadInputError
-from ambler.core.messages import Contact
+from ambler.core.messages import Contact, VelocityCommand
 from ambler.core.se2 import SE2
-from ambler.evaluation.collisions import find_collisions
+from ambler.evaluation.collisions import find_collisions, split_shoved
 from ambler.evaluation.trajectory import trajectory_error
+from ambler.wire.mcap_file import McapRecorder
 
 
 def circle(stamps_ns: np.ndarray) -> np.ndarray:
@@ -81,6 +83,29 @@ def test_contacts_cluster_into_collisions() -> None:
 def test_resting_contacts_and_docks_are_no_collisions() -> None:
     assert find_collisions([contact(1.0, 0.05), contact(2.0, 0.0)]) == ()
     assert find_collisions([contact(1.0, 0.2, "dock")], allowed=frozenset({"dock"})) == ()
+
+
+@pytest.mark.parametrize(
+    ("moved_at", "is_shoved"), [(None, True), (9.5, False), (9.95, False), (8.0, True), (10.05, True)]
+)
+def test_a_robot_that_was_told_to_stand_was_shoved(tmp_path: Path, moved_at: float | None, *, is_shoved: bool) -> None:
+    recorder = McapRecorder(tmp_path / "run")
+    for k in range(160, 220):
+        is_moving = moved_at is not None and k == round(20 * moved_at)
+        stamp_ns = k * 50_000_000
+        recorder.write("/cmd_vel", VelocityCommand(stamp_ns, wz=0.1 * is_moving), stamp_ns)
+    recorder.close()
+    caused, shoved = split_shoved(find_collisions([contact(10.01, 0.2)]), tmp_path / "run")
+    assert (len(caused), len(shoved)) == ((0, 1) if is_shoved else (1, 0))
+
+
+def test_of_a_robot_of_whose_commands_nothing_is_known_nobody_says_that_it_was_shoved(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path / "run")
+    recorder.write("/cmd_vel", VelocityCommand(0), 0)
+    recorder.close()
+    caused, shoved = split_shoved(find_collisions([contact(10.0, 0.2)]), tmp_path / "run")
+    assert (len(caused), len(shoved)) == (1, 0)
+    assert split_shoved((), tmp_path / "nothing") == ((), ())
 
 
 def test_a_contact_at_a_tenth_of_a_metre_per_second_is_a_collision_and_at_a_hundredth_is_none() -> None:

@@ -61,12 +61,13 @@ class ScriptedSurveyor:
         return self.is_hiding
 
     def update(self, occupancy: OccupancyGrid, costs: CostGrid, base: SE2, boundary: object = ()) -> Survey:
-        judged = []
+        judged: list[Frontier] = []
         for f in [*self.frontiers, *(self.left_when_strict if self.is_strict else [])]:
             reason = self.memory.reason_against(f, occupancy)
             judged.append(replace(f, state=FrontierState.UNREACHABLE, reason=reason) if reason else f)
         is_open = tuple(i for i, f in enumerate(judged) if f.state is FrontierState.OPEN)
-        return Survey(tuple(judged), np.ones(len(judged)), is_open, 100.0, self.reachable_area, costs)
+        shut = tuple(i for i, f in enumerate(judged) if f.state is FrontierState.UNREACHABLE)
+        return Survey(tuple(judged), np.ones(len(judged)), is_open, 100.0, self.reachable_area, costs, shut=shut)
 
 
 class Play:
@@ -432,6 +433,56 @@ def test_the_way_home_is_tried_again_after_a_while_because_people_move_on() -> N
                     turns += 1
                     play.mission.drive_ended(command.drive, "SUCCEEDED", "")
     raise AssertionError("the mission does not end")
+
+
+@pytest.mark.parametrize("people", [False, True])
+def test_what_is_shut_while_people_are_about_is_looked_at_again_and_in_an_empty_place_is_not(*, people: bool) -> None:
+    """Somebody stands in a doorway: the way behind him is shut until he leaves."""
+    shut = replace(frontier(16, 10, math.inf), goal=None, state=FrontierState.UNREACHABLE, reason="no way")
+    play = Play(frontier(12, 10, 2.0), shut)
+    play.mission.meet(0, is_here=people)
+    drive = play.drive()
+    for x in np.arange(10.0, 13.0, 0.5):
+        play.pose = SE2(float(x), 10.0)
+        play.step(0.1)
+    play.pose = SE2(10.0, 10.0)
+    play.surveyor.frontiers = [shut]
+    looks, turns = [], 0
+    play.end(drive)
+    for _ in range(300):
+        for command in play.step():
+            match command:
+                case Ended():
+                    assert people is False, "it would have left without him"
+                    assert (looks, turns) == ([], 0)
+                    return
+                case DriveTo():
+                    if play.mission.state is ExploreState.DRIVING:
+                        assert people, "the frontier opened when he had left"
+                        assert len(looks) == 1
+                        assert math.dist(looks[0], (12.5, 10.0)) < 0.3, (
+                            "from the place that the robot knows nearest to it"
+                        )
+                        return
+                    if "shut" in play.mission.text:
+                        looks.append((command.map_from_goal.x, command.map_from_goal.y))
+                        play.pose = command.map_from_goal
+                    play.mission.drive_ended(command.drive, "SUCCEEDED", "")
+                case TurnAround():
+                    turns += people
+                    play.mission.drive_ended(command.drive, "SUCCEEDED", "")
+                    if turns == 2:
+                        play.surveyor.frontiers = [frontier(16, 10, 4.0)]
+    raise AssertionError("the mission does not end")
+
+
+def test_looking_past_people_has_an_end() -> None:
+    shut = replace(frontier(16, 10, math.inf), goal=None, state=FrontierState.UNREACHABLE, reason="no way")
+    play = Play(shut, company_looks=4)
+    play.mission.meet(0, is_here=True)
+    ended = play.until_ended()
+    assert ended.code == "SUCCEEDED"
+    assert ended.text == "1 frontiers are left, each with its reason"
 
 
 def test_a_robot_whose_way_home_is_shut_goes_to_where_it_is_and_tries_again_from_there() -> None:

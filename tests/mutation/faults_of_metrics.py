@@ -374,6 +374,13 @@ METRICS = (
         ("tests/evaluation/test_odometry_quality.py",),
     ),
     PlantedFault(
+        "a robot that drove into somebody is said to have been shoved",
+        "evaluation/collisions.py",
+        "last > first and not is_moving[first:last].any()",
+        "last > first",
+        ("tests/evaluation/test_trajectory.py",),
+    ),
+    PlantedFault(
         "a campaign that goes on tells only what its last session took",
         "studies/study.py",
         "results: list[Result | None] = [None if is_fresh else _kept(folder) for folder in folders]",

@@ -319,3 +319,22 @@ def test_who_walks_to_where_no_ray_has_been_for_long_is_no_part_of_the_room(stoo
         movers = feed(tracker, k + 40, [(1.5, before), (3.0, y)], ROOM, SE2(), rng)
         if k >= 30:
             assert known_at(movers, (3.0, 0.0))
+
+
+@pytest.mark.parametrize("walks", [True, False])
+def test_who_was_seen_walking_is_somebody_for_a_minute_after_he_stopped_and_a_stranger_for_ten_seconds(
+    *, walks: bool
+) -> None:
+    tracker, rng, stands = MoverTracker(), np.random.default_rng(3), (2.5, 0.3)
+    for k in range(20):
+        feed(tracker, k, [(4.0 - 0.1 * k, 0.3)] if walks and k < 15 else [], ROOM, SE2(), rng)
+    rests = {}
+    for k in range(20, 700):
+        movers = feed(tracker, k, [stands], ROOM, SE2(), rng)
+        if known_at(movers, stands):
+            assert movers.rests is not None
+            away = np.hypot(*(movers.states[:, :2] - stands).T)
+            rests[k] = float(movers.rests[int(away.argmin())])
+    last = max(rests)
+    assert rests[60] == pytest.approx(4.0, abs=1.2), "he has stood since he came"
+    assert (500 < last < 680) if walks else (100 < last < 160)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ambler.core.messages import LaserScan, Odometry
+from ambler.core.messages import LaserScan, Odometry, PointCloud
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.slam2d import Slam2dNode, Slam2dNodeConfig
@@ -159,6 +159,38 @@ def test_what_a_robot_sees_after_it_was_carried_away_is_not_drawn_over_its_map()
     assert after_spec == spec
     assert np.array_equal(after, before)
     assert said == ["SLAM_DEGRADED"]
+
+
+PERSON = np.array([[0.2, -0.1]])
+DRIFT = SE2(0.4, -0.3, 0.2)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_whoever_walks_leaves_no_trace_in_the_map(*, seen: bool) -> None:
+    """A person has stopped before a robot that drives around him; its odometry began elsewhere than its map."""
+    robot = robot_named("diff").model
+    node, context = Slam2dNode(robot, Slam2dNodeConfig()), HandMadeContext()
+    node.ctx = context  # type: ignore[assignment]
+    node.start()
+    base_from_laser = robot.sensor("laser").base_from_sensor.to_se2()
+    angles = -np.pi + 2 * np.pi / 720 * np.arange(720)
+    around = np.linspace(0.0, 2.0 * np.pi, 17)
+    outline = PERSON + 0.25 * np.column_stack((np.cos(around), np.sin(around)))
+    walls = np.concatenate((WALLS, np.hstack((outline[:-1], outline[1:]))))
+    for k, pose in enumerate(oval(0.5)[:60]):
+        stamp = (k + 1) * 100_000_000
+        node._on_odometry(odometry(stamp, DRIFT @ pose))
+        if seen:
+            places = np.array([[*DRIFT.transform(PERSON)[0], 0.0]], np.float32)
+            none = np.zeros(1, np.float32)
+            node._on_movers(PointCloud(stamp - 100_000_000, "odom", places, none, none, np.zeros(1, np.uint16)))
+        node._on_scan(laser_scan(stamp, ranges_at(pose @ base_from_laser, angles, walls).astype(np.float32)))
+    spec, occupancy = node.slam.render_map()
+    y, x = np.nonzero(occupancy > 50)
+    world_from_map = oval(0.5)[0] @ node.slam.map_from_node(0).inverse()
+    gaps = np.hypot(*(world_from_map.transform(np.column_stack(spec.center_of(y, x))) - PERSON).T)
+    assert (gaps < 0.4).any() != seen
+    assert (gaps > 0.5).sum() > 200, "the walls are there"
 
 
 def codes_said(context: HandMadeContext) -> list[str]:

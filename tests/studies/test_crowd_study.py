@@ -23,6 +23,18 @@ def test_worlds_and_robots_take_turns() -> None:
     assert len({c.label for c in cases}) == 6
 
 
+def test_drawn_places_take_the_seed_of_their_run() -> None:
+    cases = crowd_cases(["office-*", "two_rooms"], ["diff"], 10, 5, [7, 8, 9])
+    assert [c.place for c in cases] == ["office-7", "two_rooms", "office-9"]
+    assert len({c.label for c in cases}) == 3
+
+
+def test_being_shoved_into_somebody_is_told_and_no_collision() -> None:
+    fields = summarize([*[result("a", "diff")] * 29, {**result("a", "diff"), "collisions_shoved": 2}])
+    assert fields["collisions_shoved"] == 2
+    assert meets_bar(fields)
+
+
 def test_the_bar_counts_caused_contacts_and_ends() -> None:
     good = [result("a", "diff", contacts=3) for _ in range(28)]
     assert meets_bar(summarize([*good, *(result("a", "spot", "stuck") for _ in range(2))]))

@@ -16,7 +16,7 @@ from ambler.apps.site_judgement import site_fields, site_quality
 from ambler.core.errors import BadInputError
 from ambler.core.messages import BatteryState
 from ambler.core.se2 import SE2, wrap_angle
-from ambler.evaluation.collisions import Collision, find_collisions, find_contacts
+from ambler.evaluation.collisions import Collision, find_collisions, find_contacts, split_shoved
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps, floor_coverage, reachable_coverage
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
@@ -62,7 +62,7 @@ def judge(
     if len(record.stamps_ns) > 1:
         trajectory = trajectory_error(record.stamps_ns, record.poses, record.true_stamps_ns, record.true_poses)
     allowed = frozenset(dock.name + CONTACTS for dock in robot.scene.world.docks)
-    collisions = tuple(find_collisions(record.contacts, allowed=allowed))
+    collisions, shoved = split_shoved(find_collisions(record.contacts, allowed=allowed), robot.folder.recording)
     fields: dict[str, Any] = {
         "world": robot.scene.world.name,
         "robot": robot.options.robot,
@@ -89,7 +89,8 @@ def judge(
             "position_error_max_m": None if trajectory is None else float(trajectory.offsets.max()),
         }
     contacts = len(find_contacts(record.contacts, allowed=allowed))
-    fields |= {"collisions": len(collisions), "contacts": contacts, "path_length_m": record.path_length}
+    fields |= {"collisions": len(collisions), "collisions_shoved": len(shoved), "contacts": contacts}
+    fields["path_length_m"] = record.path_length
     fields |= _drives(robot, record)
     if robot.options.docks_wanted:
         fields |= _docking(robot, record)

@@ -15,7 +15,12 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "crowd", help="explore among people who do not all yield: contacts, endings, time"
     )
-    parser.add_argument("--worlds", nargs="+", default=["office", "two_rooms"], help="default: office two_rooms")
+    parser.add_argument(
+        "--worlds",
+        nargs="+",
+        default=["office", "two_rooms"],
+        help="default: office two_rooms; `office-*` draws one with each run's seed",
+    )
     parser.add_argument("--robots", nargs="+", default=["diff", "amr_omni", "spot"], help="default: diff amr_omni spot")
     parser.add_argument("--people", type=int, default=10, help="how many walk about (default: 10)")
     parser.add_argument("--stubborn", type=int, help="how many of them do not yield (default: half of them)")
@@ -33,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     Fault.parse(f"people@{target}")
     people, stubborn = numbers_of_people(target)
     settings, seeds = study_settings(args), seeds_of(args)
-    settings.check(args.worlds, args.robots)
+    settings.check([world.replace("*", str(seeds[0])) for world in args.worlds], args.robots)
     options = () if args.time_limit is None else ("--time-limit", str(args.time_limit))
     cases = crowd_cases(args.worlds, args.robots, people, stubborn, seeds, options, settings)
     fields = summarize(conduct_study(args, crowd_study(cases)))

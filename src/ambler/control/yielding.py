@@ -1,7 +1,7 @@
 """Yielding: no motion passes from which the robot could not stand still for half a second before anybody who moves reaches it.
 
 Each mover may go on, go on as he last walked, turn round, or turn towards the robot (who walks a bend does that, and who stands may set out
-so); at every moment of the motion, and of the braking after it, the filled footprint keeps clear of all of them (passive safety, Bouraine,
+so, unless he was seen walking and has stood for a while: he goes on or back along his line; and not on if it was the robot that he stopped for); at every moment of the motion, and of the braking after it, the filled footprint keeps clear of all of them (passive safety, Bouraine,
 Fraichard and Salhi 2012, with the half second by which a contact is judged). Whoever reaches a robot that stands, that creeps so slowly that it
 stands at once, or that only moves away from him, is let come.
 """
@@ -43,6 +43,10 @@ class YieldConfig:
     scales         shares of a wanted velocity that are tried, the greatest first
     speed_min      below this a mover stands; he may walk again as he last did, or turn round
     setting_out    m/s at which anybody may come towards the robot, at least: who stood, and who is thought slow because he has just set out
+    stood          seconds after which somebody who was seen walking before counts as standing, and goes on or back along his line: so many
+                   radians to either side of it (`line`)
+    stopped        metres from the outline of the robot within which who walked towards it and stands has stopped for it, if nobody else is within
+                   `company` metres of him
     beside         metres within which who comes may walk into any side of the robot, not only towards its middle
     brake_share    share of the deceleration limits that is counted on
     speed_max, turn_max   m/s and rad/s in company: a robot that may have to stand half a second from now must not be fast
@@ -64,6 +68,10 @@ class YieldConfig:
     scales: tuple[float, ...] = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.08)
     speed_min: float = 0.3
     setting_out: float = 1.2
+    stood: float = 1.0
+    line: float = 0.35
+    stopped: float = 1.0
+    company: float = 1.2
     beside: float = 2.0
     brake_share: float = 0.8
     speed_max: float = 0.5
@@ -109,8 +117,8 @@ class Yielding:
         self._pose = odom_from_base.as_array()
         self._now = np.array([velocity.vx, velocity.vy, velocity.wz])
         self._going_on = near.states[:, :4]
-        self.hypotheses = self._hypotheses(near.states)
-        self._likely = self._hypotheses(near.states, is_evading=True)
+        self.hypotheses = self._hypotheses(near)
+        self._likely = self._hypotheses(near, is_evading=True)
 
     def contact_in(self, wanted: BodyVelocity) -> float:
         """Return in how many seconds a velocity would start a contact, inf if in none."""
@@ -189,14 +197,17 @@ class Yielding:
                 least = min(least, float(gap) - c.radius)
         return least
 
-    def _hypotheses(self, states: F64, *, is_evading: bool = False) -> F64:
+    def _hypotheses(self, movers: Movers, *, is_evading: bool = False) -> F64:
         """Return where movers may go; for a robot that gets out of their way, no faster than they walk: whoever follows it anywhere would
         leave it nowhere to go."""
         c = self._config
         targets = np.vstack((self._pose[None, :2], SE2(*self._pose).transform(self._sides)))
         rows = []
-        for x, y, vx, vy, wx, wy in states:
+        for k, (x, y, vx, vy, wx, wy) in enumerate(movers.states):
             is_walking = math.hypot(vx, vy) >= c.speed_min
+            if self._has_stood(movers, k):
+                rows += [(x, y, *way, c.radius, c.growth) for way in self._along_his_line(movers.states, k)]
+                continue
             ways = [(vx, vy), (-vx, -vy)] if is_walking else [(vx, vy), (wx, wy), (-wx, -wy)]
             speed = math.hypot(vx, vy) if is_walking else math.hypot(wx, wy)
             if not is_evading:  # who has just set out seems slow at first
@@ -207,3 +218,30 @@ class Yielding:
                 ways.append((speed * to_x / away, speed * to_y / away))
             rows += [(x, y, *way, c.radius, c.growth) for way in ways]
         return np.array(rows).reshape(-1, 6)
+
+    def _has_stood(self, movers: Movers, k: int) -> bool:
+        """Whether somebody was seen walking, and has stood since for a while."""
+        (vx, vy, wx, wy), c = movers.states[k, 2:], self._config
+        has_walked = math.hypot(wx, wy) >= c.speed_min > math.hypot(vx, vy)
+        return has_walked and movers.rests is not None and movers.rests[k] >= c.stood
+
+    def _along_his_line(self, states: F64, k: int) -> list[tuple[float, float]]:
+        """Return at which velocities somebody who stands may set out: back along his line, and on along it unless the robot is what he stopped for."""
+        c, (wx, wy) = self._config, states[k, 4:6]
+        faster = max(1.0, c.setting_out / math.hypot(wx, wy))
+        turns = [SE2(0.0, 0.0, angle).transform(faster * np.array([[wx, wy]]))[0] for angle in (-c.line, 0.0, c.line)]
+        ways = [(0.0, 0.0), *((-u, -v) for u, v in turns)]
+        return ways if self._has_stopped_for_robot(states, k) else [*ways, *((u, v) for u, v in turns)]
+
+    def _has_stopped_for_robot(self, states: F64, k: int) -> bool:
+        """Whether somebody who stands walked towards the robot and stopped right before it, with nobody else near who may have stopped him."""
+        c, (x, y, _, _, wx, wy) = self._config, states[k]
+        place, nearest = SE2(*self._pose).inverse().transform(np.array([[x, y]]))[0], np.empty(2)
+        gap = (
+            float(outline_distance(place[0], place[1], self._normals, self._offsets, self._corners, nearest)) - c.radius
+        )
+        to = SE2(*self._pose).transform(nearest[None])[0] - (x, y)
+        is_towards = (wx * to[0] + wy * to[1]) >= 0.8 * math.hypot(wx, wy) * math.hypot(*to)
+        others = np.delete(states[:, :2], k, axis=0) - (x, y)
+        is_alone = bool((np.hypot(*others.T) > c.company).all())
+        return is_alone and is_towards and 0.0 < gap < c.stopped

@@ -1,18 +1,25 @@
 """Collisions, judged from the ground truth: contacts that the robot causes, clustered in time.
 
 What stands is touched by whoever moves: a contact while the robot moves is its own. People move, too: a contact with somebody who walks
-is the robot's if, at any time in the half second before it, the touched point of the robot moved towards him.
+is the robot's if, at any time in the half second before it, the touched point of the robot moved towards him, unless somebody else shoved it
+there while it stood (`split_shoved`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from ambler.core.messages import Contact
+import numpy as np
+
+from ambler.core.messages import Contact, VelocityCommand
+from ambler.runtime.topics import VELOCITY_COMMAND
+from ambler.wire.mcap_reader import read_recording
 
 MIN_SPEED = 0.05  # m/s
 GAP = 0.5  # seconds up to which contacts are one
+STOOD = 0.8  # seconds: the half second before a contact, and what a base needs to stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +71,21 @@ def find_contacts(
                 max(last.force, c.force),
             )
     return tuple(found)
+
+
+def split_shoved(
+    collisions: Sequence[Collision], recording: Path
+) -> tuple[tuple[Collision, ...], tuple[Collision, ...]]:
+    """Return the collisions that a robot caused, and those that it was shoved into: all that its gate told it in the last `STOOD` seconds before was
+    to stand, so that somebody else moved it."""
+    if not collisions:
+        return (), ()
+    told = [c.decode_as(VelocityCommand) for c in read_recording(recording, [VELOCITY_COMMAND.ros_name])]
+    stamps_ns = np.array([v.stamp_ns for v in told], np.int64)
+    is_moving = np.array([max(abs(v.vx), abs(v.vy), abs(v.wz)) > 0.0 for v in told], np.bool_)
+
+    def stood(collision: Collision) -> bool:
+        first, last = np.searchsorted(stamps_ns, [collision.begin_ns - round(STOOD * 1e9), collision.begin_ns])
+        return bool(last > first and not is_moving[first:last].any())
+
+    return tuple(c for c in collisions if not stood(c)), tuple(c for c in collisions if stood(c))

@@ -71,7 +71,7 @@ class SurveyConfig:
 class Survey:
     """All frontiers of one map: `gains` float64 (N,) in m², `open` the indices that may be driven to, the areas (m²) of the
     known map and of the cells that the robot can reach, and the cost grid that all was made with. `left_out` (m) is the length of the
-    frontiers beyond the fence."""
+    frontiers beyond the fence; `shut` are the indices of those to which no way leads, or no drive got, and that were not looked at often enough."""
 
     frontiers: tuple[Frontier, ...]
     gains: NDArray[np.float64]
@@ -80,6 +80,7 @@ class Survey:
     reachable_area: float
     costs: CostGrid
     left_out: float = 0.0
+    shut: tuple[int, ...] = ()
 
 
 class FrontierSurvey:
@@ -135,6 +136,7 @@ class FrontierSurvey:
         frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base)
         if self.config.looks_from_afar and not any(each.state is FrontierState.OPEN for each in frontiers):
             frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base, is_last_resort=True)
+        shut = tuple(k for k, f in enumerate(frontiers) if self._is_shut(f))
         frontiers += [self._judge_over(*looked_at, occupancy.spec.resolution) for looked_at in over.split()]
         frontiers += self._left_out(found, sides)
         gains = np.concatenate([gains, np.zeros(len(frontiers) - len(groups))])
@@ -143,7 +145,7 @@ class FrontierSurvey:
         known = float(np.count_nonzero(occupancy.data >= 0)) * cell_area
         reachable = float(np.count_nonzero(np.isfinite(distance))) * cell_area
         left_out = float(np.count_nonzero(sides)) * occupancy.spec.resolution
-        return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out)
+        return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out, shut)
 
     def _judged(
         self,
@@ -348,6 +350,12 @@ class FrontierSurvey:
             )
         reason = self.memory.reason_against(frontier, occupancy, is_elsewhere=is_elsewhere)
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
+
+    def _is_shut(self, frontier: Frontier) -> bool:
+        if frontier.state is not FrontierState.UNREACHABLE:
+            return False
+        refusal = self.memory.find(frontier)
+        return refusal is None or refusal.looks < self.config.memory.max_looks
 
     def _judge_over(self, cells: NDArray[np.float32], centroid: tuple[float, float], resolution: float) -> Frontier:
         if reason := self._too_small(cells, resolution):

@@ -10,11 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from ambler.core.messages import Frontier, FrontierState
 from ambler.core.se2 import SE2
 from ambler.exploration.choice import ChoiceConfig, choose, find_again
 from ambler.exploration.strategies import Strategy
 from ambler.exploration.survey import FrontierSurvey, Survey
+from ambler.missions.company import Company
 from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore_commands import (
     ChangeLevel,
@@ -55,6 +58,7 @@ class ExploreMission:
         self._held_ns = 0
         self._doubt = ""
         self._doubt_ns = 0
+        self._company = Company(config.company_time, config.company_looks)
 
     def begin(self, goal: ExploreGoal, now_ns: int) -> None:
         """Start a new exploration; the pose at the first update is home."""
@@ -82,6 +86,7 @@ class ExploreMission:
         self._has_swept = False
         self._has_pardoned = False
         self._returns = 0
+        self._company.forget()
         self._shut_ns: int | None = None
         self._pause_until_ns = 0
         self._resumes = 0
@@ -142,6 +147,10 @@ class ExploreMission:
         if reason and not self._doubt:
             self._doubt_ns = now_ns
         self._doubt = reason
+
+    def meet(self, now_ns: int, *, is_here: bool) -> None:
+        """Take whether anybody who moves is near the robot."""
+        self._company.meet(now_ns, is_here=is_here)
 
     def drive_ended(self, drive: int, code: str, text: str) -> bool:
         """Take the end of a drive; returns whether it is news, so that an update should follow. Earlier drives are not."""
@@ -213,6 +222,9 @@ class ExploreMission:
             return self._change_level(view, *unfinished)
         if not self._has_swept:
             return self._sweep(view)
+        shut = [self._now.frontiers[k] for k in self._now.shut]
+        if self._company.look(view.now_ns, self._now.known_area, is_shut=bool(shut)):
+            return self._look_past_people(view, shut)
         if self._goal.return_to_start and not self._is_home:
             return self._go_home(view)
         if self._now.reachable_area < self.config.min_reachable_area:
@@ -520,6 +532,19 @@ class ExploreMission:
             self._surveyor.memory.pardon()
         self._wait(view, self.config.sweep_time, "final sweep")
         return [ClearCosts()]
+
+    def _look_past_people(self, view: ExploreView, shut: list[Frontier]) -> list[Command]:
+        """Go to where the robot was nearest to what is shut, one after the other; there, or where nothing is, turn and wait."""
+        self._surveyor.memory.pardon()
+        self._next_drive()
+        self._is_home = False
+        cells = shut[self._company.looks // 2 % len(shut)].cells if shut else np.empty((0, 2))
+        place = self._trail.nearest(cells)
+        if place is None or place.distance_to(view.map_from_base) <= self.config.near:
+            return [ClearCosts(), *self._turn_and_wait(view, "people are about: looking once more")]
+        self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
+        self._wait(view, self.config.lookout_time, "people are about: looking at what is shut")
+        return [ClearCosts(), DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
 
     def _go_home(self, view: ExploreView) -> list[Command]:
         assert self._home is not None

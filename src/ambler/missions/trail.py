@@ -39,6 +39,15 @@ class Trail:
         (x, y), (to_x, to_y) = self._places[k], self._places[min(k + 1, len(self._places) - 1)]
         return SE2(x, y, math.atan2(to_y - y, to_x - x))
 
+    def nearest(self, points: NDArray[np.floating]) -> SE2 | None:
+        """Return the place of the trail that is nearest to any of `points` (N, 2), looking at them; None without a trail or points."""
+        if not self._places or len(points) == 0:
+            return None
+        gaps = np.hypot(*(np.array(self._places)[:, None, :] - points[None, :, :]).transpose(2, 0, 1))
+        k, to = np.unravel_index(int(gaps.argmin()), gaps.shape)
+        (x, y), (to_x, to_y) = self._places[k], points[to].tolist()
+        return SE2(x, y, math.atan2(to_y - y, to_x - x))
+
     def lookout(self, costs: CostGrid, map_from_base: SE2) -> SE2 | None:
         """Return from where to watch the place at which an obstacle cuts the way back, looking at it; None when nothing does, or when the
         robot is there already. `costs` are in the map frame."""

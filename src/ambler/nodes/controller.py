@@ -65,6 +65,7 @@ from ambler.runtime.topics import (
     MAP_CLEARING,
     MERGED_CLOUD,
     MERGED_FREE,
+    MOVERS,
     ODOMETRY,
     PATH,
     SCAN,
@@ -102,7 +103,7 @@ class ControllerNode(Node):
     inputs: Topics = (SCAN, ODOMETRY, TRANSFORMS)
     optional_inputs: Topics = (PATH, GATE_STATUS, STEER_REQUEST)
     kept_inputs: Topics = (ODOMETRY, TRANSFORMS)
-    outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT, STATUS)
+    outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT, MOVERS, STATUS)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
     latency = 0.01
 
@@ -151,6 +152,7 @@ class ControllerNode(Node):
         self._speed_most = math.inf
         self._stop_order = 0
         self._cycles, self._begun_ns = 0, 0
+        self._is_alone = True
 
     @property
     def scans(self) -> Topic[Any]:
@@ -192,6 +194,7 @@ class ControllerNode(Node):
 
     def _on_scan(self, scan: LaserScan) -> None:
         self._view.add_scan(scan)
+        self._tell_movers()
         self._begin_with_scan()
 
     def _on_free(self, free: PointCloud) -> None:
@@ -199,10 +202,12 @@ class ControllerNode(Node):
 
     def _on_merged(self, cloud: PointCloud) -> None:
         self._view.add_merged(cloud)
+        self._tell_movers()
         self._begin_with_scan()
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         self._view.add_cloud(cloud)
+        self._tell_movers()
         self._begin_with_scan()
 
     def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
@@ -247,6 +252,18 @@ class ControllerNode(Node):
     def _on_clear(self, request: Nothing) -> Nothing:
         self._view.costmap.clear()
         return Nothing()
+
+    def _tell_movers(self) -> None:
+        """Tell where whoever moves is, in the odom frame, until nobody is there any more; intensities are speeds in m/s."""
+        movers = self._view.tracked
+        if len(movers) == 0 and self._is_alone:
+            return
+        self._is_alone = len(movers) == 0
+        points = np.zeros((len(movers), 3), np.float32)
+        points[:, :2] = movers.states[:, :2]
+        speeds = np.hypot(movers.states[:, 2], movers.states[:, 3]).astype(np.float32)
+        zeros, rings = np.zeros(len(movers), np.float32), np.zeros(len(movers), np.uint16)
+        self.ctx.publish(MOVERS, PointCloud(movers.stamp_ns, "odom", points, speeds, zeros, rings))
 
     # Goals
 

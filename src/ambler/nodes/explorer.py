@@ -15,6 +15,7 @@ from ambler.core.messages import (
     GateStatus,
     GroundLevels,
     OccupancyGrid,
+    PointCloud,
     PointStamped,
     PoseStamped,
     Status,
@@ -65,6 +66,7 @@ from ambler.runtime.topics import (
     GOAL_POINT,
     GROUND_LEVELS,
     MAP,
+    MOVERS,
     STATUS,
     TRANSFORMS,
     WAY_POINT,
@@ -79,7 +81,10 @@ class ExplorerNode(Node):
 
     name: str = "explorer"
     inputs: tuple[Topic[Any], ...] = (MAP, GLOBAL_COSTMAP, TRANSFORMS)
-    optional_inputs: tuple[Topic[Any], ...] = (STATUS, GATE_STATUS, GROUND_LEVELS, GOAL, GOAL_POINT, WAY_POINT)
+    optional_inputs: tuple[Topic[Any], ...] = (
+        *(STATUS, GATE_STATUS, GROUND_LEVELS, MOVERS),
+        *(GOAL, GOAL_POINT, WAY_POINT),
+    )
     kept_inputs: tuple[Topic[Any], ...] = (TRANSFORMS,)
     outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
     serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
@@ -119,6 +124,7 @@ class ExplorerNode(Node):
         self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(STATUS, self._on_status)
         self.ctx.subscribe(GATE_STATUS, self._on_gate)
+        self.ctx.subscribe(MOVERS, self._on_movers)
         self.ctx.subscribe(GOAL, self._on_click)
         for clicked in (GOAL_POINT, WAY_POINT):
             self.ctx.subscribe(clicked, self._on_click)
@@ -151,6 +157,9 @@ class ExplorerNode(Node):
             self._mission.resume(self.ctx.now_ns)
             if self._mission.is_active and self._drive is not None:
                 self._carry_out([self._drive])
+
+    def _on_movers(self, movers: PointCloud) -> None:
+        self._mission.meet(self.ctx.now_ns, is_here=len(movers.points) > 0)
 
     def _on_click(self, goal: PoseStamped | PointStamped) -> None:
         """A person's own goal during a station, which displaces no drive of the exploration: break it off, and go on when the goal is over."""

@@ -67,6 +67,11 @@ class LocalView:
             if (edge.parent, edge.child) == ("map", "odom"):
                 self._odom_from_map = edge.parent_from_child.to_se2().inverse()
 
+    @property
+    def tracked(self) -> Movers:
+        """What moves, at the instant of the newest scan."""
+        return self._tracker.movers
+
     def movers(self, now_ns: int) -> Movers:
         """Return what moves, as the newest scan and its going on as before tell it for now."""
         return self._tracker.movers.at(now_ns)

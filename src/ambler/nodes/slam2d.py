@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
 from ambler.core.messages import (
     LaserScan,
@@ -41,6 +42,7 @@ from ambler.runtime.topics import (
     MATCHED_SCAN,
     MERGED_CLOUD,
     MERGED_FREE,
+    MOVERS,
     ODOMETRY,
     SCAN,
     SLAM_HEALTH,
@@ -55,6 +57,8 @@ from ambler.slam2d.slam import Slam2d, Slam2dResult
 from ambler.wire.map_files import save_map
 
 Finishing = GoalHandle[Nothing, Nothing, Nothing]
+MOVERS_AGE_NS = 500_000_000
+PERSON = 0.5  # metres from the middle of whoever moves within which all returns are his
 BEND_KEYFRAMES = 400  # that are matched to the finished map, 0.1 ms to 1 ms each
 OWN_RAYS = 180
 
@@ -76,11 +80,12 @@ class Slam2dNodeConfig:
 class Slam2dNode(Node):
     """Runs `Slam2d` on the robot's scanner, or on the points of its merged scanners, each ray from where it was measured.
 
-    While the pose is in doubt (`MapTrustJudge`) nothing is drawn into the map, and STATUS says SLAM_DEGRADED or SLAM_LOST.
+    Returns from whoever moves (MOVERS) are no part of the room. While the pose is in doubt (`MapTrustJudge`) nothing is drawn into the map, and STATUS says SLAM_DEGRADED or SLAM_LOST.
     """
 
     name = "slam2d"
     inputs: Topics = (SCAN, ODOMETRY)
+    optional_inputs: Topics = (MOVERS,)
     outputs = (MAP, TRANSFORMS, SLAM_POSE, SLAM_HEALTH, MATCHED_SCAN, STATUS)
     serves = (SAVE_MAP, FINISH_MAP)
     latency = 0.01
@@ -102,6 +107,7 @@ class Slam2dNode(Node):
         self._newest_ns = -1
         self._repeats = StuckScan()
         self._odom_from_base = SE2()
+        self._movers: PointCloud | None = None
         self._has_job = False
         self._finishing: Finishing | None = None
         self._final_work: Iterator[Callable[[], JobResult]] = iter(())
@@ -116,6 +122,7 @@ class Slam2dNode(Node):
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
+        self.ctx.subscribe(MOVERS, self._on_movers)
         self.ctx.serve(SAVE_MAP, self._save_map)
         self.ctx.serve_task(FINISH_MAP, self._on_finish, self._on_finish_cancelled)
         self.ctx.timer(self._config.map_period, self._publish_map)
@@ -125,6 +132,9 @@ class Slam2dNode(Node):
         self.slam.add_odometry(message.stamp_ns, self._odom_from_base)
         self._motion.add(message)
         self.slam.add_heading(message.stamp_ns, self._odom_from_base.yaw)
+
+    def _on_movers(self, message: PointCloud) -> None:
+        self._movers = message
 
     def _on_scan(self, message: LaserScan) -> None:
         if self._repeats.update(message.ranges, self._odom_from_base):
@@ -157,6 +167,7 @@ class Slam2dNode(Node):
             )
             return
         self._newest_ns = scan.stamp_ns
+        scan = self._without_movers(scan)
         is_telling = self._trust.may_match(scan.points)
         taken = scan if is_telling else replace(scan, points=scan.points[:0], intensities=None, starts=None)
         result = self.slam.update(taken, may_insert=self._trust.may_map)
@@ -171,6 +182,19 @@ class Slam2dNode(Node):
             self._publish_map()
         if not self._has_job:
             self._work(self.slam.take_background_work())
+
+    def _without_movers(self, scan: PlanarScan) -> PlanarScan:
+        """Return the scan without what was seen of people and whatever else moves: it would stay in the map where they have been, and shut ways."""
+        movers = self._movers
+        if movers is None or len(movers.points) == 0 or scan.stamp_ns - movers.stamp_ns > MOVERS_AGE_NS:
+            return scan
+        try:
+            base_from_odom = self._motion.planar_at(scan.stamp_ns).inverse()
+        except StaleInputError:
+            return scan
+        places = base_from_odom.transform(movers.points[:, :2])
+        gaps = np.hypot(*(scan.points[:, None, :] - places[None, :, :]).transpose(2, 0, 1))
+        return scan.of_returns(np.flatnonzero(gaps.min(axis=1) > PERSON))
 
     def _tell_trust(self) -> None:
         trust = self._trust

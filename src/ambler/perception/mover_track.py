@@ -45,7 +45,7 @@ class MoverConfig:
     coast           seconds for which a track that nobody sees goes on
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
     still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
-                    (a post that came into sight behind glass) would be yielded to for ever
+                    (a post that came into sight behind glass) would be yielded to for ever; `still_walker` for who has gone `walked` metres
     """
 
     reach: float = 5.5
@@ -76,6 +76,8 @@ class MoverConfig:
     speed_max: float = 2.0
     speed_min: float = 0.3
     still: float = 10.0
+    still_walker: float = 60.0
+    walked: float = 1.0
 
 
 class MoverTrack:
@@ -85,7 +87,7 @@ class MoverTrack:
         self.place, self.velocity, self.walk = place, np.zeros(2), np.zeros(2)
         self.born, self.seen, self.at = place, now, now
         self.count = 1
-        self.is_mover = False
+        self.is_mover = self.has_walked = False
         self.stands = stands
         self.surface = NOTHING
         """What was hit of him when he stood, float64 (N, 2)."""
@@ -128,5 +130,6 @@ class MoverTrack:
             self.is_mover = not (np.hypot(*(points - self.born).T) < config.vacated).any()
         if self.stands and self.count >= config.stand_confirmed:
             self.is_mover = True
+        self.has_walked |= self.is_mover and math.dist(self.place, self.born) >= config.walked
         if self.is_mover and speed >= max(config.speed_min, 0.8 * math.hypot(*self.walk)):
             self.walk = self.velocity

@@ -74,14 +74,13 @@ class MoverTracker:
         came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
         for place in self._standing(points, came_alone, points[~came_alone & (kinds != kernels.MOVING)], starts):
             self._note_standing(place, now)
-        rows = [
-            np.concatenate((t.predicted(now), t.pace(now), t.walk))
-            for t in self._tracks
-            if t.is_mover and not self._is_still(t, now)
-        ]
+        told_of = [t for t in self._tracks if t.is_mover and not self._is_still(t, now)]
+        rows = [np.concatenate((t.predicted(now), t.pace(now), t.walk)) for t in told_of]
         self._hidden = np.array([p for p in silent if self._is_hidden(p, now)]).reshape(-1, 2)
         rows += [np.concatenate((place, np.zeros(4))) for place in self._hidden]
-        self.movers = Movers(scan.stamp_ns, _told_in(np.array(rows).reshape(-1, 6), self._map_from_odom.inverse()))
+        rests = np.array([now - t.resting_since for t in told_of] + [0.0] * len(self._hidden))
+        states = _told_in(np.array(rows).reshape(-1, 6), self._map_from_odom.inverse())
+        self.movers = Movers(scan.stamp_ns, states, rests)
         return self.movers
 
     def _correct(self, map_from_odom: SE2, scanner: F64) -> None:
@@ -110,7 +109,8 @@ class MoverTracker:
         return np.asarray(np.isfinite(falls.tops) & ~(is_close & (falls.tops > falls.height - self._config.headroom)))
 
     def _is_still(self, track: MoverTrack, now: float) -> bool:
-        return now - track.resting_since > self._config.still
+        c = self._config
+        return now - track.resting_since > (c.still_walker if track.has_walked else c.still)
 
     def _judged(
         self, points: F64, free_ends: F64, starts: F64, free_starts: F64, now: float

@@ -75,7 +75,11 @@ class PlanarScan:
         """Return the scan with the middle or the first return of every square voxel; what belongs to the returns goes with them."""
         chosen = np.empty(len(self.points), np.int64)
         n = scan_points.choose_voxels(self.points, size, _table(len(self.points)), picks_middle, chosen)
-        rows, f = chosen[: int(n)], self.falls
+        return self.of_returns(chosen[: int(n)])
+
+    def of_returns(self, rows: NDArray[np.int64]) -> PlanarScan:
+        """Return the scan with these of its returns, by their rows, and all its free rays."""
+        f = self.falls
         return replace(
             self,
             points=self.points[rows],

@@ -107,6 +107,7 @@ LOCAL_COSTMAP = _topic("local_costmap", m.CostGrid, "/local_costmap/costmap", "l
 FOOTPRINT = _topic("footprint", m.Polygon, "/footprint", depth=1)
 PATH = _topic("path", m.Path, "/plan", "latched", 1)
 BLOCKED = _topic("blocked", m.Path, "/blocked", "latched", 1)
+MOVERS = _topic("movers", m.PointCloud, "/movers", depth=2)
 LOCAL_PATH = _topic("local_path", m.Path, "/local_plan", depth=1)
 FRONTIERS = _topic("frontiers", m.Frontiers, "/frontiers", "latched", 1)
 VISIBILITY_GRAPH = _topic("visibility_graph", m.VisibilityGraphView, "/visibility_graph", "latched", 1)

@@ -20,7 +20,8 @@ COVERED = 0.98  # of the reachable floor, as of every other exploration: who sta
 
 @dataclass(frozen=True, slots=True)
 class CrowdCase:
-    """One exploration among `people`, `stubborn` of whom do not yield; `options` are further words of `ambler demo`."""
+    """One exploration among `people`, `stubborn` of whom do not yield; `options` are further words of `ambler demo`. A world as `office-*` is drawn
+    with the case's seed."""
 
     world: str
     robot: str
@@ -31,9 +32,14 @@ class CrowdCase:
     settings: StudySettings = DEFAULTS
 
     @property
+    def place(self) -> str:
+        """The world by its name."""
+        return self.world.replace("*", str(self.seed))
+
+    @property
     def label(self) -> str:
         """A name for files and people."""
-        return f"{Path(self.world).stem}-{Path(self.robot).stem}-{self.people}of{self.stubborn}-{self.seed}"
+        return f"{Path(self.place).stem}-{Path(self.robot).stem}-{self.people}of{self.stubborn}-{self.seed}"
 
 
 def crowd_cases(
@@ -60,7 +66,7 @@ def crowd_study(cases: Sequence[CrowdCase]) -> Study[CrowdCase]:
 def run_case(case: CrowdCase, folder: Path) -> dict[str, Any]:
     """Explore."""
     options = ("--fault", f"people@{case.people}/{case.stubborn}", *case.options)
-    result = run_demo(folder, case.world, case.robot, case.seed, options, case.settings)
+    result = run_demo(folder, case.place, case.robot, case.seed, options, case.settings)
     return {**result, "world": Path(case.world).stem, "robot": case.robot}
 
 
@@ -68,7 +74,8 @@ def line(result: dict[str, Any]) -> str:
     """Say in a few words how a run ended."""
     early = " early" if _is_early(result) else ""
     return (
-        f"{result['ended']}{early}, {result.get('collisions')} collisions of {result.get('contacts')} contacts, "
+        f"{result['ended']}{early}, {result.get('collisions')} collisions, {result.get('collisions_shoved')} more shoved into, "
+        f"of {result.get('contacts')} contacts, "
         f"{result.get('sim_seconds') or 0.0:.0f} s"
     )
 
@@ -104,6 +111,7 @@ def _summary(members: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "finished_early": sum(_is_early(m) for m in members),
         "not_finished": ",".join(sorted(m["ended"] for m in members if m.get("ended") != "finished")),
         "collisions": sum(m.get("collisions") or 0 for m in members),
+        "collisions_shoved": sum(m.get("collisions_shoved") or 0 for m in members),
         "contacts": sum(m.get("contacts") or 0 for m in members),
     }
     for what in ("sim_seconds", "reachable_coverage_ratio", "ate_rms_m", "path_length_m", "cpu_seconds"):
