@@ -180,11 +180,18 @@ STUDIES = {
     ),
     "eval crowd --runs 30 --people 10 --seed draw --json crowd.json": Long(
         "--runs 2 --time-limit 4",
-        r"\[2 of 2\] office-(diff|amr_omni)-\S+: time_limit, 0 collisions of 0 contacts, 4 s",
+        r"\[2 of 2\] office-(diff|amr_omni)-\S+: time_limit, 0 collisions of 0 contacts, 0 shoved into, 4 s",
         code=1,
     ),
     "eval crowd --worlds office --robots diff --runs 2 --people 4 --stubborn 4": Long(
-        "--time-limit 4", r"\[2 of 2\] office-(diff|amr_omni)-\S+: time_limit, 0 collisions of 0 contacts, 4 s", code=1
+        "--time-limit 4",
+        r"\[2 of 2\] office-(diff|amr_omni)-\S+: time_limit, 0 collisions of 0 contacts, 0 shoved into, 4 s",
+        code=1,
+    ),
+    "eval crowd --worlds 'office-*' 'ward-*' --seed draw": Long(
+        "--runs 1 --time-limit 4",
+        r"\[1 of 1\] office-\d+-diff-\S+: time_limit, 0 collisions of 0 contacts, 0 shoved into, 4 s",
+        code=1,
     ),
     "eval glass --json glass.json": Long(
         "--runs 1 --robots diff --time-limit 5",

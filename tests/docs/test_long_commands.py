@@ -36,7 +36,7 @@ def execute(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> Outc
     """Run a command in its folder, which is the working one: as a shell does, with the files that a pattern fits."""
     words: list[str] = []
     for word in lengthened(BLOCKS[text], LONG[text].more.split()):
-        words += sorted(path.name for path in folder.glob(word)) if "*" in word else [word]
+        words += (sorted(path.name for path in folder.glob(word)) if "*" in word else []) or [word]
     capsys.readouterr()
     code = main(words)
     printed = capsys.readouterr().out

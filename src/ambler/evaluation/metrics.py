@@ -53,6 +53,11 @@ METRICS = {
         "Contacts with anything but a dock's contacts while it moved faster than 0.05 m/s, with people only if it moved towards them within the "
         "half second before; judged from the simulator's truth.",
     ),
+    "collisions_shoved": Metric(
+        "Shoved into",
+        _O,
+        "What somebody shoved the robot into while its gate had told it to stand for the 0.8 s before; no collisions.",
+    ),
     "contacts": Metric("Contacts", _O, "All contacts with anything but a dock's contacts, whoever caused them."),
     "goals_reached": Metric("Goals reached", _O, "Goals at which the robot said that it had arrived."),
     "goals": Metric("Goals given", _O, "Goals that it was sent to."),

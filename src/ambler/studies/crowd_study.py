@@ -74,8 +74,8 @@ def line(result: dict[str, Any]) -> str:
     """Say in a few words how a run ended."""
     early = " early" if _is_early(result) else ""
     return (
-        f"{result['ended']}{early}, {result.get('collisions')} collisions, {result.get('collisions_shoved')} more shoved into, "
-        f"of {result.get('contacts')} contacts, "
+        f"{result['ended']}{early}, {result.get('collisions')} collisions of {result.get('contacts')} contacts, "
+        f"{result.get('collisions_shoved')} shoved into, "
         f"{result.get('sim_seconds') or 0.0:.0f} s"
     )
 
