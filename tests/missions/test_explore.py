@@ -349,6 +349,32 @@ def test_failing_everywhere_at_one_place_is_stuck() -> None:
     assert len(ended.result.remaining) == 8
 
 
+def test_who_is_held_by_people_is_stuck_only_after_much_longer() -> None:
+    play = Play(*[frontier(2.0 + 2 * k, 5.0, 3.0 + k) for k in range(8)], stuck_time=20.0, company_patience=5.0)
+    play.mission.meet(0, is_here=True)
+    assert play.until_ended("RECOVERIES_EXHAUSTED").code == "STUCK"
+    assert 100 * S <= play.now_ns < 150 * S
+
+
+def test_a_look_past_people_that_takes_too_long_is_broken_off_before_the_robot_turns() -> None:
+    """A turn beside a drive that goes on would displace it, as a person's own drive does."""
+    shut = replace(frontier(16, 10, math.inf), goal=None, state=FrontierState.UNREACHABLE, reason="no way")
+    play = Play(frontier(12, 10, 2.0), shut, lookout_time=20.0)
+    play.mission.meet(0, is_here=True)
+    drive = play.drive()
+    for x in np.arange(10.0, 13.0, 0.5):
+        play.pose = SE2(float(x), 10.0)
+        play.step(0.1)
+    play.pose, play.surveyor.frontiers = SE2(10.0, 10.0), [shut]
+    play.end(drive)
+    told = [command for _ in range(10) for command in play.step()]
+    assert isinstance(told[-1], DriveTo), "which nobody ends"
+    play.pose = SE2(12.4, 10.0)
+    later = [command for _ in range(25) for command in play.step()]
+    turn = next(k for k, command in enumerate(later) if isinstance(command, TurnAround))
+    assert any(isinstance(command, StopDriving) for command in later[:turn])
+
+
 def test_a_robot_that_was_shut_in_goes_on_when_it_is_let_out_and_blames_no_frontier() -> None:
     play = Play(*[frontier(2.0 + 2 * k, 5.0, 3.0 + k) for k in range(4)], goal=ExploreGoal(return_to_start=False))
     while play.now_ns < 60 * S:

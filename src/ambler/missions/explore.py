@@ -488,7 +488,8 @@ class ExploreMission:
         waits, turns and tries again; one that fails for long without moving is stuck."""
         c = self.config
         self._failed.add(self._sent, view.map_from_base, view.now_ns)
-        if self._failed.count >= c.stuck_failures and view.now_ns - self._failed.since_ns >= c.stuck_time * 1e9:
+        patience = c.stuck_time * (c.company_patience if self._company.is_about(view.now_ns) else 1.0)
+        if self._failed.count >= c.stuck_failures and view.now_ns - self._failed.since_ns >= patience * 1e9:
             text = f"{self._failed.count} drives failed at one place, the last one: {reason}"
             return self._end(ExploreState.FAILED, "STUCK", text)
         if self._failed.goals < c.shut_failures:
@@ -541,7 +542,7 @@ class ExploreMission:
         cells = shut[self._company.looks // 2 % len(shut)].cells if shut else np.empty((0, 2))
         place = self._trail.nearest(cells)
         if place is None or place.distance_to(view.map_from_base) <= self.config.near:
-            return [ClearCosts(), *self._turn_and_wait(view, "people are about: looking once more")]
+            return [StopDriving(), ClearCosts(), *self._turn_and_wait(view, "people are about: looking once more")]
         self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
         self._wait(view, self.config.lookout_time, "people are about: looking at what is shut")
         return [ClearCosts(), DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]

@@ -41,7 +41,7 @@ class ExploreConfig:
     shut. After drives to `shut_failures` places that failed from one it waits and turns
     there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
     `doubt_time` to find itself again before the exploration ends as LOST. Where people were about within `company_time`, nothing is taken to be shut, and no drive to be
-    hopeless, that they may stand in the way of: the robot goes there and looks, up to `company_looks` times in a row that show nothing new. While it drives through a map of
+    hopeless, that they may stand in the way of: the robot goes there and looks, up to `company_looks` times in a row that show nothing new, and is stuck after `company_patience` times `stuck_time` only. While it drives through a map of
     n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
 
     start_timeout: float = 60.0
@@ -73,6 +73,7 @@ class ExploreConfig:
     doubt_time: float = 90.0
     company_time: float = 60.0
     company_looks: int = 6
+    company_patience: float = 5.0
     choice: ChoiceConfig = field(default_factory=ChoiceConfig)
     stations: StationsConfig = field(default_factory=StationsConfig)
 
