@@ -7,16 +7,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ambler.apps.config import GROUND_PROFILE, RobotConfig, can_map_ground, robot_config
 from ambler.apps.docks import dock_of_world
 from ambler.apps.robot import MapGrid
 from ambler.apps.saved_site import SavedSite, check_places, is_site, load_site
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
-from ambler.core.grid import OCC_FREE, OCC_OCCUPIED
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
+from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.steps import DockStep, ExploreStep, NavigateStep, Step, TeachStep, UndockStep
 from ambler.sim.faults import Fault, FaultInjector
 from ambler.sim.imperfections import Imperfections
@@ -28,6 +32,7 @@ from ambler.wire.camera_info import load_camera_info
 from ambler.wire.map_files import load_bend, load_map
 
 DRAWN_RESOLUTION = 0.05
+FIT = 0.05  # metres by which a surface may reach into a robot's outline: that of a cell is not known better
 DOCKING_STEPS = (DockStep, UndockStep, TeachStep)
 
 
@@ -109,9 +114,10 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     FaultInjector(faults, world, robot.faulty_frames)  # raises where a door or a scanner is not there
     _check_steps(options, robot, world)
     if config.mapping != "ground":
-        truth_grid(
-            replace(world, start=start), robot.sensor_height, DRAWN_RESOLUTION
-        )  # raises where it lies in a solid
+        there = replace(world, start=start).from_start()
+        plan = truth_grid(there, robot.sensor_height, DRAWN_RESOLUTION)  # raises in a solid
+        if options.starts_docked is None:
+            _check_fit(options.robot, robot.model, *plan)
     site = _site(options, config)
     grid = _grid(options, robot, world) if site is None else None
     if grid is not None:
@@ -122,6 +128,19 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
             known.dock(name)
     camera = None if options.camera_file is None else load_camera_info(options.camera_file)
     return Scene(robot, config, world, start, grid, faults, camera, site)
+
+
+def _check_fit(name: str, robot: RobotModel, spec: GridSpec, plan: NDArray[np.int8]) -> None:
+    """Raise where the outline of a robot at its start, the origin of the `plan`, is crossed by a surface: it would try for ever to get out."""
+    cells = np.argwhere(plan == OCC_OCCUPIED)[:, ::-1]
+    surfaces = (spec.origin_x, spec.origin_y) + spec.resolution * (cells + 0.5)
+    normals, offsets = footprint_edges(robot.footprint, -FIT)
+    is_inside = (surfaces @ normals.T <= offsets).all(axis=1)
+    if is_inside.any():
+        x, y = surfaces[is_inside][0].tolist()
+        raise BadInputError(
+            f"{name} does not fit at its start: something stands at ({x:.2f}, {y:.2f}) m from its middle, inside of its outline; --start puts it elsewhere"
+        )
 
 
 def _site(options: RunOptions, config: RobotConfig) -> SavedSite | None:

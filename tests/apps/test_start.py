@@ -1,0 +1,37 @@
+"""Where a robot may begin: what it cannot begin in is told before anything runs."""
+
+from __future__ import annotations
+
+import pytest
+
+from ambler.apps.scene import RunOptions, checked_scene
+from ambler.core.errors import BadInputError
+from ambler.core.se2 import SE2
+from ambler.sim.robots import robot_named
+
+
+@pytest.mark.parametrize(
+    ("robot", "yaw", "fits"),
+    [("diff", 0.0, True), ("diff", 1.57, True), ("spot", 0.0, True), ("spot", 1.57, False), ("amr_omni", 1.57, False)],
+)
+def test_a_robot_that_does_not_fit_its_start_is_refused(robot: str, yaw: float, *, fits: bool) -> None:
+    """Half a metre beside the wall of an empty room a long robot stands along it, and not across."""
+    half_length = robot_named(robot).model.footprint[:, 0].max()
+    assert (half_length < 0.5) == (robot == "diff")
+    options = RunOptions(world="lab_empty", robot=robot, start=beside_the_wall(0.45, yaw))
+    if fits:
+        checked_scene(options)
+        return
+    with pytest.raises(BadInputError, match=f"{robot} does not fit at its start: something stands at"):
+        checked_scene(options)
+
+
+def beside_the_wall(gap: float, yaw: float) -> SE2:
+    """A pose so far from the wall on the right of the start."""
+    y = 0.0
+    while True:
+        try:
+            checked_scene(RunOptions(world="lab_empty", robot="diff", start=SE2(0.0, y)))
+        except BadInputError:
+            return SE2(0.0, y + gap - robot_named("diff").model.footprint[:, 1].max(), yaw)
+        y -= 0.05
