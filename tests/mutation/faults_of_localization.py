@@ -21,6 +21,20 @@ MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
 
 LOCALIZATION = (
     PlantedFault(
+        "steps of walls at an angle are surfaces of their own",
+        "kernels/surfaces.py",
+        "if not (left and right):",
+        "if True:",
+        ("tests/localization/test_surface_map.py",),
+    ),
+    PlantedFault(
+        "the end of a wall is a part of it",
+        "kernels/surfaces.py",
+        "if not (left and right):",
+        "if not (left or right):",
+        ("tests/localization/test_surface_map.py",),
+    ),
+    PlantedFault(
         "the tracker believes its wheels rather than its scans when it is pushed",
         "localization/grid_tracker.py",
         "return self._matcher.explains_more(result, prior, points)",

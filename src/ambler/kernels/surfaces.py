@@ -11,6 +11,8 @@ import numpy as np
 
 from ambler.kernels.jit import jit
 
+WEAK, STRONG = 5, 6  # faces that support one that is not known to belong to any line, and one that is
+ASIDE = 2.0  # cells from a wall within which a speck is of it
 DX = np.array([1, -1, 0, 0])
 DY = np.array([0, 0, 1, -1])
 
@@ -118,8 +120,10 @@ def _mean_normal(cell_x, cell_y, owners, f, line):
 
 @jit
 def smooth_faces(positions, facings, owners, frame, radius, surfaces):
-    """Write `surfaces` float64 (N, 4): point (x, y) and unit normal towards free space of every face, from fits over +-radius cells."""
+    """Write `surfaces` float64 (N, 4): point (x, y) and unit normal towards free space of every face, from fits over +-radius cells.
+    Faces that are steps and specks of a wall (`_join_walls`) leave `owners` or become parts of it."""
     height, width = owners.shape[1], owners.shape[2]
+    support = np.zeros(positions.shape[0], np.int32)
     line = np.empty(4)
     for iy in range(height):
         for ix in range(width):
@@ -146,6 +150,59 @@ def smooth_faces(positions, facings, owners, frame, radius, surfaces):
                 surfaces[i, 0] = positions[i, 0] - e * line[2]
                 surfaces[i, 1] = positions[i, 1] - e * line[3]
                 surfaces[i, 2], surfaces[i, 3] = line[2], line[3]
+                support[i] = used
+    _join_walls(positions, owners, frame, radius, support, surfaces)
+
+
+@jit
+def _join_walls(positions, owners, frame, radius, support, surfaces):
+    """Let faces that hardly any others support be parts of the wall that goes on to both sides of them: the steps that a wall at an angle makes in a
+    grid, and specks before one that was drawn twice. They would tell of a place along the wall, wherever the robot is. What looks away from
+    that wall is no surface; the end of a wall is one."""
+    height, width = owners.shape[1], owners.shape[2]
+    res = frame[0]
+    for iy in range(height):
+        for ix in range(width):
+            for f in range(4):
+                i = owners[f, iy, ix]
+                if i < 0 or support[i] >= WEAK:
+                    continue
+                wall, best = -1, 1e30
+                for g in range(4):
+                    for jy in range(max(0, iy - radius), min(height, iy + radius + 1)):
+                        for jx in range(max(0, ix - radius), min(width, ix + radius + 1)):
+                            j = owners[g, jy, jx]
+                            if j < 0 or support[j] < STRONG:
+                                continue
+                            ex, ey = positions[i, 0] - surfaces[j, 0], positions[i, 1] - surfaces[j, 1]
+                            d = ex * ex + ey * ey
+                            if d < best and abs(ex * surfaces[j, 2] + ey * surfaces[j, 3]) <= ASIDE * res:
+                                best, wall = d, j
+                if wall < 0:
+                    continue
+                nx, ny = surfaces[wall, 2], surfaces[wall, 3]
+                left = right = False
+                for g in range(4):
+                    for jy in range(max(0, iy - radius), min(height, iy + radius + 1)):
+                        for jx in range(max(0, ix - radius), min(width, ix + radius + 1)):
+                            j = owners[g, jy, jx]
+                            if j < 0 or support[j] < STRONG or surfaces[j, 2] * nx + surfaces[j, 3] * ny < 0.9:
+                                continue
+                            ex, ey = positions[j, 0] - surfaces[wall, 0], positions[j, 1] - surfaces[wall, 1]
+                            if abs(ex * nx + ey * ny) > res:
+                                continue
+                            along = (positions[j, 1] - positions[i, 1]) * nx - (positions[j, 0] - positions[i, 0]) * ny
+                            left |= along > res
+                            right |= along < -res
+                if not (left and right):
+                    continue
+                if DX[f] * nx + DY[f] * ny < 0.0:
+                    owners[f, iy, ix] = -1
+                    continue
+                e = (positions[i, 0] - surfaces[wall, 0]) * nx + (positions[i, 1] - surfaces[wall, 1]) * ny
+                surfaces[i, 0] = positions[i, 0] - e * nx
+                surfaces[i, 1] = positions[i, 1] - e * ny
+                surfaces[i, 2], surfaces[i, 3] = nx, ny
 
 
 @jit
