@@ -110,3 +110,15 @@ def test_it_takes_messages() -> None:
     pose = SE3.from_rpy((1.0, 2.0, 0.3), 0.1, 0.0, 0.5)
     motion.add(Odometry(5, "odom", "base", pose, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.zeros((6, 6)), np.zeros((6, 6))))
     np.testing.assert_allclose(motion.pose_at(5).matrix(), pose.matrix(), atol=1e-12)
+
+
+def test_it_is_level_where_no_pose_that_is_blended_leans() -> None:
+    motion = BaseMotion()
+    assert motion.is_level(0, 100)
+    for stamp_ns, roll in ((0, 0.0), (100, 0.0), (200, 0.1), (300, 0.0), (400, 0.0)):
+        motion.add_pose(stamp_ns, SE3.from_rpy((0.0, 0.0, 0.0), roll, 0.0, 0.3))
+    for begin_ns, end_ns in ((0, 50), (0, 99), (300, 400), (350, 390), (400, 450), (-50, 50)):
+        assert motion.is_level(begin_ns, end_ns)
+    for begin_ns, end_ns in ((0, 150), (150, 160), (200, 200), (250, 400), (299, 299)):
+        assert not motion.is_level(begin_ns, end_ns)
+        assert any(lean_of(motion.pose_at(t)) != LEVEL for t in range(begin_ns, end_ns + 1))

@@ -284,7 +284,7 @@ MOTION = (
     PlantedFault(
         "what no ray has ever looked into may be a person",
         "perception/mover_tracker.py",
-        "if self._is_person(group) and self._was_seen(place) and",
+        "if self._was_seen(place) and self._is_person(group) and",
         "if self._is_person(group) and",
         MOVERS,
     ),

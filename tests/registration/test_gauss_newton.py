@@ -55,13 +55,14 @@ def test_normal_equations_are_those_of_numerical_jacobians() -> None:
     jacobian = np.column_stack([(residuals(pose + e) - residuals(pose - e)) / (2 * d) for e in d * np.eye(3)])
     r = residuals(pose)
     h, g = np.empty((3, 3)), np.empty(3)
-    total, inliers = correlation.normal_equations(
+    total, inliers, probable = correlation.normal_equations(
         grid.cells, grid.frame, points.astype(np.float32), pose, h, g, np.empty(11)
     )
     assert h == pytest.approx(jacobian.T @ jacobian, rel=1e-3, abs=1e-3 * np.abs(h).max())
     assert g == pytest.approx(jacobian.T @ r, rel=1e-3, abs=1e-3 * np.abs(g).max())
     assert total == pytest.approx(float(r @ r))
     assert inliers == int((r < 0.5).sum())
+    assert probable == pytest.approx(float((1.0 - r).sum()))
 
 
 def match_in_room(rng: np.random.Generator, config: RefineConfig, *, noise: bool) -> tuple[SE2, MatchResult]:

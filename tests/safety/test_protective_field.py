@@ -217,6 +217,12 @@ def checked_by_hand(m: ModuleType) -> None:
     beside, turn = np.array([[1.9, 0.6]]), np.array([0.0, 0.0, 1.0])
     angle = math.atan2(0.6, 1.9) - math.asin(0.23 / math.hypot(0.6, 1.9))
     assert m.contact_time(beside, long, limits, 2.1, turn, 0.2, 0.03, 1e-4, 0.05, 1) == pytest.approx(angle, abs=1e-12)
+    pose, two, carried = SE2(0.3, -0.7, 0.9), np.array([[1.5, -0.4], [0.2, 0.9]]), np.full((5, 2), np.nan)
+    place = (pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw))
+    assert m.carry_points(two, *place, 1, carried) == 3
+    assert m.carry_points(two + 1.0, *place, 3, carried) == 5
+    assert np.isnan(carried[0]).all()
+    assert np.array_equal(carried[1:], pose.transform(np.concatenate((two, two + 1.0))))  # to the bit
     for k in range(300):
         points = rng.uniform(-0.9, 0.9, (3, 2))
         points[2] = points[1] + [0.0, 0.001]

@@ -319,7 +319,7 @@ class TrajectoryRollout:
 
     def _spread(self, path: F64) -> Guide:
         spec = self._window.spec
-        cells = np.floor(path[:, [1, 0]] / spec.resolution).astype(np.int32)
+        cells = np.ascontiguousarray(np.floor(path[:, [1, 0]] / spec.resolution), np.int32)
         steps, label = np.empty(spec.shape, np.int32), np.empty(spec.shape, np.int32)
         queue = np.empty(spec.width * spec.height, np.int32)
         spread_path(cells, self._window.distance, self._window.inscribed_radius, steps, label, queue)

@@ -132,6 +132,13 @@ class BaseMotion:
         times = self._times
         return bool(times) and begin_ns >= times[0] and end_ns <= times[-1] + self._max_extrapolation_ns
 
+    def is_level(self, begin_ns: int, end_ns: int) -> bool:
+        """Say whether no pose that an interval is blended from leans; True, too, where none is known."""
+        first = max(0, bisect_right(self._times, begin_ns) - 1)
+        return all(
+            knot.lean()[1] == LEVEL for knot in islice(self._knots, first, bisect_right(self._times, end_ns) + 1)
+        )
+
     def planar_at(self, stamp_ns: int) -> SE2:
         """Return odom_from_base in the plane at an instant; raises StaleInputError outside of what `covers` allows."""
         k = self._segment(stamp_ns)

@@ -104,7 +104,7 @@ def surface(cells, fx, fy, row, slope, out):
 
 @jit
 def normal_equations(cells, frame, points, pose, h, g, scratch):
-    """Accumulate H = sum J^T J and g = sum J^T r of r = 1 - P(pose * p) over the points; returns (sum r^2, points with P > 0.5).
+    """Accumulate H = sum J^T J and g = sum J^T r of r = 1 - P(pose * p) over the points; returns (sum r^2, points with P > 0.5, sum P).
 
     `h` float64 (3, 3), `g` float64 (3,), both overwritten; `scratch` float64 (11,). J = -dP/d(x, y, yaw).
     """
@@ -113,7 +113,7 @@ def normal_equations(cells, frame, points, pose, h, g, scratch):
     row, slope, out = scratch[0:4], scratch[4:8], scratch[8:11]
     h00 = h01 = h02 = h11 = h12 = h22 = 0.0
     g0 = g1 = g2 = 0.0
-    total = 0.0
+    total = probable = 0.0
     inliers = 0
     for i in range(points.shape[0]):
         rx = c * points[i, 0] - s * points[i, 1]
@@ -121,6 +121,7 @@ def normal_equations(cells, frame, points, pose, h, g, scratch):
         surface(cells, (rx + pose[0] - frame[1]) * inverse, (ry + pose[1] - frame[2]) * inverse, row, slope, out)
         r = 1.0 - out[0]
         total += r * r
+        probable += out[0]
         if out[0] > 0.5:
             inliers += 1
         dx, dy = out[1] * inverse, out[2] * inverse
@@ -138,7 +139,7 @@ def normal_equations(cells, frame, points, pose, h, g, scratch):
     h[1, 0], h[1, 1], h[1, 2] = h01, h11, h12
     h[2, 0], h[2, 1], h[2, 2] = h02, h12, h22
     g[0], g[1], g[2] = g0, g1, g2
-    return total, inliers
+    return total, inliers, probable
 
 
 @jit
@@ -167,21 +168,21 @@ def _prior_cost(prior_information, pose, prior):
 
 
 @jit
-def refine(cells, frame, points, pose, prior, weight, prior_information, max_iterations, h, info):
+def refine(cells, frame, points, pose, prior, weight, prior_information, max_iterations, h, g, info):
     """Move `pose` float64 (3,) in place to the minimum of weight^2 / N sum (1 - P)^2 + d^T W d, d = pose - prior, W = `prior_information`.
 
-    Levenberg-Marquardt. `h` float64 (3, 3) gets sum J^T J of the points alone; `info` float64 (4,) gets mean probability,
-    inlier ratio (P > 0.5), mean squared residual, iterations.
+    Levenberg-Marquardt. What `normal_equations` says of the pose at the start is in `h`, `g` and the first three of `info`. `h`
+    float64 (3, 3) gets sum J^T J of the points alone; `info` float64 (4,) gets mean probability, inlier ratio (P > 0.5), mean squared
+    residual, iterations.
     """
     n = points.shape[0]
     scratch = np.empty(11)
-    g = np.empty(3)
     hw = np.empty((3, 3))
     gw = np.empty(3)
     step = np.empty(3)
     trial = np.empty(3)
     scale = weight * weight / n
-    total, inliers = normal_equations(cells, frame, points, pose, h, g, scratch)
+    total, inliers, probable = info[0], info[1], info[2]
     cost = scale * total + _prior_cost(prior_information, pose, prior)
     damping = 1e-4
     ht = np.empty((3, 3))
@@ -199,12 +200,12 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
             continue
         for k in range(3):
             trial[k] = pose[k] + step[k]
-        total_t, inliers_t = normal_equations(cells, frame, points, trial, ht, gt, scratch)
+        total_t, inliers_t, probable_t = normal_equations(cells, frame, points, trial, ht, gt, scratch)
         cost_t = scale * total_t + _prior_cost(prior_information, trial, prior)
         moved = abs(step[0]) + abs(step[1]) + 5.0 * abs(step[2])
         if cost_t < cost:
             gain = cost - cost_t
-            cost, total, inliers = cost_t, total_t, inliers_t
+            cost, total, inliers, probable = cost_t, total_t, float(inliers_t), probable_t
             pose[:] = trial
             h[:, :] = ht
             g[:] = gt
@@ -217,16 +218,7 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
             damping *= 8.0
             if damping > 1e4:
                 break
-    mean = 0.0
-    out = scratch[8:11]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    inverse = 1.0 / frame[0]
-    for i in range(n):
-        fx = (c * points[i, 0] - s * points[i, 1] + pose[0] - frame[1]) * inverse
-        fy = (s * points[i, 0] + c * points[i, 1] + pose[1] - frame[2]) * inverse
-        surface(cells, fx, fy, scratch[0:4], scratch[4:8], out)
-        mean += out[0]
-    info[0] = mean / n
+    info[0] = probable / n
     info[1] = inliers / n
     info[2] = total / n
     info[3] = iterations
@@ -242,6 +234,6 @@ def warm_up() -> None:
         cells, frame, points, pose, np.array([1.0, 1.0, 0.1]), np.ones(2), np.zeros((3, 3), np.int64), np.zeros(4)
     )
     surface(cells, 2.0, 2.0, np.zeros(4), np.zeros(4), np.zeros(3))
-    h = np.zeros((3, 3))
-    normal_equations(cells, frame, points, pose, h, np.zeros(3), np.zeros(11))
-    refine(cells, frame, points, pose, pose.copy(), 1.0, np.eye(3), 2, h, np.zeros(4))
+    h, g = np.zeros((3, 3)), np.zeros(3)
+    normal_equations(cells, frame, points, pose, h, g, np.zeros(11))
+    refine(cells, frame, points, pose, pose.copy(), 1.0, np.eye(3), 2, h, g, np.zeros(4))

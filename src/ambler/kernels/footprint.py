@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.kernels.jit import jit
+from ambler.kernels.jit import jit, read_only
 
 
 class Outline(NamedTuple):
@@ -180,5 +180,6 @@ def warm_up() -> None:
     edge_clearance(0.0, 0.0, normals, offsets)
     sums = np.zeros((3, 4), np.int32)
     lethal_row_sums(np.zeros((3, 3), np.uint8), 254, sums)
+    lethal_row_sums(read_only(np.zeros((3, 3), np.uint8)), 254, sums)
     lethal_distance(sums, 0.05, np.empty((3, 3)))
     lethal_cells_inside(sums, 0.05, 0.1, 0.1, 1.0, 0.0, normals, offsets)

@@ -320,4 +320,4 @@ def warm_up() -> None:
     distance = np.zeros((4, 4), np.float32)
     frontier_goals(occupancy, 50, distance, 0, 0, cells, starts, 2, visited, 1, np.empty(16, np.int64), goals)
     ends, passed = np.empty(8, np.int64), np.zeros((4, 4), np.uint8)
-    look_around(occupancy, 50, 2.5, 2.5, (0.0, math.pi), (0.0, 9.0), ends, passed)
+    look_around(occupancy.copy(), 50, 2.5, 2.5, (0.0, math.pi), (0.0, 9.0), ends, passed)

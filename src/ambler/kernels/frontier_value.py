@@ -213,7 +213,8 @@ def warm_up() -> None:
     occupancy.flags.writeable = False
     costs = np.zeros((4, 4), np.uint8)
     costs.flags.writeable = False
-    visible_unknown(occupancy, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
+    for seen in (occupancy, occupancy.copy()):  # inside of a boundary it is a copy
+        visible_unknown(seen, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
     starts, sight = np.array([0, 1], np.int64), (1, 2)
     distance, is_worth = np.zeros((4, 4), np.float32), np.ones(1, np.bool_)
     viewpoints(
@@ -231,5 +232,6 @@ def warm_up() -> None:
         np.zeros(1, np.int64),
         np.empty(1),
     )
-    shrink_costs(costs, 2, np.empty((2, 2), np.uint8))
+    for told in (costs, costs.copy()):
+        shrink_costs(told, 2, np.empty((2, 2), np.uint8))
     spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))

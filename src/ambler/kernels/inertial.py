@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit, jit_fused
+from ambler.kernels.jit import jit, jit_fused, read_only
 
 POSITION, ROTATION, VELOCITY, GYRO_BIAS, ACCEL_BIAS, GRAVITY, EXTRA = 0, 3, 6, 9, 12, 15, 17
 # Columns of a trajectory float64 (K, KNOT): time, position, velocity, acceleration in the map, angular rate in the body from here to the next
@@ -261,6 +261,7 @@ def warm_up() -> None:
     propagate(samples, zero.copy(), eye.copy(), zero.copy(), zero, zero, gravity, np.eye(EXTRA), np.ones(4), knots)
     mount, body = np.eye(3, 4), np.empty((1, 3))
     compensate(np.ones((1, 3), np.float32), np.zeros(1), knots, mount, body)
+    compensate(read_only(np.ones((1, 3), np.float32)), np.zeros(1), knots, mount, body)
     place_points(body, eye, zero, np.empty((1, 3)))
     sum_residuals(
         *(body, np.ones((1, 4)), np.ones(1, np.bool_), np.ones(1), eye, zero, mount, np.zeros(6), 6, 0.1),

@@ -22,9 +22,18 @@ def cache_folder() -> Path:
 os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 
 import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
+import numpy as np  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
 
 # Somebody may have imported Numba before the folder was named.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]
+
+
+def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return an array as messages hold theirs, for a warm-up: read-only arrays are another type to the compiler."""
+    array.flags.writeable = False
+    return array
+
 
 jit = numba.njit(cache=True, nogil=True)
 # Division by zero gives inf as in IEEE 754 instead of an exception, which lets LLVM vectorise loops that divide.

@@ -80,7 +80,12 @@ def line_at(keys, moments, size, x, y, side, least, line):
 
     `line` float64 (5,) gets a point on it, its normal, and the variance of the points across it.
     """
-    ix, iy = int(math.floor(x / size)), int(math.floor(y / size))
+    return _line_around(keys, moments, size, int(math.floor(x / size)), int(math.floor(y / size)), side, least, line)
+
+
+@jit
+def _line_around(keys, moments, size, ix, iy, side, least, line):
+    """Do what `line_at` does, for a place anywhere in the cell (ix, iy)."""
     n = sx = sy = sxx = sxy = syy = 0.0
     for dy in range(-1, 2):
         for dx in range(-1, 2):
@@ -121,8 +126,9 @@ def fit(keys, moments, size, points, origin, pose, prior, options, h, info):
     """
     least, sigma2 = options[0], options[1] * options[1]
     start = pose.copy()
-    line = np.empty(5)
     n = points.shape[0]
+    # From one iteration to the next hardly a point leaves its cell, and then its line is the one of before.
+    lines, is_line, places = np.empty((n, 5)), np.zeros(n, np.bool_), np.full(n, -1)
     g, step = np.empty(3), np.empty(3)
     for _ in range(int(options[3])):
         c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -134,7 +140,12 @@ def fit(keys, moments, size, points, origin, pose, prior, options, h, info):
             rx = c * points[i, 0] - s * points[i, 1]
             ry = s * points[i, 0] + c * points[i, 1]
             x, y = rx + pose[0], ry + pose[1]
-            if not line_at(keys, moments, size, x, y, _side(rx - ox, ry - oy), least, line):
+            ix, iy, side = int(math.floor(x / size)), int(math.floor(y / size)), _side(rx - ox, ry - oy)
+            place, line = _key(ix, iy, side), lines[i]
+            if place != places[i]:
+                places[i] = place
+                is_line[i] = _line_around(keys, moments, size, ix, iy, side, least, line)
+            if not is_line[i]:
                 continue
             e = line[2] * (x - line[0]) + line[3] * (y - line[1])
             variance = line[4] + sigma2

@@ -95,10 +95,15 @@ def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stoo
         if length <= short:
             continue
         dx, dy = dx / length, dy / length
-        last = -1
+        last, last_x, last_y = -1, 0, 0
         for j in range(int(min(length - short, reach) / (0.7 * resolution))):
             d = 0.7 * resolution * j
-            k = _cell(starts[s, 0] + d * dx, starts[s, 1] + d * dy, resolution, size, keys, states)
+            x, y = starts[s, 0] + d * dx, starts[s, 1] + d * dy
+            ix, iy = int(math.floor(x / resolution)), int(math.floor(y / resolution))
+            if j > 0 and ix == last_x and iy == last_y:
+                continue
+            last_x, last_y = ix, iy
+            k = _cell(x, y, resolution, size, keys, states)
             if k == last or hits[k] == scan:
                 continue
             last = k

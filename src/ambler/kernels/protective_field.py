@@ -149,6 +149,15 @@ def free_scale(points, normals, offsets, radius, twist, braking, reaction, margi
     return safe_scale(contact, reaction, braking)
 
 
+@jit
+def carry_points(points, x, y, cos, sin, first, out):
+    """Write the points (N, 2), moved by a pose, into the rows of `out` from `first` on; returns the row after them."""
+    for i in range(points.shape[0]):
+        out[first + i, 0] = x + cos * points[i, 0] - sin * points[i, 1]
+        out[first + i, 1] = y + sin * points[i, 0] + cos * points[i, 1]
+    return first + points.shape[0]
+
+
 def warm_up() -> None:
     """Compile every kernel of this module."""
     normals = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
@@ -159,3 +168,4 @@ def warm_up() -> None:
     crossing_time(0.1, -0.5, 0.0, 0.05)
     contact_time(points, normals, offsets, 1.5, twist, 1.0, 0.03, 1e-4, 0.05, 2)
     free_scale(points, normals, offsets, 1.5, twist, braking, 0.2, 0.03, 1e-4, 0.05, 2)
+    carry_points(points, 0.1, 0.0, 1.0, 0.0, 0, points.copy())

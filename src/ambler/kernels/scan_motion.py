@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit, jit_fused
+from ambler.kernels.jit import jit, jit_fused, read_only
 from ambler.kernels.scan_points import carry
 from ambler.kernels.self_mask import is_inside
 
@@ -180,13 +180,14 @@ def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
     n = 4
     columns, kinds, counts = np.zeros((3, n), np.float32), np.zeros(n, np.uint8), np.zeros(5, np.int64)
-    scan, directions, three = np.ones(n, np.float32), np.ones((3, n), np.float32), np.zeros(3)
+    scan, directions, three = read_only(np.ones(n, np.float32)), np.ones((3, n), np.float32), np.zeros(3)
     poses = np.zeros((1, 3))
     move_beams(
         scan, directions, np.ones(n, np.uint8), np.array([0.0, 10.0]), np.zeros(2), three, np.zeros(1), poses, poses.copy(),
         np.zeros((0, 2)), np.zeros(1, np.int64), 0.0, columns, kinds, counts,
     )  # fmt: skip
-    gather_rays(
-        columns, kinds, RETURN, scan, directions, three, scan, np.zeros(2), 0, 0,
-        np.zeros((n, 3), np.float32), np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, np.uint16),
-    )  # fmt: skip
+    for intensities in (scan, scan.copy()):  # of a scan, and of none
+        gather_rays(
+            columns, kinds, RETURN, scan, directions, three, intensities, np.zeros(2), 0, 0,
+            np.zeros((n, 3), np.float32), np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, np.uint16),
+        )  # fmt: skip

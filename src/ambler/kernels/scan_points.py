@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit
+from ambler.kernels.jit import jit, read_only
 
 UPRIGHT = (
     0.15  # metres behind the nearest return within which what is seen above it is the same thing: a person, a wall
@@ -401,15 +401,15 @@ def warm_up() -> None:
     sweep = np.array([[0.0, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.0]])
     matrix = np.empty((3, 4))
     beams_to_points(
-        *(np.ones(4, np.float32), three, three, np.zeros(2), mounts, 0.1, sweep, matrix),
+        *(read_only(np.ones(4, np.float32)), three, three, np.zeros(2), mounts, 0.1, sweep, matrix),
         *(points, out, beams, beams.copy(), counts),
     )
     beam_starts(beams, 0.0, np.zeros(2), sweep, out)
     ends, when, source = np.ones((4, 3), np.float32), np.zeros(4, np.float32), np.zeros(4, np.uint16)
     split_rays(ends, source, when, np.zeros((1, 2)), three, three, points, out, points, out, beams, counts)
     cloud_to_points(
-        np.ones((4, 3), np.float32),
-        np.zeros(4, np.float32),
+        read_only(np.ones((4, 3), np.float32)),
+        read_only(np.zeros(4, np.float32)),
         mounts,
         0.1,
         sweep,

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit_ieee
+from ambler.kernels.jit import jit_ieee, read_only
 
 BINS = 32  # voxels of a column
 Z, SEEN, COUNT, MISSED = 0, 1, 2, 3
@@ -338,5 +338,8 @@ def warm_up() -> None:
     elevations = np.array([-0.1, 0.8])
     for now in (0.0, 0.1):
         insert(points, origin, np.zeros(3), now, limits, first, 0.1, ground, voxels, mask, newest, image, evidence)
+    insert(
+        read_only(points), origin, np.zeros(3), 0.1, limits, first, 0.1, ground, voxels, mask, newest, image, evidence
+    )
     args = (first, 0.1, ground, voxels, mask, newest, image, evidence)
     renew(origin, up, elevations, 0.2, 1.0, 0.3, 3.0, 0, *args, *np.empty((3, n // 2, n // 2), np.float32), evidence)

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit, jit_fused
+from ambler.kernels.jit import jit, jit_fused, read_only
 
 EMPTY = -1
 HALF = 1 << 20
@@ -293,4 +293,5 @@ def warm_up() -> None:
         *(*table, voxels[1], points, 1.0, new, OFFSETS, 7, 2.0, 0.1, 0.04),
         *(np.empty((1, 4)), np.empty(1, np.bool_)),
     )
-    thin_out(np.zeros((1, 3), np.float32), 0.5, np.empty(16, np.int64), np.empty(1, np.int64))
+    for points in (np.zeros((1, 3), np.float32), read_only(np.zeros((1, 3), np.float32))):
+        thin_out(points, 0.5, np.empty(16, np.int64), np.empty(1, np.int64))

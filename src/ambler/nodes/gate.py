@@ -114,6 +114,7 @@ class GateNode(Node):
         self._rangers = robot.rangers
         self._known = (*self._planar, *self._clouds, *self._rangers)
         self._fields: dict[str, FieldOfView] = {}
+        self._sees_all_around = False
         self._rim = rim_of(robot.footprint)
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
@@ -180,8 +181,17 @@ class GateNode(Node):
         low, high, window = min(ends), max(ends), self._mounts[scan.frame].azimuth
         if window[1] - window[0] < 2.0 * math.pi:  # what the mount cuts off is measured, and thrown away
             low, high = max(low, window[0]), min(high, window[1])
-        field = self._fields[scan.frame] = FieldOfView(scan.range_min, (low, high))
+        field = FieldOfView(scan.range_min, (low, high))
+        self._know(scan.frame, field)
         self._take_points(scan, field, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
+
+    def _know(self, frame: str, field: FieldOfView) -> None:
+        """Remember where a scanner looks, and find out when that has changed whether they look all around."""
+        if self._fields.get(frame) == field:
+            return
+        self._fields[frame] = field
+        scanners = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items()]
+        self._sees_all_around = see_all_around(self._rim, scanners)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
@@ -263,8 +273,7 @@ class GateNode(Node):
             return np.empty((0, 3))  # its blind zone lies within the footprint
         memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
         others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != scan.frame]
-        all_scanners = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items()]
-        seconds = scan.stamp_ns * 1e-9 if see_all_around(self._rim, all_scanners) else 0.0
+        seconds = scan.stamp_ns * 1e-9 if self._sees_all_around else 0.0
         height = odom_from_base.translation[2]
         place = odom_from_base.to_se2()
         return memory.update(points, place, base_from_sensor, field, others, seconds, height, is_floor)

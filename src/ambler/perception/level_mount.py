@@ -40,6 +40,8 @@ Mount = SE3 | LevelMount
 def level_mount(base_from_sensor: SE3, motion: BaseMotion, stamp_ns: int, seconds: float) -> Mount:
     """Return where a sensor was during a sweep that began at `stamp_ns`, as the body leaned; the mount itself while the body is level, or while
     nothing is known of it."""
+    if motion.is_level(stamp_ns, stamp_ns + round(max(seconds, LEAN_STEP) * 1e9)):
+        return base_from_sensor
     steps = max(1, math.ceil(seconds / LEAN_STEP))
     step = max(seconds, LEAN_STEP) / steps
     try:

@@ -178,7 +178,7 @@ class MoverTracker:
             for part in self._people_of(np.flatnonzero(labels == k), points):
                 group = points[part]
                 place = self._middle(group, starts[part] if len(starts) > 1 else starts)
-                if self._is_person(group) and self._was_seen(place) and self._is_apart(group, room):
+                if self._was_seen(place) and self._is_person(group) and self._is_apart(group, room):
                     places.append(place)
         return places
 
@@ -276,8 +276,9 @@ class MoverTracker:
     def _is_person(self, group: F64) -> bool:
         """Say whether points (N, 2) are as wide as a person, and bent as one's side is."""
         c, size = self._config, float(np.hypot(*np.ptp(group, axis=0)))
-        bulge = math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0])))
-        return bulge >= c.stand_bulge and c.stand_size <= size <= c.size_max
+        if not c.stand_size <= size <= c.size_max:
+            return False
+        return math.sqrt(max(0.0, float(np.linalg.eigvalsh(np.cov(group.T))[0]))) >= c.stand_bulge
 
     def _hides(self, track: MoverTrack) -> bool:
         """Whether somebody who was seen to walk, and then to stand, may stand there still: no ray has passed where he was hit."""

@@ -87,13 +87,12 @@ def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineCo
     pose = start.as_array()
     centre = prior.as_array()
     centre[2] = pose[2] + (centre[2] - pose[2] + np.pi) % (2 * np.pi) - np.pi
-    h = np.empty((3, 3))
-    info = np.empty(4)
-    correlation.normal_equations(grid.cells, grid.frame, points, pose, h, np.empty(3), np.empty(11))
+    h, g, info = np.empty((3, 3)), np.empty(3), np.empty(4)
+    info[:3] = correlation.normal_equations(grid.cells, grid.frame, points, pose, h, g, np.empty(11))
     weights = _prior_information(h, config)
     correlation.refine(
         *(grid.cells, grid.frame, points, pose, centre, config.occupied_weight, weights),
-        *(config.max_iterations, h, info),
+        *(config.max_iterations, h, g, info),
     )
     return MatchResult(
         SE2.from_array(pose),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,7 @@ class ApproachField:
         if permit is None or len(points_base) == 0 or not self.is_valid(odom_from_base, now_ns):
             return points_base
         points = (permit.odom_from_dock.inverse() @ odom_from_base).transform(points_base)
-        outside = (points @ self._normals.T - self._offsets).max(axis=1)
+        outside = reduce(np.maximum, (points @ self._normals.T - self._offsets).T)  # faster than along short rows
         return np.ascontiguousarray(points_base[outside > 0.0])
 
     def limited(self, velocity: BodyVelocity, odom_from_base: SE2, now_ns: int) -> BodyVelocity:

@@ -8,6 +8,7 @@ Software on an application computer is no certified safety function.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from ambler.core.messages import GateState
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
+from ambler.kernels.protective_field import carry_points
 from ambler.safety.approach_permit import ApproachField, ApproachPermit
 from ambler.safety.config import GateConfig
 from ambler.safety.field import ProtectiveField
@@ -85,8 +87,10 @@ class VelocityGate:
 
         From its first message on, every sensor must stay fresh.
         """
-        finite = np.isfinite(points_base).all(axis=1)
-        self._points[sensor] = (stamp_ns, np.ascontiguousarray(points_base[finite]), odom_from_base)
+        points = np.array(points_base, np.float64, order="C")
+        is_finite = np.isfinite(points)
+        finite = points if is_finite.all() else points[is_finite.all(axis=1)]  # rows are looked at one by one, slowly
+        self._points[sensor] = (stamp_ns, finite, odom_from_base)
 
     @property
     def seen_ns(self) -> dict[str, int]:
@@ -178,7 +182,10 @@ class VelocityGate:
         velocity = self._towards(wanted, dt)
         scale = 1.0 if is_still(velocity) else self._field.free_scale(velocity, points)
         probe = self._protective.blocked if is_still(wanted) else wanted
-        clear_scale = 1.0 if is_still(probe) else self._field.free_scale(probe, points)
+        if probe == velocity:
+            clear_scale = scale
+        else:
+            clear_scale = 1.0 if is_still(probe) else self._field.free_scale(probe, points)
         if self._protective.update(now_ns, velocity, scale, wanted, clear_scale):
             text = "OBSTACLE: something is in the way of the wanted motion"
             return self._finish(STILL, GateState.PROTECTIVE_STOP, text, source)
@@ -225,8 +232,12 @@ class VelocityGate:
         if self._odometry is None:
             return np.empty((0, 2))
         base_from_odom = self._odometry[1].inverse()
-        parts = [(base_from_odom @ odom_from_then).transform(p) for _, p, odom_from_then in self._points.values()]
-        return np.concatenate([np.empty((0, 2)), *parts])
+        out = np.empty((sum(len(points) for _, points, _ in self._points.values()), 2))
+        row = 0
+        for _, points, odom_from_then in self._points.values():
+            then = base_from_odom @ odom_from_then
+            row = carry_points(points, then.x, then.y, math.cos(then.yaw), math.sin(then.yaw), row, out)
+        return out
 
     def _towards(self, target: BodyVelocity, dt: float) -> BodyVelocity:
         return limit_acceleration(self._output, target, self._limits, dt)

@@ -15,6 +15,7 @@ from ambler.sim.sensors import OdometrySpec, named_generator
 from ambler.sim.sim_robot import SimRobot
 
 F64 = NDArray[np.float64]
+TWIST_COVARIANCE: F64 = np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3])
 
 
 class DeadReckoning:
@@ -49,7 +50,7 @@ class DeadReckoning:
             (float(velocity[0]), float(velocity[1]), 0.0),
             (0.0, 0.0, float(velocity[2])),
             self._pose_covariance(),
-            np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3]),
+            TWIST_COVARIANCE,
         )
 
     def _steps(self, travel: F64, period: float) -> F64:
