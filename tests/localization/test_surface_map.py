@@ -15,7 +15,7 @@ from ambler.localization.surface_map import SurfaceMap
 
 SPEC = GridSpec(0.05, 500, 500, -12.5, -12.5)
 HALF = 1.2  # metres from the middle of the corridor to its walls
-THICK = 0.15  # metres of a wall
+THICK = 0.2  # metres of a wall
 
 
 def made_corridor(yaw: float, seed: int, *, door: float | None = None) -> NDArray[np.int8]:

@@ -28,13 +28,6 @@ LOCALIZATION = (
         ("tests/localization/test_surface_map.py",),
     ),
     PlantedFault(
-        "the end of a wall is a part of it",
-        "kernels/surfaces.py",
-        "if not (left and right):",
-        "if not (left or right):",
-        ("tests/localization/test_surface_map.py",),
-    ),
-    PlantedFault(
         "the tracker believes its wheels rather than its scans when it is pushed",
         "localization/grid_tracker.py",
         "return self._matcher.explains_more(result, prior, points)",
