@@ -247,6 +247,21 @@ def test_covariances_are_stated_and_grow() -> None:
     assert 1e-4 < math.sqrt(late.twist_covariance[5, 5]) < 0.2
 
 
+def test_what_the_wheels_state_of_the_way_is_added_to_what_the_filter_knows() -> None:
+    told = []
+    for stated in (0.0, 0.3):
+        base, estimator = Base(), WheelInertialOdometry(OdometryConfig())
+        for turns, message in base.drive(2.0, (0.5, 0.0, 0.1)):
+            for stamp, rate in turns:
+                estimator.add_imu(stamp, (0.0, 0.0, rate))
+            message.pose_covariance[0, 0] = stated
+            message.pose_covariance[1, 1] = 2.0 * stated
+            odometry = estimator.update(message).odometry
+        assert odometry is not None
+        told.append(odometry.pose_covariance)
+    assert told[1] - told[0] == pytest.approx(np.diag([0.3, 0.6, 0.0, 0.0, 0.0, 0.0]), abs=1e-12)
+
+
 def test_wheels_that_state_no_covariance_are_not_certain() -> None:
     base, estimator = Base(turn_error=0.1, bias=0.0), WheelInertialOdometry()
     for turns, message in base.drive(3.0, (0.0, 0.0, 0.5)):

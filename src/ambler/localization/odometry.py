@@ -234,7 +234,7 @@ class WheelInertialOdometry:
             pose = pose @ SE3((0.0, 0.0, 0.0), lean)
         v, sway = estimate.velocity, self._sway
         pose_covariance, twist_covariance = wheels.pose_covariance.copy(), wheels.twist_covariance.copy()
-        way = np.diag(pose_covariance)[:2]
+        way = np.diag(wheels.pose_covariance)[:2]
         pose_covariance[_BLOCK] = estimate.covariance[:3, :3]
         pose_covariance[0, 0] += way[0]
         pose_covariance[1, 1] += way[1]
