@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -254,9 +255,8 @@ def test_what_the_wheels_state_of_the_way_is_added_to_what_the_filter_knows() ->
         for turns, message in base.drive(2.0, (0.5, 0.0, 0.1)):
             for stamp, rate in turns:
                 estimator.add_imu(stamp, (0.0, 0.0, rate))
-            message.pose_covariance[0, 0] = stated
-            message.pose_covariance[1, 1] = 2.0 * stated
-            odometry = estimator.update(message).odometry
+            way = np.diag([stated, 2.0 * stated, 1.0, 1.0, 1.0, 1.0])
+            odometry = estimator.update(replace(message, pose_covariance=way)).odometry
         assert odometry is not None
         told.append(odometry.pose_covariance)
     assert told[1] - told[0] == pytest.approx(np.diag([0.3, 0.6, 0.0, 0.0, 0.0, 0.0]), abs=1e-12)
