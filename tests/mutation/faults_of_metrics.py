@@ -193,9 +193,9 @@ METRICS = (
     PlantedFault(
         "a dock may be touched anywhere",
         "apps/judgement.py",
-        "    collisions = tuple(find_collisions(record.contacts, allowed=allowed))",
+        "    collisions, shoved = split_shoved(find_collisions(record.contacts, allowed=allowed), robot.folder.recording)",
         "    allowed |= {c.other_geom for c in record.contacts if any(d.name in c.other_geom for d in robot.scene.world.docks)}\n"
-        "    collisions = tuple(find_collisions(record.contacts, allowed=allowed))",
+        "    collisions, shoved = split_shoved(find_collisions(record.contacts, allowed=allowed), robot.folder.recording)",
         JUDGEMENT,
     ),
     PlantedFault(

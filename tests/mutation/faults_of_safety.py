@@ -110,8 +110,8 @@ SAFETY = (
     PlantedFault(
         "points are not carried along with the robot",
         "safety/gate.py",
-        "(base_from_odom @ odom_from_then).transform(p)",
-        "(odom_from_then.inverse() @ odom_from_then).transform(p)",
+        "then = base_from_odom @ odom_from_then",
+        "then = odom_from_then.inverse() @ odom_from_then",
         GATE,
     ),
     PlantedFault(
