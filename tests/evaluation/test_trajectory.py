@@ -64,8 +64,8 @@ def test_no_common_time_is_refused() -> None:
         trajectory_error(STAMPS_NS + 10**12, circle(STAMPS_NS), TRUTH_NS, circle(TRUTH_NS))
 
 
-def contact(seconds: float, speed: float, other: str = "wall") -> Contact:
-    return Contact(round(seconds * 1e9), "base", other, (0.0, 0.0, 0.0), speed, 10.0 * speed)
+def contact(seconds: float, speed: float, other: str = "wall", approach: float | None = None) -> Contact:
+    return Contact(round(seconds * 1e9), "base", other, (0.0, 0.0, 0.0), speed, 10.0 * speed, approach)
 
 
 def test_contacts_cluster_into_collisions() -> None:
@@ -86,16 +86,26 @@ def test_resting_contacts_and_docks_are_no_collisions() -> None:
 
 
 @pytest.mark.parametrize(
-    ("moved_at", "is_shoved"), [(None, True), (9.5, False), (9.95, False), (8.0, True), (10.05, True)]
+    ("moved_at", "touched_by", "is_shoved"),
+    [
+        *((None, "ann", True), (8.0, "ann", True), (10.05, "ann", True)),
+        *((9.5, "ann", False), (9.95, "ann", False), (None, "bob", False), (None, "nobody", False)),
+    ],
 )
-def test_a_robot_that_was_told_to_stand_was_shoved(tmp_path: Path, moved_at: float | None, *, is_shoved: bool) -> None:
+def test_a_robot_that_stood_and_that_somebody_else_touched_was_shoved(
+    tmp_path: Path, moved_at: float | None, touched_by: str, *, is_shoved: bool
+) -> None:
+    """Into Bob; one that was told to stand and still rolls into him was not."""
     recorder = McapRecorder(tmp_path / "run")
     for k in range(160, 220):
         is_moving = moved_at is not None and k == round(20 * moved_at)
         stamp_ns = k * 50_000_000
         recorder.write("/cmd_vel", VelocityCommand(stamp_ns, wz=0.1 * is_moving), stamp_ns)
     recorder.close()
-    caused, shoved = split_shoved(find_collisions([contact(10.01, 0.2)]), tmp_path / "run")
+    contacts = [contact(10.01, 0.2, "bob", 0.2)]
+    if touched_by != "nobody":
+        contacts.insert(0, contact(9.8, 0.0, touched_by, 0.0))
+    caused, shoved = split_shoved(find_collisions(contacts), contacts, tmp_path / "run")
     assert (len(caused), len(shoved)) == ((0, 1) if is_shoved else (1, 0))
 
 
@@ -103,9 +113,10 @@ def test_of_a_robot_of_whose_commands_nothing_is_known_nobody_says_that_it_was_s
     recorder = McapRecorder(tmp_path / "run")
     recorder.write("/cmd_vel", VelocityCommand(0), 0)
     recorder.close()
-    caused, shoved = split_shoved(find_collisions([contact(10.0, 0.2)]), tmp_path / "run")
+    contacts = [contact(9.8, 0.0, "ann", 0.0), contact(10.0, 0.2, "bob", 0.2)]
+    caused, shoved = split_shoved(find_collisions(contacts), contacts, tmp_path / "run")
     assert (len(caused), len(shoved)) == (1, 0)
-    assert split_shoved((), tmp_path / "nothing") == ((), ())
+    assert split_shoved((), (), tmp_path / "nothing") == ((), ())
 
 
 def test_a_contact_at_a_tenth_of_a_metre_per_second_is_a_collision_and_at_a_hundredth_is_none() -> None:

@@ -193,9 +193,9 @@ METRICS = (
     PlantedFault(
         "a dock may be touched anywhere",
         "apps/judgement.py",
-        "    collisions, shoved = split_shoved(find_collisions(record.contacts, allowed=allowed), robot.folder.recording)",
+        "    hits = find_collisions(record.contacts, allowed=allowed)",
         "    allowed |= {c.other_geom for c in record.contacts if any(d.name in c.other_geom for d in robot.scene.world.docks)}\n"
-        "    collisions, shoved = split_shoved(find_collisions(record.contacts, allowed=allowed), robot.folder.recording)",
+        "    hits = find_collisions(record.contacts, allowed=allowed)",
         JUDGEMENT,
     ),
     PlantedFault(
@@ -376,8 +376,8 @@ METRICS = (
     PlantedFault(
         "a robot that drove into somebody is said to have been shoved",
         "evaluation/collisions.py",
-        "last > first and not is_moving[first:last].any()",
-        "last > first",
+        "is_touched and last > first and not is_moving[first:last].any()",
+        "is_touched and last > first",
         ("tests/evaluation/test_trajectory.py",),
     ),
     PlantedFault(

@@ -62,7 +62,8 @@ def judge(
     if len(record.stamps_ns) > 1:
         trajectory = trajectory_error(record.stamps_ns, record.poses, record.true_stamps_ns, record.true_poses)
     allowed = frozenset(dock.name + CONTACTS for dock in robot.scene.world.docks)
-    collisions, shoved = split_shoved(find_collisions(record.contacts, allowed=allowed), robot.folder.recording)
+    hits = find_collisions(record.contacts, allowed=allowed)
+    collisions, shoved = split_shoved(hits, record.contacts, robot.folder.recording)
     fields: dict[str, Any] = {
         "world": robot.scene.world.name,
         "robot": robot.options.robot,

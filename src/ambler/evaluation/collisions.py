@@ -74,18 +74,26 @@ def find_contacts(
 
 
 def split_shoved(
-    collisions: Sequence[Collision], recording: Path
+    collisions: Sequence[Collision], contacts: Sequence[Contact], recording: Path
 ) -> tuple[tuple[Collision, ...], tuple[Collision, ...]]:
-    """Return the collisions that a robot caused, and those that it was shoved into: all that its gate told it in the last `STOOD` seconds before was
-    to stand, so that somebody else moved it."""
+    """Return the collisions that a robot caused, and those that it was shoved into: within the last `STOOD` seconds before, something else touched it
+    that people touch or press it against, and all that its gate told it was to stand. One that merely brakes too late was not shoved."""
     if not collisions:
         return (), ()
     told = [c.decode_as(VelocityCommand) for c in read_recording(recording, [VELOCITY_COMMAND.ros_name])]
     stamps_ns = np.array([v.stamp_ns for v in told], np.int64)
     is_moving = np.array([max(abs(v.vx), abs(v.vy), abs(v.wz)) > 0.0 for v in told], np.bool_)
 
-    def stood(collision: Collision) -> bool:
+    def is_shoved(collision: Collision) -> bool:
+        begin_ns = collision.begin_ns
+        is_touched = any(
+            0 <= begin_ns - c.stamp_ns <= STOOD * 1e9
+            and c.other_geom != collision.other_geom
+            and c.approach is not None
+            for c in contacts
+        )
         first, last = np.searchsorted(stamps_ns, [collision.begin_ns - round(STOOD * 1e9), collision.begin_ns])
-        return bool(last > first and not is_moving[first:last].any())
+        return bool(is_touched and last > first and not is_moving[first:last].any())
 
-    return tuple(c for c in collisions if not stood(c)), tuple(c for c in collisions if stood(c))
+    shoved = tuple(c for c in collisions if is_shoved(c))
+    return tuple(c for c in collisions if c not in shoved), shoved

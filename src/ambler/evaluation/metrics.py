@@ -56,7 +56,7 @@ METRICS = {
     "collisions_shoved": Metric(
         "Shoved into",
         _O,
-        "What somebody shoved the robot into while its gate had told it to stand for the 0.8 s before; no collisions.",
+        "What somebody who touched it shoved the robot into, while its gate told it to stand for the 0.8 s before; no collisions.",
     ),
     "contacts": Metric("Contacts", _O, "All contacts with anything but a dock's contacts, whoever caused them."),
     "goals_reached": Metric("Goals reached", _O, "Goals at which the robot said that it had arrived."),
