@@ -229,13 +229,8 @@ class SimulatedImu(SimulatedDevice[m.Imu]):
         world_from_imu = history[-1][1] @ mount
         velocity: Vector3 = (0.0, 0.0, 0.0)
         if len(history) > 1:
-            before = history[-2][1]
-            a, arm, b = before.translation, before.rotate(mount.translation), world_from_imu.translation
-            velocity = (
-                (b[0] - (a[0] + arm[0])) / TICK,
-                (b[1] - (a[1] + arm[1])) / TICK,
-                (b[2] - (a[2] + arm[2])) / TICK,
-            )
+            a, b = (history[-2][1] @ mount).translation, world_from_imu.translation
+            velocity = ((b[0] - a[0]) / TICK, (b[1] - a[1]) / TICK, (b[2] - a[2]) / TICK)
         sample = self._sensor.update(world_from_imu, velocity, now_ns - self._period_ns // 2)
         if sample is not None:
             self._send(sample)

@@ -15,7 +15,6 @@ from ambler.sim.sensors import OdometrySpec, named_generator
 from ambler.sim.sim_robot import SimRobot
 
 F64 = NDArray[np.float64]
-TWIST_COVARIANCE: F64 = np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3])
 
 
 class DeadReckoning:
@@ -50,7 +49,7 @@ class DeadReckoning:
             (float(velocity[0]), float(velocity[1]), 0.0),
             (0.0, 0.0, float(velocity[2])),
             self._pose_covariance(),
-            TWIST_COVARIANCE,
+            np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3]),
         )
 
     def _steps(self, travel: F64, period: float) -> F64:
