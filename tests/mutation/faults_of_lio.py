@@ -13,6 +13,7 @@ ODOMETRY = ("tests/lio/test_odometry.py",)
 START = ("tests/lio/test_start.py",)
 DOCTOR = ("tests/lio/test_doctor.py",)
 DRIFT = ("tests/lio/test_drift.py",)
+BEGINNING = ("tests/lio/test_beginning.py",)
 BASE = ("tests/lio/test_base_odometry.py",)
 NODE = ("tests/lio/test_lidar_odometry_node.py",)
 SPATIAL = ("tests/posegraph/test_spatial.py",)
@@ -22,6 +23,48 @@ PLACES_STUDY = ("tests/studies/test_cloud_relocalization_study.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 LIO = (
+    PlantedFault(
+        "a mount that is learned turns the way",
+        "lio/beginning.py",
+        "return began @ _mount(state) @ _mount(origin).inverse() @ began.inverse()",
+        "return SE3()",
+        BEGINNING,
+    ),
+    PlantedFault(
+        "an error of the mount is none of the first pose",
+        "lio/beginning.py",
+        "out[k.ROTATION : k.VELOCITY, 3:] = turned",
+        "out[k.ROTATION : k.VELOCITY, 3:] = 0.0",
+        BEGINNING,
+    ),
+    PlantedFault(
+        "the pose since the start forgets that the mount turns it",
+        "lio/beginning.py",
+        "-skew(place - pivot) @ axes",
+        "-skew(place) @ axes",
+        BEGINNING,
+    ),
+    PlantedFault(
+        "the first map is believed as any",
+        "lio/odometry.py",
+        "* self._drift.begin_left if is_known",
+        "* 0.0 if is_known",
+        BEGINNING,
+    ),
+    PlantedFault(
+        "the mount takes all that a scan says",
+        "lio/odometry.py",
+        "share, n = self.config.learned_share, len(covariance)",
+        "share, n = 1.0, len(covariance)",
+        BEGINNING,
+    ),
+    PlantedFault(
+        "whole recordings take clocks as they are told",
+        "lio/offline.py",
+        "estimates_clock=True, clock_sigma",
+        "estimates_clock=False, clock_sigma",
+        BEGINNING,
+    ),
     PlantedFault(
         "the velocity's covariance forgets how an attitude turns forces",
         "kernels/inertial.py",

@@ -126,9 +126,15 @@ class DriftConfig:
     """How far the map itself drifts, which the filter takes for exact: random walks per metre of way, added to the covariance that is told. From walks through
     development sites (docs/lio.md)."""
 
-    position: float = 1.2e-3  # m/√m in each direction
-    rotation: float = 8e-5  # rad/√m
+    position: float = 7e-4  # m/√m in each direction
+    rotation: float = 5e-5  # rad/√m
     coasting: float = 0.01  # share of a way along which no plane faced: the scale of wheels
+    begin_m: float = 0.5  # from the start by which the gaps between the rings of a single place are filled
+    begin_position: float = 2.5e-3  # m and rad, once, on leaving it
+    begin_rotation: float = 2e-4
+    begin_noise: float = (
+        4.0  # times the noise that returns have more there, when it began at rest and the gyroscope knows better
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,7 +336,12 @@ class LioConfig:
     mount_sigma: tuple[float, float] = (0.05, 0.03)  # m and rad that the mount is told to, where it is estimated
     refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses
     refined_sigma: tuple[float, float] = (0.003, 0.003)  # m and rad that plates are built to, about 0.2 degrees
+    refined_clock: float = 0.002  # s that two clocks on one plate agree to
+    learned_share: float = (
+        0.3  # of what a scan says of mount and clock that is believed: what scans are off by is not new in each
+    )
     estimates_clock: bool = False
+    clock_sigma: float = 0.02  # s that the LiDAR's clock is told to, where it is estimated
     has_imu: bool = True  # False: a LiDAR alone, with motion between scans that goes on as it was
     noise: float = 0.1  # of single returns 1-2 cm; the rest is what five noisy neighbours make of a plane, and that errors of one plane are shared
     outlier_scale: float = 0.15

@@ -1,10 +1,13 @@
 """How uncertain the map's own frame has become. The filter takes the map for exact; in truth each metre of new map hangs on the one before.
 
 A random walk in position and attitude per metre of way; an error of attitude moves all that comes after it. Error state: position and
-rotation, both in the map (perturbed on the left). What was coasted along a direction that no plane faced adds a share of that way.
+rotation, both in the map (perturbed on the left). What was coasted along a direction that no plane faced adds a share of that way. The map that was
+made at rest adds most, once: its planes go through the rings of a single place, and lean.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +25,20 @@ class Drift:
         self._config = config
         self._covariance = np.zeros((6, 6))
         self._walks = np.diag(np.repeat([config.position**2, config.rotation**2], 3))
+        self._begin = np.diag(np.repeat([config.begin_position**2, config.begin_rotation**2], 3))
+        self._reach = 0.0
         self._coasted = np.zeros(3)
+
+    @property
+    def begin_left(self) -> float:
+        """How much of what is seen was mapped at the start: 1 there, 0 away from it."""
+        return math.exp(-self._reach / self._config.begin_m)
+
+    def leave(self, reach: float) -> None:
+        """Note how far from the start (m) the sensor has been."""
+        left = self.begin_left
+        self._reach = max(self._reach, reach)
+        self._covariance += (left - self.begin_left) * self._begin
 
     def move(self, step: F64, frozen: F64) -> None:
         """Take a step (3,) in the map; `frozen` float64 (K, 3) are unit vectors along which it was coasted."""

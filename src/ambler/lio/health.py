@@ -46,9 +46,10 @@ class Health:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LioResult:
-    """The pose of the IMU in the map at a scan's last point, its velocity (m/s, in the map) and `covariance` float64 (6, 6): position in the map, rotation perturbed
+    """The pose of the IMU in the map at a scan's last point, its velocity (m/s, in the map) and `covariance` float64 (6, 6): position in the axes of the start, rotation perturbed
     on the right. `points_imu` float64 (M, 3) are the points that were used, in the IMU's frame at that time. `up_imu` (3,) is the unit vector against gravity in
-    the IMU's frame: what the accelerometer says of its tilt, good to `up_sigma` rad; None: without an IMU nothing is known. `imu_from_lidar` is the mount as it was known then."""
+    the IMU's frame: what the accelerometer says of its tilt, good to `up_sigma` rad; None: without an IMU nothing is known. `imu_from_lidar` is the mount as it was known then,
+    and `start_from_map` what its refinement since the start makes of poses in the map (see `lio.beginning`); `covariance` is that of the pose since the start."""
 
     stamp_ns: int
     map_from_imu: SE3
@@ -59,6 +60,12 @@ class LioResult:
     up_imu: F64 | None = None
     up_sigma: float = 0.0
     imu_from_lidar: SE3 = field(default_factory=SE3)
+    start_from_map: SE3 = field(default_factory=SE3)
+
+    @property
+    def start_from_imu(self) -> SE3:
+        """The pose of the IMU since the start: its first pose is exact, and the mount is what is known of it now."""
+        return self.start_from_map @ self.map_from_imu
 
     @property
     def map_from_lidar(self) -> SE3:

@@ -17,6 +17,7 @@ from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
+from ambler.lio.beginning import begun_covariance, since_start_jacobian, start_from_map
 from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
 from ambler.lio.drift import Drift
@@ -94,23 +95,32 @@ class LidarInertialOdometry:
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - self.state.position, weak.translation)
+        self._drift.leave(float(np.linalg.norm(state.position - self._origin.position)))
         points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._insert(points_imu)
         self._imu.forget(self._time)
         up, up_sigma = self._up() if self.config.has_imu else (None, 0.0)
+        begin = start_from_map(self._origin, self.state)
         return LioResult(
             scan.end_ns,
             self.state.map_from_imu,
             self.state.velocity.copy(),
-            self.covariance[:6, :6] + self._drift.covariance(self.state.rotation),
+            self._told_covariance(begin),
             points_imu,
             health,
             up,
             up_sigma,
             to_se3(self.state.imu_from_lidar[:, 3], self.state.imu_from_lidar[:, :3]),
+            begin,
         )
+
+    def _told_covariance(self, begin: SE3) -> F64:
+        """Return the covariance (6, 6) of the pose since the start: what the filter knows of it, and what the map has drifted."""
+        jacobian = since_start_jacobian(self._origin, self.state, begin, len(self.covariance))
+        rotation = begin.matrix()[:3, :3] @ self.state.rotation
+        return np.asarray(jacobian @ self.covariance @ jacobian.T) + self._drift.covariance(rotation)
 
     @property
     def refused_text(self) -> str:
@@ -168,21 +178,7 @@ class LidarInertialOdometry:
         self._imu.scale = self.start.scale
         begun = replace(self.start.state, imu_from_lidar=self.state.imu_from_lidar, clock=self.state.clock)
         self.state = begun
-        c, n = self.config, k.EXTRA + self.config.extras
-        sigmas = np.full(n, 1e-3)
-        at_rest = self.start.is_rest
-        sigmas[k.POSITION : k.ROTATION] = 1e-4
-        sigmas[k.ROTATION : k.VELOCITY] = 1e-3 if at_rest else 0.05
-        sigmas[k.ROTATION + 2] = 1e-4
-        sigmas[k.VELOCITY : k.GYRO_BIAS] = 1e-2 if at_rest else 3.0
-        sigmas[k.GYRO_BIAS : k.ACCEL_BIAS] = 1e-3 if at_rest else c.imu.gyro_bias_sigma
-        sigmas[k.ACCEL_BIAS : k.GRAVITY] = c.imu.accel_bias_sigma
-        sigmas[k.GRAVITY : k.EXTRA] = c.imu.accel_bias_sigma / 9.8 if at_rest else 0.05
-        if c.extras:
-            sigmas[k.EXTRA : k.EXTRA + 6] = np.repeat(c.mount_sigma if c.estimates_mount else (1e-6, 1e-6), 3)
-        if c.estimates_clock:
-            sigmas[k.EXTRA + 6] = 0.02
-        self.covariance = np.diag(sigmas**2)
+        self.covariance = begun_covariance(begun, self.config, self.start.is_rest)
         self._time = self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock
         self._origin = self.state.copy()
         return True
@@ -271,7 +267,7 @@ class LidarInertialOdometry:
         The covariance that the gain needs is that of the prior, carried to the tangent space of the iterate.
         """
         c, state = self.config, prior
-        width, noise = 6 + c.extras, c.noise**2
+        width, noise = 6 + c.extras, (c.noise * self._noise_factor()) ** 2
         part = np.r_[0:6, k.EXTRA : k.EXTRA + c.extras]
         information, gradient, moments = np.empty((width, width)), np.empty(width), np.empty(4)
         queries = np.empty_like(points_imu)
@@ -306,9 +302,29 @@ class LidarInertialOdometry:
             searches = not c.has_imu or float(np.abs(delta[:3]).max()) > 0.02 or iteration == most - 2
         if weak is None:
             return prior, Degeneracy.none(), moments, iteration
+        if c.extras:
+            state, covariance = self._learned_slowly(prior, state, covariance)
         self.covariance = 0.5 * (covariance + covariance.T)
         state.rotation = _orthonormal(state.rotation)
         return state, weak, moments, iteration
+
+    def _noise_factor(self) -> float:
+        """Return how many times noisier than later a return counts: what planes through the rings of one place say as it begins to move, the gyroscope knows better."""
+        is_known = self.start is not None and self.start.is_rest
+        return 1.0 + (self.config.drift.begin_noise * self._drift.begin_left if is_known else 0.0)
+
+    def _learned_slowly(self, prior: FilterState, state: FilterState, covariance: F64) -> tuple[FilterState, F64]:
+        """Return an update of which mount and clock took a share only (Brink 2017, the partial-update Schmidt-Kalman filter).
+
+        What scans are off by comes back with every stride. It averages out in the pose; what is learned over a thousand scans it would pull along.
+        """
+        share, n = self.config.learned_share, len(covariance)
+        moved = state.minus(prior, n)
+        moved[k.EXTRA :] *= share
+        gained = _carried(self.covariance, moved) - covariance
+        covariance = covariance.copy()
+        covariance[k.EXTRA :, k.EXTRA :] += (1.0 - share) ** 2 * gained[k.EXTRA :, k.EXTRA :]
+        return prior.plus(moved), covariance
 
     def _update_other(self, health: Health, samples: F64, scan: CloudScan) -> Health:
         """Use what else is known: stillness, the wheels, the level ground."""

@@ -140,9 +140,11 @@ def run_offline(
     if config.loops.is_used:
         loops.finish()
     stamps_ns = np.array([result.stamp_ns for result, _ in results], np.int64)
-    lidar_from_imu = results[-1][0].imu_from_lidar.inverse()
+    last = results[-1][0]
+    lidar_from_imu, start_from_map = last.imu_from_lidar.inverse(), last.start_from_map
+    turn, shift = start_from_map.matrix()[:3, :3], start_from_map.matrix()[:3, 3]
     of_lidar = [result.map_from_lidar for result, _ in results]
-    closed = loops.corrected(stamps_ns, of_lidar)
+    closed = [start_from_map @ pose for pose in loops.corrected(stamps_ns, of_lidar)]
     health = [result.health for result, _ in results]
     residuals = [h.residual_m for h in health if h.residual_m is not None]
     assert odometry.start is not None
@@ -164,12 +166,12 @@ def run_offline(
         note=odometry.start.note,
         map_mb=odometry.map.memory_mb,
         voxels=len(odometry.map),
-        odometry=tuple(pose @ lidar_from_imu for pose in of_lidar),
-        links=loops.links(),
+        odometry=tuple(start_from_map @ pose @ lidar_from_imu for pose in of_lidar),
+        links=loops.links() @ turn.T + shift,
         is_converged=loops.is_converged,
         seeks_loops=config.loops.is_used,
         loop_seconds=loop_seconds,
-        imu_from_lidar=results[-1][0].imu_from_lidar,
+        imu_from_lidar=last.imu_from_lidar,
         cut=cut,
         false_ratio=float(np.mean([h.false_ratio for h in health])),
     )
@@ -178,7 +180,9 @@ def run_offline(
 def offline_config(config: LioConfig) -> LioConfig:
     """Return the configuration for a whole recording: the mount is refined where that is wanted and an IMU is there."""
     if config.has_imu and config.refines_mount and not config.estimates_mount:
-        return replace(config, estimates_mount=True, mount_sigma=config.refined_sigma)
+        config = replace(config, estimates_mount=True, mount_sigma=config.refined_sigma)
+        if not config.estimates_clock:
+            config = replace(config, estimates_clock=True, clock_sigma=config.refined_clock)
     return config
 
 

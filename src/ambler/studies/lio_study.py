@@ -173,7 +173,7 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     loops.finish()
     stamps = np.array([r.stamp_ns for r in results], np.int64)
     truth_poses = [pose for _, pose in truth]
-    error = spatial_error(stamps, [r.map_from_imu for r in results], stamps, truth_poses)
+    error = spatial_error(stamps, [r.start_from_imu for r in results], stamps, truth_poses)
     fields = _judged(case, config, results, error, truth_poses)
     fields |= _closed(case, rig, loops, results, truth_poses)
     fields |= air.fields()
@@ -257,7 +257,7 @@ def _plain_run(rig: HandRig, config: LioConfig, air: AirFilter | None, shares: l
             shares.append(float(scan.is_false.mean()))
         result = odometry.update(CloudScan(scan.cloud, scan.imu, scan.odometry))
         if result is not None:
-            told.append((result.stamp_ns, result.map_from_imu, scan.world_from_imu))
+            told.append((result.stamp_ns, result.start_from_imu, scan.world_from_imu))
     stamps = np.array([stamp for stamp, _, _ in told], np.int64)
     return spatial_error(stamps, [pose for _, pose, _ in told], stamps, [true for _, _, true in told])
 
@@ -366,13 +366,13 @@ def _surfaces(
 
 def nees(results: Sequence[LioResult], truth: Sequence[SE3]) -> float:
     """Return the mean normalized squared error of position and rotation over its six degrees of freedom: 1 if the covariance says what errors are."""
-    world_from_map = truth[0] @ results[0].map_from_imu.inverse()
-    map_from_world = world_from_map.inverse()
+    world_from_start = truth[0] @ results[0].start_from_imu.inverse()
+    start_from_world = world_from_start.inverse()
     values = []
     for result, true in zip(results[1:], truth[1:], strict=True):
-        known = map_from_world @ true
-        place = np.array(known.translation) - np.array(result.map_from_imu.translation)
-        turn = (result.map_from_imu.inverse() @ known).rotation
+        known = start_from_world @ true
+        place = np.array(known.translation) - np.array(result.start_from_imu.translation)
+        turn = (result.start_from_imu.inverse() @ known).rotation
         sign = 1.0 if turn[0] >= 0.0 else -1.0
         error = np.concatenate([place, 2.0 * sign * np.array(turn[1:])])
         values.append(float(error @ np.linalg.solve(result.covariance, error)) / 6.0)
