@@ -8,11 +8,12 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.kernels import inertial as k
 from ambler.lio.beginning import begun_covariance, since_start_jacobian, start_from_map
-from ambler.lio.config import LioConfig
+from ambler.lio.config import DriftConfig, LioConfig
 from ambler.lio.drift import Drift
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.lio.offline import offline_config, run_offline
@@ -99,6 +100,14 @@ def test_clocks_that_differ_by_a_millisecond_are_noticed() -> None:
     assert odometry.state.clock == pytest.approx(rig.clock + 1e-9 * late, abs=4e-4)
 
 
+@pytest.mark.parametrize("share", [0.0, -0.1, 1.1, float("nan")])
+def test_a_share_that_is_none_and_a_beginning_without_extent_are_refused(share: float) -> None:
+    with pytest.raises(BadInputError, match="learned_share"):
+        LioConfig(learned_share=share)
+    with pytest.raises(BadInputError, match="begin_m"):
+        DriftConfig(begin_m=min(share, 0.0))
+
+
 def test_leaving_the_start_counts_once() -> None:
     config = CONFIG.drift
     drift = Drift(config)
@@ -120,14 +129,9 @@ def test_as_it_begins_to_move_the_gyroscope_knows_better_than_planes_through_rin
         odometry = LidarInertialOdometry(config, rig.mount)
         results = [r for scan in scans_of(tuple(recorded)) if (r := odometry.update(scan)) is not None]
         truth = [s.world_from_imu for s in recorded[-len(results) :]]
-        off = [
-            log(
-                ((results[0].map_from_imu.inverse() @ r.map_from_imu).inverse() @ (truth[0].inverse() @ t)).matrix()[
-                    :3, :3
-                ]
-            )
-            for r, t in zip(results[-15:], truth[-15:], strict=True)
-        ]
+        told = [results[0].map_from_imu.inverse() @ r.map_from_imu for r in results[-15:]]
+        true = [truth[0].inverse() @ t for t in truth[-15:]]
+        off = [log((a.inverse() @ b).matrix()[:3, :3]) for a, b in zip(told, true, strict=True)]
         turned.append(float(np.mean(np.linalg.norm(off, axis=1))))
     assert turned[1] < 0.75 * turned[0]
 

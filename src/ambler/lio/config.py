@@ -132,9 +132,11 @@ class DriftConfig:
     begin_m: float = 0.5  # from the start by which the gaps between the rings of a single place are filled
     begin_position: float = 2.5e-3  # m and rad, once, on leaving it
     begin_rotation: float = 2e-4
-    begin_noise: float = (
-        4.0  # times the noise that returns have more there, when it began at rest and the gyroscope knows better
-    )
+    begin_noise: float = 4.0  # how many times noisier returns count there, beyond once, where it began at rest
+
+    def __post_init__(self) -> None:
+        if not self.begin_m > 0.0:
+            raise BadInputError(f"drift begin_m: must be positive, is {self.begin_m}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,9 +339,7 @@ class LioConfig:
     refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses
     refined_sigma: tuple[float, float] = (0.003, 0.003)  # m and rad that plates are built to, about 0.2 degrees
     refined_clock: float = 0.002  # s that two clocks on one plate agree to
-    learned_share: float = (
-        0.3  # of what a scan says of mount and clock that is believed: what scans are off by is not new in each
-    )
+    learned_share: float = 0.3  # of what a scan says of mount and clock that is believed: its errors are not new
     estimates_clock: bool = False
     clock_sigma: float = 0.02  # s that the LiDAR's clock is told to, where it is estimated
     has_imu: bool = True  # False: a LiDAR alone, with motion between scans that goes on as it was
@@ -352,6 +352,10 @@ class LioConfig:
     insert_rad: float = 0.01
     inliers_least: int = 50
     coast_most: float = 1.0  # seconds without a scan that fits after which a robot's odometry is not told any more: an IMU alone is a decimetre off by then
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.learned_share <= 1.0:
+            raise BadInputError(f"learned_share: above 0 and at most 1, is {self.learned_share}")
 
     @property
     def extras(self) -> int:
