@@ -136,6 +136,18 @@ def test_as_it_begins_to_move_the_gyroscope_knows_better_than_planes_through_rin
     assert turned[1] < 0.75 * turned[0]
 
 
+def test_returns_count_less_on_leaving_the_start_and_neither_at_rest_nor_later() -> None:
+    rig, recorded = walk()
+    odometry = LidarInertialOdometry(LioConfig(), rig.told_mount)
+    factors = []
+    for scan in scans_of(recorded):
+        if odometry.update(scan) is not None:
+            factors.append(odometry._noise_factor())
+    assert factors[0] == 1.0
+    assert max(factors) > 4.0
+    assert factors[-1] == pytest.approx(1.0, abs=1e-3)
+
+
 def test_mount_and_clock_take_their_share_of_an_update_and_the_pose_all_of_it() -> None:
     rig, recorded = walk()
     known = []

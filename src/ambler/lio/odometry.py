@@ -65,6 +65,7 @@ class LidarInertialOdometry:
         self._scratch = np.empty(0, np.int64)
         self._inserted_at: FilterState | None = None
         self._inserts = 0
+        self._stands = False
         self._origin = FilterState()
         imu = self.config.imu
         alone = self.config.alone
@@ -309,9 +310,12 @@ class LidarInertialOdometry:
         return state, weak, moments, iteration
 
     def _noise_factor(self) -> float:
-        """Return how many times noisier than later a return counts: what planes through the rings of one place say as it begins to move, the gyroscope knows better."""
-        is_known = self.start is not None and self.start.is_rest
-        return 1.0 + (self.config.drift.begin_noise * self._drift.begin_left if is_known else 0.0)
+        """Return how many times noisier than later a return counts: what planes through the rings of one place say as it leaves it, the gyroscope knows better.
+
+        While it stands there, every scan is the same, and holds it.
+        """
+        is_leaving = self.start is not None and self.start.is_rest and not self._stands
+        return 1.0 + (self.config.drift.begin_noise * self._drift.begin_left if is_leaving else 0.0)
 
     def _learned_slowly(self, prior: FilterState, state: FilterState, covariance: F64) -> tuple[FilterState, F64]:
         """Return an update of which mount and clock took a share only (Brink 2017, the partial-update Schmidt-Kalman filter).
@@ -332,6 +336,7 @@ class LidarInertialOdometry:
         assert self.start is not None
         is_tried = c.rest.is_used and c.has_imu
         rest = standstill(self.state, samples, self.start, c.rest) if is_tried else None
+        self._stands = rest is not None
         if rest is not None:
             self._measure(rest)
         if self._imu_from_base is not None:
