@@ -187,14 +187,17 @@ def drifts(graph: DriftGraph) -> tuple[float, float]:
 
 def test_drift_grows_with_the_way_and_a_loop_closure_ends_it() -> None:
     config = DriftConfig()
-    short, long = (DriftGraph((0.0, *[10.0] * n), (), 1.0, config) for n in (4, 16))
+    short, long = (DriftGraph((0.0, *[10.0] * n), np.zeros((n + 1, 2)), (), 1.0, config) for n in (4, 16))
     hop = config.angular_per_metre * 10.0 + config.least[1]
     assert drifts(short)[1] == pytest.approx(2.0 * hop)
     assert drifts(long)[1] == pytest.approx(4.0 * hop)
     assert drifts(long)[0] > 4.0 * drifts(short)[0]  # the lever makes it grow with the power of 1.5 in the end
-    closed = DriftGraph(long.lengths, ((0, 16),), 1.0, config)
+    closed = DriftGraph(long.lengths, long.doubts, ((0, 16),), 1.0, config)
     assert drifts(closed)[0] < 0.1
-    assert drifts(DriftGraph(long.lengths, (), 3.0, config))[1] > 2.0 * drifts(long)[1]
+    assert drifts(DriftGraph(long.lengths, long.doubts, (), 3.0, config))[1] > 2.0 * drifts(long)[1]
+    lost = long.doubts.copy()
+    lost[8] = 2.0**2, 0.5**2  # one hop of which hardly anything is known
+    assert drifts(DriftGraph(long.lengths, lost, (), 1.0, config))[1] == pytest.approx(math.hypot(0.5, drifts(long)[1]), rel=1e-3)
 
 
 def test_failures_count_searches_in_vain_and_closures_make_up_for_two() -> None:
