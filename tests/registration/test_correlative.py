@@ -37,7 +37,9 @@ def test_the_kernel_equals_the_twin_over_the_whole_window() -> None:
         weights = rng.uniform(0.0, 1.0, 2)
         half, half_angles, step = 3, 2, 0.11
         best, sums = np.empty(4), np.empty((7, 7), np.int64)
-        correlation.correlate(cells, frame, points, center, np.array([half, half_angles, step]), weights, UNKNOWN, sums, best)
+        correlation.correlate(
+            cells, frame, points, center, np.array([half, half_angles, step]), weights, UNKNOWN, sums, best
+        )
         found = (-1.0, SE2())
         for a in range(-half_angles, half_angles + 1):
             for iy in range(-half, half + 1):
