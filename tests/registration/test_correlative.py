@@ -15,25 +15,31 @@ from tests.registration.room import random_pose, scan_at
 CELL = 0.05
 
 
+UNKNOWN = 0.3
+
+
 def probability_at(cells: np.ndarray, frame: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the probability of the cell under each point (N, 2) of the grid's frame, 0.1 where unknown or outside."""
+    """Return the probability of the cell under each point (N, 2) of the grid's frame, `UNKNOWN` where unknown or outside."""
     ix, iy = np.floor((points - frame[1:]) * (1.0 / frame[0])).astype(int).T
     inside = (ix >= 0) & (iy >= 0) & (ix < cells.shape[1]) & (iy < cells.shape[0])
     value = np.where(inside, cells[np.where(inside, iy, 0), np.where(inside, ix, 0)], 0).astype(float)
-    return np.asarray(0.1 + 0.8 / 32766 * value)
+    return np.asarray(0.1 + 0.8 / 32766 * np.where(value == 0, round((UNKNOWN - 0.1) * 32766 / 0.8), value))
 
 
 def test_the_kernel_equals_the_twin_over_the_whole_window() -> None:
     rng = np.random.default_rng(0)
     for _ in range(6):
         cells = rng.integers(0, 32768, (14, 17)).astype(np.uint16)
+        cells[rng.random(cells.shape) < 0.4] = 0
         frame = np.array([CELL, *rng.uniform(-0.6, 0.0, 2)])
         points = rng.uniform(-0.6, 0.6, (25, 2)).astype(np.float32)
         center = rng.uniform(-0.1, 0.1, 3)
         weights = rng.uniform(0.0, 1.0, 2)
         half, half_angles, step = 3, 2, 0.11
         best, sums = np.empty(4), np.empty((7, 7), np.int64)
-        correlation.correlate(cells, frame, points, center, np.array([half, half_angles, step]), weights, sums, best)
+        correlation.correlate(
+            cells, frame, points, center, np.array([half, half_angles, step]), weights, UNKNOWN, sums, best
+        )
         found = (-1.0, SE2())
         for a in range(-half_angles, half_angles + 1):
             for iy in range(-half, half + 1):

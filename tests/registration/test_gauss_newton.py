@@ -18,9 +18,12 @@ FREE = RefineConfig(1.0, 0.01, 0.01, 0.01)
 SIGMA = 0.35
 
 
+UNKNOWN = 0.3
+
+
 def surface(cells: np.ndarray, fx: float, fy: float) -> np.ndarray:
     out = np.empty(3)
-    correlation.surface(cells, fx, fy, np.empty(4), np.empty(4), out)
+    correlation.surface(cells, fx, fy, UNKNOWN, np.empty(4), np.empty(4), out)
     return out
 
 
@@ -38,7 +41,12 @@ def test_the_surface_is_smooth_and_its_gradient_true(seed: int) -> None:
     assert gy == pytest.approx((up[0] - down[0]) / (2 * d), abs=1e-4)
     assert abs(right[0] + left[0] - 2 * value) < 1e-8
     iy, ix = int(rng.integers(0, 9)), int(rng.integers(0, 11))
-    assert surface(cells, ix + 0.5, iy + 0.5)[0] == pytest.approx(0.1 + 0.8 * max(0, int(cells[iy, ix]) - 1) / 32766)
+    cells[0, 0] = 0
+    for at_y, at_x in ((iy, ix), (0, 0)):
+        value = int(cells[at_y, at_x])
+        expected = 0.1 + 0.8 * (value - 1) / 32766 if value else UNKNOWN
+        assert surface(cells, at_x + 0.5, at_y + 0.5)[0] == pytest.approx(expected)
+    assert surface(cells, -7.0, 4.0)[0] == pytest.approx(UNKNOWN)
 
 
 def test_normal_equations_are_those_of_numerical_jacobians() -> None:
@@ -56,7 +64,7 @@ def test_normal_equations_are_those_of_numerical_jacobians() -> None:
     r = residuals(pose)
     h, g = np.empty((3, 3)), np.empty(3)
     total, inliers, probable = correlation.normal_equations(
-        grid.cells, grid.frame, points.astype(np.float32), pose, h, g, np.empty(11)
+        grid.cells, grid.frame, points.astype(np.float32), pose, UNKNOWN, h, g, np.empty(11)
     )
     assert h == pytest.approx(jacobian.T @ jacobian, rel=1e-3, abs=1e-3 * np.abs(h).max())
     assert g == pytest.approx(jacobian.T @ r, rel=1e-3, abs=1e-3 * np.abs(g).max())

@@ -11,10 +11,12 @@ from ambler.slam2d.agreement import sort_closures
 from ambler.slam2d.back_end import JobResult
 from ambler.slam2d.config import DriftConfig, LoopConfig
 from ambler.slam2d.drift import DriftGraph
+from ambler.slam2d.extrapolator import Prediction
 from ambler.slam2d.graph import Edge, EdgeKind, OptimizedGraph
 from ambler.slam2d.loop_candidates import PairCounts
 from ambler.slam2d.loop_closure import Closure
 from ambler.slam2d.slam import Slam2d
+from tests.registration.room import CORRIDOR, scan_at
 from tests.slam2d.drives import RING, Drive, around_the_ring, drive, errors, run, short_submaps
 
 
@@ -161,6 +163,32 @@ def test_what_half_of_the_closures_on_a_way_contradict_waits() -> None:
     assert sort([*one, other[0]]) == ({1, 3, 5}, {2})
 
 
+def test_those_who_contradict_each_other_contradict_nobody_else() -> None:
+    """Five closures that noise made, each elsewhere, beside three that agree: no two of the five speak for one other place."""
+    one = [closure(k) for k in (1, 3, 5)]
+    shifts = [(0.0, FAR, 0.0), (0.0, -FAR, 0.0), (-FAR, 0.0, 0.0), (-FAR, -FAR, 0.0), (-FAR, FAR, 0.0)]
+    noise = [closure(k, shift) for k, shift in zip((2, 4, 3, 2, 4), shifts, strict=True)]
+    assert sort(one + noise)[0] == {1, 3, 5}
+
+
+def test_a_scan_of_which_hardly_anything_fits_is_doubted_and_its_node_held_loosely() -> None:
+    slam = Slam2d(short_submaps())
+    run(slam, drive([SE2(0.1 * k, 0.0, 0.0) for k in range(11)]), with_odometry=True)
+    there, further = SE2(1.4, 0.0, 0.0), SE2(1.8, 0.0, 0.0)
+    scans = scan_at(there, 10**10), scan_at(SE2(0.0, 0.0, 0.8), 2 * 10**10, CORRIDOR)
+    step = SE2(0.4, 0.0, 0.0)
+    fits, lost = (
+        slam._front_end.update(scan, Prediction(pose, pose, step, True))
+        for scan, pose in zip(scans, (there, further), strict=True)
+    )
+    assert fits.doubt == (0.0, 0.0)
+    assert min(lost.doubt) > 0.05
+    nodes = [slam._back_end.add(result, step) for result in (fits, lost)]
+    graph = slam._back_end.graph.snapshot()
+    sure, loose = (graph.information[graph.edge_to == node.vertex, 0, 0].max() for node in nodes)
+    assert loose < 0.2 * sure
+
+
 def test_a_closure_that_the_graph_rejects_is_kept_aside_once_and_teaches_no_drift() -> None:
     course, slam = ring(), Slam2d(short_submaps())
     run(slam, course, with_odometry=True, last=60, with_background=False)
@@ -187,14 +215,19 @@ def drifts(graph: DriftGraph) -> tuple[float, float]:
 
 def test_drift_grows_with_the_way_and_a_loop_closure_ends_it() -> None:
     config = DriftConfig()
-    short, long = (DriftGraph((0.0, *[10.0] * n), (), 1.0, config) for n in (4, 16))
+    short, long = (DriftGraph((0.0, *[10.0] * n), np.zeros((n + 1, 2)), (), 1.0, config) for n in (4, 16))
     hop = config.angular_per_metre * 10.0 + config.least[1]
     assert drifts(short)[1] == pytest.approx(2.0 * hop)
     assert drifts(long)[1] == pytest.approx(4.0 * hop)
     assert drifts(long)[0] > 4.0 * drifts(short)[0]  # the lever makes it grow with the power of 1.5 in the end
-    closed = DriftGraph(long.lengths, ((0, 16),), 1.0, config)
+    closed = DriftGraph(long.lengths, long.doubts, ((0, 16),), 1.0, config)
     assert drifts(closed)[0] < 0.1
-    assert drifts(DriftGraph(long.lengths, (), 3.0, config))[1] > 2.0 * drifts(long)[1]
+    assert drifts(DriftGraph(long.lengths, long.doubts, (), 3.0, config))[1] > 2.0 * drifts(long)[1]
+    lost = long.doubts.copy()
+    lost[8] = 2.0**2, 0.5**2  # one hop of which hardly anything is known
+    assert drifts(DriftGraph(long.lengths, lost, (), 1.0, config))[1] == pytest.approx(
+        math.hypot(0.5, drifts(long)[1]), rel=1e-3
+    )
 
 
 def test_failures_count_searches_in_vain_and_closures_make_up_for_two() -> None:

@@ -13,12 +13,12 @@ P_PER_VALUE = 0.8 / 32766.0
 
 
 @jit
-def correlate(cells, frame, points, center, search, weights, sums, best):
+def correlate(cells, frame, points, center, search, weights, unknown, sums, best):
     """Score every pose of a window around `center` and write the best into `best` float64 (4,): x, y, yaw, score.
 
     `cells` uint16 (H, W), `frame` (resolution, x, y of the outer corner), `points` float32 (N, 2) in the base frame,
     `center` float64 (3,); `search` (cells of half window, half angles, angle step); `weights` (translation, rotation) of the
-    penalty exp(-(w_t |t| + w_r |a|)^2). `sums` int64 (S, S), S >= 2 * cells + 1, is scratch. Score = mean probability * penalty.
+    penalty exp(-(w_t |t| + w_r |a|)^2). A point in an unknown cell or beyond the border has the probability `unknown`. `sums` int64 (S, S), S >= 2 * cells + 1, is scratch. Score = mean probability * penalty.
     """
     height, width = cells.shape
     n = points.shape[0]
@@ -26,6 +26,7 @@ def correlate(cells, frame, points, center, search, weights, sums, best):
     half_angles = int(search[1])
     size = 2 * half + 1
     inverse = 1.0 / frame[0]
+    nothing = round((unknown - P_LOW) / P_PER_VALUE)
     best[3] = -1.0
     for a in range(-half_angles, half_angles + 1):
         turn = a * search[2]
@@ -42,11 +43,14 @@ def correlate(cells, frame, points, center, search, weights, sums, best):
             if jx >= 0 and jy >= 0 and jx + size <= width and jy + size <= height:
                 for iy in range(size):
                     for ix in range(size):
-                        sums[iy, ix] += cells[jy + iy, jx + ix]
+                        value = np.int64(cells[jy + iy, jx + ix])
+                        sums[iy, ix] += value if value != 0 else nothing
             else:
-                for iy in range(max(0, -jy), min(size, height - jy)):
-                    for ix in range(max(0, -jx), min(size, width - jx)):
-                        sums[iy, ix] += cells[jy + iy, jx + ix]
+                for iy in range(size):
+                    for ix in range(size):
+                        inside = 0 <= jy + iy < height and 0 <= jx + ix < width
+                        value = np.int64(cells[jy + iy, jx + ix]) if inside else 0
+                        sums[iy, ix] += value if value != 0 else nothing
         for iy in range(size):
             for ix in range(size):
                 tx, ty = (ix - half) * frame[0], (iy - half) * frame[0]
@@ -57,17 +61,17 @@ def correlate(cells, frame, points, center, search, weights, sums, best):
 
 
 @jit
-def _probability(cells, iy, ix):
+def _probability(cells, iy, ix, unknown):
     if 0 <= iy < cells.shape[0] and 0 <= ix < cells.shape[1]:
         value = cells[iy, ix]
         if value != 0:
             return P_LOW + P_PER_VALUE * (value - 1)
-    return P_LOW
+    return unknown
 
 
 @jit
-def surface(cells, fx, fy, row, slope, out):
-    """Write Catmull-Rom bicubic probability and its gradient (per cell) at (fx, fy) cells into `out` float64 (3,).
+def surface(cells, fx, fy, unknown, row, slope, out):
+    """Write Catmull-Rom bicubic probability and its gradient (per cell) at (fx, fy) cells into `out` float64 (3,); unknown cells have that of `unknown`.
 
     `row`, `slope` float64 (4,) are scratch. Cell (iy, ix) has its centre at (ix + 0.5, iy + 0.5).
     """
@@ -79,13 +83,13 @@ def surface(cells, fx, fy, row, slope, out):
         iy = jy - 1 + k
         if inside:
             i0, i1, i2, i3 = cells[iy, jx - 1], cells[iy, jx], cells[iy, jx + 1], cells[iy, jx + 2]
-            p0 = P_LOW + P_PER_VALUE * (max(i0, 1) - 1)
-            p1 = P_LOW + P_PER_VALUE * (max(i1, 1) - 1)
-            p2 = P_LOW + P_PER_VALUE * (max(i2, 1) - 1)
-            p3 = P_LOW + P_PER_VALUE * (max(i3, 1) - 1)
+            p0 = P_LOW + P_PER_VALUE * (i0 - 1.0) if i0 != 0 else unknown
+            p1 = P_LOW + P_PER_VALUE * (i1 - 1.0) if i1 != 0 else unknown
+            p2 = P_LOW + P_PER_VALUE * (i2 - 1.0) if i2 != 0 else unknown
+            p3 = P_LOW + P_PER_VALUE * (i3 - 1.0) if i3 != 0 else unknown
         else:
-            p0, p1 = _probability(cells, iy, jx - 1), _probability(cells, iy, jx)
-            p2, p3 = _probability(cells, iy, jx + 1), _probability(cells, iy, jx + 2)
+            p0, p1 = _probability(cells, iy, jx - 1, unknown), _probability(cells, iy, jx, unknown)
+            p2, p3 = _probability(cells, iy, jx + 1, unknown), _probability(cells, iy, jx + 2, unknown)
         a = 0.5 * (-p0 + 3.0 * p1 - 3.0 * p2 + p3)
         b = 0.5 * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3)
         d = 0.5 * (p2 - p0)
@@ -103,7 +107,7 @@ def surface(cells, fx, fy, row, slope, out):
 
 
 @jit
-def normal_equations(cells, frame, points, pose, h, g, scratch):
+def normal_equations(cells, frame, points, pose, unknown, h, g, scratch):
     """Accumulate H = sum J^T J and g = sum J^T r of r = 1 - P(pose * p) over the points; returns (sum r^2, points with P > 0.5, sum P).
 
     `h` float64 (3, 3), `g` float64 (3,), both overwritten; `scratch` float64 (11,). J = -dP/d(x, y, yaw).
@@ -118,7 +122,8 @@ def normal_equations(cells, frame, points, pose, h, g, scratch):
     for i in range(points.shape[0]):
         rx = c * points[i, 0] - s * points[i, 1]
         ry = s * points[i, 0] + c * points[i, 1]
-        surface(cells, (rx + pose[0] - frame[1]) * inverse, (ry + pose[1] - frame[2]) * inverse, row, slope, out)
+        fx, fy = (rx + pose[0] - frame[1]) * inverse, (ry + pose[1] - frame[2]) * inverse
+        surface(cells, fx, fy, unknown, row, slope, out)
         r = 1.0 - out[0]
         total += r * r
         probable += out[0]
@@ -168,7 +173,7 @@ def _prior_cost(prior_information, pose, prior):
 
 
 @jit
-def refine(cells, frame, points, pose, prior, weight, prior_information, max_iterations, h, g, info):
+def refine(cells, frame, points, pose, prior, weight, prior_information, max_iterations, unknown, h, g, info):
     """Move `pose` float64 (3,) in place to the minimum of weight^2 / N sum (1 - P)^2 + d^T W d, d = pose - prior, W = `prior_information`.
 
     Levenberg-Marquardt. What `normal_equations` says of the pose at the start is in `h`, `g` and the first three of `info`. `h`
@@ -200,7 +205,7 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
             continue
         for k in range(3):
             trial[k] = pose[k] + step[k]
-        total_t, inliers_t, probable_t = normal_equations(cells, frame, points, trial, ht, gt, scratch)
+        total_t, inliers_t, probable_t = normal_equations(cells, frame, points, trial, unknown, ht, gt, scratch)
         cost_t = scale * total_t + _prior_cost(prior_information, trial, prior)
         moved = abs(step[0]) + abs(step[1]) + 5.0 * abs(step[2])
         if cost_t < cost:
@@ -231,9 +236,10 @@ def warm_up() -> None:
     points = np.ones((2, 2), np.float32)
     pose = np.full(3, 2.0)
     correlate(
-        cells, frame, points, pose, np.array([1.0, 1.0, 0.1]), np.ones(2), np.zeros((3, 3), np.int64), np.zeros(4)
+        *(cells, frame, points, pose, np.array([1.0, 1.0, 0.1]), np.ones(2), P_LOW),
+        *(np.zeros((3, 3), np.int64), np.zeros(4)),
     )
-    surface(cells, 2.0, 2.0, np.zeros(4), np.zeros(4), np.zeros(3))
+    surface(cells, 2.0, 2.0, P_LOW, np.zeros(4), np.zeros(4), np.zeros(3))
     h, g = np.zeros((3, 3)), np.zeros(3)
-    normal_equations(cells, frame, points, pose, h, g, np.zeros(11))
-    refine(cells, frame, points, pose, pose.copy(), 1.0, np.eye(3), 2, h, g, np.zeros(4))
+    normal_equations(cells, frame, points, pose, P_LOW, h, g, np.zeros(11))
+    refine(cells, frame, points, pose, pose.copy(), 1.0, np.eye(3), 2, P_LOW, h, g, np.zeros(4))

@@ -45,8 +45,10 @@ def correlate(
     window: Window,
     translation_weight: float = 0.1,
     rotation_weight: float = 0.1,
+    unknown: float = correlation.P_LOW,
 ) -> CorrelationResult:
-    """Score all poses around `center` (grid_from_base) at one cell and the matching angular step; points (N, 2) in the base frame."""
+    """Score all poses around `center` (grid_from_base) at one cell and the matching angular step; points (N, 2) in the base frame. A point in an unknown cell
+    has the probability `unknown`."""
     resolution = float(grid.frame[0])
     step = angular_step(points, resolution, 0.9)
     half = math.ceil(window.linear / resolution)
@@ -54,5 +56,5 @@ def correlate(
     best = np.empty(4)
     sums = np.empty((2 * half + 1, 2 * half + 1), np.int64)
     weights = np.array([translation_weight, rotation_weight])
-    correlation.correlate(grid.cells, grid.frame, points, center.as_array(), search, weights, sums, best)
+    correlation.correlate(grid.cells, grid.frame, points, center.as_array(), search, weights, unknown, sums, best)
     return CorrelationResult(SE2.from_array(best[:3]), float(best[3]))

@@ -19,7 +19,7 @@ class RefineConfig:
     """Weights of the points, of the prior's translation (1/m) and of its rotation (1/rad).
 
     Where the scan says much less about one direction than about the other (information below `weak_ratio` of it: along a corridor)
-    the prior's translation weight rises there up to `weak_translation_weight`.
+    the prior's translation weight rises there up to `weak_translation_weight`. A point in an unknown cell has the probability `unknown`.
     """
 
     occupied_weight: float = 1.0
@@ -28,6 +28,7 @@ class RefineConfig:
     weak_translation_weight: float = 10.0
     weak_ratio: float = 0.25
     max_iterations: int = 20
+    unknown: float = correlation.P_LOW
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,11 +89,11 @@ def refine(grid: CellGrid, points: F32, start: SE2, prior: SE2, config: RefineCo
     centre = prior.as_array()
     centre[2] = pose[2] + (centre[2] - pose[2] + np.pi) % (2 * np.pi) - np.pi
     h, g, info = np.empty((3, 3)), np.empty(3), np.empty(4)
-    info[:3] = correlation.normal_equations(grid.cells, grid.frame, points, pose, h, g, np.empty(11))
+    info[:3] = correlation.normal_equations(grid.cells, grid.frame, points, pose, config.unknown, h, g, np.empty(11))
     weights = _prior_information(h, config)
     correlation.refine(
         *(grid.cells, grid.frame, points, pose, centre, config.occupied_weight, weights),
-        *(config.max_iterations, h, g, info),
+        *(config.max_iterations, config.unknown, h, g, info),
     )
     return MatchResult(
         SE2.from_array(pose),

@@ -17,6 +17,7 @@ from ambler.slam2d.config import LoopConfig
 from ambler.slam2d.loop_closure import Closure
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 B = NDArray[np.bool_]
 
 
@@ -50,28 +51,33 @@ def _confirmed(far: list[Closure], moved: F64, poses: F64, ways: F64, config: Lo
     if n < config.confirmations:
         return out
     agrees = _agreements(far, poses, ways, config)
-    at = ways[[c.node for c in far]]
-    for k in range(n):
-        group = _group_of(k, agrees)
-        if out[group].all() or len({far[i].node for i in group}) < config.confirmations:
-            continue
+    nodes, groups = np.array([c.node for c in far]), _groups(agrees)
+    at = ways[nodes]
+    for group in groups:
+        own = len(np.unique(nodes[group]))
         low, high = at[group].min(), at[group].max()
-        if high - low < np.clip(config.spread_ratio * moved[group].min(), *config.spread):
+        if own < config.confirmations or high - low < np.clip(config.spread_ratio * moved[group].min(), *config.spread):
             continue
         is_against = (at >= low) & (at <= high) & (2 * agrees[:, group].sum(axis=1) < len(group))
-        if 2 * is_against.sum() < len(group):
-            out[group] = True
+        rival = max(len(np.unique(nodes[g[is_against[g]]])) for g in groups)
+        out[group] = 2 * rival < own
     return out
 
 
-def _group_of(first: int, agrees: B) -> list[int]:
-    """Return a set of closures that all agree with each other, grown greedily from one; those with most friends come first."""
-    group = [first]
-    friends = np.flatnonzero(agrees[first])
-    for k in friends[np.argsort(-agrees[friends].sum(axis=1), kind="stable")]:
-        if agrees[k, group].all():
-            group.append(int(k))
-    return group
+def _groups(agrees: B) -> list[I64]:
+    """Part closures into groups all of which agree with each other, grown greedily, from and by those with most friends left."""
+    left, out = np.ones(len(agrees), np.bool_), []
+    while left.any():
+        friends = np.where(left, (agrees & left).sum(axis=1), -1)
+        first = int(np.argmax(friends))
+        group, fits = [first], agrees[first] & left
+        for k in np.argsort(-friends, kind="stable"):
+            if fits[k] and k != first:
+                group.append(int(k))
+                fits = fits & agrees[k]
+        left[group] = False
+        out.append(np.array(sorted(group), np.int64))
+    return out
 
 
 def _agreements(far: list[Closure], poses: F64, ways: F64, config: LoopConfig) -> B:

@@ -69,6 +69,7 @@ class BackEnd:
         self._counts = PairCounts()
         self._queue: list[int] = []
         self._way = 0.0
+        self._doubt = (0.0, 0.0)
         self._queried_way = -math.inf
         self._pending: tuple[Closure, ...] = ()
         self._aside: tuple[Closure, ...] = ()
@@ -105,6 +106,7 @@ class BackEnd:
     def add(self, result: LocalResult, odom_motion: SE2 | None) -> Node:
         """Add an inserted scan; `odom_motion` is the odometry's previous-node_from_this-node, None without odometry."""
         map_from_local = self.map_from_local()
+        self._doubt = self._doubt[0] + result.doubt[0] ** 2, self._doubt[1] + result.doubt[1] ** 2
         for submap in result.submaps:
             if submap.index == len(self.submaps):
                 self._add_submap(submap, map_from_local)
@@ -127,13 +129,13 @@ class BackEnd:
         covariance = (
             np.zeros((3, 3)) if result.match is None else result.match.covariance(self._point_sigma, (0.0, 0.0))
         )
-        intra = information_of(covariance, pose.yaw, self._config.intra_sigma)
         for submap in result.submaps:
             submap.nodes.append(len(self.nodes))
             source = self.submap_vertices[submap.index]
+            intra = information_of(covariance, pose.yaw, self._intra_sigma(submap, pose))
             self.graph.add_edge(Edge(source, vertex, submap.to_submap(pose), intra, EdgeKind.INTRA))
         if previous is not None:
-            local = information_of(covariance, pose.yaw, self._config.local_sigma)
+            local = information_of(covariance, pose.yaw, _more(self._config.local_sigma, result.doubt))
             self._add_chain(previous, node, local, odom_motion)
         self.nodes.append(node)
         if self._way >= self._queried_way + self._loop.query_distance:
@@ -141,8 +143,14 @@ class BackEnd:
             self._queue.append(len(self.nodes) - 1)
         return node
 
+    def _intra_sigma(self, submap: Submap, local_from_base: SE2) -> tuple[float, float]:
+        """Return how well (m, rad) a submap holds a node: no better than what happened since it began lets it."""
+        linear, angular = (math.sqrt(max(0.0, now - then)) for now, then in zip(self._doubt, submap.doubt, strict=True))
+        leverage = submap.local_from_submap.distance_to(local_from_base)
+        return _more(self._config.intra_sigma, (linear + leverage * angular, angular))
+
     def _add_submap(self, submap: Submap, map_from_local: SE2) -> None:
-        submap.way = self._way
+        submap.way, submap.doubt = self._way, self._doubt
         self.submaps.append(submap)
         self.submap_vertices.append(self.graph.add_vertex(map_from_local @ submap.local_from_submap))
 
@@ -247,6 +255,7 @@ class _Job:
         self._submap_vertices = b.submap_vertices[:]
         self._finished = {s.index: s for s in b.submaps if s.is_finished}
         self._ways = [s.way for s in b.submaps]
+        self._doubts = [s.doubt for s in b.submaps]
         self._counts = b._counts.copy()
         self._pending, self._aside = b._pending, b._aside
         self._closures = dict(b.closures)
@@ -271,7 +280,8 @@ class _Job:
 
     def _search(self, counts: PairCounts) -> list[Closure]:
         lengths = (0.0, *np.diff(self._ways))
-        drift = DriftGraph(lengths, counts.linked, self._scale, self._loop.drift).covariances(
+        doubts = np.diff(np.array(self._doubts).reshape(-1, 2), axis=0, prepend=np.zeros((1, 2)))
+        drift = DriftGraph(lengths, doubts, counts.linked, self._scale, self._loop.drift).covariances(
             self._graph.poses[self._submap_vertices]
         )
         chooser = CandidateChooser(
@@ -309,3 +319,7 @@ class _Job:
         new = {key_of(c): c for c in (*again, *self._pending, *found) if key_of(c) not in self._closures}
         ways = np.array([n.way for n in self._nodes])
         return sort_closures(list(new.values()), poses, ways, self._loop)
+
+
+def _more(sigma: tuple[float, float], doubt: tuple[float, float]) -> tuple[float, float]:
+    return math.hypot(sigma[0], doubt[0]), math.hypot(sigma[1], doubt[1])

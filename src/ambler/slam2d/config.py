@@ -17,6 +17,8 @@ class FrontEndConfig:
 
     `picks_middle`: of the returns in a voxel the middle one of the scan is taken, which turns no wall (`kernels.scan_points.choose_voxels`); else the first.
 
+    A match of which less than `doubted_below` of the usual share of points lies on walls is doubted: up to the whole of the largest window where none does.
+
     A match whose score is below `lost_score_ratio` of the usual one is sought in `lost_window` (m, rad) too, on cells `lost_coarseness` times as wide first.
     """
 
@@ -34,11 +36,12 @@ class FrontEndConfig:
     odometry_slack: float = 0.03
     odometry_slack_gain: float = 0.4
     rescue_margin: float = 0.05
+    doubted_below: float = 0.5
     lost_score_ratio: float = 0.7
     lost_window: tuple[float, float] = (2.0, math.radians(45.0))
     lost_coarseness: int = 4
-    refine: RefineConfig = field(default_factory=RefineConfig)
-    blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0))
+    refine: RefineConfig = field(default_factory=lambda: RefineConfig(unknown=0.3))
+    blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0, unknown=0.3))
     lines: LineConfig = field(default_factory=LineConfig)
     telling: float = 0.0
     picks_middle: bool = False
@@ -94,9 +97,9 @@ class LoopConfig:
     spread: tuple[float, float] = (1.5, 10.0)
     agreement: tuple[float, float] = (0.5, math.radians(3.0))
     agreement_per_metre: tuple[float, float] = (0.02, math.radians(0.1))
-    most_pending: int = 200
+    most_pending: int = 600
     follow: tuple[float, ...] = (-8.0, -5.0, -3.0, -1.5, 1.5, 3.0, 5.0, 8.0)
-    widenings: tuple[float, ...] = (1.0, 4.0)
+    widenings: tuple[float, ...] = (1.0, 2.0)
     max_view_distance: float = 6.0
     turn_price: float = 4.0
     query_distance: float = 1.0

@@ -21,9 +21,11 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class DriftGraph:
-    """Chain and closures of a number of submaps, as they were at one moment; `scale` multiplies the standard deviations of the chain."""
+    """Chain and closures of a number of submaps, as they were at one moment; `scale` multiplies the standard deviations of the chain. `lengths` and `doubts`
+    (S, 2), variances m^2 and rad^2 of matches that hardly anything spoke for, lead from the submap before to each."""
 
     lengths: tuple[float, ...]
+    doubts: F64
     loops: tuple[tuple[int, int], ...]
     scale: float
     config: DriftConfig
@@ -40,9 +42,10 @@ class DriftGraph:
         angular = np.concatenate(
             (self.scale * c.angular_per_metre * lengths + c.least[1], np.full(len(loops), c.closure[1]))
         )
+        doubts = np.concatenate((self.doubts[1:], np.zeros((len(loops), 2))))
         information = np.zeros((len(linear), 3, 3))
-        information[:, 0, 0] = information[:, 1, 1] = linear**-2
-        information[:, 2, 2] = angular**-2
+        information[:, 0, 0] = information[:, 1, 1] = 1.0 / (linear**2 + doubts[:, 0])
+        information[:, 2, 2] = 1.0 / (angular**2 + doubts[:, 1])
         a, b = np.concatenate((chain - 1, loops[:, 0])), np.concatenate((chain, loops[:, 1]))
         z = np.zeros((len(a), 3))  # where it is solved; the covariances do not ask for the residuals
         flags = np.zeros(len(a), np.bool_)

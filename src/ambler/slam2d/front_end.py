@@ -33,7 +33,8 @@ STILL_MATCH = (0.02, 0.005)  # metres and rad that the match of a single scan wi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalResult:
-    """One scan in the local frame. `match` is None for the first scan and for scans without points; `submaps` took the scan."""
+    """One scan in the local frame. `match` is None for the first scan and for scans without points; `submaps` took the scan. `doubt` (m, rad) is the standard
+    deviation of a pose that little of the scan speaks for, (0, 0) where it fits as scans usually do."""
 
     local_from_base: SE2
     match: MatchResult | None
@@ -41,6 +42,7 @@ class LocalResult:
     match_points: F32
     submaps: list[Submap]
     finished: Submap | None
+    doubt: tuple[float, float] = (0.0, 0.0)
 
 
 class FrontEnd:
@@ -59,6 +61,7 @@ class FrontEnd:
         self._inserted: tuple[int, SE2] | None = None
         self._stands_at_start, self._scans_at_start = True, 0
         self._usual_score = 0.0
+        self._usual_inliers = 0.0
         self.odometry_error = 0.0
 
     def update(self, scan: PlanarScan, prediction: Prediction, *, may_insert: bool = True) -> LocalResult:
@@ -88,7 +91,8 @@ class FrontEnd:
             submaps, finished = self.active.insert(scan, pose, surfaces)
             self._scans_at_start += 1
             self._inserted = (scan.stamp_ns, pose)
-        return LocalResult(pose, match, scan, points, submaps, finished)
+        doubt = (0.0, 0.0) if target is None else self._doubt(match)
+        return LocalResult(pose, match, scan, points, submaps, finished, doubt)
 
     def _match(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult:
         """Correlate about the prediction and refine; doubt odometry and bad matches."""
@@ -101,7 +105,16 @@ class FrontEnd:
         if match.score < self._usual_score - self._config.rescue_score_drop:
             match = self._rescued_match(target, points, prediction, match)
         self._usual_score += 0.05 * (match.score - self._usual_score)
+        self._usual_inliers += 0.05 * (match.inlier_ratio - self._usual_inliers)
         return match
+
+    def _doubt(self, match: MatchResult | None) -> tuple[float, float]:
+        """Return how far (m, rad) a pose may be off that hardly anything of the scan speaks for: what was found is then any place of the window that is
+        searched for bad matches, and the next scans fit onto it."""
+        config = self._config
+        usual = config.doubted_below * self._usual_inliers
+        share = 1.0 if match is None else max(0.0, 1.0 - match.inlier_ratio / max(usual, 1e-9))
+        return share * config.window_linear_max, share * config.window_angular_max
 
     def _on_lines(
         self, target: Submap, points: F32, scan: PlanarScan, grid_from_base: SE2, prediction: Prediction
@@ -135,7 +148,9 @@ class FrontEnd:
         wide = Window(config.window_linear_max, config.window_angular_max)
         usual = self._usual_score - config.rescue_score_drop
         for pose in (prediction.local_from_base, prediction.steady_pose):
-            start = correlate(target.grid, points, target.to_submap(pose), wide).grid_from_base
+            start = correlate(
+                target.grid, points, target.to_submap(pose), wide, unknown=config.blind_refine.unknown
+            ).grid_from_base
             rescued = refine(target.grid, points, start, start, config.blind_refine)
             if rescued.score > max(usual, match.score + config.rescue_margin):
                 match = rescued
@@ -199,5 +214,5 @@ class FrontEnd:
 
 
 def _match_near(target: Submap, points: F32, prior: SE2, window: Window, weights: RefineConfig) -> MatchResult:
-    start = correlate(target.grid, points, prior, window, *SEARCH_WEIGHTS).grid_from_base
+    start = correlate(target.grid, points, prior, window, *SEARCH_WEIGHTS, unknown=weights.unknown).grid_from_base
     return refine(target.grid, points, start, prior, weights)

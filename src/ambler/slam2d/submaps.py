@@ -33,6 +33,7 @@ class Submap:
     is_finished: bool = False
     nodes: list[int] = field(default_factory=list)
     way: float = 0.0
+    doubt: tuple[float, float] = (0.0, 0.0)
     travelled: float = 0.0
 
     def to_submap(self, local_from_base: SE2) -> SE2:
