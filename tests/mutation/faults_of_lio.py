@@ -47,8 +47,8 @@ LIO = (
     PlantedFault(
         "the first map is believed as any",
         "lio/odometry.py",
-        "* self._drift.begin_left if is_known",
-        "* 0.0 if is_known",
+        "* self._drift.begin_left if is_leaving",
+        "* 0.0 if is_leaving",
         BEGINNING,
     ),
     PlantedFault(

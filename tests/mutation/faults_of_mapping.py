@@ -50,7 +50,7 @@ MAPPING = (
     PlantedFault(
         "loops are not sought wider at the end",
         "slam2d/config.py",
-        "widenings: tuple[float, ...] = (1.0, 4.0)",
+        "widenings: tuple[float, ...] = (1.0, 2.0)",
         "widenings: tuple[float, ...] = (1.0,)",
         SLAM,
     ),
@@ -92,8 +92,8 @@ MAPPING = (
     PlantedFault(
         "a loop closure confirms itself from the same node",
         "slam2d/agreement.py",
-        "len({far[i].node for i in group}) < config.confirmations",
-        "len(group) < config.confirmations",
+        "own = len(np.unique(nodes[group]))",
+        "own = len(group)",
         BACK_END,
     ),
     PlantedFault(
@@ -113,9 +113,37 @@ MAPPING = (
     PlantedFault(
         "what others contradict is believed",
         "slam2d/agreement.py",
-        "2 * is_against.sum() < len(group)",
-        "is_against.sum() < 1000",
+        "out[group] = 2 * rival < own",
+        "out[group] = True",
         BACK_END,
+    ),
+    PlantedFault(
+        "closures that contradict each other, too, count together against others",
+        "slam2d/agreement.py",
+        "rival = max(len(np.unique(nodes[g[is_against[g]]])) for g in groups)",
+        "rival = is_against.sum()",
+        BACK_END,
+    ),
+    PlantedFault(
+        "a scan of which nothing fits is believed as any",
+        "slam2d/front_end.py",
+        "return share * config.window_linear_max, share * config.window_angular_max",
+        "return 0.0, 0.0",
+        BACK_END,
+    ),
+    PlantedFault(
+        "a submap holds a doubted node as firmly as any",
+        "slam2d/back_end.py",
+        "(linear + leverage * angular, angular))",
+        "(0.0, 0.0))",
+        BACK_END,
+    ),
+    PlantedFault(
+        "what is unknown counts as free in a match",
+        "kernels/correlation.py",
+        "p0 = P_LOW + P_PER_VALUE * (i0 - 1.0) if i0 != 0 else unknown",
+        "p0 = P_LOW + P_PER_VALUE * (i0 - 1.0) if i0 != 0 else P_LOW",
+        ("tests/registration/test_gauss_newton.py",),
     ),
     PlantedFault(
         "loop closures do not end the drift",
