@@ -48,13 +48,6 @@ MAPPING = (
         SLAM,
     ),
     PlantedFault(
-        "loops are not sought wider at the end",
-        "slam2d/config.py",
-        "widenings: tuple[float, ...] = (1.0, 2.0)",
-        "widenings: tuple[float, ...] = (1.0,)",
-        SLAM,
-    ),
-    PlantedFault(
         "nothing is sought beside a closure that moves the map far",
         "slam2d/back_end.py",
         "return found + self._found(self._followed(found, chooser))",

@@ -40,13 +40,27 @@ def test_the_surface_is_smooth_and_its_gradient_true(seed: int) -> None:
     assert gx == pytest.approx((right[0] - left[0]) / (2 * d), abs=1e-4)
     assert gy == pytest.approx((up[0] - down[0]) / (2 * d), abs=1e-4)
     assert abs(right[0] + left[0] - 2 * value) < 1e-8
-    iy, ix = int(rng.integers(0, 9)), int(rng.integers(0, 11))
-    cells[0, 0] = 0
-    for at_y, at_x in ((iy, ix), (0, 0)):
-        value = int(cells[at_y, at_x])
-        expected = 0.1 + 0.8 * (value - 1) / 32766 if value else UNKNOWN
-        assert surface(cells, at_x + 0.5, at_y + 0.5)[0] == pytest.approx(expected)
     assert surface(cells, -7.0, 4.0)[0] == pytest.approx(UNKNOWN)
+
+
+def catmull_rom(u: float) -> np.ndarray:
+    """Return the weights (4,) of four samples for the value between the middle ones, of which it goes through both."""
+    return 0.5 * np.array([-u + 2 * u**2 - u**3, 2 - 5 * u**2 + 3 * u**3, u + 4 * u**2 - 3 * u**3, u**3 - u**2])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6))
+def test_the_surface_goes_through_the_cells_and_what_is_unknown_has_a_value_of_its_own(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(0, 32768, (9, 11)).astype(np.uint16)
+    cells[rng.random(cells.shape) < 0.3] = 0
+    known = np.where(cells > 0, 0.1 + 0.8 * (cells - 1.0) / 32766, UNKNOWN)
+    padded = np.pad(known, 5, constant_values=UNKNOWN)
+    x, y = rng.uniform(-1.0, 12.0), rng.uniform(-1.0, 10.0)
+    jx, jy = math.floor(x - 0.5), math.floor(y - 0.5)
+    around = padded[jy + 4 : jy + 8, jx + 4 : jx + 8]
+    expected = catmull_rom(y - 0.5 - jy) @ around @ catmull_rom(x - 0.5 - jx)
+    assert surface(cells, x, y)[0] == pytest.approx(expected)
 
 
 def test_normal_equations_are_those_of_numerical_jacobians() -> None:

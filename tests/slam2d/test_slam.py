@@ -114,7 +114,7 @@ def test_a_scan_that_fits_nowhere_near_is_found_again_as_far_as_wheels_slip(at: 
     assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
 
 
-def test_a_loop_that_no_window_reaches_is_sought_wider_at_the_end() -> None:
+def test_a_loop_after_scans_that_told_nothing_is_sought_as_far_as_that_may_have_led() -> None:
     """Wheels turn by 14 degrees more than they tell while nothing is seen around a corner: far more than scan matching drifts on the way."""
     truth, dark = around_the_ring(0.25, 8.0), range(88, 100)
     kinked = {id(truth[k]) for k in dark}

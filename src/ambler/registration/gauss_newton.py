@@ -46,9 +46,8 @@ class MatchResult:
 
     @property
     def degeneracy(self) -> float:
-        """Smallest over largest eigenvalue of the translational information with the yaw marginalized: 0 in a corridor, 1 isotropic."""
-        low, high = np.linalg.eigvalsh(translational(self.information))
-        return float(max(0.0, low) / high) if high > 0.0 else 0.0
+        """That of the information (`degeneracy_of`)."""
+        return degeneracy_of(self.information)
 
     def covariance(self, sigma: float, floor: tuple[float, float]) -> NDArray[np.float64]:
         """Return float64 (3, 3) of (x, y, yaw): sigma^2 over the discounted information, plus a floor (metres, radians).
@@ -70,6 +69,12 @@ def translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
     if h[2, 2] <= 0.0:
         return h[:2, :2]
     return np.asarray(h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2])
+
+
+def degeneracy_of(h: NDArray[np.float64]) -> float:
+    """Return the smallest over the largest eigenvalue of the translational information with the yaw marginalized: 0 in a corridor, 1 isotropic."""
+    low, high = np.linalg.eigvalsh(translational(h))
+    return float(max(0.0, low) / high) if high > 0.0 else 0.0
 
 
 def _prior_information(h: NDArray[np.float64], config: RefineConfig) -> NDArray[np.float64]:

@@ -63,7 +63,6 @@ class BackEnd:
         self.closures: dict[tuple[int, int], Closure] = {}
         self.is_converged = True
         self.moves = 0
-        self.widening = 1.0
         self._point_sigma = point_sigma
         self._searcher = LoopSearcher(loop, graph, point_sigma)
         self._counts = PairCounts()
@@ -194,9 +193,8 @@ class BackEnd:
         queries, self._queue = self._queue[:size], self._queue[size:]
         return _Job(self, queries, must_solve=is_due or is_last).run
 
-    def queue_final(self, widening: float = 1.0) -> None:
-        """Queue many nodes once more, now that everything is known, with windows so many times as wide; for the end of a recording."""
-        self.widening = widening
+    def queue_final(self) -> None:
+        """Queue many nodes once more, now that everything is known; for the end of a recording."""
         self._counts.tries = {}
         last = -math.inf
         for index, node in enumerate(self.nodes):
@@ -260,7 +258,6 @@ class _Job:
         self._pending, self._aside = b._pending, b._aside
         self._closures = dict(b.closures)
         self._scale = b.drift_scale
-        self._widening = b.widening
         self._graph = b.graph.snapshot()
 
     def run(self) -> JobResult:
@@ -284,9 +281,8 @@ class _Job:
         drift = DriftGraph(lengths, doubts, counts.linked, self._scale, self._loop.drift).covariances(
             self._graph.poses[self._submap_vertices]
         )
-        chooser = CandidateChooser(
-            *(self._loop, self._nodes, self._finished, self._submap_vertices, self._graph.poses, drift, self._widening)
-        )
+        poses = self._graph.poses
+        chooser = CandidateChooser(self._loop, self._nodes, self._finished, self._submap_vertices, poses, drift)
         candidates = [c for q in self._queries for c in chooser.candidates(q, self._loop.candidates_per_node, counts)]
         found = self._found(candidates)
         return found + self._found(self._followed(found, chooser))

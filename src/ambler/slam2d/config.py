@@ -76,13 +76,13 @@ class LoopConfig:
     node is compared with submaps that it may see.
 
     A window is `window_base`, `angle_base` and three standard deviations of the drift between the two. A score counts relative to what
-    local matches usually reach, but at most `min_score` is asked.
+    local matches usually reach, but at most `min_score` is asked. A scan of which the lines of the submap hold along one direction less than
+    `telling` of what they hold across fits as well further along its corridor, and closes nothing.
 
     A closure that moves its node by more than `surprise` (m) must be confirmed: by `confirmations` closures of several nodes, which all
     move the map in the same way, spread over a way of `spread_ratio` times what they move it, within `spread` (m). Two closures move it the
     same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them. For each such closure the nodes are searched
-    that come `follow` metres of way before or after its own, near where they would be if it were true. At the end of a recording all
-    windows are so many times as wide as `widenings` say, one after the other: a front end that lost its way once is off by more than it drifts.
+    that come `follow` metres of way before or after its own, near where they would be if it were true.
     `picks_middle` as in the front end.
     """
 
@@ -91,6 +91,7 @@ class LoopConfig:
     min_score: float = 0.55
     min_score_ratio: float = 0.78
     min_inlier_ratio_of_usual: float = 0.75
+    telling: float = 0.01
     surprise: float = 0.6
     confirmations: int = 3
     spread_ratio: float = 0.5
@@ -99,7 +100,6 @@ class LoopConfig:
     agreement_per_metre: tuple[float, float] = (0.02, math.radians(0.1))
     most_pending: int = 600
     follow: tuple[float, ...] = (-8.0, -5.0, -3.0, -1.5, 1.5, 3.0, 5.0, 8.0)
-    widenings: tuple[float, ...] = (1.0, 2.0)
     max_view_distance: float = 6.0
     turn_price: float = 4.0
     query_distance: float = 1.0

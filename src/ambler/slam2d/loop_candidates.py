@@ -90,7 +90,7 @@ class PairCounts:
 
 
 class CandidateChooser:
-    """Chooses on one snapshot: nodes, the finished submaps, their vertices and the poses (V, 3) of all vertices. `widening` multiplies the windows."""
+    """Chooses on one snapshot: nodes, the finished submaps, their vertices and the poses (V, 3) of all vertices."""
 
     def __init__(
         self,
@@ -100,9 +100,7 @@ class CandidateChooser:
         submap_vertices: Sequence[int],
         poses: F64,
         drift: Drift,
-        widening: float = 1.0,
     ) -> None:
-        self._widening = widening
         self._config, self._nodes, self._drift = config, nodes, drift
         self._poses = poses
         self._finished = finished
@@ -146,7 +144,7 @@ class CandidateChooser:
         pose = self._poses[node.vertex]
         covariances = self._drift.of(node.submap)[self._indices]
         failures = counts.failures(node.submap, len(self._submap_vertices))[self._indices]
-        sigmas = self._widening * _SIGMAS * (1.0 + failures / config.tries_to_double)
+        sigmas = _SIGMAS * (1.0 + failures / config.tries_to_double)
         reach = np.minimum(config.window_base + sigmas * _largest_sigma(covariances), config.window_max)
         is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii

@@ -9,7 +9,7 @@ import numpy as np
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.branch_bound import BranchBoundMatcher, search_coarse_to_fine
-from ambler.registration.gauss_newton import refine
+from ambler.registration.gauss_newton import degeneracy_of, refine
 from ambler.slam2d.config import GraphConfig, LoopConfig
 from ambler.slam2d.graph import Edge, EdgeKind, information_of
 from ambler.slam2d.loop_candidates import Candidate, Node
@@ -56,7 +56,7 @@ class LoopSearcher:
     def search(
         self, candidate: Candidate, node: Node, submap: Submap, submap_vertex: int, usual: Usual
     ) -> Closure | None:
-        """Return the constraint that the scan gives, or None where it does not fit as well as usual."""
+        """Return the constraint that the scan gives, or None where it does not fit as well as usual or would fit anywhere along a corridor."""
         config = self._config
         min_score = min(config.min_score, config.min_score_ratio * usual.score)
         start = self._coarse(candidate, node, submap, min_score)
@@ -65,8 +65,10 @@ class LoopSearcher:
         match = refine(submap.grid, node.match_points, start, start, config.refine)
         if match.score < min_score or match.inlier_ratio < config.min_inlier_ratio_of_usual * usual.inlier_ratio:
             return None
+        pose, told = submap.lines.fit_telling(node.match_points, node.origin, match.grid_from_base)
+        if told is not None and degeneracy_of(told) < config.telling:
+            return None
         covariance = match.covariance(self._point_sigma, (0.0, 0.0))
-        pose = submap.lines.fit(node.match_points, node.origin, match.grid_from_base)
         information = information_of(covariance, pose.yaw, self._graph.inter_sigma)
         edge = Edge(submap_vertex, node.vertex, pose, information, EdgeKind.INTER)
         return Closure(edge, candidate.node, candidate.submap, _surprise(candidate, pose), _sigma(candidate))

@@ -138,13 +138,12 @@ class Slam2d:
         """Yield the jobs that search what still waits, then many nodes again and again until that moves the map no more; `commit` each result
         before the next is taken."""
         yield from self._waiting_work()
-        for widening in self.config.loop.widenings:
-            for _ in range(FINAL_ROUNDS):
-                before = self._back_end.moves
-                self._back_end.queue_final(widening)
-                yield from self._waiting_work()
-                if self._back_end.moves == before:
-                    break
+        for _ in range(FINAL_ROUNDS):
+            before = self._back_end.moves
+            self._back_end.queue_final()
+            yield from self._waiting_work()
+            if self._back_end.moves == before:
+                break
 
     def _waiting_work(self) -> Iterator[Callable[[], JobResult]]:
         return iter(lambda: self._back_end.take_work(is_final=True), None)
