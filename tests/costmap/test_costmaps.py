@@ -239,3 +239,62 @@ def test_a_costmap_without_a_map_says_so() -> None:
         costmap.layer(StaticLayer)
     with pytest.raises(BadInputError, match="does not fit"):
         costmap.set_map(SPEC, np.zeros((3, 3), np.int8))
+
+
+def doorway(width: int) -> np.ndarray:
+    """Return a map of two rooms and a door in the wall between them that is so many cells wide, int8 [iy, ix]."""
+    cells = np.zeros(SPEC.shape, np.int8)
+    cells[:, 40:42] = 100
+    cells[30 - width // 2 : 30 - width // 2 + width, 40:42] = 0
+    return cells
+
+
+def is_through(costs: np.ndarray) -> bool:
+    """Say whether the middle row is open from room to room."""
+    return bool((costs[29:31] < 253).any(axis=0).all())
+
+
+def drive_through(costmap: GlobalCostmap, *, to: int = 60) -> np.ndarray:
+    """Let the robot's middle pass along the middle row, up to a column."""
+    costs = costmap.costs
+    for ix in range(20, to, 5):
+        costs = costmap.update(Moment(SE2(-1.0 + 0.05 * ix, -1.5 + 0.05 * 29.5, 0.0)))
+    return costs
+
+
+def test_a_door_that_the_robot_has_passed_stays_open_when_its_wall_grows_by_a_cell_but_not_when_somebody_stands_there() -> (
+    None
+):
+    wide, narrow, shut = doorway(9), doorway(7), doorway(4)
+    config = GlobalCostmapConfig(inflation=InflationConfig(inscribed_radius=0.24))
+    fresh = GlobalCostmap(config, ROBOT)
+    assert is_through(fresh.set_map(SPEC, wide))
+    assert not is_through(fresh.set_map(SPEC, narrow))
+    costmap = GlobalCostmap(config, ROBOT)
+    costmap.set_map(SPEC, wide)
+    drive_through(costmap)
+    assert is_through(costmap.set_map(SPEC, narrow))
+    assert is_through(costmap.update()), "the same without news"
+    assert (costmap.costs[narrow == 100] == 254).all()
+    assert not is_through(costmap.set_map(SPEC, shut))
+    someone = narrow.copy()
+    someone[28, 41] = 100
+    assert not is_through(costmap.set_map(SPEC, someone))
+    larger = GridSpec(0.05, 120, 100, -2.0, -2.5)  # the map grows and its origin moves
+    grown = np.zeros(larger.shape, np.int8)
+    grown[20:80, 20:100] = narrow
+    costs = costmap.set_map(larger, grown)
+    assert is_through(costs[20:80, 20:100])
+    costmap.forget_driven()
+    assert not is_through(costmap.set_map(SPEC, narrow))
+
+
+def test_what_the_robot_did_not_drive_is_not_kept_open() -> None:
+    config = GlobalCostmapConfig(inflation=InflationConfig(inscribed_radius=0.24))
+    costmap = GlobalCostmap(config, ROBOT)
+    before = costmap.set_map(SPEC, doorway(7)).copy()
+    drive_through(costmap, to=35)  # as far as before the door
+    costmap.update(Moment(SE2(2.0, 0.0, 0.0)))  # found again behind it
+    assert not is_through(costmap.costs)
+    np.testing.assert_array_equal(before == 254, costmap.costs == 254)
+    assert (costmap.costs[:, 36:44] == before[:, 36:44]).all()

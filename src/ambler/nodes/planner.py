@@ -128,6 +128,7 @@ class GlobalPlannerNode(Node):
         if self._levels.active == self._level:
             return
         self._level = self._levels.active
+        self._costmap.forget_driven()
         self._costmap.clear()
         if isinstance(self._planner, GraphPlanner):
             self._planner.enter_level(self._level)

@@ -132,7 +132,7 @@ class GraphConfig:
     odometry_sigma: tuple[float, float] = (0.05, math.radians(2.0))
     odometry_gain: float = 0.2
     robust_width: float = 2.0
-    reject_width: float = 15.0
+    reject_width: float = 8.0
     nodes_between: int = 90
     max_iterations: int = 50
 
