@@ -7,6 +7,7 @@ from tests.mutation.planted import PlantedFault
 LOOPS = ("tests/slam2d/test_loop_searcher.py",)
 BACK_END = ("tests/slam2d/test_back_end.py",)
 MARGINALS = ("tests/posegraph/test_marginals.py",)
+COSTMAPS = ("tests/costmap/test_costmaps.py",)
 SLAM = ("tests/slam2d/test_slam.py",)
 EXTRAPOLATOR = ("tests/slam2d/test_extrapolator.py",)
 GRAPH = ("tests/slam2d/test_graph.py",)
@@ -132,6 +133,34 @@ MAPPING = (
         BACK_END,
     ),
     PlantedFault(
+        "a loop is closed by a scan that fits anywhere along a corridor",
+        "slam2d/loop_closure.py",
+        "degeneracy_of(told) < config.telling",
+        "degeneracy_of(told) < 0.0",
+        ("tests/slam2d/test_loop_searcher.py",),
+    ),
+    PlantedFault(
+        "a way that was driven is shut by a wall that grows by a cell",
+        "costmap/global_costmap.py",
+        "if len(opened):",
+        "if False:",
+        COSTMAPS,
+    ),
+    PlantedFault(
+        "a way that was driven stays open whoever stands there",
+        "costmap/driven_cells.py",
+        "return np.asarray(at[is_free], np.int64)",
+        "return at",
+        COSTMAPS,
+    ),
+    PlantedFault(
+        "a robot that is found elsewhere has driven there",
+        "costmap/driven_cells.py",
+        "if length > LONGEST_STEP:",
+        "if False:",
+        COSTMAPS,
+    ),
+    PlantedFault(
         "what is unknown counts as free in a match",
         "kernels/correlation.py",
         "p0 = P_LOW + P_PER_VALUE * (i0 - 1.0) if i0 != 0 else unknown",
@@ -185,21 +214,21 @@ MAPPING = (
         "kernels/costmap.py",
         "if not (is_over and layer[iy, ix] == LETHAL and 0.0 < tops[iy, ix] < lowest + GRAZE):",
         "if True:",
-        ("tests/costmap/test_costmaps.py",),
+        COSTMAPS,
     ),
     PlantedFault(
         "the last return tells how high a thing is",
         "kernels/costmap.py",
         "tops[iy, ix] = max(tops[iy, ix], top) if layer[iy, ix] == LETHAL else top",
         "tops[iy, ix] = top",
-        ("tests/costmap/test_costmaps.py",),
+        COSTMAPS,
     ),
     PlantedFault(
         "heights of things stay behind when the window moves",
         "costmap/obstacle_layer.py",
         "self._tops = moved(self._tops, self._spec, spec, 0.0)",
         "self._tops = self._tops.copy()",
-        ("tests/costmap/test_costmaps.py",),
+        COSTMAPS,
     ),
     PlantedFault(
         "who touches the robot where its scanner is blind is nobody",

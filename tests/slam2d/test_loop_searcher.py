@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from ambler.slam2d.loop_candidates import Candidate, Node
 from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual
 from ambler.slam2d.slam import Slam2d
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
-from tests.registration.room import box_at, scan_at
+from tests.registration.room import CORRIDOR, WALLS, box_at, scan_at
 from tests.slam2d.drives import drive, oval, run, short_submaps
 
 VIEWS = [
@@ -35,11 +36,15 @@ ELSEWHERE = np.array(
 )
 
 
-def submap() -> Submap:
-    """The finished submap of the room."""
-    active = ActiveSubmaps(InsertionConfig(), len(VIEWS) // 2)
-    for view in VIEWS:
-        _, finished = active.insert(scan_at(view), view)
+ALONG = [SE2(0.3 * k, 0.02 * (-1) ** k, 0.0) for k in range(10)]
+NICHE = np.array([*CORRIDOR, *box_at(2.5, -0.9, 0.5, 0.0), *box_at(-3.0, 0.9, 0.4, 0.0)])
+
+
+def submap(views: Sequence[SE2] = VIEWS, walls: np.ndarray = WALLS, reach: float = 30.0) -> Submap:
+    """The finished submap of the room, or of other walls."""
+    active = ActiveSubmaps(InsertionConfig(), len(views) // 2)
+    for view in views:
+        _, finished = active.insert(scan_at(view, walls=walls, range_max=reach), view)
     assert finished is not None
     return finished
 
@@ -53,13 +58,13 @@ class Search:
         self.loop, self.usual, self.reach = loop or LoopConfig(), Usual(usual, inliers), reach
         self.searcher = LoopSearcher(self.loop, GraphConfig(), 0.35)
 
-    def of(self, scan: PlanarScan, believed: SE2) -> Closure | None:
-        """Search a scan that is believed at a pose of the submap."""
+    def of(self, scan: PlanarScan, believed: SE2, where: Submap | None = None) -> Closure | None:
+        """Search a scan that is believed at a pose of the submap, that of the room or another one."""
         points = filter_voxels_adaptively(scan.points, self.loop.max_voxel, self.loop.min_points)
         node = Node(7, 0, SE2(), points, filter_voxels_adaptively(scan.points, 0.3, 200), (0.0, 0.0), 9, 0.0)
         window = Window(self.reach, math.radians(20.0))
         candidate = Candidate(3, 0, believed, window, np.diag([0.04, 0.04, 0.01]))
-        return self.searcher.search(candidate, node, submap(), 1, self.usual)
+        return self.searcher.search(candidate, node, where or submap(), 1, self.usual)
 
 
 @pytest.mark.parametrize("reach", [1.0, 6.0])
@@ -116,3 +121,16 @@ def test_a_scan_half_of_which_fits_is_no_loop_closure() -> None:
     points[is_aside] *= np.float32(0.45)
     half = replace(scan, points=points)
     assert Search().of(half, truth) is None
+
+
+def test_between_smooth_walls_that_tell_nothing_of_the_place_along_them_no_loop_is_closed() -> None:
+    """However well a scan fits; where two things stand at the walls, it is closed, and there."""
+    truth, believed = SE2(1.1, 0.1, 0.05), SE2(1.6, 0.0, 0.0)
+    for walls in (CORRIDOR, NICHE):
+        scan = scan_at(truth, walls=walls, rng=np.random.default_rng(3), range_max=8.0)
+        closure = Search().of(scan, believed, submap(ALONG, walls, 8.0))
+        if walls is CORRIDOR:
+            assert closure is None
+        else:
+            assert closure is not None
+            assert closure.edge.from_from_to.distance_to(truth) < 0.04

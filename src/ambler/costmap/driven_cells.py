@@ -59,7 +59,7 @@ class DrivenCells:
             self._points = (np.array(list(self._keys)) + 0.5) * spec.resolution
         cells = (spec.cells_of(self._points)[:, None] + BESIDE).reshape(-1, 2)
         cells = cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)]
-        at = np.unique(cells[:, 0] * spec.shape[1] + cells[:, 1])
+        at: I64 = np.unique(cells[:, 0] * spec.shape[1] + cells[:, 1])
         at = at[costs.ravel()[at] == COST_INSCRIBED]
         if len(at) == 0:
             return at
@@ -69,4 +69,5 @@ class DrivenCells:
         is_near = np.hypot(dy, dx) < reach
         iy = (at[:, None] // spec.shape[1] + dy[is_near]).clip(0, spec.shape[0] - 1)
         ix = (at[:, None] % spec.shape[1] + dx[is_near]).clip(0, spec.shape[1] - 1)
-        return at[~(source[iy, ix] == COST_LETHAL).any(axis=1)]
+        is_free: NDArray[np.bool_] = (source[iy, ix] != COST_LETHAL).all(axis=1)
+        return np.asarray(at[is_free], np.int64)

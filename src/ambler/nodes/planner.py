@@ -128,8 +128,8 @@ class GlobalPlannerNode(Node):
         if self._levels.active == self._level:
             return
         self._level = self._levels.active
-        self._costmap.forget_driven()
         self._costmap.clear()
+        self._costmap.forget_driven()
         if isinstance(self._planner, GraphPlanner):
             self._planner.enter_level(self._level)
         self._publish()  # at once: who plans next is on that level
