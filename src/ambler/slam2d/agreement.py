@@ -1,8 +1,8 @@
 """Which closures to believe: those that move the map little, and those that move it far and that several others, on a longer way, confirm.
 
 One place that looks like another gives a closure that fits its scan well. Several such closures in a row that all move the map in the same
-way are what a true closure brings and chance does not (pairwise consistency: Mangelson, Dominic, Eustice and Vasudevan, ICRA 2018). What
-is not believed waits for more.
+way are what a true closure brings and chance does not (pairwise consistency: Mangelson, Dominic, Eustice and Vasudevan, ICRA 2018). Those who
+contradict them count as far as they agree among themselves. What is not believed waits for more.
 """
 
 from __future__ import annotations
