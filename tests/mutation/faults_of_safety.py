@@ -165,9 +165,23 @@ SAFETY = (
     ),
     PlantedFault(
         "what a robot drove up to counts as a visitor",
+        "kernels/looks.py",
+        "elif said == STOOD:\n            out[i] = WAS_THERE",
+        "elif said == STOOD:\n            pass",
+        MEMORY,
+    ),
+    PlantedFault(
+        "something beside the sector that was seen there before counts as a visitor",
+        "kernels/looks.py",
+        "stood = stood or dx * dx + dy * dy < beside * beside",
+        "stood = False",
+        MEMORY,
+    ),
+    PlantedFault(
+        "who comes to a robot is never told from what it drove up to",
         "safety/visitors.py",
-        "MOVED = 0.15",
-        "MOVED = 1e9",
+        "if seconds - look.seconds >= AGE:",
+        "if False:",
         MEMORY,
     ),
     PlantedFault(

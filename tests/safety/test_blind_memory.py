@@ -7,6 +7,7 @@ import pytest
 
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.kernels import looks
 from ambler.robots.catalog import robot_model
 from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
 from ambler.safety.points import patch_means
@@ -214,3 +215,80 @@ def test_only_a_robot_that_looks_all_around_may_forget_visitors() -> None:
     for left in ([front_right, front_left], [front_left, rear_left], [front_right]):
         assert not see_all_around(rim, left), "anybody may stand where nothing looks"
     assert not see_all_around(rim, [(SE3((0.0, 0.0, 0.5)), PUCK)]), "below the lowest ring somebody may crouch"
+
+
+def walk(memory: BlindMemory, people: list, poses: list[SE2]) -> tuple[int, int]:
+    """Feed scans at 20 Hz with a person (or None) and the robot's pose in each; return how many places were held at most, and at the end."""
+    now, held = 0.0, [0]
+    for person, pose in zip(people, poses, strict=True):
+        now += 0.05
+        held.append(len(memory.update(around_corner(person, pose), pose, CORNER, SIDE, (), now)))
+    return max(held), held[-1]
+
+
+def test_who_touches_a_moving_robot_and_leaves_does_not_hold_it_either() -> None:
+    """It creeps when he comes up to its side, stops for him, and gives way as he leaves: what was at the rim of its sector is beside it then."""
+    creeping, side = [SE2(0.01 * k, 0.0) for k in range(60)], (0.49, -0.66)
+    poses = [*creeping, *[creeping[-1]] * 20, *[SE2(0.59, -0.04)] * 120]
+    comes = [(side[0], side[1] - 0.06 * k) for k in range(22, -1, -1)]
+    leaves = [(side[0], side[1] - 0.04 - 0.06 * k) for k in range(40)]
+    people = [*[None] * 37, *comes, *[side] * 20, *leaves, *[None] * 80]
+    most, left = walk(BlindMemory(0.72, 12.0), people, poses)
+    assert most > 0, "his near side lies beside the sector"
+    assert left == 0
+
+
+@pytest.mark.parametrize("radius", [0.04, 0.06])
+def test_a_leg_that_a_robot_drove_up_to_is_held_though_somebody_passed_it(radius: float) -> None:
+    """He walks past while the robot stands beside the leg, and nothing is seen for a long time then."""
+    memory, now = BlindMemory(0.72, 12.0), 0.0
+    leg = (0.4, -0.41 - radius)
+    poses = [SE2(float(x), 0.0) for x in [*[-2.0] * 20, *np.arange(-2.0, 0.5, 0.04)]]
+    poses += [poses[-1]] * 200
+    passer = [None] * 100 + [(-1.0 + 0.05 * k, -0.95) for k in range(60)] + [None] * 200
+    for pose, person in zip(poses, passer, strict=False):
+        now += 0.05
+        points = around_corner(leg, pose, radius)
+        if person is not None:
+            other = around_corner(person, pose)
+            eye = np.array([0.6, -0.4])
+            near, far = (np.hypot(*(p[:, :2] - eye).T) for p in (points, other))
+            points = np.concatenate((points[near < 2.0], other[far < 2.0]))
+        kept = memory.update(points, pose, CORNER, SIDE, (), now)
+    assert len(kept) > 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_scan_says_of_places_is_what_its_twin_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    azimuth, ranges = np.sort(rng.uniform(-2.3, 2.3, 300)), rng.uniform(0.2, 3.0, 300)
+    points = ranges[:, None] * np.column_stack((np.cos(azimuth), np.sin(azimuth)))
+    places, returns = rng.uniform(-1.3, 1.3, (200, 2)), rng.uniform(-1.3, 1.3, (80, 2))
+    limits, tolerances = np.array([[-2.2, 2.2], [0.1, 1.5]]), (0.01, 0.1, 0.15, 0.3)
+
+    def testimony(place: np.ndarray) -> str:
+        r, a = np.hypot(*place), np.arctan2(place[1], place[0])
+        if r > 1.5:
+            return "nothing"
+        there = np.abs(azimuth - a) <= 0.01
+        if r < 0.1 or abs(a) > 2.2 or not there.any():
+            return "blind"
+        return "through" if (ranges[there] > r + 0.1).all() else "stood"
+
+    through = np.array([testimony(p) == "through" for p in returns])
+    expected, before = [], rng.choice([looks.UNKNOWN, looks.CAME, looks.WAS_THERE], 200).astype(np.uint8)
+    for place, was in zip(places, before, strict=True):
+        is_empty = np.hypot(*(points - place).T).min() >= 0.15
+        near = np.hypot(*(returns - place).T) <= 0.3
+        said = testimony(place)
+        if said == "stood" or (said == "blind" and not is_empty):
+            now = looks.WAS_THERE
+        elif said == "through" or (said == "blind" and was == looks.UNKNOWN and bool((near & through).any())):
+            now = looks.CAME
+        else:
+            now = int(was)
+        expected.append(looks.CAME if was == looks.CAME else now)
+    out = before.copy()
+    looks.mark_comers(azimuth, ranges, points, limits, tolerances, places, returns, np.empty(80, np.uint8), out)
+    assert out.tolist() == expected
+    assert set(expected) == {looks.UNKNOWN, looks.CAME, looks.WAS_THERE}

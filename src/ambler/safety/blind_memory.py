@@ -105,9 +105,8 @@ class BlindMemory:
         is_central = field.shrunk(*SOON).contains(rays)
         is_fading = ~is_central
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
-        if self._visitors.is_due(self._travel, seconds):
-            seen = odom_from_base.transform(points_base[:, :2])
-            self._visitors.take_down(np.concatenate((seen, self._means_odom[:, :2])), self._travel)
+        odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
+        self._visitors.look(seconds, self._travel, odom_from_sensor, rays[:2], field.azimuth, field.range_min)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom, -height), self._seen_at
@@ -133,9 +132,19 @@ class BlindMemory:
         first = np.unique(_columns(together), return_index=True)[1]
         self._means_odom = together[first]
         self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
-        self._came = np.concatenate((self._visitors.came(together[: len(fading), :2]), came))[first]
+        new = self._came_now(
+            together[: len(fading), :2],
+            odom_from_base.transform(points_base[:, :2]),
+            together[len(fading) :][came],
+            seconds,
+        )
+        self._came = np.concatenate((new, came))[first]
         self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[first]
         return kept
+
+    def _came_now(self, fading: F64, returns: F64, visitors: F64, seconds: float) -> NDArray[np.bool_]:
+        """Return bool (N,): who of the fading places (N, 2) came by himself, or was here already; `visitors` (M, 3) came before. Odom frame."""
+        return self._visitors.came(fading, returns, seconds) | is_seen_near(fading, visitors[:, :2], 2.0 * COLUMN)
 
     def _advance(self, odom_from_base: SE2) -> None:
         last, self._odom_from_base = self._odom_from_base, odom_from_base

@@ -1,58 +1,89 @@
-"""Who came to a robot that stood, and has left again: of what a scanner cannot see, only that may be forgotten without being looked through.
+"""Who came to the robot, and has left again: of what a scanner cannot see, only that may be forgotten without being looked through.
 
-What the robot itself drove up to stays where it is. What appeared beside it while it stood moves by itself; when for some time nothing at
-all is seen around its place, it has gone. Without this, somebody who once touched the side of a robot would hold it for ever. It holds only
-where scanners look all around (`blind_memory.see_all_around`): behind a robot that does not see backwards anybody may stand.
+What the robot itself drove up to stays where it is. What moves by itself is told from it by scans of a moment ago: they looked through its place, or,
+where that was beside their sector, through that of what is seen of it now. When for some time nothing at all is seen around its place, it has gone. Without this, somebody
+who once touched the side of a robot would hold it for ever. It holds only where scanners look all around (`blind_memory.see_all_around`): behind
+a robot that does not see backwards anybody may stand.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.kernels import looks as kernels
 
 F64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-STOOD = 0.5  # seconds without motion after which the surroundings are taken down
-STILL = 0.01  # metres of the outermost corner that are no motion
-MOVED = 0.15  # metres of the outermost corner by which what was taken down is out of date
-CELL = 0.1  # metres; side of the cells that are compared
+LOOKS = 8  # scans that are kept
+SPACING = (0.1, 0.5)  # metres of the outermost corner, and seconds, between two of them: at rest the last ones stay
+AGE = 0.3  # seconds after which a scan tells what was there before
+FAR = 1.5  # metres up to which no thin leg slips through between two beams
 NEAR = 0.3  # metres around a remembered point: who stands there is wider than what a scanner cannot see of him
+TOLERANCES = (math.radians(1.0), 0.1, 0.15, NEAR)
+"""Of the directions in which all returns must lie behind a place to prove it empty (rad), and by how much (m); around a place of which a scan says nothing
+(m), in which nothing may have stood, and what is seen of the same thing now."""
 GONE = 2.0  # seconds without a return within that
 RIM = 0.15  # metres around the robot that its scanners must look at, all of it: nobody is narrower
-ROW = 1_000_003
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """A scan: its returns by azimuth, in the scanner's frame, where that was, and between which azimuths and ranges it can tell."""
+
+    seconds: float
+    travel: float
+    sensor_from_odom: SE2
+    azimuth: F64
+    ranges: F64
+    points: F64
+    limits: F64
 
 
 class Visitors:
-    """Compares what is there with what was there when the robot came to rest. All places (N, 2) are in the odom frame, m."""
+    """Keeps some scans of one planar scanner. All places (N, 2) are in the odom frame, m."""
 
     def __init__(self) -> None:
-        self._cells: NDArray[np.int64] | None = None
-        self._taken_at = 0.0
-        self._rest_travel, self._rest_since = 0.0, 0.0
+        self._looks: deque[_Look] = deque(maxlen=LOOKS)
 
-    def is_due(self, travel: float, now: float) -> bool:
-        """Take how far (m) the outermost corner has come, and the time (s); say whether the robot has come to rest and shall `take_down`."""
-        if travel - self._rest_travel > STILL:
-            self._rest_travel, self._rest_since = travel, now
-        if self._cells is not None and travel - self._taken_at > MOVED:
-            self._cells = None
-        return self._cells is None and now - self._rest_since >= STOOD
+    def look(
+        self,
+        seconds: float,
+        travel: float,
+        odom_from_sensor: SE2,
+        polar: tuple[F64, F64],
+        sector: tuple[float, float],
+        range_min: float,
+    ) -> None:
+        """Take a scan's returns (`polar`: ranges, azimuths, each (N,)) when that is due; `travel` is how far (m) the outermost corner has come."""
+        if self._looks:
+            last = self._looks[-1]
+            if travel - last.travel < SPACING[0] or seconds - last.seconds < SPACING[1]:
+                return
+        order = np.argsort(polar[1], kind="stable")
+        ranges, azimuth = polar[0][order], polar[1][order]
+        points = ranges[:, None] * np.column_stack((np.cos(azimuth), np.sin(azimuth)))
+        limits = np.array((sector, (range_min + TOLERANCES[1], FAR)))
+        self._looks.append(_Look(seconds, travel, odom_from_sensor.inverse(), azimuth, ranges, points, limits))
 
-    def take_down(self, places: F64, travel: float) -> None:
-        """Take everything that is known to stand around the robot now."""
-        self._cells, self._taken_at = np.unique(_cells(places)), travel
-
-    def came(self, places: F64) -> Flags:
-        """Return bool (N,): whether nothing stood there or beside it when the robot came to rest; False while that is not known."""
-        if self._cells is None or len(places) == 0:
-            return np.zeros(len(places), np.bool_)
-        cells = _cells(places)
-        stood = np.zeros(len(places), np.bool_)
-        for dy in (-1, 0, 1):
-            for dx in (-1, 0, 1):
-                stood |= np.isin(cells + dy * ROW + dx, self._cells)
-        return ~stood
+    def came(self, places: F64, returns: F64, seconds: float) -> Flags:
+        """Return bool (N,): whether a scan that was kept looked through a place, or saw nothing there but through one of the `returns` (M, 2) of now that lie
+        near it; and nothing stood there."""
+        out, asked = np.zeros(len(places), np.uint8), np.empty(len(returns), np.uint8)
+        if len(places) > 0:
+            for look in self._looks:
+                if seconds - look.seconds >= AGE:
+                    there = (look.sensor_from_odom.transform(p) for p in (places, returns))
+                    kernels.mark_comers(
+                        *(look.azimuth, look.ranges, look.points, look.limits, TOLERANCES, *there, asked, out)
+                    )
+        return np.asarray(out == kernels.CAME)
 
 
 def rim_of(footprint: F64) -> F64:
@@ -65,14 +96,9 @@ def rim_of(footprint: F64) -> F64:
     return np.concatenate((sides, footprint + RIM * outward / np.hypot(*outward.T)[:, None]))
 
 
-def is_seen_near(places: F64, returns: F64) -> Flags:
-    """Return bool (N,): whether any of the returns (M, 2) lies within `NEAR` of a place."""
+def is_seen_near(places: F64, returns: F64, near: float = NEAR) -> Flags:
+    """Return bool (N,): whether any of the returns (M, 2) lies within `near` metres of a place."""
     if len(places) == 0 or len(returns) == 0:
         return np.zeros(len(places), np.bool_)
     apart = np.hypot(*(places[:, None] - returns[None]).transpose(2, 0, 1))
-    return np.asarray(apart.min(axis=1) <= NEAR)
-
-
-def _cells(places: F64) -> NDArray[np.int64]:
-    cells = np.floor(places / CELL).astype(np.int64)
-    return np.asarray(cells[:, 1] * ROW + cells[:, 0])
+    return np.asarray(apart.min(axis=1) <= near)
