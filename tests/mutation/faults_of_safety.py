@@ -178,9 +178,16 @@ SAFETY = (
         MEMORY,
     ),
     PlantedFault(
+        "drifting odometry makes a visitor of a post",
+        "kernels/looks.py",
+        "max(half_bin, math.atan2(behind, r))",
+        "half_bin",
+        MEMORY,
+    ),
+    PlantedFault(
         "who comes to a robot is never told from what it drove up to",
         "safety/visitors.py",
-        "if seconds - look.seconds >= AGE:",
+        "if seconds - look.seconds >= AGE and travel - look.travel <= DRIVEN:",
         "if False:",
         MEMORY,
     ),

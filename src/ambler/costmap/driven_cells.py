@@ -7,6 +7,7 @@ shut and open in turns, and whoever went in while it was open must come out agai
 from __future__ import annotations
 
 import math
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,12 +56,12 @@ class DrivenCells:
     def kept_open(self, costs: U8, source: U8, spec: GridSpec) -> I64:
         """Return the flat indices of cells that only the inflation shuts, though the robot was there: inscribed in `costs`, with nothing
         lethal in `source` nearer than the inscribed radius less `SLACK` cells; both uint8 [iy, ix]."""
-        if len(self._points) != len(self._keys):
-            self._points = (np.array(list(self._keys)) + 0.5) * spec.resolution
+        news = list(islice(self._keys, len(self._points), None))
+        if news:
+            self._points = np.concatenate((self._points, (np.array(news) + 0.5) * spec.resolution))
         cells = (spec.cells_of(self._points)[:, None] + BESIDE).reshape(-1, 2)
         cells = cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)]
-        at: I64 = np.unique(cells[:, 0] * spec.shape[1] + cells[:, 1])
-        at = at[costs.ravel()[at] == COST_INSCRIBED]
+        at: I64 = np.unique(cells[costs[cells[:, 0], cells[:, 1]] == COST_INSCRIBED] @ (spec.shape[1], 1))
         if len(at) == 0:
             return at
         reach = self._inscribed_radius / spec.resolution - SLACK

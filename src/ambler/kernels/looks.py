@@ -15,23 +15,24 @@ UNKNOWN, CAME, WAS_THERE = 0, 1, 2
 def testimony(azimuth, ranges, sector, reach, half_bin, behind, x, y):
     """Return what a scan says of a place in its scanner's frame.
 
-    `azimuth` (M,) rad, ascending, and `ranges` (M,) m of its returns; `sector` (2,): the azimuths between which it looks; `reach` (2,): the
-    ranges between which it can tell. THROUGH: there are returns within `half_bin` rad of the direction, and all lie farther than the place by more
-    than `behind` m. STOOD: one does not. BLIND: the scanner does not look there, or got nothing back from there. NOTHING: too far to tell.
+    `azimuth` (M,) rad in -pi ... pi, ascending, and `ranges` (M,) m of its returns; `sector` (2,): middle and half of the azimuths in which it looks; `reach` (2,): the
+    ranges between which it can tell. THROUGH: there are returns within `half_bin` rad of the direction, and all within that and within `behind` m beside the place lie
+    farther than it by more than `behind` m, which odometry may have drifted since. STOOD: one does not. BLIND: the scanner does not look there, or got nothing back from there. NOTHING: too far to tell.
     """
     r, a = math.hypot(x, y), math.atan2(y, x)
     if r > reach[1]:
         return NOTHING
-    if r < reach[0] or a < sector[0] or a > sector[1]:
+    if r < reach[0] or abs((a - sector[0] + math.pi) % (2.0 * math.pi) - math.pi) > sector[1]:
         return BLIND
-    found = BLIND
+    found, half = BLIND, max(half_bin, math.atan2(behind, r))
     for turn in range(-1, 2):
         at = a + turn * 2.0 * math.pi
-        k = np.searchsorted(azimuth, at - half_bin)
-        while k < azimuth.shape[0] and azimuth[k] <= at + half_bin:
+        k = np.searchsorted(azimuth, at - half)
+        while k < azimuth.shape[0] and azimuth[k] <= at + half:
             if ranges[k] <= r + behind:
                 return STOOD
-            found = THROUGH
+            if abs(azimuth[k] - at) <= half_bin:
+                found = THROUGH
             k += 1
     return found
 

@@ -132,19 +132,11 @@ class BlindMemory:
         first = np.unique(_columns(together), return_index=True)[1]
         self._means_odom = together[first]
         self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
-        new = self._came_now(
-            together[: len(fading), :2],
-            odom_from_base.transform(points_base[:, :2]),
-            together[len(fading) :][came],
-            seconds,
-        )
+        returns = odom_from_base.transform(points_base[:, :2])
+        new = self._visitors.came(together[: len(fading), :2], returns, seconds, self._travel)
         self._came = np.concatenate((new, came))[first]
         self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[first]
         return kept
-
-    def _came_now(self, fading: F64, returns: F64, visitors: F64, seconds: float) -> NDArray[np.bool_]:
-        """Return bool (N,): who of the fading places (N, 2) came by himself, or was here already; `visitors` (M, 3) came before. Odom frame."""
-        return self._visitors.came(fading, returns, seconds) | is_seen_near(fading, visitors[:, :2], 2.0 * COLUMN)
 
     def _advance(self, odom_from_base: SE2) -> None:
         last, self._odom_from_base = self._odom_from_base, odom_from_base

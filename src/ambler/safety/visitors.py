@@ -23,6 +23,7 @@ Flags = NDArray[np.bool_]
 
 LOOKS = 8  # scans that are kept
 SPACING = (0.1, 0.5)  # metres of the outermost corner, and seconds, between two of them: at rest the last ones stay
+DRIVEN = 1.0  # metres of the outermost corner after which odometry has drifted too far for a scan to tell
 AGE = 0.3  # seconds after which a scan tells what was there before
 FAR = 1.5  # metres up to which no thin leg slips through between two beams
 NEAR = 0.3  # metres around a remembered point: who stands there is wider than what a scanner cannot see of him
@@ -35,7 +36,7 @@ RIM = 0.15  # metres around the robot that its scanners must look at, all of it:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """A scan: its returns by azimuth, in the scanner's frame, where that was, and between which azimuths and ranges it can tell."""
+    """A scan: its returns by azimuth, in the scanner's frame, where that was, and in which azimuths and ranges it can tell (`kernels.testimony`)."""
 
     seconds: float
     travel: float
@@ -69,16 +70,17 @@ class Visitors:
         order = np.argsort(polar[1], kind="stable")
         ranges, azimuth = polar[0][order], polar[1][order]
         points = ranges[:, None] * np.column_stack((np.cos(azimuth), np.sin(azimuth)))
-        limits = np.array((sector, (range_min + TOLERANCES[1], FAR)))
+        middle, half = 0.5 * (sector[0] + sector[1]), 0.5 * (sector[1] - sector[0])
+        limits = np.array(((middle, half), (range_min + TOLERANCES[1], FAR)))
         self._looks.append(_Look(seconds, travel, odom_from_sensor.inverse(), azimuth, ranges, points, limits))
 
-    def came(self, places: F64, returns: F64, seconds: float) -> Flags:
+    def came(self, places: F64, returns: F64, seconds: float, travel: float) -> Flags:
         """Return bool (N,): whether a scan that was kept looked through a place, or saw nothing there but through one of the `returns` (M, 2) of now that lie
         near it; and nothing stood there."""
         out, asked = np.zeros(len(places), np.uint8), np.empty(len(returns), np.uint8)
         if len(places) > 0:
             for look in self._looks:
-                if seconds - look.seconds >= AGE:
+                if seconds - look.seconds >= AGE and travel - look.travel <= DRIVEN:
                     there = (look.sensor_from_odom.transform(p) for p in (places, returns))
                     kernels.mark_comers(
                         *(look.azimuth, look.ranges, look.points, look.limits, TOLERANCES, *there, asked, out)
@@ -96,9 +98,9 @@ def rim_of(footprint: F64) -> F64:
     return np.concatenate((sides, footprint + RIM * outward / np.hypot(*outward.T)[:, None]))
 
 
-def is_seen_near(places: F64, returns: F64, near: float = NEAR) -> Flags:
-    """Return bool (N,): whether any of the returns (M, 2) lies within `near` metres of a place."""
+def is_seen_near(places: F64, returns: F64) -> Flags:
+    """Return bool (N,): whether any of the returns (M, 2) lies within `NEAR` of a place."""
     if len(places) == 0 or len(returns) == 0:
         return np.zeros(len(places), np.bool_)
     apart = np.hypot(*(places[:, None] - returns[None]).transpose(2, 0, 1))
-    return np.asarray(apart.min(axis=1) <= near)
+    return np.asarray(apart.min(axis=1) <= NEAR)
