@@ -8,10 +8,10 @@ echo "== format"
 .venv/bin/ruff format --check .
 echo "== lint"
 .venv/bin/ruff check .
-echo "== types"
-.venv/bin/mypy
-echo "== kernels"
+echo "== types and, on the other core, kernels"
+.venv/bin/mypy & types=$!
 .venv/bin/ambler warmup
+wait "$types"
 chosen="not slow"
 if [ "${1:-}" = "--all" ]; then
     shift

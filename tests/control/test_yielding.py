@@ -15,7 +15,7 @@ from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.grid import GridSpec
 from ambler.core.movers import Movers
-from ambler.core.protocols import BodyVelocity, MoverAware
+from ambler.core.protocols import BodyVelocity, MoverAware, TakesNo
 from ambler.core.se2 import SE2
 from ambler.sim.movers import distance_to_polygon
 from tests.control.closed_loop import DIFF, ROBOTS, SPOT, World, drive, line, step_velocity
@@ -321,6 +321,66 @@ def test_a_touched_robot_may_leave_and_not_press_on() -> None:
     assert sent(yielding, BodyVelocity(0.3)) == BodyVelocity()
     assert sent(yielding, BodyVelocity(-0.3)).vx < -0.05
     assert sent(yielding, BodyVelocity(0.0, 0.0, 1.0)) == BodyVelocity(), "turning brings its corner nearer"
+
+
+@pytest.mark.parametrize(("x", "passes"), [(0.0, True), (-0.4, True), (0.8, False)])
+def test_a_robot_slides_along_who_stands_at_its_flank_and_pushes_nobody_with_a_corner(
+    x: float, *, passes: bool
+) -> None:
+    """He came along his line and has stood there for a while: his place is known to some centimetres only, so he may touch it."""
+    yielding = Yielding(YieldConfig(), SPOT)
+    yielding.set_movers(stander(x, 0.25 + 0.36, (0.0, -1.0), 3.0), SE2(), BodyVelocity())
+    assert (yielding.limited(BodyVelocity(0.3)).vx > 0.1) is passes
+    assert x < 0.0 or yielding.refuses(BodyVelocity(0.3, 0.0, 0.6)), "turning swings its flank into him"
+    assert yielding.refuses(BodyVelocity(0.0, 0.2)), "towards him"
+
+
+def test_who_stands_at_a_corner_may_stand_a_decimetre_farther_ahead() -> None:
+    yielding = Yielding(YieldConfig(), SPOT)
+    yielding.set_movers(stander(0.6, 0.25 + 0.36, (0.0, -1.0), 3.0), SE2(), BodyVelocity())
+    ahead = yielding.limited(BodyVelocity(0.5)).vx
+    assert ahead * 0.15 / math.hypot(0.15, 0.36) < 0.05, "the corner would push him"
+
+
+def test_what_would_start_a_contact_is_refused_and_so_is_creeping() -> None:
+    yielding = Yielding(YieldConfig(), SPOT)
+    yielding.set_movers(walker(1.6, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
+    assert yielding.refuses(BodyVelocity(0.5))
+    assert not yielding.refuses(BodyVelocity(-0.4)), "away from him"
+    assert yielding.refuses(BodyVelocity(-0.03)), "nobody gets anywhere like that"
+    assert not yielding.refuses(BodyVelocity()), "standing is always allowed"
+    yielding.set_movers(Movers(), SE2(), BodyVelocity())
+    assert not yielding.refuses(BodyVelocity(0.5))
+    assert not yielding.refuses(BodyVelocity(0.03))
+
+
+def test_a_planner_to_which_the_best_is_refused_takes_what_is_left_of_it_and_gains_all_the_same() -> None:
+    planner = TrajectoryRollout(RolloutConfig(), DIFF)
+    assert isinstance(planner, TakesNo)
+    costs, spec = np.zeros((120, 120), np.uint8), GridSpec(0.05, 120, 120, -3.0, -3.0)
+    planner.set_path(line((0.0, 0.0), (2.8, 0.0)))
+    best = planner.compute_command(costs, spec, SE2(), BodyVelocity(0.4))
+    assert abs(best.wz) < 0.02
+    planner.set_refusal(lambda wanted: wanted.wz < 0.1)
+    other = planner.compute_command(costs, spec, SE2(), BodyVelocity(0.4))
+    assert other.wz >= 0.1
+    assert other.vx > 0.1
+    planner.set_refusal(lambda wanted: True)
+    assert planner.compute_command(costs, spec, SE2(), BodyVelocity(0.4)) == best, "as before"
+
+
+@pytest.mark.parametrize("robot", [SPOT, DIFF])
+def test_a_robot_that_may_not_turn_glides_if_it_can(robot) -> None:
+    """Somebody stands at the corner that it would bring nearer."""
+    planner = TrajectoryRollout(RolloutConfig(), robot)
+    costs, spec = np.zeros((160, 160), np.uint8), GridSpec(0.05, 160, 160, -4.0, -4.0)
+    planner.set_path(line((0.0, 0.0), (0.0, 2.5)))
+    turn = planner.compute_command(costs, spec, SE2(), BodyVelocity())
+    assert abs(turn.wz) > 0.3
+    assert abs(turn.vy) < 1e-9
+    planner.set_refusal(lambda wanted: abs(wanted.wz) > 0.3)
+    command = planner.compute_command(costs, spec, SE2(), BodyVelocity())
+    assert (command.vy > 0.1 and abs(command.wz) <= 0.3) if robot is SPOT else command == turn
 
 
 def test_nobody_near_changes_nothing() -> None:

@@ -19,6 +19,7 @@ def circle(stamps_ns: np.ndarray) -> np.ndarray:
     return np.stack([3 * np.cos(0.2 * t), 3 * np.sin(0.2 * t), 0.2 * t + math.pi / 2], axis=1)
 
 
+SQUARE = 0.5 * np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
 TRUTH_NS = np.arange(0, 60_000_000_000, 10_000_000)
 STAMPS_NS = np.arange(123_456_789, 59_000_000_000, 200_000_000)
 
@@ -86,26 +87,31 @@ def test_resting_contacts_and_docks_are_no_collisions() -> None:
 
 
 @pytest.mark.parametrize(
-    ("moved_at", "touched_by", "is_shoved"),
+    ("moved_at", "touched_by", "turning", "is_shoved"),
     [
-        *((None, "ann", True), (8.0, "ann", True), (10.05, "ann", True)),
-        *((9.5, "ann", False), (9.95, "ann", False), (None, "bob", False), (None, "nobody", False)),
+        *((None, "ann", 0.0, True), (8.0, "ann", 0.2, True), (10.05, "ann", 0.2, True), (9.95, "ann", 0.09, True)),
+        *(
+            (9.5, "ann", 0.11, False),
+            (9.95, "ann", 0.11, False),
+            (None, "bob", 0.0, False),
+            (None, "nobody", 0.0, False),
+        ),
     ],
 )
 def test_a_robot_that_stood_and_that_somebody_else_touched_was_shoved(
-    tmp_path: Path, moved_at: float | None, touched_by: str, *, is_shoved: bool
+    tmp_path: Path, moved_at: float | None, touched_by: str, turning: float, *, is_shoved: bool
 ) -> None:
-    """Into Bob; one that was told to stand and still rolls into him was not."""
+    """Into Bob; one that was told to stand and still rolls into him was not, and one whose corners crept at less than 0.05 m/s stood."""
     recorder = McapRecorder(tmp_path / "run")
     for k in range(160, 220):
         is_moving = moved_at is not None and k == round(20 * moved_at)
         stamp_ns = k * 50_000_000
-        recorder.write("/cmd_vel", VelocityCommand(stamp_ns, wz=0.1 * is_moving), stamp_ns)
+        recorder.write("/cmd_vel", VelocityCommand(stamp_ns, wz=turning * is_moving), stamp_ns)
     recorder.close()
     contacts = [contact(10.01, 0.2, "bob", 0.2)]
     if touched_by != "nobody":
         contacts.insert(0, contact(9.8, 0.0, touched_by, 0.0))
-    caused, shoved = split_shoved(find_collisions(contacts), contacts, tmp_path / "run")
+    caused, shoved = split_shoved(find_collisions(contacts), contacts, tmp_path / "run", SQUARE)
     assert (len(caused), len(shoved)) == ((0, 1) if is_shoved else (1, 0))
 
 
@@ -114,9 +120,9 @@ def test_of_a_robot_of_whose_commands_nothing_is_known_nobody_says_that_it_was_s
     recorder.write("/cmd_vel", VelocityCommand(0), 0)
     recorder.close()
     contacts = [contact(9.8, 0.0, "ann", 0.0), contact(10.0, 0.2, "bob", 0.2)]
-    caused, shoved = split_shoved(find_collisions(contacts), contacts, tmp_path / "run")
+    caused, shoved = split_shoved(find_collisions(contacts), contacts, tmp_path / "run", SQUARE)
     assert (len(caused), len(shoved)) == (1, 0)
-    assert split_shoved((), (), tmp_path / "nothing") == ((), ())
+    assert split_shoved((), (), tmp_path / "nothing", SQUARE) == ((), ())
 
 
 def test_a_contact_at_a_tenth_of_a_metre_per_second_is_a_collision_and_at_a_hundredth_is_none() -> None:

@@ -14,6 +14,7 @@ from ambler.core.se2 import SE2
 from ambler.exploration.memory import FrontierMemory
 from ambler.exploration.strategies import NearestStrategy
 from ambler.exploration.survey import Survey, SurveyConfig
+from ambler.missions.company import Company
 from ambler.missions.drive_to import DriveTo
 from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
@@ -509,6 +510,35 @@ def test_looking_past_people_has_an_end() -> None:
     ended = play.until_ended()
     assert ended.code == "SUCCEEDED"
     assert ended.text == "1 frontiers are left, each with its reason"
+
+
+def test_who_comes_when_the_robot_is_home_again_does_not_send_it_off_once_more() -> None:
+    shut = replace(frontier(16, 10, math.inf), goal=None, state=FrontierState.UNREACHABLE, reason="no way")
+    play = Play(frontier(12, 10, 2.0))
+    play.drive()
+    play.surveyor.frontiers = [shut]
+    play.step()
+    home = play.drive(3.0)
+    assert play.mission.state is ExploreState.RETURNING
+    play.mission.meet(play.now_ns, is_here=True)
+    play.pose = home.map_from_goal
+    play.end(home)
+    for _ in range(60):
+        for command in play.step():
+            assert not isinstance(command, DriveTo), "what was shut while nobody was about was not shut by people"
+            if isinstance(command, Ended):
+                assert command.result.is_home
+                return
+    raise AssertionError("the mission does not end")
+
+
+@pytest.mark.parametrize(("news", "looks"), [(0.0, 2), (0.004, 2), (0.006, 4)])
+def test_whoever_walks_off_shows_no_more_than_where_he_stood(news: float, looks: int) -> None:
+    company = Company(60.0, 2)
+    company.meet(0, is_here=True)
+    counts = [company.look(0, 500.0, is_shut=True) for _ in range(3)]
+    counts += [company.look(0, (1.0 + news) * 500.0, is_shut=True) for _ in range(3)]
+    assert sum(counts) == looks
 
 
 def test_a_robot_whose_way_home_is_shut_goes_to_where_it_is_and_tries_again_from_there() -> None:

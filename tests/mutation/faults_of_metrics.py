@@ -381,6 +381,13 @@ METRICS = (
         ("tests/evaluation/test_trajectory.py",),
     ),
     PlantedFault(
+        "a robot that creeps faster than what counts is said to have stood",
+        "evaluation/collisions.py",
+        "is_moving = np.array(fastest) > MIN_SPEED",
+        "is_moving = np.array(fastest) > 2.0 * MIN_SPEED",
+        ("tests/evaluation/test_trajectory.py",),
+    ),
+    PlantedFault(
         "a campaign that goes on tells only what its last session took",
         "studies/study.py",
         "results: list[Result | None] = [None if is_fresh else _kept(folder) for folder in folders]",

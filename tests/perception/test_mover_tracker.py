@@ -338,3 +338,18 @@ def test_who_was_seen_walking_is_somebody_for_a_minute_after_he_stopped_and_a_st
     last = max(rests)
     assert rests[60] == pytest.approx(4.0, abs=1.2), "he has stood since he came"
     assert (500 < last < 680) if walks else (100 < last < 160)
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_wall_along_which_somebody_walked_does_not_take_his_place_when_he_is_gone(seed: int) -> None:
+    """Rays that graze it look through its cells, and poses are good to a centimetre: to the grid the wall comes and goes."""
+    tracker, rng = MoverTracker(), np.random.default_rng(seed)
+    corridor = [(-8.0, -1.1, 3.0, -1.1), (4.0, -1.1, 8.0, -1.1), (-8.0, 1.1, 8.0, 1.1), (3.0, -1.1, 3.0, -3.0)]
+    walls = [*corridor, (4.0, -1.1, 4.0, -3.0)]
+    for k in range(270):
+        place = SE2(0.02 * min(k, 60), 0.05 * math.sin(0.11 * k), 0.02 * math.sin(0.23 * k))
+        walker = (1.8 + abs((0.1 * (k - 70) + 1.8) % 6.0 - 3.0), -0.8)
+        error = SE2(*rng.normal(0.0, (0.01, 0.01, 0.0025)))
+        people = [walker] if 70 <= k < 250 else []
+        movers = feed(tracker, k, people, walls, place, rng, None, NOTHING, NO_DRIFT, error)
+    assert len(movers) == 0

@@ -63,7 +63,7 @@ def judge(
         trajectory = trajectory_error(record.stamps_ns, record.poses, record.true_stamps_ns, record.true_poses)
     allowed = frozenset(dock.name + CONTACTS for dock in robot.scene.world.docks)
     hits = find_collisions(record.contacts, allowed=allowed)
-    collisions, shoved = split_shoved(hits, record.contacts, robot.folder.recording)
+    collisions, shoved = split_shoved(hits, record.contacts, robot.folder.recording, robot.model.footprint)
     fields: dict[str, Any] = {
         "world": robot.scene.world.name,
         "robot": robot.options.robot,

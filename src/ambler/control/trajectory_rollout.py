@@ -9,6 +9,7 @@ the deceleration; a trajectory must gain something, so a robot that is blocked s
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from ambler.kernels.rollout import (
     END_X,
     END_Y,
     END_YAW,
+    FREE,
     Guide,
     best_sample,
     locate_on_path,
@@ -40,6 +42,7 @@ from ambler.kernels.rollout import (
 F64 = NDArray[np.float64]
 
 GAIN_MIN = 0.02  # metres that a trajectory must gain to be worth driving
+REFUSALS = 100  # samples about which somebody who refuses them is asked, the best first
 
 
 def approach_limit(distance: float, deceleration: float, reaction_time: float) -> float:
@@ -63,6 +66,7 @@ class TrajectoryRollout:
         self._has_arrived = False
         self._is_escaping = False
         self._movers = NOBODY
+        self._is_refused: Callable[[BodyVelocity], bool] = lambda _: False
         self._top, self._grid = 0.0, np.zeros((0, 3))
         self.trajectory = np.zeros((0, 3))
         """Where the last command leads, float64 (N, 3) of (x, y, yaw) in the odom frame, for people to look at."""
@@ -91,6 +95,10 @@ class TrajectoryRollout:
     def set_movers(self, movers: Movers) -> None:
         """Take the movers of now, in the odom frame; they count until the next call."""
         self._movers = movers
+
+    def set_refusal(self, is_refused: Callable[[BodyVelocity], bool]) -> None:
+        """Take who is asked about every velocity before it is wanted; where all are refused, the best is wanted all the same."""
+        self._is_refused = is_refused
 
     def compute_command(
         self, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2, velocity: BodyVelocity
@@ -129,6 +137,9 @@ class TrajectoryRollout:
         is_turning = self._turn_target == "path"
         if abs(error) > (self._config.turn_end if is_turning else self._turn_start()):
             turn = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
+            if turn is not None and self._is_refused(turn):
+                aside = self._glide(start, velocity, left)
+                turn = turn if aside is None or self._is_refused(aside) else aside
             if turn is not None:
                 return turn
         else:
@@ -298,7 +309,16 @@ class TrajectoryRollout:
                 *(weight_sideways, c.near, c.weight_movers, c.movers_near),
             ]
         )
-        best = int(best_sample(samples, out, weights, end_s, before, gain, velocity.wz))
+        args = (weights, end_s, before, gain, velocity.wz)
+        best = liked = int(best_sample(samples, out, *args))
+        for _ in range(REFUSALS):
+            if best < 0 or not self._is_refused(BodyVelocity(*samples[best].tolist())):
+                break
+            out[best, FREE] = 0.0
+            best = int(best_sample(samples, out, *args))
+        else:
+            best = -1
+        best = best if best >= 0 else liked
         if best < 0:
             return None
         spec = self._window.spec

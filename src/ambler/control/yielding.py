@@ -131,20 +131,30 @@ class Yielding:
         shape = (self._normals, self._offsets, self._corners, self._past)
         return float(starts_contact(self._pose, self._now, twist, self._plan, hypotheses, *shape))
 
+    def refuses(self, wanted: BodyVelocity) -> bool:
+        """Say whether even half of a velocity would start a contact, or is no more than creeping."""
+        if self.is_alone or wanted == BodyVelocity():
+            return False
+        tried = (_scaled(self._in_company(wanted), scale) for scale in (1.0, 0.5))
+        return all(self._fastest(v) <= self._config.creep or self.contact_in(v) < math.inf for v in tried)
+
     def limited(self, wanted: BodyVelocity) -> BodyVelocity:
         """Return as much of a velocity, along the same arc, as starts no contact; nothing if that is no more than `creeping`."""
         if self.is_alone or wanted == BodyVelocity():
             return wanted
-        c = self._config
-        fastest = max(math.hypot(wanted.vx, wanted.vy) / c.speed_max, abs(wanted.wz) / c.turn_max, 1.0)
-        wanted = BodyVelocity(wanted.vx / fastest, wanted.vy / fastest, wanted.wz / fastest)
+        c, most = self._config, self._in_company(wanted)
         for scale in c.scales:
-            slower = BodyVelocity(wanted.vx * scale, wanted.vy * scale, wanted.wz * scale)
+            slower = _scaled(most, scale)
             if self._fastest(slower) <= c.creep:
                 break
             if self.contact_in(slower) == math.inf:
                 return slower
         return BodyVelocity()
+
+    def _in_company(self, wanted: BodyVelocity) -> BodyVelocity:
+        c = self._config
+        fastest = max(math.hypot(wanted.vx, wanted.vy) / c.speed_max, abs(wanted.wz) / c.turn_max, 1.0)
+        return _scaled(wanted, 1.0 / fastest)
 
     def creeping(self, wanted: BodyVelocity) -> BodyVelocity:
         """Return as much of a velocity, along the same arc, as moves no corner of the robot faster than what does not count; nothing if that
@@ -152,7 +162,7 @@ class Yielding:
         if wanted == BodyVelocity():
             return wanted
         scale = min(1.0, self._config.creep / self._fastest(wanted))
-        slower = BodyVelocity(wanted.vx * scale, wanted.vy * scale, wanted.wz * scale)
+        slower = _scaled(wanted, scale)
         at_rest = np.zeros((len(self._going_on), 6))
         at_rest[:, :2], at_rest[:, 4:] = self._going_on[:, :2], (self._config.radius, self._config.growth)
         return slower if self._contact_in(slower, at_rest) == math.inf else BodyVelocity()
@@ -245,3 +255,7 @@ class Yielding:
         others = np.delete(states[:, :2], k, axis=0) - (x, y)
         is_alone = bool((np.hypot(*others.T) > c.company).all())
         return is_alone and is_towards and 0.0 < gap < c.stopped
+
+
+def _scaled(velocity: BodyVelocity, scale: float) -> BodyVelocity:
+    return BodyVelocity(velocity.vx * scale, velocity.vy * scale, velocity.wz * scale)

@@ -99,6 +99,15 @@ class MoverAware(Protocol):
         ...
 
 
+@runtime_checkable
+class TakesNo(Protocol):
+    """A local planner that looks for another motion where the one that it likes best is refused, because it would start a contact with somebody."""
+
+    def set_refusal(self, is_refused: Callable[[BodyVelocity], bool]) -> None:
+        """Take who is asked, in `compute_command`, about velocities of the base."""
+        ...
+
+
 class LocalState(enum.StrEnum):
     """What a local planner is doing, or why it stands."""
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core.messages import Contact, VelocityCommand
 from ambler.runtime.topics import VELOCITY_COMMAND
@@ -74,15 +75,18 @@ def find_contacts(
 
 
 def split_shoved(
-    collisions: Sequence[Collision], contacts: Sequence[Contact], recording: Path
+    collisions: Sequence[Collision], contacts: Sequence[Contact], recording: Path, footprint: NDArray[np.float64]
 ) -> tuple[tuple[Collision, ...], tuple[Collision, ...]]:
     """Return the collisions that a robot caused, and those that it was shoved into: within the last `STOOD` seconds before, something else touched it
-    that people touch or press it against, and all that its gate told it was to stand. One that merely brakes too late was not shoved."""
+    that people touch or press it against, and all that its gate told it was to stand, or to move no corner of its `footprint` (N, 2) faster than what
+    counts (`MIN_SPEED`). One that merely brakes too late was not shoved."""
     if not collisions:
         return (), ()
     told = [c.decode_as(VelocityCommand) for c in read_recording(recording, [VELOCITY_COMMAND.ros_name])]
     stamps_ns = np.array([v.stamp_ns for v in told], np.int64)
-    is_moving = np.array([max(abs(v.vx), abs(v.vy), abs(v.wz)) > 0.0 for v in told], np.bool_)
+    x, y = footprint.T
+    fastest = [np.hypot(v.vx - v.wz * y, v.vy + v.wz * x).max() for v in told]
+    is_moving = np.array(fastest) > MIN_SPEED
 
     def is_shoved(collision: Collision) -> bool:
         begin_ns = collision.begin_ns

@@ -19,7 +19,9 @@ MISSES = 2  # scans in a row that must look through an occupied cell before it c
 GONE = 10  # scans in a row after which what stood there is gone; along a wall rays graze for fewer
 UNSEEN = 20  # scans without a hit and without a look through after which nobody knows whether what is hit again stood there all the time
 LEANING = 0.25  # metres to either side of a touched point that a turning robot brings nearer to who leans there
-AWAY = 0.7  # share of a motion that must lead away from who touches the robot, else it slides along him and pushes with what comes next
+AWAY = 0.7  # share of a motion that must lead away from who presses on the robot, else it slides along him and pushes with what comes next
+SLIDE = 0.1  # metres by which who touches the robot may stand farther along its outline: a corner that comes there pushes him
+STRAIGHT = 0.05  # rad/s below which a robot does not turn
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
 
 
@@ -204,7 +206,7 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
     the poses and twists of all steps; what happened before now is done and does not count.
     """
     reaction, hold, dt = plan[0], plan[1], plan[7]
-    nearest, touched = np.empty(2), np.zeros((movers.shape[0], 5))
+    nearest, touched = np.empty(2), np.zeros((movers.shape[0], 3))
     stand = reaction + hold + max(abs(twist[0]) / plan[2], abs(twist[1]) / plan[3], abs(twist[2]) / plan[4])
     steps = min(past.shape[0] - 1, int(math.ceil((stand + plan[5]) / dt)))
     x, y, yaw = pose[0], pose[1], pose[2]
@@ -220,32 +222,45 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
         past[k, 3], past[k, 4], past[k, 5] = vx, vy, wz
         c, s = math.cos(yaw), math.sin(yaw)
         for m in range(movers.shape[0]):
-            dx, dy = movers[m, 0] + movers[m, 2] * t - x, movers[m, 1] + movers[m, 3] * t - y
-            bx, by = c * dx + s * dy, -s * dx + c * dy
-            if touched[m, 4] > 0.0:  # nobody walks through the robot: who has reached it stays where he touches it
-                tx, ty = vx - wz * touched[m, 1], vy + wz * touched[m, 0]
-                away = -(tx * touched[m, 2] + ty * touched[m, 3]) - abs(wz) * LEANING
-                speed = math.hypot(tx, ty) + abs(wz) * LEANING
-                if speed > plan[6] and away < AWAY * speed:
+            if touched[m, 2] > 0.0:  # nobody walks through the robot: who has reached it stays where he touches it
+                dx, dy = touched[m, 0] - x, touched[m, 1] - y
+                bx, by = c * dx + s * dy, -s * dx + c * dy
+                stands = movers[m, 2] == 0.0 and movers[m, 3] == 0.0
+                if _pushes(bx, by, vx, vy, wz, stands, normals, offsets, corners, nearest) > plan[6]:
                     return t
                 continue
+            dx, dy = movers[m, 0] + movers[m, 2] * t - x, movers[m, 1] + movers[m, 3] * t - y
+            bx, by = c * dx + s * dy, -s * dx + c * dy
             gap = outline_distance(bx, by, normals, offsets, corners, nearest)
             if gap <= movers[m, 4] + movers[m, 5] * t:
                 if _came_nearer(nearest, movers[m], past, k, plan):
                     return t
-                ux, uy = (bx - nearest[0], by - nearest[1]) if gap > 0.0 else (bx, by)
-                length = max(1e-9, math.hypot(ux, uy))
-                touched[m, 0], touched[m, 1], touched[m, 2], touched[m, 3] = (
-                    nearest[0],
-                    nearest[1],
-                    ux / length,
-                    uy / length,
-                )
-                touched[m, 4] = 1.0
+                touched[m, 0], touched[m, 1], touched[m, 2] = dx + x, dy + y, 1.0
         x += (c * vx - s * vy) * dt
         y += (s * vx + c * vy) * dt
         yaw += wz * dt
     return np.inf
+
+
+@jit
+def _pushes(x, y, vx, vy, wz, stands, normals, offsets, corners, nearest):
+    """Return how fast (m/s) a robot that moves with (vx, vy, wz) comes nearer to who touches it and stands at (x, y) of its frame, or as far as
+    `SLIDE` to either side of there. One that turns, or that he presses on, must lead away from him, also from who leans at it."""
+    gap = outline_distance(x, y, normals, offsets, corners, nearest)
+    ux, uy = (x - nearest[0], y - nearest[1]) if gap > 0.0 else (x, y)
+    length = max(1e-9, math.hypot(ux, uy))
+    ux, uy = SLIDE * ux / length, SLIDE * uy / length
+    if abs(wz) > STRAIGHT or not stands:
+        speed = math.hypot(vx - wz * nearest[1], vy + wz * nearest[0]) + abs(wz) * LEANING
+        nearer = ((vx - wz * nearest[1]) * ux + (vy + wz * nearest[0]) * uy) / SLIDE + abs(wz) * LEANING
+        return speed if nearer > -AWAY * speed else 0.0
+    fastest = -1e30
+    for side in range(-1, 2):
+        px, py = x - side * uy, y + side * ux
+        gap = outline_distance(px, py, normals, offsets, corners, nearest)
+        tx, ty = (px - nearest[0], py - nearest[1]) if gap > 0.0 else (px, py)
+        fastest = max(fastest, (vx * tx + vy * ty) / max(1e-9, math.hypot(tx, ty)))
+    return fastest
 
 
 @jit

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 class Company:
     """Whether people were about within `memory` s, and how often the robot has looked past them since it last saw anything new: up to `looks`
-    times while something is shut, and `TURNS` times where nothing is."""
+    times while something is shut, and `TURNS` times where nothing is. New is a share `NEWS` of the floor that was known: whoever walks off shows
+    a square metre behind him wherever he has stood."""
 
     TURNS = 2
-    NEWS = 1.0  # square metres of newly known floor
+    NEWS = 0.005
 
     def __init__(self, memory: float, looks: int) -> None:
         self._memory_ns = round(memory * 1e9)
@@ -35,7 +36,7 @@ class Company:
     def look(self, now_ns: int, known_area: float, *, is_shut: bool) -> bool:
         """Say whether to look once more before believing what the map says of a floor of so many known square metres, and count it. `is_shut`:
         there is something that cannot be reached."""
-        if known_area > self._known_area + self.NEWS:
+        if known_area > (1.0 + self.NEWS) * self._known_area:
             self.looks, self._known_area = 0, known_area
         if not self.is_about(now_ns) or self.looks >= (self._most if is_shut else self.TURNS):
             return False

@@ -223,7 +223,7 @@ class ExploreMission:
         if not self._has_swept:
             return self._sweep(view)
         shut = [self._now.frontiers[k] for k in self._now.shut]
-        if self._company.look(view.now_ns, self._now.known_area, is_shut=bool(shut)):
+        if not self._is_home and self._company.look(view.now_ns, self._now.known_area, is_shut=bool(shut)):
             return self._look_past_people(view, shut)
         if self._goal.return_to_start and not self._is_home:
             return self._go_home(view)

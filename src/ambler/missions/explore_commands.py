@@ -73,7 +73,7 @@ class ExploreConfig:
     doubt_time: float = 90.0
     company_time: float = 60.0
     company_looks: int = 6
-    company_patience: float = 5.0
+    company_patience: float = 15.0
     choice: ChoiceConfig = field(default_factory=ChoiceConfig)
     stations: StationsConfig = field(default_factory=StationsConfig)
 

@@ -35,7 +35,16 @@ from ambler.core.messages import (
     Transforms,
     VelocityCommand,
 )
-from ambler.core.protocols import BodyVelocity, LeanAware, LocalPlanner, LocalState, MoverAware, Steers, TellsState
+from ambler.core.protocols import (
+    BodyVelocity,
+    LeanAware,
+    LocalPlanner,
+    LocalState,
+    MoverAware,
+    Steers,
+    TakesNo,
+    TellsState,
+)
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.costmap.local_costmap import LocalCostmap
@@ -126,6 +135,8 @@ class ControllerNode(Node):
         self._view = LocalView(robot, costmap, planar, movers)
         self._yield_config = yielding if yielding is not None else YieldConfig()
         self._yielding = Yielding(self._yield_config, robot)
+        if isinstance(planner, TakesNo):
+            planner.set_refusal(self._yielding.refuses)
         self._yields_since_ns: int | None = None
         self._window = LocalWindow(robot, RECOVERY_PADDING)
         self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)

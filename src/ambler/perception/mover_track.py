@@ -26,6 +26,7 @@ class MoverConfig:
     link            metres between neighbouring points of one group
     min_points      points of a group: a person at the end of the reach shows more
     size_max        metres across a group; a larger one is no single person, one of up to `pair_size_max` two side by side
+    new_share       of the points that somebody who is known shows, at least, lie where nothing ever stood, even when he leans on a wall
     to_middle       metres from the mean of the visible side of a person to the middle
     gate            metres from a track's prediction within which a group may be its own
     alpha, beta     the gains that the fit fades to
@@ -55,6 +56,7 @@ class MoverConfig:
     min_points: int = 3
     size_max: float = 0.7
     pair_size_max: float = 1.3
+    new_share: float = 0.25
     to_middle: float = 0.15
     gate: float = 0.5
     alpha: float = 0.5

@@ -66,9 +66,9 @@ class MoverTracker:
                 self._follow_out_of_sight(track, points, kinds, starts, now)
         places = self._groups(points, kinds, starts)
         is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
-        came, is_old = points[is_here], kinds[is_here] != kernels.MOVING
+        came, is_old, is_new = points[is_here], kinds[is_here] != kernels.MOVING, alone[is_here] == kernels.ALONE
         for track, is_his in zip(self._tracks, self._owned(came, now), strict=True):
-            self._follow(track, places, came[is_his], is_old[is_his], points, starts, now)
+            self._follow(track, places, came[is_his], is_old[is_his], is_new[is_his], points, starts, now)
         self._tracks += [MoverTrack(place, now) for place in places]
         self._tracks = self._one_each([t for t in self._tracks if now - t.seen <= self._config.coast or self._hides(t)])
         came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
@@ -231,12 +231,14 @@ class MoverTracker:
         places: list[F64],
         came: F64,
         is_old: NDArray[np.bool_],
+        is_new: NDArray[np.bool_],
         points: F64,
         starts: F64,
         now: float,
     ) -> None:
         """Give a track what stands where he stood, else the group that is nearest to where he should be, else whatever is there that came
-        later than the room was seen. `is_old` says which points of `came` have been where they are for a while."""
+        later than the room was seen. `is_old` says which points of `came` have been where they are for a while, `is_new` in which places nothing
+        has ever stood: a wall beside which he passed is looked through by rays that graze it, and is not he."""
         c, expected = self._config, track.predicted(now)
         may_stand = track.is_mover or track.stands
         near = np.hypot(*(came - expected).T) <= 0.7 * c.gate if may_stand else np.zeros(len(came), np.bool_)
@@ -248,7 +250,7 @@ class MoverTracker:
                 track.surface = NOTHING
                 track.measure(places.pop(k), now, c, points, starts)
                 return
-        if int(near.sum()) >= c.min_points:
+        if int(near.sum()) >= c.min_points and int((near & is_new).sum()) >= c.new_share * int(near.sum()):
             if math.hypot(*track.velocity) < c.speed_min:
                 track.surface = came[near]
             track.measure(self._middle(came[near], starts), now, c, points, starts)
