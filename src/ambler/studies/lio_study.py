@@ -420,6 +420,9 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             if values:
                 fields[f"{kind}.{lidar}.{what}_median"] = statistics.median(values)
                 fields[f"{kind}.{lidar}.{what}_worst"] = (min if what == "false_found_ratio" else max)(values)
+        told = [r["nees"] for r in own if r.get("nees") is not None]
+        if told:
+            fields[f"{kind}.{lidar}.nees_mean"] = statistics.fmean(told)
         fields[f"{kind}.{lidar}.closures"] = sum(r.get("closures", 0) for r in own)
         fields[f"{kind}.{lidar}.false_closures"] = sum(r.get("false_closures", 0) for r in own)
         fields[f"{kind}.{lidar}.runs"] = len(own)
@@ -432,6 +435,7 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "start_max_m",
             "end_pct",
             "height_rms_m",
+            "nees",
             "closed_rms_m",
             "closed_max_m",
             "closures",
