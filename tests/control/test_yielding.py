@@ -335,6 +335,16 @@ def test_a_robot_slides_along_who_stands_at_its_flank_and_pushes_nobody_with_a_c
     assert yielding.refuses(BodyVelocity(0.0, 0.2)), "towards him"
 
 
+@pytest.mark.parametrize("away", [1.2, 1.4])
+def test_whoever_comes_to_a_turning_robot_may_meet_a_corner_beside_the_point_that_he_heads_for(away: float) -> None:
+    """From thirty degrees he heads for a point that turns past him."""
+    yielding, turn = Yielding(YieldConfig(), DIFF), BodyVelocity(0.0, 0.0, 0.35)
+    for bearing in np.radians(np.arange(0.0, 360.0, 30.0)):
+        towards = -np.array([math.cos(bearing), math.sin(bearing)])
+        yielding.set_movers(walker(*(-away * towards), *towards), SE2(), turn)
+        assert yielding.contact_in(turn) < 1.0, f"from {math.degrees(bearing):.0f} degrees"
+
+
 def test_who_stands_at_a_corner_may_stand_a_decimetre_farther_ahead() -> None:
     yielding = Yielding(YieldConfig(), SPOT)
     yielding.set_movers(stander(0.6, 0.25 + 0.36, (0.0, -1.0), 3.0), SE2(), BodyVelocity())

@@ -191,6 +191,13 @@ MOTION = (
         YIELDING,
     ),
     PlantedFault(
+        "a turning robot is thought to be met exactly where somebody heads for",
+        "kernels/movers.py",
+        "(slow - SLIDE * abs(past[k, 5])) * math.hypot",
+        "slow * math.hypot",
+        YIELDING,
+    ),
+    PlantedFault(
         "a motion that is refused is wanted all the same",
         "control/trajectory_rollout.py",
         "if best < 0 or not self._is_refused(",

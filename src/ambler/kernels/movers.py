@@ -20,7 +20,7 @@ GONE = 10  # scans in a row after which what stood there is gone; along a wall r
 UNSEEN = 20  # scans without a hit and without a look through after which nobody knows whether what is hit again stood there all the time
 LEANING = 0.25  # metres to either side of a touched point that a turning robot brings nearer to who leans there
 AWAY = 0.7  # share of a motion that must lead away from who presses on the robot, else it slides along him and pushes with what comes next
-SLIDE = 0.1  # metres by which who touches the robot may stand farther along its outline: a corner that comes there pushes him
+SLIDE = 0.1  # metres along its outline by which who touches the robot may do so farther on, where a corner comes, or swings to him
 STRAIGHT = 0.05  # rad/s below which a robot does not turn
 BEFORE_HIT = 0.25  # metres before a return where a ray stops to prove anything free: walls are hit at a glance
 
@@ -271,14 +271,14 @@ def _faster(now, wanted):
 
 @jit
 def _came_nearer(point, mover, past, last, plan):
-    """Say whether a point of the robot moved towards a mover within the calm time before the step `last`."""
+    """Say whether a point of the robot, or of a turning one a point up to `SLIDE` beside it, moved towards a mover within the calm time before the step `last`."""
     calm, slow, dt = plan[5], plan[6], plan[7]
     for k in range(last, max(-1, last - int(math.ceil(calm / dt)) - 1), -1):
         c, s = math.cos(past[k, 2]), math.sin(past[k, 2])
         px, py = past[k, 0] + c * point[0] - s * point[1], past[k, 1] + s * point[0] + c * point[1]
         ux, uy = mover[0] + mover[2] * k * dt - px, mover[1] + mover[3] * k * dt - py
         bx, by = past[k, 3] - past[k, 5] * point[1], past[k, 4] + past[k, 5] * point[0]
-        if (c * bx - s * by) * ux + (s * bx + c * by) * uy > slow * math.hypot(ux, uy):
+        if (c * bx - s * by) * ux + (s * bx + c * by) * uy > (slow - SLIDE * abs(past[k, 5])) * math.hypot(ux, uy):
             return True
     return False
 
