@@ -19,6 +19,6 @@ if [ "${1:-}" = "--all" ]; then
 fi
 run_tests() { .venv/bin/pytest "$@" || [ $? -eq 5 ]; } # 5: whoever named some tests named none of these
 echo "== tests on the wall clock, one by one"
-run_tests -m "live and ($chosen)" "$@"
+run_tests --durations=15 --durations-min=3 -m "live and ($chosen)" "$@"
 echo "== tests"
-run_tests -n auto -m "not live and ($chosen)" "$@"
+run_tests -n auto --durations=25 --durations-min=4 -m "not live and ($chosen)" "$@"
