@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from ambler.apps.judgement import judge
+from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
 from ambler.core.se2 import SE2
-from ambler.nodes.steps import NavigateStep
+from ambler.nodes.steps import DockStep, NavigateStep, TeachStep, UndockStep
 from ambler.studies.localization_study import METHODS, LocalizationCase, Place, joined_errors, localization_study
 from ambler.studies.pool import ThisProcess
 from ambler.studies.rail import Rail, Route
@@ -66,3 +67,20 @@ def test_a_recorded_drive_is_localized_by_every_method(tmp_path: Path) -> None:
         assert errors.rms[:2].max() < 0.015, (method, is_moving)
         assert errors.nees.mean() < 4.0, (method, is_moving)
     assert len(list(tmp_path.rglob("true_pose.csv"))) == 2
+
+
+def test_a_known_map_program_docks_leaves_drives_and_replays_to_the_same_bits(tmp_path: Path) -> None:
+    steps = (DockStep("charger_1"), UndockStep("charger_1"), NavigateStep(SE2(-1.0, 0.5, 0.0)), DockStep("charger_1"))
+    options = RunOptions((*steps, TeachStep("charger_1")), "dock_room", "amr_omni", 2, port=None, time_limit=180.0)
+    run = SimulatedRun(options, RunFolder(tmp_path / "run"))
+    try:
+        run.run()
+        fields = judge(run).fields
+    finally:
+        run.close()
+    assert fields["ended"] == "succeeded", run.text
+    assert (fields["collisions"], fields["goals_reached"]) == (0, 1)
+    assert fields["dock_error_m"] < 0.005
+    replay = replay_run(run.folder.root, tmp_path / "replay")
+    assert replay.comparison.is_equal, str(replay.comparison)
+    assert {"/cmd_vel", "/dock_pose", "/localized_pose"} <= {t.topic for t in replay.comparison.topics}

@@ -11,12 +11,8 @@ import numpy as np
 import pytest
 
 from ambler.apps.judgement import judge
-from ambler.apps.replay import replay_run
 from ambler.apps.run_folder import RunFolder
-from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
-from ambler.core.se2 import SE2
-from ambler.nodes.steps import DockStep, NavigateStep, TeachStep, UndockStep
 from ambler.runtime.topics import VELOCITY_COMMAND, Topic
 from ambler.studies.live_study import VERBS
 
@@ -66,20 +62,3 @@ def test_a_live_robot_is_under_command_while_its_run_is_ended(tmp_path: Path) ->
     assert commands[-1] > (limit - 0.1) * 1e9, (
         "the last one lies at most a period before the end, which may come right after the limit"
     )
-
-
-def test_a_known_map_program_docks_leaves_drives_and_replays_to_the_same_bits(tmp_path: Path) -> None:
-    steps = (DockStep("charger_1"), UndockStep("charger_1"), NavigateStep(SE2(-1.0, 0.5, 0.0)), DockStep("charger_1"))
-    options = RunOptions((*steps, TeachStep("charger_1")), "dock_room", "amr_omni", 2, port=None, time_limit=180.0)
-    run = SimulatedRun(options, RunFolder(tmp_path / "run"))
-    try:
-        run.run()
-        fields = judge(run).fields
-    finally:
-        run.close()
-    assert fields["ended"] == "succeeded", run.text
-    assert (fields["collisions"], fields["goals_reached"]) == (0, 1)
-    assert fields["dock_error_m"] < 0.005
-    replay = replay_run(run.folder.root, tmp_path / "replay")
-    assert replay.comparison.is_equal, str(replay.comparison)
-    assert {"/cmd_vel", "/dock_pose", "/localized_pose"} <= {t.topic for t in replay.comparison.topics}
