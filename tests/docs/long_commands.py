@@ -214,7 +214,7 @@ STUDIES = {
         code=None,
     ),
     "eval lio --kinds dust,smoke,rain --lidars mid_360 --seed draw": Long(
-        "--runs 1 --kinds dust --length 30", r"dust-\d+-mid_360: 30 m: 0\.0\d+ m RMS", code=None
+        "--runs 1 --kinds dust --length 30", r"dust-\d+-mid_360: 3\d m: 0\.0\d+ m RMS", code=None
     ),
     "eval docking --imperfections exact --runs 60 --fault-runs 20 --json docs/results/docking.json": Long(
         "--runs 1 --fault-runs 1 --looks 2 --only sights --only random --only faults --fault light",
