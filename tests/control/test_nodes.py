@@ -132,6 +132,33 @@ def test_a_robot_creeps_towards_who_stands_in_its_way_and_that_is_no_lack_of_pro
     assert robot.codes == []
 
 
+class Asking(TrajectoryRollout):
+    """Keeps the answers to what it asks about."""
+
+    def set_refusal(self, is_refused: Callable[[BodyVelocity], bool]) -> None:
+        self.answers: list[bool] = []
+
+        def ask_and_keep(wanted: BodyVelocity) -> bool:
+            self.answers.append(is_refused(wanted))
+            return self.answers[-1]
+
+        super().set_refusal(ask_and_keep)
+
+
+@pytest.mark.parametrize("is_somebody_there", [True, False])
+def test_a_planner_that_asks_is_refused_what_would_start_a_contact(
+    monkeypatch: pytest.MonkeyPatch, *, is_somebody_there: bool
+) -> None:
+    planner = Asking(RolloutConfig(), ROBOT)
+    robot = Robot([(0.6, follow(3.0))], local=planner)
+    if is_somebody_there:
+        stands = Movers(0, np.array([[1.0, 0.1, 0.0, 0.0, 0.0, 0.0]]))
+        monkeypatch.setattr(robot.controller._view, "movers", lambda now_ns: stands)
+    robot.run(2.0)
+    assert planner.answers, "it was asked"
+    assert any(planner.answers) is is_somebody_there
+
+
 def test_where_people_are_is_told_until_nobody_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, told = Robot([]), list[PointCloud]()
     robot.executor.tap(lambda topic, message, *_: told.append(message) if topic is MOVERS else None)

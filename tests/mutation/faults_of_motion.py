@@ -205,6 +205,13 @@ MOTION = (
         YIELDING,
     ),
     PlantedFault(
+        "no planner is told whom to ask",
+        "nodes/controller.py",
+        "if isinstance(planner, TakesNo):",
+        "if False:",
+        ("tests/control/test_nodes.py",),
+    ),
+    PlantedFault(
         "creeping counts as another motion",
         "control/yielding.py",
         "all(self._fastest(v) <= self._config.creep or",

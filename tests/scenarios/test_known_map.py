@@ -16,6 +16,7 @@ from ambler.studies.localization_study import METHODS, LocalizationCase, Place, 
 from ambler.studies.pool import ThisProcess
 from ambler.studies.rail import Rail, Route
 from ambler.studies.study import conduct
+from tests.scenarios.conftest import explore
 
 
 def test_a_rail_leads_along_its_way_points() -> None:
@@ -72,12 +73,8 @@ def test_a_recorded_drive_is_localized_by_every_method(tmp_path: Path) -> None:
 def test_a_known_map_program_docks_leaves_drives_and_replays_to_the_same_bits(tmp_path: Path) -> None:
     steps = (DockStep("charger_1"), UndockStep("charger_1"), NavigateStep(SE2(-1.0, 0.5, 0.0)), DockStep("charger_1"))
     options = RunOptions((*steps, TeachStep("charger_1")), "dock_room", "amr_omni", 2, port=None, time_limit=180.0)
-    run = SimulatedRun(options, RunFolder(tmp_path / "run"))
-    try:
-        run.run()
-        fields = judge(run).fields
-    finally:
-        run.close()
+    run = explore(tmp_path / "run", options)
+    fields = judge(run).fields
     assert fields["ended"] == "succeeded", run.text
     assert (fields["collisions"], fields["goals_reached"]) == (0, 1)
     assert fields["dock_error_m"] < 0.005

@@ -249,14 +249,14 @@ def _pushes(x, y, vx, vy, wz, stands, normals, offsets, corners, nearest):
     gap = outline_distance(x, y, normals, offsets, corners, nearest)
     ux, uy = (x - nearest[0], y - nearest[1]) if gap > 0.0 else (x, y)
     length = max(1e-9, math.hypot(ux, uy))
-    ux, uy = SLIDE * ux / length, SLIDE * uy / length
+    ux, uy = ux / length, uy / length
     if abs(wz) > STRAIGHT or not stands:
         speed = math.hypot(vx - wz * nearest[1], vy + wz * nearest[0]) + abs(wz) * LEANING
-        nearer = ((vx - wz * nearest[1]) * ux + (vy + wz * nearest[0]) * uy) / SLIDE + abs(wz) * LEANING
+        nearer = (vx - wz * nearest[1]) * ux + (vy + wz * nearest[0]) * uy + abs(wz) * LEANING
         return speed if nearer > -AWAY * speed else 0.0
     fastest = -1e30
     for side in range(-1, 2):
-        px, py = x - side * uy, y + side * ux
+        px, py = x - side * SLIDE * uy, y + side * SLIDE * ux
         gap = outline_distance(px, py, normals, offsets, corners, nearest)
         tx, ty = (px - nearest[0], py - nearest[1]) if gap > 0.0 else (px, py)
         fastest = max(fastest, (vx * tx + vy * ty) / max(1e-9, math.hypot(tx, ty)))

@@ -18,7 +18,7 @@ ROWS: Sequence[Row] = (
     ),
     Row(
         "LiDAR-inertial odometry on 10 drawn sites (simulated), first pose aligned",
-        "≤ 0.1 % of the way (VLP-16, Mid-360), ≤ 0.05 % (64 rings); NEES 0.5 … 2",
+        "≤ 0.1 % of the way (VLP-16, Mid-360), ≤ 0.05 % (64 rings); NEES 0.5 … 2 (in the mean at least 0.5, of no site above 2)",
         "lio.json",
         "{site_vlp_16_runs} sites; worst {site_vlp_16_start_rms_pct_worst:.3f}, {site_mid_360_start_rms_pct_worst:.3f}, {site_os_64_start_rms_pct_worst:.3f} %; "
         "NEES, mean of the sites, {site_vlp_16_nees_mean:.2f}, {site_mid_360_nees_mean:.2f}, {site_os_64_nees_mean:.2f}, greatest "
@@ -26,7 +26,7 @@ ROWS: Sequence[Row] = (
         all_of(
             every("", "runs_met", of=30),
             *(at_least(f"site_{lidar}_", nees_mean=0.5) for lidar in LIDARS),
-            *(at_most(f"site_{lidar}_", nees_mean=2.0) for lidar in LIDARS),
+            *(at_most(f"site_{lidar}_", nees_worst=2.0) for lidar in LIDARS),
         ),
     ),
     Row(
