@@ -357,16 +357,16 @@ TERRAIN = (
     ),
     PlantedFault(
         "the gate does not see who stands behind a tilted scanner",
-        "safety/points.py",
-        "is_in_band |= is_lowest",
-        "is_in_band |= False & is_lowest",
+        "kernels/gate_points.py",
+        "or (is_lowest[k] and band",
+        "or (False and band",
         LEANING,
     ),
     PlantedFault(
         "the gate stops before what hangs over it",
-        "safety/points.py",
-        "is_in_band |= is_lowest & (heights",
-        "is_in_band |= (heights",
+        "kernels/gate_points.py",
+        "or (is_lowest[k] and band",
+        "or (band",
         LEANING,
     ),
     PlantedFault(

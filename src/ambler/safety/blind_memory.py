@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
+from ambler.kernels import blind as kernels
 from ambler.safety.visitors import GONE, Visitors, is_seen_near
 
 F64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Rays = tuple[F64, F64, F64]
 """Range (m), azimuth and elevation (rad) of points in a scanner's frame, each (N,)."""
 
-IsFloor = Callable[[F64], NDArray[np.bool_]]
+IsFloor = Callable[[F64], Flags]
 """Says of points (N, 3), level base frame, which belong to the floor."""
 
 COLUMN = 0.04  # metres; the side of a column of floor, of which one mean point is remembered
@@ -61,13 +63,11 @@ class FieldOfView:
         is_planar = self.elevation[1] - self.elevation[0] >= 2.0 * math.pi
         return is_round and is_planar and self.range_min + CUT <= distance
 
-    def contains(self, rays: Rays) -> NDArray[np.bool_]:
+    def contains(self, rays: Rays) -> Flags:
         """Return bool (N,)."""
-        ranges, azimuth, elevation = rays
-        middle, half = 0.5 * (self.azimuth[0] + self.azimuth[1]), 0.5 * (self.azimuth[1] - self.azimuth[0])
-        is_turned = np.abs((azimuth - middle + math.pi) % (2.0 * math.pi) - math.pi) <= half
-        is_level = (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
-        return np.asarray((ranges >= self.range_min) & is_turned & is_level)
+        out = np.empty(len(rays[0]), np.bool_)
+        kernels.are_inside(*rays, self.range_min, self.azimuth, self.elevation, out)
+        return out
 
 
 class BlindMemory:
@@ -121,15 +121,15 @@ class BlindMemory:
         )  # beside the sector nothing can be looked through
         is_kept = ~sure.contains(kept_rays) & ~_is_seen(kept, others)
         is_kept &= ~(looks_there & _looked_through(kept_rays, rays))
-        is_kept &= ~np.isin(_columns(kept), _columns(points_base[is_central]))  # at the rim, few may be left of a thing
+        is_kept &= ~_share_columns(kept, points_base, is_central)  # at the rim, few may be left of a thing
         is_kept &= self._travel - seen_at < self._max_travel
         is_kept &= ~(self._came & (seconds - near_at > GONE))
         if is_floor is not None:
             is_kept &= ~is_floor(kept)
         kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
-        fading = _column_means(points_base[is_fading], rays[0][is_fading], field.range_min + CUT)
+        fading = _column_means(points_base, rays[0], is_fading, field.range_min + CUT)
         together = _moved(odom_from_base, np.concatenate((fading, kept)), height)
-        first = np.unique(_columns(together), return_index=True)[1]
+        first = _first_of_columns(together)
         self._means_odom = together[first]
         self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
         returns = odom_from_base.transform(points_base[:, :2])
@@ -163,12 +163,13 @@ def _moved(pose: SE2, points: F64, height: float) -> F64:
 
 
 def _rays(sensor_from_base: SE3, points_base: F64) -> Rays:
-    p = sensor_from_base.transform(points_base)
-    flat = np.hypot(p[:, 0], p[:, 1])
-    return np.hypot(flat, p[:, 2]), np.arctan2(p[:, 1], p[:, 0]), np.arctan2(p[:, 2], flat)
+    n = len(points_base)
+    out = (np.empty(n), np.empty(n), np.empty(n))
+    kernels.rays_to(np.ascontiguousarray(sensor_from_base.matrix()[:3]), np.ascontiguousarray(points_base), *out)
+    return out
 
 
-def _is_seen(points_base: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> NDArray[np.bool_]:
+def _is_seen(points_base: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> Flags:
     """Return bool (N,): whether any scanner looks there, and not just with its rim, which may be gone at its next scan."""
     is_seen = np.zeros(len(points_base), np.bool_)
     for base_from_sensor, field in scanners:
@@ -176,35 +177,27 @@ def _is_seen(points_base: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> N
     return is_seen
 
 
-def _looked_through(kept: Rays, seen: Rays) -> NDArray[np.bool_]:
+def _looked_through(kept: Rays, seen: Rays) -> Flags:
     """Return bool (N,): whether there are returns in the direction of a kept point, and all of them lie behind it."""
-    bins, index = np.unique(_bins(seen), return_inverse=True)
-    if len(bins) == 0:
-        return np.zeros(len(kept[0]), np.bool_)
-    nearest = np.full(len(bins), np.inf)
-    np.minimum.at(nearest, index, seen[0])
-    wanted = _bins(kept)
-    at = np.minimum(np.searchsorted(bins, wanted), len(bins) - 1)
-    return np.asarray((bins[at] == wanted) & (nearest[at] > kept[0] + THROUGH))
+    out = np.empty(len(kept[0]), np.bool_)
+    kernels.look_through(kept, seen, BIN, THROUGH, out)
+    return out
 
 
-def _bins(rays: Rays) -> NDArray[np.int64]:
-    azimuth, elevation = (np.floor(angles / BIN + 0.5).astype(np.int64) for angles in rays[1:])
-    return np.asarray(azimuth * 1000 + elevation, np.int64)
+def _share_columns(places: F64, points: F64, is_wanted: Flags) -> Flags:
+    """Return bool (N,): whether a place (N, 3) has one of the wanted points (M, 3) in its column."""
+    out = np.empty(len(places), np.bool_)
+    kernels.are_in_columns(places, points, is_wanted, COLUMN, out)
+    return out
 
 
-def _columns(points: F64) -> NDArray[np.int64]:
-    cells = np.floor(points[:, :2] / COLUMN).astype(np.int64)
-    return np.asarray(cells[:, 0] * 1_000_003 + cells[:, 1], np.int64)
-
-
-def _column_means(points: F64, ranges: F64, least: float) -> F64:
-    """Return the mean point of every column that holds enough points and none nearer to the scanner than `least`, float64 (M, 3):
+def _column_means(points: F64, ranges: F64, is_wanted: Flags, least: float) -> F64:
+    """Return the mean point of every column that holds enough of the wanted points and none nearer to the scanner than `least`, float64 (M, 3):
     where the blind zone cuts the noise off, a mean lies too far out."""
-    columns, index, counts = np.unique(_columns(points), return_inverse=True, return_counts=True)
-    nearest = np.full(len(columns), np.inf)
-    np.minimum.at(nearest, index, ranges)
-    sums = np.zeros((len(columns), 3))
-    np.add.at(sums, index, points)
-    is_sure = (counts >= MIN_POINTS) & (nearest >= least)
-    return np.asarray(sums[is_sure] / counts[is_sure, None])
+    out = np.empty((len(points), 3))
+    return out[: kernels.column_means(points, ranges, is_wanted, COLUMN, MIN_POINTS, least, out)]
+
+
+def _first_of_columns(points: F64) -> NDArray[np.int64]:
+    out = np.empty(len(points), np.int64)
+    return out[: kernels.first_of_columns(points, COLUMN, out)]

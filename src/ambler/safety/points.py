@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se3 import SE3
+from ambler.kernels import gate_points as kernels
 from ambler.kernels.floor_walk import RING, SECTORS, heights_over, walk_floor
 from ambler.safety.floor_memory import FloorMemory
 
@@ -85,25 +86,18 @@ def points_of_cloud(
     (N, 3), in the base frame of the stamp. `sweep` is where the sensor was in a level base, free of the body's lean, at equal times from
     the scan's first point to its last. `floor`: heights count from a floor that may slope (None: it is level). `lowest` (rad) is the elevation of the lowest
     beam: of somebody behind a scanner that is tilted forwards only the trunk is seen, so what it meets above the band is in the way as well."""
-    x, y = cloud.points[:, 0], cloud.points[:, 1]
-    is_near = x * x + y * y <= np.float32(reach * reach)
-    near, times = cloud.points[is_near], cloud.time[is_near].astype(np.float64)
-    duration = float(cloud.time.max(initial=0.0))
-    part = (
-        np.rint(times / duration * (len(sweep) - 1)).astype(np.int64) if duration > 0.0 else np.zeros(len(times), int)
-    )
-    points = np.empty((len(near), 3))
-    for k, base_from_sensor in enumerate(sweep):
-        points[part == k] = base_from_sensor.transform(near[part == k])
-    heights = points[:, 2]
+    poses, n = np.stack([pose.matrix()[:3] for pose in sweep]), len(cloud.points)
+    points, times, is_lowest = np.empty((n, 3)), np.empty(n), np.empty(n, np.bool_)
+    sine = math.sin(lowest + ABOVE_LOWEST) if lowest > -0.5 * math.pi else -math.inf
+    read = (np.ascontiguousarray(cloud.points, np.float32), np.ascontiguousarray(cloud.time, np.float32))
+    count = kernels.near_points(*read, poses, reach, sine, points, times, is_lowest)
+    points = points[:count]
+    heights = points[:, 2].copy()
     if floor is not None:
         floor.find(points)
         heights = floor.heights(points)
-    is_in_band = (heights >= z_band[0]) & (heights <= z_band[1])
-    if lowest > -0.5 * math.pi:
-        is_lowest = near[:, 2] <= math.sin(lowest + ABOVE_LOWEST) * np.linalg.norm(near, axis=1)
-        is_in_band |= is_lowest & (heights > z_band[1]) & (heights <= STANDING)
-    return carried_to_stamp(points[is_in_band], times[is_in_band], twist)
+    out = np.empty((count, 3))
+    return out[: kernels.standing_points(points, times, heights, is_lowest, z_band, STANDING, twist, out)]
 
 
 def patch_means(points: F64, origin: tuple[float, float]) -> F64:
@@ -111,20 +105,8 @@ def patch_means(points: F64, origin: tuple[float, float]) -> F64:
 
     A lone return counts, unless a surface of several returns lies close behind it: then it is that surface's noise.
     """
-    dx, dy = points[:, 0] - origin[0], points[:, 1] - origin[1]
-    azimuth = np.floor(np.arctan2(dy, dx) / PATCH[0]).astype(np.int64)
-    distance = np.floor(np.hypot(dx, dy) / PATCH[1]).astype(np.int64)
-    row = 100_000
-    patches, index, counts = np.unique(azimuth * row + distance, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(index, points[:, k], len(counts)) for k in range(3)], axis=1)
-    surfaces = patches[counts > 1]
-    is_sure = counts > 1
-    is_noise = np.zeros(len(patches), np.bool_)
-    for beside in (-row, 0, row):
-        for behind in range(1, PATCHES_BEHIND + 1):
-            is_noise |= np.isin(patches + beside + behind, surfaces)
-    is_sure |= ~is_noise
-    return np.asarray(sums[is_sure] / counts[is_sure, None])
+    out = np.empty((len(points), 3))
+    return out[: kernels.patch_means(np.ascontiguousarray(points, np.float64), origin, PATCH, PATCHES_BEHIND, out)]
 
 
 def carried_to_stamp(points: F64, times: F64, twist: F64) -> F64:

@@ -1,0 +1,88 @@
+"""What the gate remembers of blind zones: kernels against their NumPy twins."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ambler.kernels import blind as kernels
+
+F64 = NDArray[np.float64]
+SIDE = 0.04
+
+
+def columns(points: F64) -> list[tuple[int, int]]:
+    return [(math.floor(x / SIDE), math.floor(y / SIDE)) for x, y in points[:, :2]]
+
+
+@pytest.fixture(params=range(4))
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    return np.random.default_rng(request.param)
+
+
+def test_places_in_the_columns_of_wanted_points(rng: np.random.Generator) -> None:
+    places, points = rng.uniform(-1.0, 1.0, (300, 3)), rng.uniform(-1.0, 1.0, (2000, 3))
+    is_wanted, out = rng.uniform(size=2000) < 0.5, np.empty(300, np.bool_)
+    kernels.are_in_columns(places, points, is_wanted, SIDE, out)
+    wanted = set(columns(points[is_wanted]))
+    assert out.tolist() == [c in wanted for c in columns(places)]
+    assert 50 < out.sum() < 250
+
+
+def test_means_of_columns_with_enough_points_and_none_too_near(rng: np.random.Generator) -> None:
+    points, ranges = rng.uniform(-0.5, 0.5, (3000, 3)), rng.uniform(0.3, 2.0, 3000)
+    is_wanted, out = rng.uniform(size=3000) < 0.7, np.empty((3000, 3))
+    found = out[: kernels.column_means(points, ranges, is_wanted, SIDE, 3, 0.5, out)]
+    held: dict[tuple[int, int], list[int]] = {}
+    for k, column in enumerate(columns(points)):
+        if is_wanted[k]:
+            held.setdefault(column, []).append(k)
+    expected = [points[ks].mean(axis=0) for ks in held.values() if len(ks) >= 3 and ranges[ks].min() >= 0.5]
+    assert 50 < len(expected) < len(held) - 50
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_the_first_of_every_column(rng: np.random.Generator) -> None:
+    points, out = rng.uniform(-30.0, 30.0, (4000, 3)), np.empty(4000, np.int64)
+    points[2000:] = points[:2000] + rng.uniform(-0.02, 0.02, (2000, 3))
+    found = out[: kernels.first_of_columns(points, SIDE, out)]
+    seen: dict[tuple[int, int], int] = {}
+    for k, column in enumerate(columns(points)):
+        seen.setdefault(column, k)
+    assert found.tolist() == list(seen.values())
+    assert len(seen) < 4000
+
+
+def test_what_is_looked_through(rng: np.random.Generator) -> None:
+    step = math.radians(2.0)
+    rays = [
+        (rng.uniform(0.5, 3.0, n), rng.uniform(-math.pi, math.pi, n), rng.uniform(-0.3, 0.3, n)) for n in (400, 3000)
+    ]
+    kept, seen = rays
+    seen[0][::10] = np.nan  # no ray at all
+    out = np.empty(400, np.bool_)
+    kernels.look_through(kept, seen, step, 0.1, out)
+    bins = [np.floor(np.column_stack(r[1:]) / step + 0.5).astype(int).tolist() for r in rays]
+    for k in range(400):
+        behind = [seen[0][j] for j in range(3000) if bins[1][j] == bins[0][k] and not np.isnan(seen[0][j])]
+        assert out[k] == (len(behind) > 0 and min(behind) > kept[0][k] + 0.1)
+    assert 20 < out.sum() < 380
+
+
+def test_rays_and_sectors(rng: np.random.Generator) -> None:
+    points, turn = rng.uniform(-2.0, 2.0, (500, 3)), 0.4
+    pose = np.array(
+        [[math.cos(turn), -math.sin(turn), 0.0, 0.2], [math.sin(turn), math.cos(turn), 0.0, -0.1], [0, 0, 1.0, 0.5]]
+    )
+    ranges, azimuth, elevation = (np.empty(500) for _ in range(3))
+    kernels.rays_to(pose, points, ranges, azimuth, elevation)
+    again = ranges[:, None] * np.column_stack(
+        (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation))
+    )
+    np.testing.assert_allclose(again, points @ pose[:, :3].T + pose[:, 3], atol=1e-12)
+    out = np.empty(500, np.bool_)
+    kernels.are_inside(ranges, azimuth, elevation, 0.8, (2.5, 4.0), (-0.5, 0.6), out)  # across the seam at pi
+    is_turned = (azimuth >= 2.5) | (azimuth <= 4.0 - 2.0 * math.pi)
+    assert out.tolist() == ((ranges >= 0.8) & is_turned & (elevation >= -0.5) & (elevation <= 0.6)).tolist()
+    assert 20 < out.sum() < 300
