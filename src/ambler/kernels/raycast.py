@@ -405,9 +405,10 @@ def corrupt_ranges(distance, cosine, normals, uniforms, noise, out):
     """Turn exact distances float32 (C, R) into measured ones: noise, mixed pixels at edges, losses, the range limits.
 
     `noise` is `RangeNoise`: noise sigma_0 + sigma_1 * r; a beam is lost (NaN) with probability `dropout` plus up to `grazing_dropout` as its cosine
-    of incidence falls from `grazing_cosine` to 0; where the distance jumps from the previous column of the same ring by
-    `mixed_min` to `mixed_max` metres, it lies anywhere between the two with probability `mixed`. Nearer than `range_min`:
-    NaN; farther than `range_max` or nothing hit: inf. `normals`, `uniforms` float32 (C, R) are the chance.
+    of incidence falls from `grazing_cosine` to 0; where the distance jumps between two columns of the same ring by `mixed_min` to
+    `mixed_max` metres, one of the two beams, with equal chance either, lies anywhere between them with probability `mixed`: a beam is as wide
+    to its left as to its right, and edges that were torn on one side only would turn a map. Nearer than `range_min`: NaN; farther than
+    `range_max` or nothing hit: inf. `normals`, `uniforms` float32 (C, R) are the chance.
     """
     for c in range(distance.shape[0]):
         for r in range(distance.shape[1]):
@@ -422,10 +423,12 @@ def corrupt_ranges(distance, cosine, normals, uniforms, noise, out):
             if u < lost or d < noise.range_min:
                 out[c, r] = np.nan
                 continue
-            if c > 0 and noise.mixed > 0.0:
-                jump = distance[c - 1, r] - d
-                if noise.mixed_min < abs(jump) < noise.mixed_max and u - lost < noise.mixed:
-                    d += jump * (u - lost) / noise.mixed
+            if u - lost < noise.mixed:
+                share = 2.0 * (u - lost) / noise.mixed
+                beside = c - 1 if share < 1.0 else c + 1
+                jump = distance[beside, r] - d if 0 <= beside < distance.shape[0] else 0.0
+                if noise.mixed_min < abs(jump) < noise.mixed_max:
+                    d += jump * (share % 1.0)
             d += (noise.sigma_0 + noise.sigma_1 * d) * normals[c, r]
             out[c, r] = d if d <= noise.range_max else np.inf
 
