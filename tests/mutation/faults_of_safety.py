@@ -8,6 +8,7 @@ NUMBERS = ("tests/safety/test_numbers.py",)
 FIELD = ("tests/safety/test_protective_field.py",)
 GATE = ("tests/safety/test_gate.py",)
 MEMORY = ("tests/safety/test_blind_memory.py",)
+POINTS = ("tests/safety/test_gate_points.py",)
 
 SAFETY = (
     PlantedFault(
@@ -141,6 +142,34 @@ SAFETY = (
         "last.distance_to(odom_from_base) + turn * self._radius",
         "last.distance_to(odom_from_base)",
         MEMORY + NUMBERS,
+    ),
+    PlantedFault(
+        "the noise of a surface stands before it",
+        "kernels/gate_points.py",
+        "if held == 1 and _has_surface_behind(counts, sector, step, behind):",
+        "if False:",
+        POINTS,
+    ),
+    PlantedFault(
+        "straight behind a scanner its directions end",
+        "kernels/gate_points.py",
+        "counts[(sector + beside) % sectors]",
+        "counts[min(max(sector + beside, 0), sectors - 1)]",
+        POINTS,
+    ),
+    PlantedFault(
+        "the gate takes every point for one of the scan's begin",
+        "kernels/gate_points.py",
+        "angle = twist[2] * t",
+        "angle = 0.0 * t",
+        POINTS,
+    ),
+    PlantedFault(
+        "what the blind zone cuts off is remembered as it was measured",
+        "kernels/blind.py",
+        "counts[column] >= most and nearest[column] >= least",
+        "counts[column] >= most",
+        ("tests/safety/test_blind_kernels.py",),
     ),
     PlantedFault(
         "a blind scanner clears what it cannot see",

@@ -15,6 +15,13 @@ TOLD = ("tests/apps/test_imperfect_robot.py",)
 
 SENSORS = (
     PlantedFault(
+        "edges are torn at their later side only",
+        "kernels/raycast.py",
+        "beside = c - 1 if share < 1.0 else c + 1",
+        "beside = c - 1",
+        SENSED,
+    ),
+    PlantedFault(
         "wheels do not slip",
         "sim/odometry.py",
         "noise = spec.slip_sigma * math.sqrt(1.0 - keep * keep)",
