@@ -24,6 +24,20 @@ ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 LIO = (
     PlantedFault(
+        "scans of the place where it stands turn the beginning",
+        "lio/odometry.py",
+        "        if self._is_unmoved:  # its scans only build the map",
+        "        if False:  # its scans only build the map",
+        ("tests/lio/test_beginning.py",),
+    ),
+    PlantedFault(
+        "who glides off softly is thought to stand",
+        "lio/odometry.py",
+        "return bool(way < c.way_most and turn < c.turn_most)",
+        "return True",
+        ("tests/lio/test_beginning.py",),
+    ),
+    PlantedFault(
         "a mount that is learned turns the way",
         "lio/beginning.py",
         "return began @ _mount(state) @ _mount(origin).inverse() @ began.inverse()",

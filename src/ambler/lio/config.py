@@ -76,7 +76,8 @@ class StartConfig:
 
 @dataclass(frozen=True, slots=True)
 class RestConfig:
-    """Zero-velocity updates: a scan's inertial measurements vary no more than `factor` times as much as at the start, and it hardly moves."""
+    """Zero-velocity updates: a scan's inertial measurements vary no more than `factor` times as much as at the start, and it hardly moves. Until then, and until
+    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began."""
 
     is_used: bool = True
     factor: float = 2.0
@@ -84,6 +85,8 @@ class RestConfig:
     rate_most: float = 0.02
     velocity_sigma: float = 0.01
     rate_sigma: float = 0.002
+    way_most: float = 0.01
+    turn_most: float = 0.003
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,6 +66,7 @@ class LidarInertialOdometry:
         self._inserted_at: FilterState | None = None
         self._inserts = 0
         self._stands = False
+        self._is_unmoved = True
         self._origin = FilterState()
         imu = self.config.imu
         alone = self.config.alone
@@ -82,6 +83,7 @@ class LidarInertialOdometry:
 
         Raises LioInputError when the measurements cannot be what they are said to be.
         """
+        c = self.config
         self._take(scan)
         end = self._imu.seconds(scan.end_ns) + self.state.clock
         if self.start is None and not self._begin(scan):
@@ -89,10 +91,17 @@ class LidarInertialOdometry:
         if end <= self._time or len(scan.cloud.points) == 0:
             return None
         samples = self._samples(end)
+        before = self.covariance.copy()
         prior = self._propagate(samples)  # eqs. (5)-(8)
+        self._is_unmoved = self._is_unmoved and self._is_quiet(prior, samples)
+        if self._is_unmoved:  # as far as the IMU notices
+            self.covariance[:6, :6] += np.diag(np.repeat(np.square([c.rest.way_most, c.rest.turn_most]), 3))
         points, ranges, times = self._thin_out(scan.cloud, prior)
         points_imu = self._compensate(points, times)  # eq. (9)
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
+        self._is_unmoved = self._is_unmoved and self._is_at_origin(state)
+        if self._is_unmoved:  # its scans only build the map: they are of one place, and lean alike
+            state, self.covariance = self.state.copy(), before
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - self.state.position, weak.translation)
@@ -308,6 +317,17 @@ class LidarInertialOdometry:
         self.covariance = 0.5 * (covariance + covariance.T)
         state.rotation = _orthonormal(state.rotation)
         return state, weak, moments, iteration
+
+    def _is_quiet(self, prior: FilterState, samples: F64) -> bool:
+        assert self.start is not None
+        c = self.config
+        return c.rest.is_used and c.has_imu and standstill(prior, samples, self.start, c.rest) is not None
+
+    def _is_at_origin(self, state: FilterState) -> bool:
+        """Say whether a state that a scan found is where the map began, as near as planes through the rings of one place can tell."""
+        o, c = self._origin, self.config.rest
+        way, turn = np.linalg.norm(state.position - o.position), np.linalg.norm(log(o.rotation.T @ state.rotation))
+        return bool(way < c.way_most and turn < c.turn_most)
 
     def _noise_factor(self) -> float:
         """Return how many times noisier than later a return counts: what planes through the rings of one place say as it leaves it, the gyroscope knows better.
