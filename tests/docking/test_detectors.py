@@ -98,6 +98,19 @@ def test_a_marker_at_a_wrong_place_is_outvoted_or_refused() -> None:
     assert by_camera(two).detect(DockObservation(0, view.picture(truth)), SE2(0.9, 0.0, 0.0)) is None
 
 
+@pytest.mark.parametrize("stretch", [(1.003, 0.997), (0.997, 1.003)])
+def test_a_lens_that_is_told_a_little_wrong_hides_no_dock(stretch: tuple[float, float]) -> None:
+    """Near the dock its markers lie far apart in the picture: 0.3 % of the focal lengths are pixels there, and no contradiction between markers."""
+    told = replace(FRONT, fx=FRONT.fx * stretch[0], fy=FRONT.fy * stretch[1])
+    finder = FiducialDetector(told, [m.spec for m in MARKER_DOCK.markers])
+    view, detector = View(MARKER_DOCK), MarkerDockDetector(MARKER_DOCK, finder, BASE_FROM_CAMERA)
+    for ahead in (0.5, 0.4, 0.3):
+        truth = SE2(ahead, 0.02, 0.05)
+        found = detector.detect(DockObservation(0, view.picture(truth)), SE2(ahead + 0.02, 0.0, 0.0))
+        assert found is not None
+        assert found.base_from_dock.distance_to(truth) < 0.012
+
+
 def test_the_configured_offset_is_applied_in_the_frame_of_the_dock() -> None:
     truth, offset = SE2(0.9, 0.1, 0.1), SE2(0.01, -0.004, 0.02)
     picture = View(MARKER_DOCK).picture(truth)

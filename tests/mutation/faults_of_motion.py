@@ -860,6 +860,13 @@ MOTION = (
         DETECTORS,
     ),
     PlantedFault(
+        "a lens counts as exact",
+        "docking/marker_dock.py",
+        "bent = self._config.lens * _bent_rays(s.rays)",
+        "bent = 0.0 * _bent_rays(s.rays)",
+        DETECTORS,
+    ),
+    PlantedFault(
         "a docking robot does not wait for who stands in its way",
         "missions/dock.py",
         "        if self._now.held_seconds > c.wait_time:",

@@ -23,7 +23,7 @@ class LessonConfig:
 
     sightings: int = 60
     least: int = 20
-    seconds: float = 12.0
+    seconds: float = 30.0
     most: tuple[float, float] = (0.05, math.radians(3.0))
     outlier: float = 4.0
 

@@ -30,12 +30,14 @@ F64 = NDArray[np.float64]
 class MarkerDockConfig:
     """`place` (m), `turn` (rad), `size` (share): how exactly markers hang where the dock says, turned as it says, and are printed as large as it says;
     the standard deviations of ± 1 mm, ± 0.3° and ± 0.3 %, to which people hang and print them. `prior`: standard deviations (m, rad) of the expected pose, which only
-    chooses. `surprise`: chi-squared per corner coordinate from which a marker does not fit the others. `guess`: share of belief
+    chooses. `lens`: standard deviation of its two focal lengths, of ± 0.3 % (the principal point moves all markers alike). `surprise`: chi-squared per corner coordinate
+    from which a marker does not fit the others, as far as place, turn, size and lens can be off. `guess`: share of belief
     in the second pose from which, when the two are `apart` (rad), nothing is said."""
 
     place: float = 0.0006
     turn: float = math.radians(0.17)
     size: float = 0.0017
+    lens: float = 0.0017
     prior: tuple[float, float] = (0.15, math.radians(4.0))
     surprise: float = 9.0
     guess: float = 0.01
@@ -134,7 +136,8 @@ class MarkerDockDetector:
             marker = self._markers[s.marker]
             corners = (camera_from_dock @ marker.dock_from_marker).transform(marker.spec.corners())
             e = (corners[:, :2] / corners[:, 2:] - s.rays).reshape(-1)
-            errors.append(float(e @ np.linalg.solve(self._ray_covariance(s), e)) / len(e))
+            bent = self._config.lens * _bent_rays(s.rays)
+            errors.append(float(e @ np.linalg.solve(self._ray_covariance(s) + bent @ bent.T, e)) / len(e))
         worst = int(np.argmax(errors))
         return worst if errors[worst] > self._config.surprise else None
 
@@ -150,6 +153,13 @@ class MarkerDockDetector:
             covariance += belief * np.outer(d, d)
         offset = self._dock.offset
         return DockDetection(stamp_ns, "markers", pose @ offset, through_offset(covariance, offset), parts)
+
+
+def _bent_rays(rays: F64) -> F64:
+    """Return the derivative (8, 2) of the rays (4, 2) of a marker's corners by shares of a lens's two focal lengths."""
+    out = np.zeros((len(rays), 2, 2))
+    out[:, 0, 0], out[:, 1, 1] = rays[:, 0], rays[:, 1]
+    return out.reshape(-1, 2)
 
 
 def _moved_rays(camera_from_marker: SE3, corners: F64) -> F64:
