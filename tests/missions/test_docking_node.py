@@ -294,7 +294,7 @@ def test_a_dock_is_not_taught_by_a_robot_that_is_lost_sees_nothing_or_moves(tmp_
     assert codes(client) == ["LOST"]
     assert "does not know where it is" in client.outcomes[0].text
     blind = Peers(SE2(2.5, -1.0, 0.3))
-    client, _, _ = play(tmp_path, blind, [(0.5, TeachDockGoal("strips"))], 15.0)
+    client, _, _ = play(tmp_path, blind, [(0.5, TeachDockGoal("strips"))], 33.0)
     assert codes(client) == ["DOCK_NOT_SEEN"]
     moving = Peers(SE2(2.5, -1.0, 0.3))
     moving.command = VelocityCommand(700_000_000, 0.1, 0.0, 0.0)
