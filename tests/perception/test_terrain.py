@@ -70,16 +70,15 @@ def test_a_drop_is_seen_before_the_robot_is_near(robot: str, depth: float) -> No
 
 
 def test_a_drop_is_seen_by_who_sees_little_floor_before_it() -> None:
-    """A level LiDAR sees no floor within 5 m; with the edge 7.2 m away where it starts, a metre of sparse floor is all that it ever sees before it."""
+    """A level LiDAR sees no floor within 5 m; with the edge 7 m away where it starts, less than a metre of sparse floor is all that it ever sees before it."""
     error = SE3.from_rpy((0.0, 0.0, -0.02), math.radians(-2.5), math.radians(-1.2), 0.0)
     gaps = []
-    for seed in (1, 3, 5):
-        beyond = half_plane(7.2, -0.36, -0.11, is_beyond=True)
-        rover = Rover(made(half_plane(7.2, -0.36, 0.0, is_beyond=False), beyond), ROBOTS["mecanum"], seed, error)
+    for seed in (1, 2, 3):
+        beyond = half_plane(7.0, -0.36, -0.11, is_beyond=True)
+        rover = Rover(made(half_plane(7.0, -0.36, 0.0, is_beyond=False), beyond), ROBOTS["mecanum"], seed, error)
         terrain = rover.feed(TerrainAnalysis(replace(config(), columns=144)), along_x(0.0, 5.0))
-        gaps.append(widest_gap(within(terrain, 6.0, 8.6, 0.6), 0.5))
-    assert np.median(gaps) < 0.4
-    assert max(gaps) < 2.0 * ROBOTS["mecanum"].inscribed_radius + 1e-6
+        gaps.append(widest_gap(within(terrain, 5.8, 8.4, 0.6), 0.5))
+    assert max(gaps) < 0.4
 
 
 def test_a_window_holds_the_floor_that_a_robot_sees() -> None:
