@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambler.lio.config import LioConfig
+from ambler.lio.config import DriftConfig, LioConfig
 from ambler.lio.drift import Drift
 from ambler.lio.health import LioResult
 from ambler.lio.state import log
@@ -23,7 +23,7 @@ STEP = 0.02  # m between two poses that may become the middle
 class Keyframe:
     """`odom_from_keyframe` float64 (4, 4) is the LiDAR's pose at the scan in its middle, as the odometry had it, at `stamp_ns`, after `way` metres. `cloud` lies in
     the keyframe; `up` (3,) is the direction against gravity there, good to `up_sigma` rad, None: unknown. `covariance` (6, 6) is that of
-    the drift on as long a way, perturbed on the right of its end. `is_at_rest`: the scanner had not moved yet."""
+    the drift that is reckoned with on as long a way, perturbed on the right of its end. `is_at_rest`: the scanner had not moved yet."""
 
     stamp_ns: int
     way: float
@@ -39,14 +39,15 @@ class KeyframeBuilder:
     """Takes the odometry's results one by one and gives a keyframe whenever a stretch is complete."""
 
     def __init__(self, config: LioConfig) -> None:
-        self._config, self._loops = config, config.loops
+        self._loops = config.loops
         self._way = 0.0
         self._last: F64 | None = None
         self._stands = True  # at the very beginning, before the first step
         self._begin: F64 | None = None
         self._track: list[tuple[int, float, F64]] = []  # stamp, way and pose along the stretch
         self._parts: list[NDArray[np.float32]] = []
-        self._drift = Drift(config.drift)
+        self._may_drift = _allowed(config)
+        self._drift = Drift(self._may_drift)
         self._up, self._ups, self._up_sigma = np.zeros(3), 0, 0.0
 
     def add(self, result: LioResult) -> Keyframe | None:
@@ -86,7 +87,7 @@ class KeyframeBuilder:
 
     def _restart(self) -> None:
         self._begin, self._parts, self._track = None, [], []
-        self._drift = Drift(self._config.drift)
+        self._drift = Drift(self._may_drift)
         self._up, self._ups = np.zeros(3), 0
 
     def _is_complete(self, pose: F64) -> bool:
@@ -128,6 +129,14 @@ class KeyframeBuilder:
         covariance = turned @ covariance @ turned.T
         least = np.repeat(np.square(self._loops.odometry_least), 3)
         return np.asarray(covariance + np.diag(least))
+
+
+def _allowed(config: LioConfig) -> DriftConfig:
+    drift, loops = config.drift, config.loops
+    walk, coasted = loops.drift_factor, loops.coasting_factor
+    return replace(
+        drift, position=walk * drift.position, rotation=walk * drift.rotation, coasting=coasted * drift.coasting
+    )
 
 
 def _tuple(v: F64) -> tuple[float, float, float]:

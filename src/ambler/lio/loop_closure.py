@@ -159,7 +159,7 @@ class LoopClosure:
         frames, c = self.keyframes, self._loops
         chain = [np.linalg.inv(a.odom_from_keyframe) @ b.odom_from_keyframe for a, b in pairwise(frames)]
         edges = np.array([*chain, *(closure.earlier_from_later for closure in self.closures)]).reshape(-1, 4, 4)
-        spreads = [c.drift_factor**2 * frame.covariance for frame in frames[:-1]]
+        spreads = [frame.covariance for frame in frames[:-1]]
         if self._first_step is not None:
             chain[0], spreads[0] = self._first_step
         information = [np.linalg.inv(spread) for spread in spreads] + [x.information for x in self.closures]

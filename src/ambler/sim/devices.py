@@ -31,6 +31,7 @@ M = TypeVar("M", bound=m.Message)
 READ_NS = 10_000_000  # how often what has no transport latency is read
 SLOWEST_READ_NS = 20_000_000
 CAMERA_LATENCY_NS = 40_000_000
+PART_NS = 10_000_000  # of a turn whose rays are cast at once: a simulator in real time must not fall behind at the end of every turn
 NEVER_NS = -(1 << 62)
 
 
@@ -156,31 +157,56 @@ class SimulatedLegs:
 
 
 class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
-    """A scanner: a scan or a cloud arrives `latency` after the end of its sweep."""
+    """A scanner: a scan or a cloud arrives `latency` after the end of its sweep. The many rays of a cloud are cast part by part while it turns."""
 
     def __init__(self, world: World, body: Body, frame: str, spec: LidarSpec) -> None:
         spec = spec.perfect() if world.config.is_perfect else spec
-        period_ns, self._sweep_ns = round(spec.period * 1e9), round(spec.sweep_time * 1e9)
-        first_ns = _first_after(self._sweep_ns, round(spec.phase * 1e9), period_ns)
-        super().__init__(world, body, frame, period_ns, first_ns, round(spec.latency * 1e9))
+        self._turn_ns, self._sweep_ns = round(spec.period * 1e9), round(spec.sweep_time * 1e9)
+        self._is_flat = len(spec.elevations) == 1
+        parts = 1 if self._is_flat else -(-self._sweep_ns // PART_NS)
+        self._ends_ns = [round(k * self._sweep_ns / parts / TICK_NS) * TICK_NS for k in range(1, parts)] + [self._sweep_ns]
+        first_ns = _first_after(self._sweep_ns, round(spec.phase * 1e9), self._turn_ns)
+        latency_ns = round(spec.latency * 1e9)
+        super().__init__(world, body, frame, self._turn_ns, first_ns - self._sweep_ns + self._ends_ns[0], latency_ns)
+        self._part = 0
         self.frame = frame
         self._spec = spec
         self._sensor = LidarSensor(spec, frame, world.scene, body.seed)
-        self._poll_ns = _poll_ns(period_ns, first_ns + self._latency_ns)
+        self._poll_ns = _poll_ns(self._turn_ns, first_ns + self._latency_ns)
 
     @property
     def poll_period(self) -> float:
         """Seconds, so that a reader meets the instants of arrival."""
         return self._poll_ns * 1e-9
 
-    def _measure(self, now_ns: int, elapsed_ns: int) -> None:
-        sensor, body, first_ns = self._sensor, self._body, elapsed_ns - self._sweep_ns
-        stamp_ns = now_ns - self._sweep_ns - round(self._spec.clock * 1e9)
-        movers = self._world.movers_around(body, self._spec.sweep_time)
-        airs = body.faults.airs(elapsed_ns * 1e-9)
-        sensor.sweep(*body.knots(self.frame, first_ns), movers, 1e-9 * first_ns, airs)
-        is_flat = len(self._spec.elevations) == 1
-        measured = sensor.to_scan(stamp_ns) if is_flat else sensor.to_cloud(stamp_ns)
+    def open(self) -> None:
+        """Begin to measure, with the first part of a turn."""
+        if self._state is not DeviceState.OPEN:
+            self.due_ns -= self._ends_ns[self._part] - self._ends_ns[0]
+            self._part = 0
+        super().open()
+
+    def sense(self) -> None:
+        """Cast the part of the turn that ends now; the last one completes it."""
+        begin_ns, end_ns = ([0, *self._ends_ns][self._part], self._ends_ns[self._part])
+        elapsed_ns, body, sensor = self._world.elapsed_ns, self._body, self._sensor
+        first_ns = elapsed_ns - end_ns
+        is_last = end_ns == self._sweep_ns
+        if self._part == 0:
+            sensor.begin(1e-9 * first_ns)
+        knots = body.knots(self.frame, first_ns + begin_ns)
+        movers = self._world.movers_around(body, 1e-9 * (end_ns - begin_ns))
+        sensor.cast(1e-9 * begin_ns, math.inf if is_last else 1e-9 * end_ns, knots, movers)
+        if is_last:
+            self._complete(first_ns)
+        self._part = 0 if is_last else self._part + 1
+        self.due_ns += self._turn_ns - self._sweep_ns + self._ends_ns[0] if is_last else self._ends_ns[self._part] - end_ns
+
+    def _complete(self, first_ns: int) -> None:
+        sensor, body, elapsed_ns = self._sensor, self._body, self._world.elapsed_ns
+        sensor.finish(body.knots(self.frame, first_ns), body.faults.airs(elapsed_ns * 1e-9))
+        stamp_ns = self._world.now_ns - self._sweep_ns - round(self._spec.clock * 1e9)
+        measured = sensor.to_scan(stamp_ns) if self._is_flat else sensor.to_cloud(stamp_ns)
         sent = body.faults.pass_on(measured, elapsed_ns * 1e-9)
         if sent is None:
             self._lost += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ from ambler.sim.scene import RayScene
 from ambler.sim.sensors import LidarSpec, named_generator
 
 F64 = NDArray[np.float64]
+Knots = tuple[F64, F64, F64]  # seconds (K,), positions (K, 3), quaternions (K, 4)
 Movers = raycast.MovingSolids
 NO_MOVERS = Movers(np.zeros((0, 15)), np.zeros(0, np.uint8), np.zeros((0, 2)))
 
@@ -51,26 +53,37 @@ class LidarSensor:
         """Cast one turn; the sensor's poses in the world at `times` (seconds after the first column) are its knots, `movers` are
         where they are at the first column. `first`: seconds from the switching on to the first column, which a pattern that does not
         repeat depends on; `airs`: what floats."""
-        scene, spec = self._scene, self.spec
-        if spec.wanders:
-            self._directions = rosette(first, spec)
-        reach = spec.range_max + 1.0
+        self.begin(first)
+        self.cast(0.0, math.inf, (times, positions, quaternions), movers)
+        self.finish((times, positions, quaternions), airs)
+
+    def begin(self, first: float) -> None:
+        """Begin a turn, `first` seconds after the switching on; `cast` its parts, one after the other, and `finish` it."""
+        if self.spec.wanders:
+            self._directions = rosette(first, self.spec)
+
+    def cast(self, begin: float, end: float, knots: Knots, movers: Movers = NO_MOVERS) -> None:
+        """Cast the columns of the times from `begin` until before `end` (seconds after the first column). `knots` are the sensor's poses and times after `begin`,
+        `movers` where they are at `begin`."""
+        columns = slice(*np.searchsorted(self._times, (begin, end)))
+        if columns.start == columns.stop:
+            return
         raycast.sweep(
-            *(scene.solids, movers, raycast.Track(times, positions, quaternions)),
-            *(self._times, self._directions, reach),
-            raycast.Returns(self._distance, self._cosine, self._intensity),
+            *(self._scene.solids, movers, raycast.Track(*knots)),
+            *(self._times[columns] - begin, self._directions[columns], self.spec.range_max + 1.0),
+            raycast.Returns(self._distance[columns], self._cosine[columns], self._intensity[columns]),
         )
+
+    def finish(self, knots: Knots, airs: Sequence[Air] = ()) -> None:
+        """Make measurements of what was cast: noise, losses, and what floats, for which `knots` are the sensor's poses in all of the turn."""
         self._rng.standard_normal(out=self._normals, dtype=np.float32)
         self._rng.random(out=self._uniforms, dtype=np.float32)
         raycast.corrupt_ranges(self._distance, self._cosine, self._normals, self._uniforms, self._noise, self._measured)
         self._is_false[:] = False
         for air in airs:
             self._is_false |= self._spoiled.spoil(
-                air,
-                (self._distance, self._measured, self._intensity),
-                (self._times, self._directions),
-                (times, positions, quaternions),
-                spec.range_min,
+                *(air, (self._distance, self._measured, self._intensity), (self._times, self._directions)),
+                *(knots, self.spec.range_min),
             )
 
     @property
