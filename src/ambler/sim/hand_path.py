@@ -57,12 +57,13 @@ class Burst:
 class HandPath:
     """`way` float64 (N, 3): closed polyline of places of the hand, metres in the world, N >= 4, run through at `speed` m/s.
 
-    Rests of `rest` seconds stand at both ends; speed changes within `ramp` seconds. `tilt` is a constant mounting roll and pitch.
+    Rests of `rest` seconds stand at both ends, the last one of `rest_after` seconds where that is given; speed changes within `ramp` seconds. `tilt` is a constant mounting roll and pitch.
     """
 
     way: F64
     speed: float = 1.4
     rest: float = 2.0
+    rest_after: float | None = None
     ramp: float = 2.0
     sway: Sway = field(default_factory=Sway)
     bursts: tuple[Burst, ...] = ()
@@ -90,7 +91,12 @@ class HandPath:
     @property
     def seconds(self) -> float:
         """How long it takes with both rests."""
-        return 2.0 * self.rest + self._walk_seconds
+        return self.standing_from + (self.rest if self.rest_after is None else self.rest_after)
+
+    @property
+    def standing_from(self) -> float:
+        """When the walk has ended, seconds."""
+        return self.rest + self._walk_seconds
 
     @property
     def _walk_seconds(self) -> float:

@@ -202,13 +202,13 @@ ROWS: Sequence[Row] = (
         every("", "runs_met", of=4),
     ),
     Row(
-        "LiDAR-inertial odometry at rest for 10 min (simulated)",
-        "≤ 1 cm, NEES 0.5 … 2",
+        "LiDAR-inertial odometry that stands for 10 min after a walk of 60 to 90 m (simulated)",
+        "drift ≤ 1 cm, NEES 0.5 … 2 (as above)",
         "lio_rest.json",
-        "{rest_vlp_16_start_max_m_worst:.4f} m at worst ({rest_vlp_16_runs} run), NEES {rest_vlp_16_nees_median:.2f}",
+        "{rest_vlp_16_rest_drift_m_worst:.4f} m at worst ({rest_vlp_16_runs} runs), NEES {rest_vlp_16_nees_mean:.2f}, greatest {rest_vlp_16_nees_worst:.1f}",
         all_of(
-            at_most(rest_vlp_16_start_max_m_worst=0.01, rest_vlp_16_nees_worst=2.0),
-            at_least(rest_vlp_16_nees_median=0.5),
+            at_most(rest_vlp_16_rest_drift_m_worst=0.01, rest_vlp_16_nees_worst=2.0),
+            at_least(rest_vlp_16_nees_mean=0.5),
         ),
     ),
     Row(
