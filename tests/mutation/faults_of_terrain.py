@@ -11,8 +11,30 @@ WALK = ("tests/safety/test_floor_walk.py",)
 LEANING = ("tests/safety/test_leaning_cloud.py",)
 FLOOR_MEMORY = ("tests/safety/test_floor_memory.py",)
 NODE = ("tests/perception/test_terrain_node.py",)
+BELOW = ("tests/perception/test_ground_below.py",)
 
 TERRAIN = (
+    PlantedFault(
+        "people are looked for above the robot's own level only",
+        "nodes/controller.py",
+        "self._view.add_terrain(terrain)",
+        "pass",
+        BELOW,
+    ),
+    PlantedFault(
+        "ground that is higher is taken for lower",
+        "kernels/scan_points.py",
+        "return ground[iy, ix] - place[7]",
+        "return place[7] - ground[iy, ix]",
+        BELOW,
+    ),
+    PlantedFault(
+        "what stands on the ground is as high as the ground",
+        "perception/ground_below.py",
+        "is_ground = (kinds > 0) & (kinds != Ground.DROP) & (heights < step)",
+        "is_ground = kinds > 0",
+        BELOW,
+    ),
     PlantedFault(
         "everything seen is ground",
         "kernels/terrain_ground.py",

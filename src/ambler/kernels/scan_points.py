@@ -155,9 +155,21 @@ def split_rays(ends, sources, times, offsets, twist, limits, points, starts, fre
 
 
 @jit
+def _rise(x, y, ground, place):
+    """Return how much higher the ground is at a place of the base's frame than under the base; 0 where it is not known."""
+    if ground.shape[0] == 0:
+        return 0.0
+    ix = int(math.floor((place[3] + place[5] * x - place[6] * y - place[0]) / place[2]))
+    iy = int(math.floor((place[4] + place[6] * x + place[5] * y - place[1]) / place[2]))
+    if ix < 0 or iy < 0 or ix >= ground.shape[1] or iy >= ground.shape[0] or not math.isfinite(ground[iy, ix]):
+        return 0.0
+    return ground[iy, ix] - place[7]
+
+
+@jit
 def cloud_to_points(
-    cloud, times, mounts, step, sweep, band, limits, matrix, inside, nearest, reach, points, free_points, heights,
-    free_sinks, counts,
+    cloud, times, mounts, step, sweep, band, limits, ground, place, matrix, inside, nearest, reach, points, free_points,
+    heights, free_sinks, counts,
 ):  # fmt: skip
     """Flatten a cloud: per azimuth bin the nearest surface inside the height band, else how far the bin is seen to be free.
 
@@ -167,7 +179,9 @@ def cloud_to_points(
     `cloud` float32 (N, 3) in the sensor frame, `times` float32 (N,) s after the stamp, `mounts` float64 (K, 3, 4) the sensor's poses
     every `step` seconds, level where the body leans, `matrix` float64 (3, 4) scratch, `band` (z_min, z_max, doubt) above the base
     origin's ground, whose lower edge rises by `doubt` with the distance, `limits` (range_min, range_max, free_length, depth) of planar distance
-    from the sensor. A return above or below the band proves its ray free while the ray is inside the band. `nearest` and `reach`
+    from the sensor. A return above or below the band proves its ray free while the ray is inside the band. Heights count from the floor, which is
+    level but where `ground` float32 (H, W) tells how high it is (NaN: not known), with `place` float64 (8,) its first corner and the edge of a cell, and the base's
+    x, y, cosine and sine of its yaw and height in its frame; towards there it rises or falls evenly. `nearest` and `reach`
     float64 (B, 6) and (B, 3) and `inside` float64 (N, 5) are scratch: planar distance, sums of x, y and their number, fall of the lowest ray
     per metre, top; distance, x, y; bin, distance, x, y, height of a return. Outputs as in `beams_to_points`, and `heights` float32 (B, 2): top of
     the surface (inf where it goes on above the band) and fall of the lowest ray per metre; `free_sinks` float32 (B,) that fall of free rays.
@@ -188,7 +202,7 @@ def cloud_to_points(
         ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
         bx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + ox
         by = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + oy
-        z = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + oz
+        z = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + oz - _rise(bx, by, ground, place)
         dx, dy = bx - ox, by - oy
         d = math.hypot(dx, dy)
         if not d >= limits[0]:
@@ -415,6 +429,8 @@ def warm_up() -> None:
         sweep,
         three,
         np.ones(4),
+        np.zeros((1, 1), np.float32),
+        np.ones(8),
         matrix,
         np.zeros((8, 5)),
         np.zeros((8, 6)),

@@ -82,6 +82,7 @@ from ambler.runtime.topics import (
     STATUS,
     STEER_REQUEST,
     STOP,
+    TERRAIN_MAP,
     TRANSFORMS,
     VELOCITY_REQUEST,
     Topic,
@@ -189,7 +190,8 @@ class ControllerNode(Node):
         for clearing in (MAP_CLEARING, CLOUD_CLEARING):
             self.ctx.subscribe(clearing, self._on_clearing)
         for wanted in self._layer_inputs:
-            self.ctx.subscribe(wanted.topic, partial(self._on_layer_input, wanted))
+            take = self._on_terrain if wanted.topic is TERRAIN_MAP else self._on_layer_input
+            self.ctx.subscribe(wanted.topic, partial(take, wanted))
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(PATH, self._on_path)
@@ -224,6 +226,10 @@ class ControllerNode(Node):
     def _on_layer_input(self, wanted: LayerInput[Any], message: Message) -> None:
         with suppress(*UNPLACED):
             wanted.feed(message, self._view)
+
+    def _on_terrain(self, wanted: LayerInput[Any], terrain: PointCloud) -> None:
+        self._view.add_terrain(terrain)
+        self._on_layer_input(wanted, terrain)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self._view.add_odometry(odometry)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
+from ambler.costmap.terrain_layer import TerrainLayer
 from ambler.nodes.merged_rays import MergedRays
+from ambler.perception.ground_below import LEVEL_GROUND, GroundBelow
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.mover_track import NOTHING, MoverConfig
 from ambler.perception.mover_tracker import MoverTracker
@@ -53,6 +56,7 @@ class LocalView:
         self._silences = {m.frame: SilentSectors(m.range_min) for m in robot.clouds if sees_too_late(robot, m)}
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
         self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
+        self._ground = LEVEL_GROUND
         self._odometry: Odometry | None = None
         self._odom_from_map: SE2 | None = None
 
@@ -114,7 +118,18 @@ class LocalView:
 
     def add_cloud(self, cloud: PointCloud) -> None:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
-        self._mark(cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar), self._silent(cloud))
+        ground = self._ground
+        with suppress(StaleInputError):
+            ground = ground.under(self._motion.pose_at(cloud.stamp_ns))
+        scan = cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar, ground=ground)
+        self._mark(scan, self._silent(cloud))
+
+    def add_terrain(self, terrain: PointCloud) -> None:
+        """Take the terrain around the robot, in the odom frame: heights of what is in the way count from its ground."""
+        layer = next((layer for layer in self.costmap.layers if isinstance(layer, TerrainLayer)), None)
+        if layer is not None:
+            ground = (terrain.points, terrain.intensity, terrain.ring)
+            self._ground = GroundBelow.of_terrain(*ground, layer.config.cell, layer.config.step)
 
     def _silent(self, cloud: PointCloud) -> F64:
         """Return where somebody stands (K, 2) whom the scanner is too near to see, in the base's frame."""

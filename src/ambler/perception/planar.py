@@ -12,6 +12,7 @@ from ambler.core.base_motion import steady_sweep
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.robot import RobotModel
 from ambler.kernels import scan_points
+from ambler.perception.ground_below import LEVEL_GROUND, GroundBelow
 from ambler.perception.level_mount import LevelMount, Mount, matrix_of
 from ambler.registration.planar_scan import PlanarScan, RayFalls
 
@@ -144,13 +145,18 @@ def _split(cloud: PointCloud, offsets: F64, twist: F64, limits: F64) -> _Rays:
 
 
 def cloud_to_points(
-    cloud: PointCloud, base_from_sensor: Mount, motion: F64, config: PlanarConfig, height_offset: float = 0.0
+    cloud: PointCloud,
+    base_from_sensor: Mount,
+    motion: F64,
+    config: PlanarConfig,
+    height_offset: float = 0.0,
+    ground: GroundBelow = LEVEL_GROUND,
 ) -> PlanarScan:
     """Flatten a cloud: per azimuth bin the nearest surface of the height band, else how far the bin is proved free.
 
     `motion` is the base's sweep (K, 4) (`BaseMotion.sweep`), or its velocity (vx, vy, wz). Returns on the floor and above the band are no obstacles; they prove their ray free while it is inside the band. How low each bin was looked
     through is told as `falls`: a scanner of many rings looks over low things nearby. `base_from_sensor`
-    should be that of `level_mount` when the body leans; `height_offset` is the height of the base origin above the ground.
+    should be that of `level_mount` when the body leans; `height_offset` is the height of the base origin above the ground; heights count from `ground`, where it is known.
     """
     counts = np.empty(2, np.int64)
     bins = config.azimuth_bins
@@ -167,6 +173,8 @@ def cloud_to_points(
         _swept(motion, scan_duration(cloud)),
         band,
         np.array([config.range_min, config.range_max, min(config.free_length, config.range_max), config.surface_depth]),
+        ground.heights,
+        ground.place,
         np.empty((3, 4)),
         np.empty((len(cloud.points), 5)),
         np.empty((bins, 6)),

@@ -164,7 +164,9 @@ class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
         self._turn_ns, self._sweep_ns = round(spec.period * 1e9), round(spec.sweep_time * 1e9)
         self._is_flat = len(spec.elevations) == 1
         parts = 1 if self._is_flat else -(-self._sweep_ns // PART_NS)
-        self._ends_ns = [round(k * self._sweep_ns / parts / TICK_NS) * TICK_NS for k in range(1, parts)] + [self._sweep_ns]
+        self._ends_ns = [round(k * self._sweep_ns / parts / TICK_NS) * TICK_NS for k in range(1, parts)] + [
+            self._sweep_ns
+        ]
         first_ns = _first_after(self._sweep_ns, round(spec.phase * 1e9), self._turn_ns)
         latency_ns = round(spec.latency * 1e9)
         super().__init__(world, body, frame, self._turn_ns, first_ns - self._sweep_ns + self._ends_ns[0], latency_ns)
@@ -200,7 +202,9 @@ class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
         if is_last:
             self._complete(first_ns)
         self._part = 0 if is_last else self._part + 1
-        self.due_ns += self._turn_ns - self._sweep_ns + self._ends_ns[0] if is_last else self._ends_ns[self._part] - end_ns
+        self.due_ns += (
+            self._turn_ns - self._sweep_ns + self._ends_ns[0] if is_last else self._ends_ns[self._part] - end_ns
+        )
 
     def _complete(self, first_ns: int) -> None:
         sensor, body, elapsed_ns = self._sensor, self._body, self._world.elapsed_ns
