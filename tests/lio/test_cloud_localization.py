@@ -18,7 +18,7 @@ from ambler.kernels.cloud_search import FLAT, WALL
 from ambler.lio.cloud_localizer import CloudLocalizer, CloudPose, CloudTracker
 from ambler.lio.cloud_map import CloudMap, Image
 from ambler.lio.cloud_match import CloudMatch, apart, between, compared, judge, turned
-from ambler.lio.cloud_relocalizer import CloudState
+from ambler.lio.cloud_relocalizer import CloudRelocalizer, CloudState
 from ambler.lio.config import CloudLocalizerConfig, LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
@@ -240,6 +240,27 @@ def two_decks(rng: np.random.Generator, *, has_upper: bool) -> np.ndarray:
     lower = [floor(0.0), wall(2.0, 2.0, 14.0, 2.0, 0.0), wall(2.0, 2.0, 2.0, 9.0, 0.0)]
     upper = [floor(3.0), wall(12.0, 14.0, 12.0, 5.0, 3.0), wall(5.0, 14.0, 12.0, 14.0, 3.0)]
     return np.concatenate([*lower, *(upper if has_upper else [])]) + rng.normal(0.0, 0.01, 3)
+
+
+@pytest.mark.parametrize(("gone", "is_told"), [(0.12, False), (0.01, True)])
+def test_a_place_that_only_leads_because_nothing_was_taken_away_there_is_not_told(
+    gone: float, *, is_told: bool
+) -> None:
+    """Two decks of a garage: on the right one more of the walls is explained, and rays pass where cars stood; the other one leads, and must not be told. While little is gone, the right
+    one leads by both measures."""
+    right = CloudMatch(
+        SE3((0.0, 0.0, 3.0)), walls=0.82, flats=0.74, blocked=gone, residual_m=0.031, information=np.eye(6)
+    )
+    other = CloudMatch(SE3(), walls=0.72, flats=0.80, blocked=0.01, residual_m=0.031, information=np.eye(6))
+    far = CloudMatch(
+        SE3((28.0, 0.0, 0.0)), walls=0.60, flats=0.7, blocked=0.06, residual_m=0.031, information=np.eye(6)
+    )
+    best, *others = compared([other, far, right])
+    assert best.quality - others[0].quality > 0.03
+    relocalizer = CloudRelocalizer(saved(), CONFIG.relocalizer, CONFIG.match)
+    state, _ = relocalizer._state_of((best, *others))
+    assert (best.map_from_local.translation[2] == 3.0) == is_told
+    assert state is (CloudState.VERIFYING if is_told else CloudState.AMBIGUOUS)
 
 
 def test_each_of_two_decks_is_seen_from_above_by_itself() -> None:

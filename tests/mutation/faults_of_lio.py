@@ -283,6 +283,15 @@ LIO = (
         ("tests/studies/test_lio_study.py",),
     ),
     PlantedFault(
+        "a deck from which nothing was taken leads",
+        "lio/cloud_match.py",
+        "LENIENT = 0.75",
+        "LENIENT = 2.0",
+        (
+            "tests/lio/test_cloud_localization.py::test_a_place_that_only_leads_because_nothing_was_taken_away_there_is_not_told",
+        ),
+    ),
+    PlantedFault(
         "a place that is seen once is believed",
         "lio/cloud_relocalizer.py",
         "if viewpoints >= (self.config.viewpoints if",

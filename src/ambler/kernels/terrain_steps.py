@@ -13,6 +13,7 @@ from ambler.kernels.jit import jit_ieee
 from ambler.kernels.terrain_columns import wrapped
 from ambler.kernels.terrain_ground import GROUND, OBSTACLE, STEEP, SURE, UNKNOWN
 
+HOLD = 0.5  # of a step above which what was one stays one: its edge is seen by few returns, and by fewer from near
 SPREAD = 0.65  # of a cell's side lies between the places where a slope has the low and the high of the cell
 
 
@@ -150,6 +151,9 @@ def judge_ground(ground, state, lows, highs, returns, changed, first, size, step
                 top += max(0.0, spread - SPREAD * cell * (abs(slope_x) + abs(slope_y)))
             most = max(most, _steps_along(sure, py, px, 0, 1, top, h, cell))
             most = max(most, _steps_along(sure, py, px, 1, 0, top, h, cell))
+            if before > step and HOLD * step < most:
+                most = max(most, before)
+                classes[y, x] = OBSTACLE
             excess[y, x] = most
     # A step is longer than two cells: fewer are noise.
     for ly in range(1, m - 1):

@@ -24,6 +24,7 @@ from ambler.lio.state import log, to_se3
 F64 = NDArray[np.float64]
 WALLS_LEAST = 15  # points on walls below which a place cannot be told from others
 RAYS = 400
+LENIENT = 0.75  # of a wall that is explained, that a wall which is not there any more says against a place
 AS_MANY = 0.9  # of the walls that another place explains
 
 
@@ -45,6 +46,11 @@ class CloudMatch:
     def quality(self) -> float:
         """The share of the walls that is explained, minus twice that of the rays which should not have come through; less where it lies beside the walls rather than on them."""
         return (self.walls - 2.0 * self.blocked) * self.tightness
+
+    @property
+    def lenient_quality(self) -> float:
+        """The same where much has been taken away since the map was made: there rays go through what stood at the right place, and a contradiction says less than what is explained."""
+        return (self.walls - LENIENT * self.blocked) * self.tightness
 
 
 def compared(matches: Sequence[CloudMatch]) -> tuple[CloudMatch, ...]:

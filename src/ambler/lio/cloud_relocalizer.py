@@ -195,10 +195,13 @@ class CloudRelocalizer:
 
     def _state_of(self, found: tuple[CloudMatch, ...]) -> tuple[CloudState, bool]:
         """Return NOT_FOUND, AMBIGUOUS or VERIFYING, and whether the best leads clearly. In a bare hall all places explain nearly all: there it suffices
-        that the best leaves much less unexplained."""
+        that the best leaves much less unexplained. Of two decks that look alike the wrong one may lead because nothing was taken away there: the best must lead with lenience, too.
+        """
         c = self.config
         if not found or not self._is_possible(found[0]):
             return CloudState.NOT_FOUND, False
+        if any(other.lenient_quality > found[0].lenient_quality for other in found[1:]):
+            return CloudState.AMBIGUOUS, False
         best, second = found[0].quality, found[1].quality if len(found) > 1 else -1.0
         if best - second >= c.margin:
             return CloudState.VERIFYING, True
