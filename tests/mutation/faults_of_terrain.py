@@ -15,6 +15,13 @@ BELOW = ("tests/perception/test_ground_below.py",)
 
 TERRAIN = (
     PlantedFault(
+        "a step of which half is seen is none any more",
+        "kernels/terrain_steps.py",
+        "if before > step and HOLD * step < most:",
+        "if before > step and step < most:",
+        ("tests/perception/test_terrain.py::test_a_step_of_which_half_is_seen_stays_one_and_does_not_become_one",),
+    ),
+    PlantedFault(
         "people are looked for above the robot's own level only",
         "nodes/controller.py",
         "self._view.add_terrain(terrain)",

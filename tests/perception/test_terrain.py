@@ -457,6 +457,24 @@ def test_a_step_stays_one_until_something_comes_or_goes_there() -> None:
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
 
 
+@pytest.mark.parametrize(("left", "is_step"), [(0.06, True), (0.02, False)])
+def test_a_step_of_which_half_is_seen_stays_one_and_does_not_become_one(left: float, *, is_step: bool) -> None:
+    """Few returns tell of a kerb's end, and fewer from near: it had been ground one second and a step the next, and ground when the robot reached it."""
+    m = 20
+    heights = np.zeros((m, m), np.float32)
+    heights[10, 6:14] = left
+    many, everywhere = np.full((m, m), 50.0, np.float32), np.ones((m, m), np.uint8)
+    sure, slopes = np.empty((m + 8, m + 8), np.float32), np.zeros((2, m, m), np.float32)
+    for before in (0.12, 0.0):
+        excess, classes = np.zeros((m, m), np.float32), np.zeros((m, m), np.uint8)
+        excess[10, 6:14] = before
+        known = (heights.copy(), everywhere, heights, heights, many, everywhere)
+        for _ in range(3):
+            steps.judge_ground(*known, np.zeros(2, np.int64), 0.1, 0.08, 0.4, sure, slopes, excess, classes)
+        assert (classes[10, 7:13] == (ground.OBSTACLE if is_step and before else ground.GROUND)).all()
+        assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
+
+
 def test_a_low_thing_is_forgotten_slowly_unless_what_stood_on_it_has_left() -> None:
     """A voxel 12 cm over the ground whose column is seen again and again without it: alone, and below one at 1 m, of whom the foot was seen a
     little longer than the rest."""
