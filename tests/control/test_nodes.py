@@ -252,6 +252,27 @@ def test_navigate_into_a_wall_gives_up_without_touching_it() -> None:
     assert robot.base.velocity == STILL
 
 
+def test_what_no_sensor_shows_is_noticed_by_standing_at_it() -> None:
+    """Glass, or the end of a low kerb: told to move, let through by the gate, it does not get on, and has not pushed for longer than three seconds."""
+    robot = Robot([(0.5, follow(3.0))])
+    robot.base.held_beyond = 1.0
+    robot.run(20.0)
+    assert robot.codes == ["FAILED_TO_MAKE_PROGRESS"]
+    assert "something holds it that no sensor shows" in robot.person.outcomes[0].text
+    pushing = [ns for ns, v in robot.base.heard if v.vx > 0.1]
+    reached = next(ns for ns, v in robot.base.heard if v.vx > 0.1) + 1e9 * (1.0 / ROBOT.limits.vx_max)
+    assert 2.0 < (pushing[-1] - reached) * 1e-9 < 5.0
+    assert robot.base.velocity == STILL
+
+
+def test_a_robot_that_the_gate_slows_or_that_is_held_and_let_go_is_not_stuck() -> None:
+    """Along a wall at which the gate slows it, and again after an emergency stop of three seconds, it drives on."""
+    wall = np.vstack((OPEN, [[0.5, 0.36, 3.2, 0.36]]))
+    script = [(0.5, follow(3.0)), (1.5, ask(EMERGENCY_STOP)), (4.5, ask(RESET_STOP)), (4.6, ask(ARM))]
+    robot = Robot(script, wall).run(25.0)
+    assert robot.codes == ["SUCCEEDED"]
+
+
 def test_a_cycle_begins_with_every_scan_and_the_gate_passes_its_request_on_at_once() -> None:
     robot = Robot([(0.5, follow(4.0))])
     scans: list[int] = []

@@ -65,6 +65,7 @@ class ToyBase(Node):
         self.walls = walls
         self.pose, self.velocity, self.command = SE2(), BodyVelocity(), BodyVelocity()
         self.has_scan = self.has_odometry = True
+        self.held_beyond = math.inf  # metres along x that it gets, where nothing is to be seen
         self.heard: list[tuple[int, BodyVelocity]] = []
 
     def start(self) -> None:
@@ -77,7 +78,8 @@ class ToyBase(Node):
         self.heard.append((self.ctx.now_ns, self.command))
 
     def _move(self) -> None:
-        v = self.velocity = step_velocity(self.velocity, self.command, ROBOT.limits, 0.01)
+        v = step_velocity(self.velocity, self.command, ROBOT.limits, 0.01)
+        v = self.velocity = BodyVelocity() if self.pose.x >= self.held_beyond and v.vx > 0.0 else v
         self.pose = self.pose @ SE2.exp(np.array([v.vx, v.vy, v.wz]) * 0.01)
         if self.has_odometry and (self.ctx.now_ns // 10_000_000) % 2 == 0:
             now, pose = self.ctx.now_ns, SE3.from_se2(self.pose)

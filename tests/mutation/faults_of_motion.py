@@ -727,6 +727,13 @@ MOTION = (
         JUDGES,
     ),
     PlantedFault(
+        "a robot pushes what it does not see",
+        "control/checkers.py",
+        "obeys = self._moved >= self._share * self._told",
+        "obeys = True",
+        ("tests/control/test_nodes.py::test_what_no_sensor_shows_is_noticed_by_standing_at_it",),
+    ),
+    PlantedFault(
         "a robot that stands makes progress for ever",
         "control/checkers.py",
         "return now_ns - self._since_ns <= self._patience_ns",

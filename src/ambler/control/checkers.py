@@ -62,3 +62,32 @@ class ProgressChecker:
             self._anchor, self._since_ns = odom_from_base, now_ns
             return True
         return now_ns - self._since_ns <= self._patience_ns
+
+
+class StallChecker:
+    """Says when a robot that is told to move, and let through, does not: something holds it that no sensor shows, such as glass or a low kerb's end.
+
+    Of `patience` seconds of commands it must have moved `share` of what was told; slower commands than `slow` (m/s) say nothing.
+    """
+
+    def __init__(self, share: float = 0.2, patience: float = 2.0, slow: float = 0.1) -> None:
+        self._share, self._patience, self._slow = share, patience, slow
+        self._last_ns: int | None = None
+        self._seconds = self._told = self._moved = 0.0
+
+    def update(self, now_ns: int, told: float, moving: float) -> bool:
+        """Take the speeds (m/s) that the base is told and has; return whether it obeys."""
+        since, self._last_ns = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9, now_ns
+        if told < self._slow:
+            self._seconds = self._told = self._moved = 0.0
+            return True
+        self._seconds, self._told, self._moved = (
+            self._seconds + since,
+            self._told + told * since,
+            self._moved + moving * since,
+        )
+        if self._seconds < self._patience:
+            return True
+        obeys = self._moved >= self._share * self._told
+        self._seconds = self._told = self._moved = 0.0
+        return obeys

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ambler.control.checkers import GoalChecker, ProgressChecker
+from ambler.control.checkers import GoalChecker, ProgressChecker, StallChecker
 from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
 from ambler.control.yielding import YieldConfig, Yielding
@@ -155,7 +155,7 @@ class ControllerNode(Node):
         self._recover_since_ns = 0
         self._motion: RecoveryMotion | None = None
         self._goal_checker = GoalChecker(0.15, 0.2)
-        self._progress = ProgressChecker()
+        self._progress, self._stall, self._sent = ProgressChecker(), StallChecker(), BodyVelocity()
         self._trouble_since_ns: int | None = None
         self._protective_since_ns: int | None = None
         self._is_held = False
@@ -288,7 +288,7 @@ class ControllerNode(Node):
         self._end_recover("PREEMPTED", "a path is to be followed")
         self._follow, self._path = handle, handle.goal.path
         self._goal_checker = GoalChecker(handle.goal.xy_tolerance, handle.goal.yaw_tolerance)
-        self._progress = ProgressChecker()
+        self._progress, self._stall = ProgressChecker(), StallChecker()
         self._trouble_since_ns = self._protective_since_ns = None
 
     def _on_follow_cancelled(self, handle: FollowHandle) -> None:
@@ -427,6 +427,11 @@ class ControllerNode(Node):
         elif not self._progress.update(self.ctx.now_ns, odom_from_base):
             self._end_follow("FAILED_TO_MAKE_PROGRESS", "the robot hardly moved for 10 s")
             return
+        told = math.hypot(self._sent.vx, self._sent.vy) if self._is_let_through else 0.0
+        if not self._stall.update(self.ctx.now_ns, told, math.hypot(velocity.vx, velocity.vy)):
+            text = f"told to move at {told:.2f} m/s, it stands: something holds it that no sensor shows"
+            self._end_follow("FAILED_TO_MAKE_PROGRESS", text)
+            return
         since_ns = self._protective_since_ns
         if since_ns is not None and self.ctx.now_ns - since_ns > PROTECTIVE_PATIENCE_NS:
             self._end_follow("NO_VALID_CONTROL", "the gate has held the robot before an obstacle for 3 s")
@@ -498,7 +503,13 @@ class ControllerNode(Node):
             self._end_follow(error.code, str(error))
             self._end_recover("STALE_INPUT", str(error))
 
+    @property
+    def _is_let_through(self) -> bool:
+        """Whether the gate passes on what it is asked for, as it is."""
+        return self._gate is not None and self._gate.state is GateState.ARMED and not self._gate.reason
+
     def _send(self, v: BodyVelocity) -> None:
+        self._sent = v
         self.ctx.publish(VELOCITY_REQUEST, VelocityCommand(self.ctx.now_ns, v.vx, v.vy, v.wz))
 
     # View
