@@ -25,7 +25,7 @@ from tests.lio.carried import scans_of, walk
 F64 = NDArray[np.float64]
 HEALTH = Health(1, 1, 0.01, 0.0, 0.0, 0.3, *([Degeneracy.none().translation] * 2), 1, 0.0, False)
 DRIFTING = LioConfig(  # a loop of 25 m whose odometry drifts as that of kilometres does
-    drift=DriftConfig(position=6.2e-3, rotation=1.25e-3), loops=LoopConfig(keyframe_m=2.5, way_least=15.0)
+    drift=DriftConfig(position=5.3e-3, rotation=1.06e-3), loops=LoopConfig(keyframe_m=2.5, way_least=15.0)
 )
 
 

@@ -129,11 +129,11 @@ class DriftConfig:
     """How far the map itself drifts, which the filter takes for exact: random walks per metre of way, added to the covariance that is told. From walks through
     development sites (docs/lio.md)."""
 
-    position: float = 1.7e-4  # m/√m in each direction
-    rotation: float = 1.3e-5  # rad/√m
+    position: float = 1.4e-4  # m/√m in each direction
+    rotation: float = 1.2e-5  # rad/√m
     coasting: float = 0.01  # share of a way along which no plane faced: the scale of wheels
     begin_m: float = 0.5  # from the start by which the gaps between the rings of a single place are filled
-    begin_position: float = 2.5e-3  # m and rad, once, on leaving it
+    begin_position: float = 4e-3  # m and rad, once, on leaving it
     begin_rotation: float = 8e-5
     begin_noise: float = 4.0  # how many times noisier returns count there, beyond once, where it began at rest
 
@@ -157,7 +157,7 @@ class LoopConfig:
     distance_most: float = 12.0  # m between the origins of two submaps that are matched: beyond they show other sides
     candidates_most: int = 3  # of a new submap, the nearest: more tell the same
     gain_least: float = 1.5  # a match is tried where the graph is less certain than it by this factor
-    drift_factor: float = 12.0  # how much more the odometry may drift than `drift` says, which is of scanners without faults; and what it coasted
+    drift_factor: float = 14.0  # how much more the odometry may drift than `drift` says, which is of scanners without faults; and what it coasted
     coasting_factor: float = 3.7
     reach: float = 2.0  # m between paired points in the first pass; what the odometry drifts in a kilometre or two
     overlap_least: float = 0.55  # share of a submap's points with a partner within a quarter of it; other places reach 0.46, the same place from 12 m away has 0.68
