@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +19,8 @@ from ambler.lio.keyframes import Keyframe, KeyframeBuilder
 from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.loop_match import error_of, match_keyframes, search_keyframes
 from ambler.lio.odometry import LidarInertialOdometry
-from ambler.registration.submap_match import match_clouds, prepare_cloud
+from ambler.registration import submap_match
+from ambler.registration.submap_match import match_clouds, thin_cloud
 from tests.lio.carried import scans_of, walk
 
 F64 = NDArray[np.float64]
@@ -118,7 +119,7 @@ def wall(rng: np.random.Generator, along: F64, up: F64, corner: F64, count: int)
 
 
 def frame_of(points: F64) -> Keyframe:
-    return Keyframe(0, 0.0, np.eye(4), prepare_cloud(points, 0.3), None, 1e-6 * np.eye(6))
+    return Keyframe(0, 0.0, np.eye(4), thin_cloud(points, 0.3), None, 1e-6 * np.eye(6))
 
 
 def corridor(seed: int, has_end: bool) -> Keyframe:
@@ -166,8 +167,8 @@ def test_what_cannot_overlap_is_refused_before_it_is_matched_and_what_can_is_mat
         np.column_stack([rng.uniform(-12, 12, 3000), np.full(3000, y), rng.uniform(0, 2.6, 3000)]) for y in (-12.0, 9.0)
     ]
     walls += [w[:, [1, 0, 2]] for w in walls]
-    storey = prepare_cloud(np.concatenate([floor, *walls]), 0.3)
-    assert len(storey.few.points()) < 0.4 * len(storey.points)
+    storey = thin_cloud(np.concatenate([floor, *walls]), 0.3)
+    assert len(submap_match._prepared(storey).few.points()) < 0.4 * len(storey.points)
     near, far = np.eye(4), np.eye(4)
     near[:3, 3], far[:3, 3] = (0.6, -0.4, 0.2), (0.0, 0.0, 3.4)
     checked, unchecked = (match_clouds(storey, storey, near, 2.0, least) for least in (0.55, 0.0))
@@ -192,6 +193,21 @@ def test_a_match_beside_what_the_drift_allows_does_not_count() -> None:
     loops = closed(bent, replace(DRIFTING, drift=DriftConfig()))
     assert loops.tried > 0
     assert loops.closures == []
+
+
+def test_a_keyframe_is_small_however_many_there_are() -> None:
+    """A way of kilometres has a thousand of them: nothing but their points is kept, and what a match makes of them is forgotten but for the last ones."""
+    results, _ = walked()
+    loops = closed(results, DRIFTING)
+    assert len(loops.keyframes) > 6
+    for frame in loops.keyframes:
+        assert {f.name for f in fields(frame.cloud)} == {"points", "cell"}
+        assert frame.cloud.points.dtype == np.float32
+        assert frame.cloud.points.base is None
+        assert frame.cloud.points.nbytes <= 12 * DRIFTING.loops.points_most
+    kept = results[-1].without_points().points_imu
+    assert (len(kept), kept.base) == (0, None)
+    assert submap_match._prepared.cache_info().maxsize == submap_match.KEPT <= 16
 
 
 def bent_frames() -> tuple[LoopClosure, list[SE3]]:

@@ -151,7 +151,7 @@ class LoopConfig:
     keyframe_rad: float = 1.6  # or of turning, for scanners that do not look all around
     range_most: float = 40.0  # farther points are sparse, and an error of attitude moves them by centimetres
     cell: float = 0.3  # m; one point each, the mean of many returns
-    points_most: int = 20000  # of a submap: 0.7 MB with its normals and its tree
+    points_most: int = 20000  # of a submap, 0.24 MB
     odometry_least: tuple[float, float] = (0.0037, 3.7e-4)  # m, rad; what a submap's end is off by however short it is
     way_least: float = 30.0  # m between two submaps that are matched: nearer ones the odometry's own map has joined
     distance_most: float = 12.0  # m between the origins of two submaps that are matched: beyond they show other sides

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,3 +71,7 @@ class LioResult:
     def map_from_lidar(self) -> SE3:
         """The pose of the LiDAR, which the map holds whatever becomes of the mount."""
         return self.map_from_imu @ self.imu_from_lidar
+
+    def without_points(self) -> LioResult:
+        """Return the same for who keeps the results of a long way: an empty view would keep all points."""
+        return replace(self, points_imu=np.zeros((0, 3)))

@@ -11,7 +11,7 @@ from ambler.lio.config import DriftConfig, LioConfig
 from ambler.lio.drift import Drift
 from ambler.lio.health import LioResult
 from ambler.lio.state import log
-from ambler.registration.submap_match import PreparedCloud, prepare_cloud
+from ambler.registration.submap_match import SubmapCloud, thin_cloud
 
 F64 = NDArray[np.float64]
 THINNED = 40  # scans after which the points so far are thinned out, so that memory stays bounded
@@ -28,7 +28,7 @@ class Keyframe:
     stamp_ns: int
     way: float
     odom_from_keyframe: F64
-    cloud: PreparedCloud
+    cloud: SubmapCloud
     up: F64 | None
     covariance: F64
     up_sigma: float = 0.0
@@ -108,17 +108,17 @@ class KeyframeBuilder:
             self._ups += 1
             self._up_sigma = result.up_sigma  # a bias is common to all scans of a stretch: no smaller for many
         if len(self._parts) >= THINNED:
-            self._parts = [np.asarray(self._cloud(np.eye(4)).points, np.float32)]
+            self._parts = [self._cloud(np.eye(4)).points]
 
-    def _cloud(self, frame_from_begin: F64) -> PreparedCloud:
+    def _cloud(self, frame_from_begin: F64) -> SubmapCloud:
         points, cell = (
             np.concatenate(self._parts) @ frame_from_begin[:3, :3].T + frame_from_begin[:3, 3],
             self._loops.cell,
         )
-        cloud = prepare_cloud(points, cell)
+        cloud = thin_cloud(points, cell)
         while len(cloud.points) > self._loops.points_most:
             cell *= GROWTH
-            cloud = prepare_cloud(points, cell)
+            cloud = thin_cloud(points, cell)
         return cloud
 
     def _covariance(self, end: F64) -> F64:

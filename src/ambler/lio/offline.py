@@ -128,7 +128,7 @@ def run_offline(
                 if config.loops.is_used:
                     loops.add(result)
                 loop_seconds += time.process_time() - begin
-                results.append((replace(result, points_imu=result.points_imu[:0]), ms))
+                results.append((result.without_points(), ms))
     except BadInputError as error:
         if not results:
             raise

@@ -5,13 +5,16 @@ Information is that of point-to-plane residuals of unit noise at the end, (6, 6)
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+KEPT = 12  # clouds that are kept ready, 8 MB each
 NEIGHBORS = 12  # points that make a normal: a patch of three to four cells
 PASSES = (
     1.0,
@@ -29,8 +32,16 @@ OUTLIER = 3.0  # robust standard deviations of a residual beyond which a pair sa
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PreparedCloud:
-    """`points` float64 (M, 3), one per cell, with unit `normals` (M, 3), ready to be matched; `few` are fewer, which lead the first pass."""
+class SubmapCloud:
+    """`points` float32 (M, 3) of a submap, one per `cell` (m). A thousand of them are kept for a long way, so what a match needs besides, thirty times as much, is made when it is wanted."""
+
+    points: F32
+    cell: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Prepared:
+    """`points` float64 (M, 3) with unit `normals` (M, 3), ready to be matched; `few` are fewer, which lead the first pass."""
 
     points: F64
     normals: F64
@@ -52,25 +63,35 @@ class CloudMatch:
     converged: bool
 
 
-def prepare_cloud(points: NDArray[np.floating], cell: float) -> PreparedCloud:
-    """Thin points (N, 3) out to one per cell and find their normals."""
-    cloud, tree = small_gicp.preprocess_points(
-        np.ascontiguousarray(points, np.float64), downsampling_resolution=cell, num_neighbors=NEIGHBORS
+def thin_cloud(points: NDArray[np.floating], cell: float) -> SubmapCloud:
+    """Thin points (N, 3) out to one per cell, their mean."""
+    thin = small_gicp.voxelgrid_sampling(np.ascontiguousarray(points, np.float64), cell)
+    return SubmapCloud(np.ascontiguousarray(thin.points()[:, :3], np.float32), cell)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _prepared(submap: SubmapCloud) -> _Prepared:
+    """Return what a match needs of a cloud. The last ones are kept: a new submap is tried with several, the next one with nearly the same."""
+    points = submap.points.astype(np.float64)
+    cloud = small_gicp.PointCloud(points)
+    tree = small_gicp.KdTree(cloud)
+    small_gicp.estimate_normals_covariances(cloud, tree, NEIGHBORS)
+    few, _ = small_gicp.preprocess_points(
+        points, downsampling_resolution=COARSER * submap.cell, num_neighbors=NEIGHBORS
     )
-    thin = np.ascontiguousarray(cloud.points()[:, :3])
-    few, _ = small_gicp.preprocess_points(thin, downsampling_resolution=COARSER * cell, num_neighbors=NEIGHBORS)
     if few.size() < FEW_LEAST:
         few = cloud
-    return PreparedCloud(thin, np.ascontiguousarray(cloud.normals()[:, :3]), cloud, tree, few)
+    return _Prepared(points, np.ascontiguousarray(cloud.normals()[:, :3]), cloud, tree, few)
 
 
 def match_clouds(
-    target: PreparedCloud, source: PreparedCloud, guess: F64, reach: float, overlap_least: float = 0.0
+    target_cloud: SubmapCloud, source_cloud: SubmapCloud, guess: F64, reach: float, overlap_least: float = 0.0
 ) -> CloudMatch | None:
     """Match from a guess of target_from_source (4, 4); points within `reach` metres are paired first, nearer ones then.
 
     None: a sample of the source shows that less than `overlap_least` will overlap, before the guess is refined or after a pass of few points.
     """
+    target, source = _prepared(target_cloud), _prepared(source_cloud)
     pose, converged = guess, False
     sample = source.points[:: max(1, len(source.points) // SAMPLE)]
     if _overlap(target, sample, pose, reach) < overlap_least:
@@ -104,7 +125,7 @@ def match_clouds(
     return CloudMatch(pose, rows.T @ rows, float(is_near.mean()), sigma, int(counts.sum()), converged)
 
 
-def _overlap(target: PreparedCloud, points: F64, pose: F64, within: float) -> float:
+def _overlap(target: _Prepared, points: F64, pose: F64, within: float) -> float:
     """Return the share of the points (N, 3) that have one of the target within some metres."""
     _, squares = target.tree.batch_nearest_neighbor_search(points @ pose[:3, :3].T + pose[:3, 3])
     return float(np.mean(np.asarray(squares) < within**2))
