@@ -14,15 +14,15 @@ DRIVES = (
     PlantedFault(
         "the pattern of a Mid-360 repeats",
         "sim/lidar.py",
-        "self._directions = rosette(first, spec)",
-        "self._directions = rosette(0.0, spec)",
+        "self._directions = rosette(first, self.spec)",
+        "self._directions = rosette(0.0, self.spec)",
         ("tests/sim/test_slopes.py::test_a_pattern_that_does_not_repeat_fills_its_gaps",),
     ),
     PlantedFault(
         "every LiDAR's clock is right",
         "sim/devices.py",
-        "stamp_ns = now_ns - self._sweep_ns - round(self._spec.clock * 1e9)",
-        "stamp_ns = now_ns - self._sweep_ns",
+        "stamp_ns = self._world.now_ns - self._sweep_ns - round(self._spec.clock * 1e9)",
+        "stamp_ns = self._world.now_ns - self._sweep_ns",
         PLATES,
     ),
     PlantedFault(

@@ -115,7 +115,8 @@ def told_of_a_walker(kind: str) -> list[np.ndarray]:
         walker = slab(place[0] - 0.2, place[0] + 0.2, place[1] - 0.2, place[1] + 0.2, STAGE + 1.7, STAGE)
         room = [slab(-9.0, 9.0, -9.0, 9.0), slab(STAGE_FROM, 9.0, -9.0, 9.0, STAGE), slab(7.0, 7.2, -9.0, 9.0, 3.0)]
         lidar = LidarSensor(MID_360, mount.frame, build_scene(made(*room, *([walker] if k >= 5 else []))), k)
-        at, q = (*np.array([pose.translation] * 2), 0.0, 0.0, LEVEL), np.array([pose.rotation] * 2)
+        x, y, z = pose.translation
+        at, q = np.array([(x, y, z + LEVEL)] * 2), np.array([pose.rotation] * 2)
         lidar.sweep(np.array([0.0, 0.1]), at, q, first=0.1 * k)
         for when in (stamp_ns - 10 * MS, stamp_ns + 110 * MS):
             context.callbacks[ODOMETRY.name](Odometry(when, "odom", "base", SE3(), zero, zero, none, none))

@@ -61,7 +61,6 @@ def test_a_scanner_that_was_closed_within_a_turn_begins_with_a_whole_one(robot: 
     """Closed at each of many instants of a turn, and opened 40 ms later: the first cloud then is all of one turn."""
     for tick in range(0, 20, 3):
         world, lidar = turning(robot, is_perfect=True)
-        (_body,) = world.bodies
         world.advance(600_000_000 + tick * TICK_NS)
         lidar.close()
         lidar.read(700_000_000 + tick * TICK_NS)

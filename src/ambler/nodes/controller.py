@@ -423,13 +423,12 @@ class ControllerNode(Node):
             self._send(BodyVelocity())
             return
         if self._is_held or self._stop_order != 0 or self._speed_most == 0.0 or self._is_yielding():
-            self._progress = ProgressChecker()
+            self._progress, self._stall = ProgressChecker(), StallChecker()
         elif not self._progress.update(self.ctx.now_ns, odom_from_base):
             self._end_follow("FAILED_TO_MAKE_PROGRESS", "the robot hardly moved for 10 s")
             return
-        told = math.hypot(self._sent.vx, self._sent.vy) if self._is_let_through else 0.0
-        if not self._stall.update(self.ctx.now_ns, told, math.hypot(velocity.vx, velocity.vy)):
-            text = f"told to move at {told:.2f} m/s, it stands: something holds it that no sensor shows"
+        elif not self._obeys(velocity):
+            text = "told to move, it stands: something holds it that no sensor shows"
             self._end_follow("FAILED_TO_MAKE_PROGRESS", text)
             return
         since_ns = self._protective_since_ns
@@ -503,10 +502,11 @@ class ControllerNode(Node):
             self._end_follow(error.code, str(error))
             self._end_recover("STALE_INPUT", str(error))
 
-    @property
-    def _is_let_through(self) -> bool:
-        """Whether the gate passes on what it is asked for, as it is."""
-        return self._gate is not None and self._gate.state is GateState.ARMED and not self._gate.reason
+    def _obeys(self, velocity: BodyVelocity) -> bool:
+        """Whether the base moves as it is told, where the gate passes on what it is asked for as it is."""
+        is_let_through = self._gate is not None and self._gate.state is GateState.ARMED and not self._gate.reason
+        told = math.hypot(self._sent.vx, self._sent.vy) if is_let_through else 0.0
+        return self._stall.update(self.ctx.now_ns, told, math.hypot(velocity.vx, velocity.vy))
 
     def _send(self, v: BodyVelocity) -> None:
         self._sent = v
