@@ -241,7 +241,7 @@ class CloudRelocalizerConfig:
     guess_way: float = 2.5
     guess_turn: float = math.radians(36.0)
     accept: float = 0.5
-    flat_least: float = 0.5
+    flat_least: float = 0.3  # of the floors: below a deck 0.3 m thick planes lie between its two sides, and of the right place half of them are explained
     margin: float = 0.08
     margin_least: float = 0.03
     rest_ratio: float = 0.65
