@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ambler.control.checkers import GoalChecker, ProgressChecker
+from ambler.control.checkers import GoalChecker, ProgressChecker, StallChecker
 from ambler.control.path_tracker import PathTracker
 from ambler.control.recovery_motion import (
     BackUp,
@@ -136,3 +136,11 @@ def test_a_motion_that_does_not_move_times_out(motion: RecoveryMotion) -> None:
     assert motion.compute_command(0, costs, spec, SE2()) is not None
     with pytest.raises(RecoveryTimeoutError):
         motion.compute_command(60_000_000_000, costs, spec, SE2())
+
+
+@pytest.mark.parametrize("acceleration", [0.05, 0.2, 1.2])
+def test_a_heavy_base_that_obeys_slowly_is_not_stuck_and_one_that_stands_is(acceleration: float) -> None:
+    heavy, stuck = StallChecker(acceleration), StallChecker(acceleration)
+    told = [(k * 50_000_000, 0.8) for k in range(1, 160)]
+    assert all(heavy.update(ns, speed, min(speed, acceleration * ns * 1e-9)) for ns, speed in told)
+    assert not all(stuck.update(ns, speed, 0.0) for ns, speed in told[:45])

@@ -155,7 +155,11 @@ class ControllerNode(Node):
         self._recover_since_ns = 0
         self._motion: RecoveryMotion | None = None
         self._goal_checker = GoalChecker(0.15, 0.2)
-        self._progress, self._stall, self._sent = ProgressChecker(), StallChecker(), BodyVelocity()
+        self._progress, self._stall, self._sent = (
+            ProgressChecker(),
+            StallChecker(self._robot.limits.ax_max),
+            BodyVelocity(),
+        )
         self._trouble_since_ns: int | None = None
         self._protective_since_ns: int | None = None
         self._is_held = False
@@ -288,7 +292,7 @@ class ControllerNode(Node):
         self._end_recover("PREEMPTED", "a path is to be followed")
         self._follow, self._path = handle, handle.goal.path
         self._goal_checker = GoalChecker(handle.goal.xy_tolerance, handle.goal.yaw_tolerance)
-        self._progress, self._stall = ProgressChecker(), StallChecker()
+        self._progress, self._stall = ProgressChecker(), StallChecker(self._robot.limits.ax_max)
         self._trouble_since_ns = self._protective_since_ns = None
 
     def _on_follow_cancelled(self, handle: FollowHandle) -> None:
@@ -423,7 +427,7 @@ class ControllerNode(Node):
             self._send(BodyVelocity())
             return
         if self._is_held or self._stop_order != 0 or self._speed_most == 0.0 or self._is_yielding():
-            self._progress, self._stall = ProgressChecker(), StallChecker()
+            self._progress, self._stall = ProgressChecker(), StallChecker(self._robot.limits.ax_max)
         elif not self._progress.update(self.ctx.now_ns, odom_from_base):
             self._end_follow("FAILED_TO_MAKE_PROGRESS", "the robot hardly moved for 10 s")
             return

@@ -118,16 +118,16 @@ class LocalView:
 
     def add_cloud(self, cloud: PointCloud) -> None:
         """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
-        ground = self._ground
+        ground = LEVEL_GROUND
         with suppress(StaleInputError):
-            ground = ground.under(self._motion.pose_at(cloud.stamp_ns))
+            ground = self._ground.under(self._motion.pose_at(cloud.stamp_ns))
         scan = cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar, ground=ground)
         self._mark(scan, self._silent(cloud))
 
     def add_terrain(self, terrain: PointCloud) -> None:
         """Take the terrain around the robot, in the odom frame: heights of what is in the way count from its ground."""
         layer = next((layer for layer in self.costmap.layers if isinstance(layer, TerrainLayer)), None)
-        if layer is not None:
+        if layer is not None and terrain.frame == "odom":
             ground = (terrain.points, terrain.intensity, terrain.ring)
             self._ground = GroundBelow.of_terrain(*ground, layer.config.cell, layer.config.step)
 

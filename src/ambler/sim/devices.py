@@ -20,7 +20,7 @@ from ambler.sim.camera import CameraSpec
 from ambler.sim.depth_camera import DepthCameraSensor
 from ambler.sim.dock_camera import DockCamera
 from ambler.sim.imu import ImuSensor
-from ambler.sim.lidar import LidarSensor
+from ambler.sim.lidar import NO_KNOTS, LidarSensor
 from ambler.sim.odometry import DeadReckoning
 from ambler.sim.sensors import DepthCameraSpec, ImuSpec, LidarSpec, UltrasonicSpec
 from ambler.sim.ultrasonic import UltrasonicSensor
@@ -208,7 +208,8 @@ class SimulatedLidar(SimulatedDevice[m.LaserScan | m.PointCloud]):
 
     def _complete(self, first_ns: int) -> None:
         sensor, body, elapsed_ns = self._sensor, self._body, self._world.elapsed_ns
-        sensor.finish(body.knots(self.frame, first_ns), body.faults.airs(elapsed_ns * 1e-9))
+        airs = body.faults.airs(elapsed_ns * 1e-9)
+        sensor.finish(body.knots(self.frame, first_ns) if airs else NO_KNOTS, airs)
         stamp_ns = self._world.now_ns - self._sweep_ns - round(self._spec.clock * 1e9)
         measured = sensor.to_scan(stamp_ns) if self._is_flat else sensor.to_cloud(stamp_ns)
         sent = body.faults.pass_on(measured, elapsed_ns * 1e-9)

@@ -17,6 +17,7 @@ from ambler.sim.sensors import LidarSpec, named_generator
 
 F64 = NDArray[np.float64]
 Knots = tuple[F64, F64, F64]  # seconds (K,), positions (K, 3), quaternions (K, 4)
+NO_KNOTS = (np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4)))  # where nothing floats
 Movers = raycast.MovingSolids
 NO_MOVERS = Movers(np.zeros((0, 15)), np.zeros(0, np.uint8), np.zeros((0, 2)))
 
