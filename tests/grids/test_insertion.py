@@ -228,11 +228,11 @@ def test_rays_that_pass_over_a_thing_do_not_erase_it() -> None:
     inserter, origin = Inserter(CONFIG), np.array([0.02, 0.02])
     table, wall = np.array([[1.02, 0.02]], np.float32), np.array([[3.02, 0.02]], np.float32)
 
-    def p_occupied(x: float, lows: tuple[np.ndarray, np.ndarray] | None) -> int:
-        """Return the cell at x after a thing was seen at 1 m, another at 2.9 m, and a wall behind them often."""
+    def p_occupied(x: float, lows: tuple[np.ndarray, np.ndarray] | None, seen: int = 2) -> int:
+        """Return the cell at x after a thing was `seen` at 1 m, another at 2.9 m, and a wall behind them often."""
         grid = ProbabilityGrid(0.05, (0.0, 0.0), 10.0)
         for point in (table, np.array([[2.92, 0.02]], np.float32)):
-            for _ in range(3):
+            for _ in range(seen):
                 inserter.insert(grid, origin, point, NONE)
         for _ in range(60):
             inserter.insert(grid, origin, wall, NONE, lows=lows)
@@ -243,5 +243,8 @@ def test_rays_that_pass_over_a_thing_do_not_erase_it() -> None:
     assert p_occupied(1.02, None) < 16384
     assert p_occupied(1.02, (np.array([2.0]), none)) > 16384  # the ray is low from 2 m on
     assert p_occupied(1.02, (np.array([0.8]), none)) < 16384
+    assert (
+        p_occupied(1.02, (np.array([2.0]), none), seen=1) < 16384
+    )  # a torn beam meets nothing: it stands for no table
     assert p_occupied(0.52, (np.array([2.0]), none)) < 16384  # nothing was seen there
     assert p_occupied(2.92, (np.array([np.inf]), none)) < 16384  # right before its end a ray is as low as what it met

@@ -50,6 +50,7 @@ class ScriptedSurveyor:
         self.is_strict = False
         self.is_hiding = False
         self.left_when_strict: list[Frontier] = []
+        self.looks: list[SE2] = []
         self.reset()
 
     def reset(self) -> None:
@@ -60,6 +61,9 @@ class ScriptedSurveyor:
 
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
         return self.is_hiding
+
+    def look_at_speck(self, survey: Survey, map_from_base: SE2) -> SE2 | None:
+        return self.looks.pop(0) if self.looks else None
 
     def update(self, occupancy: OccupancyGrid, costs: CostGrid, base: SE2, boundary: object = ()) -> Survey:
         judged: list[Frontier] = []
@@ -737,3 +741,43 @@ def test_in_an_office_frontiers_are_searched_at_every_update() -> None:
     play.drive()
     play.surveyor.frontiers = [frontier(5, 5, 2.0)]
     assert play.drive().map_from_goal.x == 5.0
+
+
+def test_what_a_speck_shuts_is_looked_at_before_going_home_and_explored_when_it_opens() -> None:
+    play = Play()
+    play.mission._has_turned = True
+    play.surveyor.looks = [SE2(5.0, 5.0, 1.0), SE2(6.0, 6.0, 2.0)]
+    play.step()  # the sweep
+    look = play.drive(5.0)
+    assert look.map_from_goal == SE2(5.0, 5.0, 1.0)
+    (turn,) = play.end(look)
+    assert isinstance(turn, TurnAround)
+    assert turn.drive > look.drive
+    assert turn.angle == pytest.approx(2 * math.pi)
+    play.surveyor.frontiers = [frontier(12, 10, 2.0)]  # the turn opened it
+    play.end(turn)
+    drive = play.drive(10.0)
+    assert drive.map_from_goal.x == 12.0
+    play.surveyor.frontiers = []
+    play.end(drive)
+    play.step(5.0)  # another sweep
+    look = play.drive(5.0)
+    assert look.map_from_goal == SE2(6.0, 6.0, 2.0)
+    (turn,) = play.end(look, "FAILED_TO_MAKE_PROGRESS")  # turned where the drive ended
+    assert isinstance(turn, TurnAround)
+    play.end(turn)
+    ended = play.until_ended()
+    assert ended.code == "SUCCEEDED"
+    assert ended.result.is_home
+
+
+def test_a_look_at_a_speck_that_takes_too_long_ends_with_the_way_home() -> None:
+    play = Play(lookout_time=20.0)
+    play.mission._has_turned = True
+    play.surveyor.looks = [SE2(5.0, 5.0, 1.0)]
+    play.step()
+    look = play.drive(5.0)
+    home = play.drive(25.0)
+    assert home.drive > look.drive
+    assert play.mission.state is ExploreState.RETURNING
+    assert not play.mission.drive_ended(look.drive, "SUCCEEDED", "")  # late: the robot is on its way home

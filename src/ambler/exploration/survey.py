@@ -19,6 +19,7 @@ from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
 from ambler.exploration.overlooked import Overlooked, is_hidden
+from ambler.exploration.specks import Specks, SpecksConfig
 from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import viewpoints, visible_unknown
@@ -52,6 +53,7 @@ class SurveyConfig:
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     close: CloseLookConfig = field(default_factory=CloseLookConfig)
     fence: FenceConfig = field(default_factory=FenceConfig)
+    specks: SpecksConfig = field(default_factory=SpecksConfig)
 
     @property
     def looks_from_afar(self) -> bool:
@@ -92,6 +94,7 @@ class FrontierSurvey:
         self.memory = FrontierMemory(config.memory, config.free_below, config.assumed)
         self._close = CloseLooks(config.close, config.free_below)
         self._fence = Fence(config.fence)
+        self._specks = Specks(config.specks, 0.5 * config.min_size)
         self._overlooked = None if config.assumed is None else Overlooked(config.assumed)
         self._distance_field = distance_field
         self._frontier_map = FrontierMap(config.free_below)
@@ -107,6 +110,7 @@ class FrontierSurvey:
         self.memory = FrontierMemory(self.config.memory, self.config.free_below, self.config.assumed)
         self._close = CloseLooks(self.config.close, self.config.free_below)
         self._fence = Fence(self.config.fence)
+        self._specks = Specks(self.config.specks, 0.5 * self.config.min_size)
         self._overlooked = None if self.config.assumed is None else Overlooked(self.config.assumed)
         self.is_strict = False
         self.forget_map()
@@ -205,6 +209,18 @@ class FrontierSurvey:
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
         """Tell whether a frontier that is gone may have closed only because the map assumes ground there now."""
         return self.config.assumed is not None and is_hidden(frontier, occupancy, self.config.assumed)
+
+    def look_at_speck(self, survey: Survey, map_from_base: SE2) -> SE2 | None:
+        """Return from where to look at a small thing that alone shuts the way to a frontier of `survey`; None where there is none, or it was looked at often enough."""
+        shut = [survey.frontiers[k].cells for k in survey.shut if survey.frontiers[k].goal is None]
+        if not shut:
+            return None
+        opened, specks = self._specks.opened(survey.costs)
+        if not specks.any():
+            return None
+        reached, could = (np.isfinite(self._distances(costs, map_from_base)) for costs in (survey.costs, opened))
+        wanted = np.concatenate(shut)
+        return self._specks.look(survey.costs, specks, reached, could & ~reached, wanted, self.config.goal_reach)
 
     def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
         """Return the map, for a strict look one in which nothing is assumed."""

@@ -13,7 +13,6 @@ from ambler.kernels.jit import jit
 MARK = np.uint16(32768)
 VALUE = np.uint16(32767)
 AT_END = 0.2  # metres before a return in which its ray is as low as what it meets
-EVEN = np.uint16(16384)  # a probability of one half
 
 
 @jit
@@ -27,9 +26,9 @@ def _update(cells, iy, ix, table, touched, n):
 
 
 @jit
-def _clear_ray(cells, x0, y0, x1, y1, high_to, table, touched, n):
+def _clear_ray(cells, x0, y0, x1, y1, high_to, once, table, touched, n):
     """Apply a miss to every cell that the segment crosses, the end cell excluded; coordinates in cells. Up to the share `high_to` of its length
-    the ray passes over what stands there: cells that are rather occupied are left."""
+    the ray passes over what stands there: cells in which more was seen than `once`, the value of a single return, are left: a beam that an edge tears in two meets nothing where it seems to."""
     height, width = cells.shape
     ix, iy = int(math.floor(x0)), int(math.floor(y0))
     ex, ey = int(math.floor(x1)), int(math.floor(y1))
@@ -42,7 +41,7 @@ def _clear_ray(cells, x0, y0, x1, y1, high_to, table, touched, n):
     next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * delta_y
     for _ in range(abs(ex - ix) + abs(ey - iy)):
         is_inside = 0 <= ix < width and 0 <= iy < height
-        if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > EVEN):
+        if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > once):
             n = _update(cells, iy, ix, table, touched, n)
         # Never past the end cell: on a border (x0 an integer, dx = 0) `next_x` is 0, and near an end both carry rounding.
         if ix != ex and (iy == ey or next_x < next_y):
@@ -89,13 +88,13 @@ def insert_scan(
         x0, y0 = (starts[k, 0] - frame[1]) * inverse, (starts[k, 1] - frame[2]) * inverse
         x1, y1 = (points[i, 0] - frame[1]) * inverse, (points[i, 1] - frame[2]) * inverse
         high_to = _share(lows[i], x1 - x0, y1 - y0, frame[0], AT_END) if lows.shape[0] > 0 else 0.0
-        n = _clear_ray(cells, x0, y0, x1, y1, high_to, miss_table, touched, n)
+        n = _clear_ray(cells, x0, y0, x1, y1, high_to, hit_table[0], miss_table, touched, n)
     for i in range(free_points.shape[0]):
         k = i if free_starts.shape[0] > 1 else 0
         x0, y0 = (free_starts[k, 0] - frame[1]) * inverse, (free_starts[k, 1] - frame[2]) * inverse
         x1, y1 = (free_points[i, 0] - frame[1]) * inverse, (free_points[i, 1] - frame[2]) * inverse
         high_to = _share(free_lows[i], x1 - x0, y1 - y0, frame[0], 0.0) if free_lows.shape[0] > 0 else 0.0
-        n = _clear_ray(cells, x0, y0, x1, y1, high_to, miss_table, touched, n)
+        n = _clear_ray(cells, x0, y0, x1, y1, high_to, hit_table[0], miss_table, touched, n)
     for k in range(n):
         iy, ix = touched[k] // width, touched[k] % width
         cells[iy, ix] = cells[iy, ix] & VALUE

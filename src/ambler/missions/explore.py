@@ -83,6 +83,7 @@ class ExploreMission:
         self._begun_ns = self._held_ns = now_ns
         self._look_until_ns = 0
         self._has_turned = False
+        self._turns_there = False
         self._has_swept = False
         self._has_pardoned = False
         self._returns = 0
@@ -225,6 +226,8 @@ class ExploreMission:
         shut = [self._now.frontiers[k] for k in self._now.shut]
         if not self._is_home and self._company.look(view.now_ns, self._now.known_area, is_shut=bool(shut)):
             return self._look_past_people(view, shut)
+        if not self._is_home and (place := self._surveyor.look_at_speck(self._now, view.map_from_base)) is not None:
+            return self._look_at_speck(view, place)
         if self._goal.return_to_start and not self._is_home:
             return self._go_home(view)
         if self._now.reachable_area < self.config.min_reachable_area:
@@ -325,6 +328,9 @@ class ExploreMission:
     def _looking(self, view: ExploreView) -> list[Command]:
         if self._drive_code is not None and not self._arrived:
             self._drive_code = None
+            if self._turns_there:
+                self._next_drive()
+                return self._turn_and_wait(view, self.text)
             soon = max(self._pause_until_ns, view.now_ns + int(self.config.look_time * 1e9))
             self._look_until_ns = min(self._look_until_ns, soon)
         if view.now_ns < self._look_until_ns:
@@ -449,6 +455,7 @@ class ExploreMission:
     def _next_drive(self) -> None:
         self._drive += 1
         self._drive_code = None
+        self._turns_there = False
 
     def _wait(self, view: ExploreView, seconds: float, text: str) -> list[Command]:
         self._look_until_ns = view.now_ns + int(seconds * 1e9)
@@ -546,6 +553,14 @@ class ExploreMission:
         self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
         self._wait(view, self.config.lookout_time, "people are about: looking at what is shut")
         return [ClearCosts(), DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
+
+    def _look_at_speck(self, view: ExploreView, place: SE2) -> list[Command]:
+        """Go to where a small thing is seen well that alone shuts a way, and turn there: a map renews itself only where scans move."""
+        self._next_drive()
+        self._turns_there = True
+        self._pause_until_ns = view.now_ns
+        self._wait(view, self.config.lookout_time, "looking at a small thing that shuts a way")
+        return [DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
 
     def _go_home(self, view: ExploreView) -> list[Command]:
         assert self._home is not None

@@ -1,0 +1,91 @@
+"""Small things that shut a way: which are looked at, from where, and how often."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+from tests.exploration.test_survey import R, corridor, grids, path_distances
+
+HERE = SE2(2.0, 2.0)
+CONFIG = SurveyConfig(min_size=0.6)  # of a robot with a radius of 0.3 m
+RADIUS_CELLS = 3
+
+
+def with_door(thing: NDArray[np.int8] | None = None, door: slice = slice(14, 27)) -> NDArray[np.int8]:
+    """A corridor parted by a wall at x = 4.5 m with a door; a thing (h, w) stands in the middle of the door."""
+    occupancy = corridor()
+    occupancy[10:30, 45] = 100
+    occupancy[door, 45] = 0
+    if thing is not None:
+        h, w = thing.shape
+        occupancy[20 : 20 + h, 45 : 45 + w] = thing
+    return occupancy
+
+
+SPECK = np.full((1, 1), 100, np.int8)
+
+
+def looks(occupancy: NDArray[np.int8], most: int = 5) -> list[SE2]:
+    """Return the looks that are wanted in a map that does not change."""
+    surveyor = FrontierSurvey(CONFIG, path_distances)
+    survey = surveyor.update(*grids(occupancy, RADIUS_CELLS), HERE)
+    found: list[SE2] = []
+    while len(found) < most and (place := surveyor.look_at_speck(survey, HERE)) is not None:
+        found.append(place)
+    return found
+
+
+def test_a_speck_that_alone_shuts_a_door_is_looked_at_twice_from_two_places() -> None:
+    first, second = looks(with_door(SPECK))
+    speck = (4.55, 2.05)
+    for place in (first, second):
+        away = math.dist((place.x, place.y), speck)
+        assert CONFIG.specks.nearest <= away <= CONFIG.specks.farthest
+        assert place.x < 4.5 - 0.3  # where the robot can be
+        assert place.yaw == pytest.approx(math.atan2(speck[1] - place.y, speck[0] - place.x))
+    assert math.dist((first.x, first.y), speck) == pytest.approx(CONFIG.specks.distance, abs=R)
+    assert first.distance_to(second) > CONFIG.specks.nearest
+
+
+@pytest.mark.parametrize(
+    "occupancy",
+    [
+        pytest.param(with_door(), id="nothing shuts it"),
+        pytest.param(with_door(np.full((2, 3), 100, np.int8)), id="what stands there is larger"),
+        pytest.param(with_door(SPECK, slice(18, 23)), id="too narrow without it"),
+        pytest.param(with_door(door=slice(0, 0)), id="a wall"),
+    ],
+)
+def test_nothing_else_is_looked_at(occupancy: NDArray[np.int8]) -> None:
+    assert looks(occupancy) == []
+
+
+def test_a_speck_behind_which_nothing_is_to_be_seen_is_left_alone() -> None:
+    occupancy = with_door(SPECK)
+    occupancy[10:30, 70] = 100  # the corridor ends, and all of it was seen
+    assert looks(occupancy) == []
+
+
+def test_a_speck_beside_the_way_is_left_alone() -> None:
+    occupancy = with_door()
+    occupancy[12, 30] = 100
+    assert looks(occupancy) == []
+
+
+def test_it_is_not_looked_at_through_a_wall() -> None:
+    occupancy = with_door(SPECK)
+    occupancy[10:26, 40] = 100  # a screen before the door; the way leads around its end
+    for place in looks(occupancy):
+        assert place.x > 4.0 or place.y > 2.6
+
+
+def test_forgotten_with_the_map() -> None:
+    surveyor = FrontierSurvey(CONFIG, path_distances)
+    for _ in range(2):
+        survey = surveyor.update(*grids(with_door(SPECK), RADIUS_CELLS), HERE)
+        assert sum(surveyor.look_at_speck(survey, HERE) is not None for _ in range(3)) == 2
+        surveyor.reset()
