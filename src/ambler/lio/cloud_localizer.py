@@ -139,7 +139,7 @@ class CloudTracker:
         c = self.config
         local = self._sight.gathered(c.scans)
         predicted = self._estimate @ local.odom_from_local
-        pose = register(self._map, local, predicted, self._match, coarse=False)
+        pose = register(self._map, local, predicted, self._match)
         match = judge(self._map, local, pose, self._match)
         off, turn = apart(predicted, pose)
         if match.quality < c.accept or off > c.jump or turn > c.jump_turn:

@@ -30,8 +30,8 @@ AS_MANY = 0.9  # of the walls that another place explains
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudMatch:
-    """A pose and what speaks for it: shares of the points on walls and on flats that are explained, of the rays that are blocked; RMS distance of the explained
-    from their planes, m; `information` float64 (6, 6) of unit noise about rotation and translation (both in `local`, on the right); `tightness`: the least residual
+    """A pose and what speaks for it: shares of the points on walls and on flats that are explained, of the rays that are blocked; RMS distance of the explained walls
+    from their planes, m (of flats it says less: a thin deck has two sides, and a plane through both lies between); `information` float64 (6, 6) of unit noise about rotation and translation (both in `local`, on the right); `tightness`: the least residual
     of the places that explain as many walls over its own, 1 when it stands alone."""
 
     map_from_local: SE3
@@ -62,23 +62,27 @@ def compared(matches: Sequence[CloudMatch]) -> tuple[CloudMatch, ...]:
     return tuple(sorted(own, key=lambda match: -match.quality))
 
 
-def register(
-    cloud_map: CloudMap, local: LocalCloud, start: SE3, config: CloudMatchConfig, *, coarse: bool = True
-) -> SE3:
-    """Return map_from_local, refined from a start; without `coarse` the start must be within the fine reach."""
-    matrix = start.matrix()
-    steps = [(local.coarse, config.coarse_reach, config.coarse_rounds)] if coarse else []
-    for source, reach, rounds in [*steps, (local.fine, config.fine_reach, config.fine_rounds)]:
-        result = small_gicp.align(
-            cloud_map.target,
-            source,
-            cloud_map.tree,
-            matrix,
-            registration_type="GICP",
-            max_correspondence_distance=reach,
-            max_iterations=rounds,
-        )
-        matrix = np.asarray(result.T_target_source)
+def register_coarsely(cloud_map: CloudMap, local: LocalCloud, start: SE3, config: CloudMatchConfig) -> SE3:
+    """Return map_from_local from a start within the coarse reach, to within the fine one."""
+    return _aligned(cloud_map, local.coarse, start, config.coarse_reach, config.coarse_rounds)
+
+
+def register(cloud_map: CloudMap, local: LocalCloud, start: SE3, config: CloudMatchConfig) -> SE3:
+    """Return map_from_local, refined from a start within the fine reach."""
+    return _aligned(cloud_map, local.fine, start, config.fine_reach, config.fine_rounds)
+
+
+def _aligned(cloud_map: CloudMap, source: small_gicp.PointCloud, start: SE3, reach: float, rounds: int) -> SE3:
+    result = small_gicp.align(
+        cloud_map.target,
+        source,
+        cloud_map.tree,
+        start.matrix(),
+        registration_type="GICP",
+        max_correspondence_distance=reach,
+        max_iterations=rounds,
+    )
+    matrix = np.asarray(result.T_target_source)
     return to_se3(matrix[:3, 3].copy(), matrix[:3, :3])
 
 
@@ -92,6 +96,7 @@ def judge(cloud_map: CloudMap, local: LocalCloud, map_from_local: SE3, config: C
     faces = np.abs(np.einsum("ij,ij->i", normals_local, local.normals)) > config.facing
     explained = is_plane & faces & (np.abs(off) < config.near) & (local.kinds > 0)
     is_wall, is_flat = local.kinds == WALL, local.kinds == FLAT
+    on_walls = off[explained & is_wall]
     rows = np.concatenate([np.cross(local.points, normals_local), normals_local], axis=1)[explained]
     rays = np.flatnonzero(is_wall)
     rays = rays[:: max(1, len(rays) // RAYS)]
@@ -101,7 +106,7 @@ def judge(cloud_map: CloudMap, local: LocalCloud, map_from_local: SE3, config: C
         _share(explained, is_wall) if np.count_nonzero(is_wall) >= WALLS_LEAST else 0.0,
         _share(explained, is_flat),
         cloud_map.blocked(origins, placed[rays]) / max(len(rays), 1),
-        float(np.sqrt(np.mean(off[explained] ** 2))) if explained.any() else math.inf,
+        float(np.sqrt(np.mean(on_walls**2))) if len(on_walls) else math.inf,
         rows.T @ rows,
     )
 

@@ -18,7 +18,7 @@ from ambler.core.se2 import wrap_angle
 from ambler.core.se3 import SE3
 from ambler.kernels import relocalization as kernel
 from ambler.lio.cloud_map import CloudMap, Image
-from ambler.lio.cloud_match import CloudMatch, apart, compared, judge, register, tilt_of
+from ambler.lio.cloud_match import CloudMatch, apart, compared, judge, register, register_coarsely, tilt_of
 from ambler.lio.config import CloudMatchConfig, CloudRelocalizerConfig
 from ambler.lio.sight import LaidScan, LocalCloud, Sight
 
@@ -100,10 +100,15 @@ class CloudRelocalizer:
             level = walls[(walls[:, 2] > OWN_DECK[0]) & (walls[:, 2] < OWN_DECK[1])]
             places += [self._from_above(level, deck, None) for deck in self.map.decks if len(level) >= WALLS_LEAST]
         starts = self._at_heights(local, np.concatenate(places), window)
+        tried: list[SE3] = []
         for start in starts[: c.refined * len(places)]:
-            if any(self._is_same(start, other.map_from_local) for other in found):
+            if any(self._is_same(start, other) for other in tried):
                 continue
-            pose = register(self.map, local, start, self._match)
+            near = register_coarsely(self.map, local, start, self._match)
+            if any(self._is_same(near, other) for other in tried):
+                continue
+            pose = register(self.map, local, near, self._match)
+            tried += [near, pose]
             off, turn = apart(start, pose)
             if off > 2.0 * self._match.coarse_reach or turn > 0.5 or tilt_of(pose) > self._match.tilt_most:
                 continue
