@@ -217,11 +217,40 @@ def test_surfaces_fill_only_cells_that_nothing_was_measured_of() -> None:
     inserter.insert(grid, origin, point, NONE)
     before = grid.cells.copy()
     free, unknown = np.array([0.52, 0.02]), np.array([0.52, 0.52])
-    inserter.insert(grid, origin, NONE, NONE, surfaces=np.array([free, unknown], np.float32))
+    inserter.insert(grid, origin, NONE, NONE, surfaces=np.array([free, unknown], np.float32), sure=2)
     (iy, ix), (jy, jx) = (((p - grid.frame[1:]) / 0.05).astype(int)[::-1] for p in (free, unknown))
     assert grid.cells[iy, ix] == before[iy, ix] != 0
     assert grid.cells[jy, jx] > 16384
     assert (grid.cells != before).sum() == 1
+
+
+def test_rays_along_a_wall_make_none_of_its_cells_free() -> None:
+    """A wall at y = 1.03 m: rays that meet it at 3 m pass through the nearer half of its cells before that."""
+    inserter, origin = Inserter(CONFIG), np.array([0.02, 0.02])
+    far = np.array([[3.01, 1.03]], np.float32)
+    wall = np.column_stack((np.arange(2.5, 3.0, 0.025), np.full(20, 1.03))).astype(np.float32)
+    row = slice(None)
+
+    def cells(between: np.ndarray, sure: int) -> np.ndarray:
+        grid = ProbabilityGrid(0.05, (0.0, 0.0), 8.0)
+        for x in np.arange(2.52, 3.0, 0.05):  # seen from near once
+            inserter.insert(grid, np.array([x, 0.5]), np.array([[x, 1.03]], np.float32), NONE)
+        for _ in range(200):
+            inserter.insert(grid, origin, far, NONE, surfaces=between, sure=sure)
+        ix, iy = ((np.array([2.92, 1.03]) - grid.frame[1:]) / 0.05).astype(int)
+        return grid.cells[iy, ix - 4 : ix + 1][row].astype(int)
+
+    assert cells(NONE, 0).min() < 16384  # what would happen
+    assert (cells(wall, 0) > 16384).all()
+    assert (cells(wall, len(wall)) > 16384).all()
+
+
+def test_what_is_only_likely_makes_nothing_occupied() -> None:
+    grid, thing = ProbabilityGrid(0.05, (0.0, 0.0), 5.0), np.array([[0.52, 0.52], [0.52, 0.02]], np.float32)
+    Inserter(CONFIG).insert(grid, np.array([0.02, 0.02]), np.array([[1.02, 0.02]], np.float32), NONE, surfaces=thing)
+    for x, y in thing.tolist():
+        ix, iy = ((np.array([x, y]) - grid.frame[1:]) / 0.05).astype(int)
+        assert grid.cells[iy, ix] == 0
 
 
 def test_rays_that_pass_over_a_thing_do_not_erase_it() -> None:

@@ -14,6 +14,7 @@ from ambler.kernels import submap as kernels
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+NOTHING = np.empty((0, 2), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +44,14 @@ class Inserter:
         points: F32,
         free_points: F32,
         free_origin: NDArray[np.float64] | None = None,
-        surfaces: F32 | None = None,
+        surfaces: F32 = NOTHING,
+        sure: int = 0,
         times: int = 1,
         lows: tuple[F64, F64] | None = None,
     ) -> int:
         """Insert a scan: points (N, 2) and free ends (M, 2) float32, all in the grid's frame. `origin` (2,) is where all rays start, or (N, 2)
-        where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`). `surfaces` (K, 2) are
-        occupied as well, but no ray leads to them. The scan counts as if it came `times` times. `lows` (N,) and (M,) are the metres up
+        where the ray of each point does; `free_origin` (M, 2) likewise for the free ends (None: `origin`). No ray of the scan makes the cells of `surfaces` (K, 2) free; the first
+        `sure` of them are occupied as well where nothing is known yet. The scan counts as if it came `times` times. `lows` (N,) and (M,) are the metres up
         to which rays pass above `low` (None: nowhere).
 
         Returns how many cells changed.
@@ -62,7 +64,7 @@ class Inserter:
         hit_lows, free_lows = (np.zeros(0), np.zeros(0)) if lows is None else lows
         return int(
             kernels.insert_scan(
-                *(grid.cells, starts, free_starts, points, free_points, points[:0] if surfaces is None else surfaces),
+                *(grid.cells, starts, free_starts, points, free_points, surfaces, sure),
                 *(hit_lows, free_lows, grid.frame, *self._tables_for(times), self._touched),
             )
         )

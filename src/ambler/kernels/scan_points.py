@@ -368,39 +368,48 @@ def _turn_cosine(points, i, j, k, m):
 
 
 @jit
-def fill_surfaces(points, origin, limits, out):
-    """Write the points of the surface between neighbouring returns, where a wall goes on from one to the next; returns how many.
+def _goes_on(points, i, origin, limits):
+    """Whether a surface goes on from return i to the next one; `limits` as in `fill_surfaces`."""
+    dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+    gap = math.hypot(dx, dy)
+    if gap <= limits[0] or gap > limits[1]:
+        return False
+    ax, ay = points[i, 0] - origin[0], points[i, 1] - origin[1]
+    bx, by = ax + dx, ay + dy
+    across = abs(ax * by - ay * bx)
+    if across > math.sin(limits[2]) * math.hypot(ax, ay) * math.hypot(bx, by) or ax * bx + ay * by <= 0.0:
+        return False
+    if across < limits[3] * gap * max(math.hypot(ax, ay), math.hypot(bx, by)):
+        return False
+    bend = _turn_cosine(points, i - 1, i, i, i + 1) if i > 0 else -1.0
+    if i + 2 < points.shape[0]:
+        bend = max(bend, _turn_cosine(points, i, i + 1, i + 1, i + 2))
+    return bend >= limits[4]
 
-    `points` float32 (N, 2) in the order of the beams, `origin` float64 (2,) the sensor; `limits` (spacing, longest gap, widest angle
+
+@jit
+def fill_surfaces(points, origin, limits, out, counts):
+    """Write the points of the surface between neighbouring returns, where a wall goes on from one to the next.
+
+    `points` float32 (N, 2) in the order of the beams, `origin` float64 (2,) the sensor; `limits` float64 (L, 5), the strictest first: (spacing, longest gap, widest angle
     between neighbouring beams, least sine of incidence, least cosine of the bend to a neighbouring segment). A wall goes on where the
-    segment before or behind runs the same way; two returns alone may be two things. `out` float32 (M, 2), filling ends when it is full.
+    segment before or behind runs the same way; two returns alone may be two things. `out` float32 (M, 2), filling ends when it is full; `counts` int64 (L,): how many
+    points are written when what each of the limits allows has been.
     """
-    n, filled = points.shape[0], 0
-    for i in range(n - 1):
-        dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-        gap = math.hypot(dx, dy)
-        if gap <= limits[0] or gap > limits[1]:
-            continue
-        ax, ay = points[i, 0] - origin[0], points[i, 1] - origin[1]
-        bx, by = ax + dx, ay + dy
-        across = abs(ax * by - ay * bx)
-        if across > math.sin(limits[2]) * math.hypot(ax, ay) * math.hypot(bx, by) or ax * bx + ay * by <= 0.0:
-            continue
-        if across < limits[3] * gap * max(math.hypot(ax, ay), math.hypot(bx, by)):
-            continue
-        bend = _turn_cosine(points, i - 1, i, i, i + 1) if i > 0 else -1.0
-        if i + 2 < n:
-            bend = max(bend, _turn_cosine(points, i, i + 1, i + 1, i + 2))
-        if bend < limits[4]:
-            continue
-        steps = int(math.ceil(gap / limits[0]))
-        for k in range(1, steps):
-            if filled == out.shape[0]:
-                return filled
-            out[filled, 0] = points[i, 0] + dx * k / steps
-            out[filled, 1] = points[i, 1] + dy * k / steps
-            filled += 1
-    return filled
+    filled = 0
+    for level in range(limits.shape[0]):
+        for i in range(points.shape[0] - 1):
+            if not _goes_on(points, i, origin, limits[level]):
+                continue
+            if level > 0 and _goes_on(points, i, origin, limits[level - 1]):
+                continue
+            dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+            steps = int(math.ceil(math.hypot(dx, dy) / limits[level, 0]))
+            for k in range(1, min(steps, out.shape[0] - filled + 1)):
+                out[filled, 0] = points[i, 0] + dx * k / steps
+                out[filled, 1] = points[i, 1] + dy * k / steps
+                filled += 1
+        counts[level] = filled
 
 
 def warm_up() -> None:
@@ -445,4 +454,4 @@ def warm_up() -> None:
     voxel_filter(points, 0.1, table, True, chosen, out)
     choose_voxels(points, 0.1, table, True, chosen)
     adaptive_voxel_filter(points, 0.5, 2, table, True, chosen, out)
-    fill_surfaces(points, np.zeros(2), np.ones(5), out)
+    fill_surfaces(points, np.zeros(2), np.ones((2, 5)), out, counts)

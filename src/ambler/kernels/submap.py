@@ -12,6 +12,7 @@ from ambler.kernels.jit import jit
 
 MARK = np.uint16(32768)
 VALUE = np.uint16(32767)
+EVEN, SURE = np.uint16(16384), np.uint16(24576)  # probabilities of 0.5 and 0.7
 AT_END = 0.2  # metres before a return in which its ray is as low as what it meets
 
 
@@ -21,6 +22,17 @@ def _update(cells, iy, ix, table, touched, n):
     if value & MARK:
         return n
     cells[iy, ix] = table[value] | MARK
+    touched[n] = iy * cells.shape[1] + ix
+    return n + 1
+
+
+@jit
+def _keep(cells, iy, ix, touched, n):
+    """Count a cell as updated by this scan without changing it."""
+    value = cells[iy, ix]
+    if value & MARK:
+        return n
+    cells[iy, ix] = value | MARK
     touched[n] = iy * cells.shape[1] + ix
     return n + 1
 
@@ -62,12 +74,24 @@ def _share(low, dx, dy, resolution, at_end):
 
 @jit
 def insert_scan(
-    cells, starts, free_starts, points, free_points, surfaces, lows, free_lows, frame, hit_table, miss_table, touched
+    cells,
+    starts,
+    free_starts,
+    points,
+    free_points,
+    surfaces,
+    sure,
+    lows,
+    free_lows,
+    frame,
+    hit_table,
+    miss_table,
+    touched,
 ):
     """Insert one scan into a grid; returns how many cells changed.
 
     `cells` uint16 (H, W); `starts` and `free_starts` float64, where the rays start, (N, 2) or (1, 2) for one start of all; `points` and
-    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) are hits without rays; `lows`, `free_lows`
+    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) keep the cells that they lie in from being made free: rays along a wall pass through the nearer half of its cells. The first `sure` of them are hits in cells that are not known yet; `lows`, `free_lows`
     float64 (N,), (M,) are the metres up to which a ray passes over things (none: nowhere), but for what it meets at its end; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
@@ -81,8 +105,11 @@ def insert_scan(
     for i in range(surfaces.shape[0]):
         ix = int(math.floor((surfaces[i, 0] - frame[1]) * inverse))
         iy = int(math.floor((surfaces[i, 1] - frame[2]) * inverse))
-        if 0 <= ix < width and 0 <= iy < height and cells[iy, ix] == 0:
-            n = _update(cells, iy, ix, hit_table, touched, n)
+        if 0 <= ix < width and 0 <= iy < height:
+            if i < sure and cells[iy, ix] == 0:
+                n = _update(cells, iy, ix, hit_table, touched, n)
+            elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:
+                n = _keep(cells, iy, ix, touched, n)
     for i in range(points.shape[0]):
         k = i if starts.shape[0] > 1 else 0
         x0, y0 = (starts[k, 0] - frame[1]) * inverse, (starts[k, 1] - frame[2]) * inverse
@@ -198,7 +225,9 @@ def warm_up() -> None:
     frame = np.array([1.0, 0.0, 0.0])
     starts = np.zeros((1, 2))
     lows = np.zeros(0)
-    insert_scan(cells, starts, starts, points, points, points, lows, lows, frame, table, table, np.zeros(16, np.int64))
+    insert_scan(
+        cells, starts, starts, points, points, points, 0, lows, lows, frame, table, table, np.zeros(16, np.int64)
+    )
     known_box(cells, np.zeros(4, np.int64))
     evidence = np.zeros((4, 4), np.float32)
     known = np.zeros((4, 4), np.uint8)

@@ -182,14 +182,15 @@ def _join_walls(positions, owners, frame, radius, support, surfaces):
                     continue
                 nx, ny = surfaces[wall, 2], surfaces[wall, 3]
                 left = right = False
+                far = 2 * radius
                 for g in range(4):
-                    for jy in range(max(0, iy - radius), min(height, iy + radius + 1)):
-                        for jx in range(max(0, ix - radius), min(width, ix + radius + 1)):
+                    for jy in range(max(0, iy - far), min(height, iy + far + 1)):
+                        for jx in range(max(0, ix - far), min(width, ix + far + 1)):
                             j = owners[g, jy, jx]
-                            if j < 0 or support[j] < STRONG or surfaces[j, 2] * nx + surfaces[j, 3] * ny < 0.9:
+                            if j < 0 or support[j] < WEAK or surfaces[j, 2] * nx + surfaces[j, 3] * ny < 0.8:
                                 continue
                             ex, ey = positions[j, 0] - surfaces[wall, 0], positions[j, 1] - surfaces[wall, 1]
-                            if abs(ex * nx + ey * ny) > res:
+                            if abs(ex * nx + ey * ny) > 1.5 * res:
                                 continue
                             along = (positions[j, 1] - positions[i, 1]) * nx - (positions[j, 0] - positions[i, 0]) * ny
                             left |= along > res

@@ -18,6 +18,9 @@ LONGEST_GAP = 1.0  # m
 WIDEST_BEAMS = math.radians(2.5)  # a device of one beam a degree may lose one between
 LEAST_INCIDENCE = math.sin(math.radians(5.0))
 LEAST_BEND = math.cos(math.radians(15.0))
+LONGEST_LIKELY = 4.0
+LEAST_LIKELY_INCIDENCE = math.sin(math.radians(1.5))
+LEAST_LIKELY_BEND = math.cos(math.radians(3.0))
 MOST_BETWEEN = 8192
 
 
@@ -110,9 +113,22 @@ def filter_voxels_adaptively(points: F32, max_size: float, min_points: int, *, p
     return out[: int(n)]
 
 
-def points_between_returns(scan: PlanarScan, spacing: float) -> F32:
-    """Return points (K, 2) at most `spacing` apart on the surfaces that go on between neighbouring returns of a scan."""
-    limits = np.array([spacing, LONGEST_GAP, WIDEST_BEAMS, LEAST_INCIDENCE, LEAST_BEND])
-    out = np.empty((MOST_BETWEEN, 2), np.float32)
-    n = scan_points.fill_surfaces(scan.points, np.array(scan.origin), limits, out)
-    return out[: int(n)]
+@dataclass(frozen=True, slots=True, eq=False)
+class BetweenReturns:
+    """Points float32 (K, 2) on surfaces that go on between neighbouring returns: the first `sure` of them certainly, the others likely: a wall that is seen
+    at a grazing angle, whose returns lie metres apart, may have a gap there, but rays along it do not show one."""
+
+    points: F32
+    sure: int
+
+
+NOTHING_BETWEEN = BetweenReturns(np.empty((0, 2), np.float32), 0)
+
+
+def points_between_returns(scan: PlanarScan, spacing: float) -> BetweenReturns:
+    """Return points at most `spacing` apart on the surfaces that go on between neighbouring returns of a scan."""
+    sure = (spacing, LONGEST_GAP, WIDEST_BEAMS, LEAST_INCIDENCE, LEAST_BEND)
+    likely = (spacing, LONGEST_LIKELY, WIDEST_BEAMS, LEAST_LIKELY_INCIDENCE, LEAST_LIKELY_BEND)
+    out, counts = np.empty((MOST_BETWEEN, 2), np.float32), np.empty(2, np.int64)
+    scan_points.fill_surfaces(scan.points, np.array(scan.origin), np.array([sure, likely]), out, counts)
+    return BetweenReturns(out[: int(counts[1])], int(counts[0]))

@@ -87,8 +87,8 @@ class FrontEnd:
             and len(scan.points) >= POINTS_LEAST
             and (self._stands_at_start or self._has_moved(scan.stamp_ns, pose))
         ):
-            surfaces = points_between_returns(scan, config.insertion.resolution)
-            submaps, finished = self.active.insert(scan, pose, surfaces)
+            between = points_between_returns(scan, 0.5 * config.insertion.resolution)
+            submaps, finished = self.active.insert(scan, pose, between)
             self._scans_at_start += 1
             self._inserted = (scan.stamp_ns, pose)
         doubt = (0.0, 0.0) if target is None else self._doubt(match)

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
 from ambler.registration.line_field import LineConfig, LineField
-from ambler.registration.planar_scan import PlanarScan
+from ambler.registration.planar_scan import NOTHING_BETWEEN, BetweenReturns, PlanarScan
 
 F32 = NDArray[np.float32]
 
-NOTHING = np.empty((0, 2), np.float32)
 METRES_PER_RADIAN = 1.0
 MOST_TIMES = 8
 """As how many scans one counts at most that comes after a long way, in which a denser log would have had as many."""
@@ -67,9 +66,9 @@ class ActiveSubmaps:
         return self.submaps[0] if self.submaps else None
 
     def insert(
-        self, scan: PlanarScan, local_from_base: SE2, surfaces: F32 = NOTHING
+        self, scan: PlanarScan, local_from_base: SE2, between: BetweenReturns = NOTHING_BETWEEN
     ) -> tuple[list[Submap], Submap | None]:
-        """Insert a scan and the points between its returns; returns the submaps that took it and the one that this scan finished, if any."""
+        """Insert a scan and what lies between its returns; returns the submaps that took it and the one that this scan finished, if any."""
         step = self._last.distance_to(local_from_base)
         changed = step + METRES_PER_RADIAN * abs(wrap_angle(local_from_base.yaw - self._last.yaw))
         self._last = local_from_base
@@ -84,8 +83,8 @@ class ActiveSubmaps:
             starts, free_starts = (pose.transform(s) for s in scan.ray_starts())
             points = pose.transform(scan.points).astype(np.float32)
             free = pose.transform(scan.free_points).astype(np.float32)
-            between = pose.transform(surfaces).astype(np.float32)
-            self._inserter.insert(submap.grid, starts, points, free, free_starts, between, times, lows)
+            surfaces = pose.transform(between.points).astype(np.float32)
+            self._inserter.insert(submap.grid, starts, points, free, free_starts, surfaces, between.sure, times, lows)
             submap.lines.add(points, starts)
             submap.scans += 1
         used = list(self.submaps)
