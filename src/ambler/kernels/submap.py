@@ -91,7 +91,7 @@ def insert_scan(
     """Insert one scan into a grid; returns how many cells changed.
 
     `cells` uint16 (H, W); `starts` and `free_starts` float64, where the rays start, (N, 2) or (1, 2) for one start of all; `points` and
-    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) keep the cells that they lie in from being made free: rays along a wall pass through the nearer half of its cells. The first `sure` of them are hits in cells that are not known yet; `lows`, `free_lows`
+    `free_points` float32 (N, 2), all in the grid's frame; `surfaces` float32 (K, 2) keep the cells that they lie in from being made free: rays along a wall pass through the nearer half of its cells. The first `sure` of them are hits in cells that are not known yet; the others keep only what was seen often, and make the rest no freer than even; `lows`, `free_lows`
     float64 (N,), (M,) are the metres up to which a ray passes over things (none: nowhere), but for what it meets at its end; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
