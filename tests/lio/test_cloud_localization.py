@@ -298,6 +298,25 @@ def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:
         assert bad.quality < good.quality - 0.25
 
 
+def test_how_tightly_a_place_fits_is_told_by_its_walls() -> None:
+    """A floor that was mapped 12 cm too low, as on a thin deck a plane between both of its sides is: walls fit as before."""
+    results = other_day()[:8]
+    sight = Sight(CONFIG.match, 10)
+    for result, _ in results:
+        sight.add(result)
+    local = sight.gathered(10)
+    result, truth = results[-1]
+    true = truth @ result.map_from_imu.inverse() @ local.odom_from_local
+    points = saved().points.copy()
+    is_floor = points[:, 2] < np.percentile(points[:, 2], 1.0) + 0.3
+    assert 0.1 < is_floor.mean() < 0.9
+    points[is_floor, 2] -= 0.12
+    as_mapped = judge(saved(), local, true, CONFIG.match)
+    too_low = judge(CloudMap(points), local, true, CONFIG.match)
+    assert too_low.walls > 0.9 * as_mapped.walls
+    assert too_low.residual_m < 1.1 * as_mapped.residual_m
+
+
 def test_perturbations_are_inverse_to_differences() -> None:
     rng = np.random.default_rng(1)
     pose = SE3.from_rpy((1.0, 2.0, 3.0), 0.1, -0.2, 2.0)

@@ -21,6 +21,34 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "rays along a wall make its cells free",
+        "kernels/submap.py",
+        "elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:",
+        "elif False:",
+        ("tests/grids/test_insertion.py",),
+    ),
+    PlantedFault(
+        "rays along a wall keep what was seen once",
+        "kernels/submap.py",
+        "elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:",
+        "else:",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
+        "a torn beam stands for a table",
+        "kernels/submap.py",
+        "cells[iy, ix] & VALUE > once",
+        "cells[iy, ix] & VALUE > EVEN",
+        ("tests/grids/test_insertion.py",),
+    ),
+    PlantedFault(
+        "nothing goes on likely",
+        "kernels/scan_points.py",
+        "for level in range(limits.shape[0]):",
+        "for level in range(1):",
+        ("tests/registration/test_surfaces.py",),
+    ),
+    PlantedFault(
         "the two sides of a wall are one line",
         "kernels/line_field.py",
         "return 2 if dy > 0.0 else 3",
@@ -198,14 +226,14 @@ MAPPING = (
     PlantedFault(
         "surfaces overwrite what was measured",
         "kernels/submap.py",
-        "and 0 <= iy < height and cells[iy, ix] == 0:",
-        "and 0 <= iy < height:",
+        "if i < sure and cells[iy, ix] == 0:",
+        "if i < sure:",
         ("tests/grids/test_insertion.py",),
     ),
     PlantedFault(
         "rays of a cloud erase what they pass over in a submap",
         "kernels/submap.py",
-        "if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > EVEN):",
+        "if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > once):",
         "if is_inside:",
         ("tests/grids/test_insertion.py",),
     ),

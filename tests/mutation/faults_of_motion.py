@@ -26,6 +26,27 @@ PRIMITIVES = ("tests/control/test_primitives.py",)
 
 MOTION = (
     PlantedFault(
+        "a speck is looked at through walls",
+        "exploration/specks.py",
+        "if _sees(costs, (px, py), thing):",
+        "if True:",
+        ("tests/exploration/test_specks.py",),
+    ),
+    PlantedFault(
+        "a speck is looked at for ever",
+        "exploration/specks.py",
+        "if len(before) < self.config.looks else None",
+        "if True else None",
+        ("tests/exploration/test_specks.py",),
+    ),
+    PlantedFault(
+        "the robot looks at a speck without turning",
+        "missions/explore.py",
+        "            if self._turns_there:",
+        "            if False:",
+        EXPLORE,
+    ),
+    PlantedFault(
         "the second fan of the primitives is as wide as the first",
         "control/primitive_library.py",
         "for second in first + _NARROWS * fan:",
