@@ -1,6 +1,7 @@
 """Small things that shut a way: which are looked at, from where, and how often."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,12 +30,12 @@ def with_door(thing: NDArray[np.int8] | None = None, door: slice = slice(14, 27)
 SPECK = np.full((1, 1), 100, np.int8)
 
 
-def looks(occupancy: NDArray[np.int8], most: int = 5) -> list[SE2]:
-    """Return the looks that are wanted in a map that does not change."""
-    surveyor = FrontierSurvey(CONFIG, path_distances)
+def looks(occupancy: NDArray[np.int8], config: SurveyConfig = CONFIG) -> list[SE2]:
+    """Return the looks that are wanted in a map that does not change, five at most."""
+    surveyor = FrontierSurvey(config, path_distances)
     survey = surveyor.update(*grids(occupancy, RADIUS_CELLS), HERE)
     found: list[SE2] = []
-    while len(found) < most and (place := surveyor.look_at_speck(survey, HERE)) is not None:
+    while len(found) < 5 and (place := surveyor.look_at_speck(survey, HERE)) is not None:
         found.append(place)
     return found
 
@@ -68,6 +69,13 @@ def test_a_speck_behind_which_nothing_is_to_be_seen_is_left_alone() -> None:
     occupancy = with_door(SPECK)
     occupancy[10:30, 70] = 100  # the corridor ends, and all of it was seen
     assert looks(occupancy) == []
+
+
+def test_a_nook_is_not_worth_the_way() -> None:
+    occupancy = with_door(SPECK)
+    occupancy[10:30, 54:] = -1  # what was seen behind the speck leaves the robot's middle 1.4 m²
+    assert looks(occupancy)
+    assert looks(occupancy, replace(CONFIG, specks=replace(CONFIG.specks, least_area=1.6))) == []
 
 
 def test_a_speck_beside_the_way_is_left_alone() -> None:

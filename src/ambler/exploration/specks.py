@@ -24,12 +24,13 @@ Place = tuple[float, float]
 @dataclass(frozen=True, slots=True)
 class SpecksConfig:
     """A speck is at most `cells` large. It is looked at from `distance` metres, or from as near to that as one can stand between `nearest` and `farthest`: where scanners
-    that look down see it as well. Looks at places within `again` metres of one another are at one thing, which gets `looks` of them."""
+    that look down see it as well; a look is worth its way where the robot could move over `least_area` (m²) behind. Looks at places within `again` metres of one another are at one thing, which gets `looks` of them."""
 
     cells: int = 4
     distance: float = 2.0
     nearest: float = 0.8
     farthest: float = 3.0
+    least_area: float = 1.0
     again: float = 0.5
     looks: int = 2
 
@@ -61,13 +62,14 @@ class Specks:
         """Return from where to look at one of the `specks` that part the cells that are `reached` from those `beyond` (bool [iy, ix] of `costs`) that lie within `reach` metres of places that
         are `wanted` (N, 2); None where nothing is left to look at. The look counts as made."""
         spec = costs.spec
-        labels = cv2.connectedComponents(beyond.astype(np.uint8), connectivity=8)[1]
+        labels, stats = cv2.connectedComponentsWithStats(beyond.astype(np.uint8), connectivity=8)[1:3]
         goals = np.zeros(spec.shape, np.bool_)
         cells = spec.cells_of(wanted)
         cells = cells[np.all((cells >= 0) & (cells < spec.shape), axis=1)]
         goals[cells[:, 0], cells[:, 1]] = True
-        is_wanted = np.zeros(int(labels.max()) + 1, np.bool_)
+        is_wanted = np.zeros(len(stats), np.bool_)
         is_wanted[labels[_distance_to(goals) <= reach / spec.resolution]] = True
+        is_wanted &= stats[:, cv2.CC_STAT_AREA] * spec.resolution**2 >= self.config.least_area
         is_wanted[0] = False
         gap = _distance_to(reached) + _distance_to(is_wanted[labels])
         iy, ix = np.nonzero(specks & np.isfinite(gap))
