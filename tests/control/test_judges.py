@@ -1,5 +1,6 @@
 """Goal checker, progress checker, path tracker, and the two recovery motions."""
 
+import itertools
 import math
 
 import numpy as np
@@ -14,6 +15,7 @@ from ambler.control.recovery_motion import (
     RecoveryTimeoutError,
     TurnInPlace,
 )
+from ambler.control.way_back import WayBack
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import RobotModel, VelocityLimits
 from ambler.core.se2 import SE2
@@ -81,8 +83,10 @@ def test_a_path_of_one_pose_or_of_repeated_poses_is_fine() -> None:
     assert np.allclose(tracker.points[:, 3], math.pi / 2)
 
 
-def run_motion(motion: RecoveryMotion, robot: RobotModel, world: World, seconds: float = 30.0) -> list[SE2]:
-    pose, v, poses = SE2(), STILL, []
+def run_motion(
+    motion: RecoveryMotion, robot: RobotModel, world: World, seconds: float = 30.0, start: SE2 | None = None
+) -> list[SE2]:
+    pose, v, poses = start or SE2(), STILL, []
     for tick in range(round(seconds / 0.05)):
         costs, spec = world.window(pose.x, pose.y, 5.0)
         command = motion.compute_command(tick * 50_000_000, costs, spec, pose)
@@ -128,6 +132,64 @@ def test_backing_up_is_refused_without_room_or_reverse() -> None:
     forward_only = RobotModel("f", DIFF.drive, DIFF.footprint, VelocityLimits(0.8, 0.0, 0.0, 1.5))
     with pytest.raises(CollisionAheadError):
         run_motion(BackUp(forward_only, 0.3, 0.02), forward_only, World())
+
+
+def came_by(*twists: tuple[float, float, float]) -> tuple[WayBack, SE2]:
+    """Return the way back of a base that drove each twist for a second from the origin, and where it is."""
+    way_back, pose = WayBack(), SE2()
+    for twist in twists:
+        for _ in range(50):
+            way_back.add(pose)
+            pose = pose @ SE2.exp(np.array(twist) * 0.02)
+    return way_back, pose
+
+
+ARC = ((0.47, 0.0, 0.785),) * 2  # a quarter of a circle of 0.6 m to the left
+BEHIND_ARC = World().block(0.75, -0.6, 1.1, 0.05)  # what straight back from its end leads to after 0.3 m
+
+
+def test_backing_up_follows_the_way_that_the_base_came() -> None:
+    way_back, end = came_by(*ARC)
+    straight = run_motion(BackUp(DIFF, 0.6, 0.02), DIFF, BEHIND_ARC, start=end)
+    assert end.distance_to(straight[-1]) < 0.4
+    poses = run_motion(BackUp(DIFF, 0.6, 0.02, way_back), DIFF, BEHIND_ARC, start=end)
+    assert 0.55 < sum(a.distance_to(b) for a, b in itertools.pairwise([end, *poses])) < 0.65
+    for pose in poses:
+        assert abs(math.hypot(pose.x, pose.y - 0.6) - 0.6) < 0.03
+    assert math.isclose(poses[-1].yaw, math.pi / 2 - 1.0, abs_tol=0.15)
+
+
+def test_the_next_time_it_backs_up_farther_not_forth_again() -> None:
+    way_back, end = came_by(*ARC)
+    half = run_motion(BackUp(DIFF, 0.4, 0.02, way_back), DIFF, World(), start=end)[-1]
+    there = run_motion(BackUp(DIFF, 0.4, 0.02, way_back), DIFF, World(), start=half)[-1]
+    assert there.distance_to(SE2()) < 0.25
+    beyond = run_motion(BackUp(DIFF, 0.4, 0.02, way_back), DIFF, World(), start=there)[-1]
+    assert beyond.x < -0.1  # the way has come to its beginning: straight back
+
+
+def test_legs_leave_a_pocket_sideways_as_they_came() -> None:
+    pocket = World().block(-1.2, 0.35, 1.2, 0.5).block(-0.75, -0.35, -0.6, 0.35)  # at the left side, and behind
+    way_back = WayBack()
+    for y in np.arange(-1.2, 0.01, 0.04):
+        way_back.add(SE2(0.0, float(y), 0.0))
+    with pytest.raises(CollisionAheadError):
+        run_motion(BackUp(SPOT, 0.6, 0.02), SPOT, pocket)
+    poses = run_motion(BackUp(SPOT, 0.6, 0.02, way_back), SPOT, pocket)
+    assert poses[-1].y < -0.5
+    assert max(abs(p.x) for p in poses) < 0.02
+
+
+def test_a_way_back_on_which_something_stands_now_is_not_taken() -> None:
+    way_back, end = came_by((0.6, 0.0, 0.0), (0.6, 0.0, 0.0))
+    with pytest.raises(CollisionAheadError):
+        run_motion(BackUp(DIFF, 0.6, 0.02, way_back), DIFF, World().block(0.6, -0.5, 0.9, 0.5), start=end)
+
+
+def test_who_was_carried_away_does_not_go_back() -> None:
+    way_back, _ = came_by((0.6, 0.0, 0.0))
+    way_back.add(SE2(5.0, 0.0))
+    assert len(way_back) == 1
 
 
 @pytest.mark.parametrize("motion", [TurnInPlace(DIFF, 1.0, 0.02), BackUp(DIFF, 0.3, 0.02)])

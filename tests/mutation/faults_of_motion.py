@@ -26,6 +26,20 @@ PRIMITIVES = ("tests/control/test_primitives.py",)
 
 MOTION = (
     PlantedFault(
+        "a base backs up straight, wherever it came from",
+        "control/recovery_motion.py",
+        "if target is not None and self._is_free(odom_from_base, target):",
+        "if False:",
+        ("tests/control/test_judges.py",),
+    ),
+    PlantedFault(
+        "a base goes back over what stands on its way now",
+        "control/recovery_motion.py",
+        "return all(self._window.lethal_cells(pose) <= there_now for pose in steps)",
+        "return True",
+        ("tests/control/test_judges.py",),
+    ),
+    PlantedFault(
         "a speck is looked at through walls",
         "exploration/specks.py",
         "if _sees(costs, (px, py), thing):",

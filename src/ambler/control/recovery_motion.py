@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.control.local_window import LocalWindow
 from ambler.control.trajectory_rollout import approach_limit
+from ambler.control.way_back import TURN_RATE, WayBack, towards
 from ambler.core.errors import ControlError
 from ambler.core.grid import GridSpec
 from ambler.core.protocols import BodyVelocity
@@ -110,14 +111,16 @@ class TurnInPlace:
 
 
 class BackUp:
-    """Backs up straight by a distance, or by what is free of it."""
+    """Backs up by a distance, or by what is free of it: along the way that the base has come (`way_back`) as far as that is known and still free, else straight."""
 
-    def __init__(self, robot: RobotModel, amount: float, padding: float) -> None:
+    def __init__(self, robot: RobotModel, amount: float, padding: float, way_back: WayBack | None = None) -> None:
         self._limits = robot.limits
         self._window = LocalWindow(robot, padding)
         self._amount = abs(amount)
-        self._start: SE2 | None = None
-        self._clock = _Clock(self._amount / BACK_SPEED * 1.5 + ALLOWANCE)
+        self._way_back = way_back or WayBack()
+        self._last: SE2 | None = None
+        self._moved = 0.0
+        self._clock = _Clock(self._amount / BACK_SPEED * 1.5 + ALLOWANCE + math.pi / TURN_RATE)  # turns belong to a way back
 
     def compute_command(
         self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
@@ -125,16 +128,28 @@ class BackUp:
         """Return the next velocity, or None when done; raises CollisionAheadError or RecoveryTimeoutError."""
         self._clock.check(now_ns)
         self._window.update(costs, spec)
-        if self._start is None:
-            self._start = odom_from_base
-        moved = self._start.distance_to(odom_from_base)
-        left = self._amount - moved
+        self._moved += 0.0 if self._last is None else self._last.distance_to(odom_from_base)
+        self._last = odom_from_base
+        left = self._amount - self._moved
         if left <= 0.01:
             return None
+        target = self._way_back.target(odom_from_base) if self._limits.vx_min < 0.0 else None
+        if target is not None and self._is_free(odom_from_base, target):
+            return towards(odom_from_base, target, BACK_SPEED, self._limits, sideways=self._limits.vy_max > 0.0)
+        return self._straight(odom_from_base, left)
+
+    def _is_free(self, odom_from_base: SE2, target: SE2) -> bool:
+        """Whether nothing comes under the footprint on the way to a pose that is not there now."""
+        there_now = self._window.lethal_cells(odom_from_base)
+        between = odom_from_base.inverse() @ target
+        steps = [odom_from_base @ SE2(s * between.x, s * between.y, s * between.yaw) for s in (0.34, 0.67, 1.0)]
+        return all(self._window.lethal_cells(pose) <= there_now for pose in steps)
+
+    def _straight(self, odom_from_base: SE2, left: float) -> BodyVelocity | None:
         free = self._window.free_slide(odom_from_base, odom_from_base.yaw + math.pi, left)
         speed = min(BACK_SPEED, -self._limits.vx_min, approach_limit(free, 0.6 * self._limits.ax_brake, REACTION_TIME))
         if speed <= 0.0 or free < min(BACK_FREE_MIN, left - 1e-9):
-            if moved >= BACK_FREE_MIN:
+            if self._moved >= BACK_FREE_MIN:
                 return None
             raise CollisionAheadError("there is no room to back up")
         return BodyVelocity(-max(speed, min(0.05, -self._limits.vx_min)), 0.0, 0.0)

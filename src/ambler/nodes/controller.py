@@ -17,6 +17,7 @@ import numpy as np
 from ambler.control.checkers import GoalChecker, ProgressChecker, StallChecker
 from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
+from ambler.control.way_back import WayBack
 from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
 from ambler.core.messages import (
@@ -154,6 +155,7 @@ class ControllerNode(Node):
         self._recover: RecoverHandle | None = None
         self._recover_since_ns = 0
         self._motion: RecoveryMotion | None = None
+        self._way_back = WayBack()
         self._goal_checker = GoalChecker(0.15, 0.2)
         self._progress, self._stall, self._sent = (
             ProgressChecker(),
@@ -302,9 +304,13 @@ class ControllerNode(Node):
 
     def _on_recover(self, handle: RecoverHandle) -> None:
         self._end_follow("PREEMPTED", "a recovery begins")
-        motion = TurnInPlace if handle.goal.kind is RecoveryKind.ROTATE else BackUp
         self._recover_since_ns = self.ctx.now_ns
-        self._recover, self._motion = handle, motion(self._robot, handle.goal.amount, RECOVERY_PADDING)
+        kind, amount = handle.goal.kind, handle.goal.amount
+        self._recover = handle
+        if kind is RecoveryKind.ROTATE:
+            self._motion = TurnInPlace(self._robot, amount, RECOVERY_PADDING)
+        else:
+            self._motion = BackUp(self._robot, amount, RECOVERY_PADDING, self._way_back)
         self._trouble_since_ns = None
 
     def _on_recover_cancelled(self, handle: RecoverHandle) -> None:
@@ -368,6 +374,8 @@ class ControllerNode(Node):
             self.ctx.newest(ODOMETRY)
             self._check_sight()
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
+            if not (self._recover is not None and isinstance(self._motion, BackUp)):
+                self._way_back.add(odom_from_base)
             movers = self._view.movers(self.ctx.now_ns)
             self._yielding.set_movers(movers, odom_from_base, velocity)
             if self._mover_aware is not None:
