@@ -159,13 +159,20 @@ def test_backing_up_follows_the_way_that_the_base_came() -> None:
     assert math.isclose(poses[-1].yaw, math.pi / 2 - 1.0, abs_tol=0.15)
 
 
+def test_where_there_is_room_it_backs_up_straight_whatever_way_it_came() -> None:
+    way_back, end = came_by(*ARC)
+    poses = run_motion(BackUp(DIFF, 0.3, 0.02, way_back), DIFF, World(), start=end)
+    assert max(abs(p.yaw - end.yaw) for p in poses) < 1e-6
+    assert math.isclose(end.y - poses[-1].y, 0.3, abs_tol=0.03)
+
+
 def test_the_next_time_it_backs_up_farther_not_forth_again() -> None:
     way_back, end = came_by(*ARC)
-    half = run_motion(BackUp(DIFF, 0.4, 0.02, way_back), DIFF, World(), start=end)[-1]
-    there = run_motion(BackUp(DIFF, 0.4, 0.02, way_back), DIFF, World(), start=half)[-1]
-    assert there.distance_to(SE2()) < 0.25
-    beyond = run_motion(BackUp(DIFF, 0.4, 0.02, way_back), DIFF, World(), start=there)[-1]
-    assert beyond.x < -0.1  # the way has come to its beginning: straight back
+    half = run_motion(BackUp(DIFF, 0.5, 0.02, way_back), DIFF, BEHIND_ARC, start=end)[-1]
+    assert half.yaw > 0.5
+    there = run_motion(BackUp(DIFF, 2.0, 0.02, way_back), DIFF, World().block(-1.4, -3.0, -1.0, 3.0), start=half)[-1]
+    assert there.yaw < 0.2
+    assert there.x < -0.1  # the way has come to its beginning: straight on from there
 
 
 def test_legs_leave_a_pocket_sideways_as_they_came() -> None:
@@ -184,6 +191,13 @@ def test_a_way_back_on_which_something_stands_now_is_not_taken() -> None:
     way_back, end = came_by((0.6, 0.0, 0.0), (0.6, 0.0, 0.0))
     with pytest.raises(CollisionAheadError):
         run_motion(BackUp(DIFF, 0.6, 0.02, way_back), DIFF, World().block(0.6, -0.5, 0.9, 0.5), start=end)
+
+
+def test_after_a_straight_bit_the_way_goes_on_back_from_beside() -> None:
+    way_back, end = came_by(*ARC)
+    target = way_back.target(end @ SE2(-0.3, 0.0, 0.0))
+    assert target is not None
+    assert target.y < 0.3  # not forth to where it had been
 
 
 def test_who_was_carried_away_does_not_go_back() -> None:

@@ -22,6 +22,7 @@ BACK_SPEED = 0.15  # m/s
 REACTION_TIME = 0.15  # s
 TURN_FREE_MIN = 0.3  # rad that must be free before a turn begins
 BACK_FREE_MIN = 0.05  # m that must be free before backing up begins
+STRAIGHT_LEAST = 0.8  # of the distance that must be free straight behind for the base not to go back as it came
 ALLOWANCE = 5.0  # s beyond the time that the motion should take
 
 
@@ -111,7 +112,7 @@ class TurnInPlace:
 
 
 class BackUp:
-    """Backs up by a distance, or by what is free of it: along the way that the base has come (`way_back`) as far as that is known and still free, else straight."""
+    """Backs up by a distance, or by what is free of it: straight, or, where little of that is free, along the way that the base has come (`way_back`) as far as that is known and still free."""
 
     def __init__(self, robot: RobotModel, amount: float, padding: float, way_back: WayBack | None = None) -> None:
         self._limits = robot.limits
@@ -120,7 +121,10 @@ class BackUp:
         self._way_back = way_back or WayBack()
         self._last: SE2 | None = None
         self._moved = 0.0
-        self._clock = _Clock(self._amount / BACK_SPEED * 1.5 + ALLOWANCE + math.pi / TURN_RATE)  # turns belong to a way back
+        self._goes_straight = True
+        self._clock = _Clock(
+            self._amount / BACK_SPEED * 1.5 + ALLOWANCE + math.pi / TURN_RATE
+        )  # turns belong to a way back
 
     def compute_command(
         self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
@@ -128,12 +132,16 @@ class BackUp:
         """Return the next velocity, or None when done; raises CollisionAheadError or RecoveryTimeoutError."""
         self._clock.check(now_ns)
         self._window.update(costs, spec)
-        self._moved += 0.0 if self._last is None else self._last.distance_to(odom_from_base)
+        if self._last is None:
+            self._goes_straight = self._free_behind(odom_from_base, self._amount) >= STRAIGHT_LEAST * self._amount
+        else:
+            self._moved += self._last.distance_to(odom_from_base)
         self._last = odom_from_base
         left = self._amount - self._moved
         if left <= 0.01:
             return None
-        target = self._way_back.target(odom_from_base) if self._limits.vx_min < 0.0 else None
+        comes_back = not self._goes_straight and self._limits.vx_min < 0.0
+        target = self._way_back.target(odom_from_base) if comes_back else None
         if target is not None and self._is_free(odom_from_base, target):
             return towards(odom_from_base, target, BACK_SPEED, self._limits, sideways=self._limits.vy_max > 0.0)
         return self._straight(odom_from_base, left)
@@ -145,8 +153,11 @@ class BackUp:
         steps = [odom_from_base @ SE2(s * between.x, s * between.y, s * between.yaw) for s in (0.34, 0.67, 1.0)]
         return all(self._window.lethal_cells(pose) <= there_now for pose in steps)
 
+    def _free_behind(self, odom_from_base: SE2, most: float) -> float:
+        return self._window.free_slide(odom_from_base, odom_from_base.yaw + math.pi, most)
+
     def _straight(self, odom_from_base: SE2, left: float) -> BodyVelocity | None:
-        free = self._window.free_slide(odom_from_base, odom_from_base.yaw + math.pi, left)
+        free = self._free_behind(odom_from_base, left)
         speed = min(BACK_SPEED, -self._limits.vx_min, approach_limit(free, 0.6 * self._limits.ax_brake, REACTION_TIME))
         if speed <= 0.0 or free < min(BACK_FREE_MIN, left - 1e-9):
             if self._moved >= BACK_FREE_MIN:

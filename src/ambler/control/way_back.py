@@ -21,7 +21,8 @@ TURN_RATE = 0.5  # rad/s
 
 
 class WayBack:
-    """Poses of the base in the odom frame, the newest last. `add` while it drives, `target` while it goes back: what it has passed again is forgotten."""
+    """Poses of the base in the odom frame, the newest last. `add` while it drives, `target` while it goes back: what lies between the newest and where it is now is forgotten, also where it came
+    there by another way."""
 
     def __init__(self) -> None:
         self._poses: deque[SE2] = deque(maxlen=LENGTH)
@@ -42,7 +43,9 @@ class WayBack:
 
     def target(self, odom_from_base: SE2) -> SE2 | None:
         """Return the pose to head for on the way back; None when the way has come to its beginning."""
-        while self._poses and _apart(self._poses[-1], odom_from_base) < AHEAD:
+        gaps = [_apart(pose, odom_from_base) for pose in self._poses]
+        nearest = min(range(len(gaps)), key=gaps.__getitem__, default=0)
+        while len(self._poses) > nearest + 1 or (self._poses and _apart(self._poses[-1], odom_from_base) < AHEAD):
             self._poses.pop()
         return self._poses[-1] if self._poses else None
 
