@@ -197,7 +197,7 @@ def test_after_a_straight_bit_the_way_goes_on_back_from_beside() -> None:
     way_back, end = came_by(*ARC)
     target = way_back.target(end @ SE2(-0.3, 0.0, 0.0))
     assert target is not None
-    assert target.y < 0.3  # not forth to where it had been
+    assert target.y < 0.35  # not forth to where it had been
 
 
 def test_who_was_carried_away_does_not_go_back() -> None:

@@ -15,7 +15,7 @@ from ambler.core.se2 import SE2, wrap_angle
 STEP, TURN = 0.04, 0.1  # metres and rad between the poses that are remembered
 LENGTH = 75  # poses, 3 m
 JUMP = 0.5  # metres that a base was moved while nobody looked: the way before leads nowhere
-LEVER = 0.3  # metres that a radian counts
+LEVER = 0.15  # metres that a radian counts
 AHEAD = 0.12  # metres to the pose that is headed for
 TURN_RATE = 0.5  # rad/s
 
