@@ -23,7 +23,7 @@ from ambler.lio.config import CloudLocalizerConfig, LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.lio.offline import run_offline
-from ambler.lio.sight import Sight
+from ambler.lio.sight import LocalCloud, Sight
 from ambler.sim.hand_path import HandPath
 from ambler.sim.hand_rig import HandRig
 from ambler.sim.site import draw_hall
@@ -281,7 +281,8 @@ def _brightness(image: Image, x: float, y: float) -> int:
     return int(image.stack[0, iy - 1 : iy + 2, ix - 1 : ix + 2].max())
 
 
-def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:
+def seen_from_where() -> tuple[LocalCloud, SE3]:
+    """Return what the first scans of the other day saw together, and its true pose in the map."""
     results = other_day()[:8]
     sight = Sight(CONFIG.match, 10)
     for result, _ in results:
@@ -289,6 +290,11 @@ def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:
     local = sight.gathered(10)
     result, truth = results[-1]
     true = truth @ result.map_from_imu.inverse() @ local.odom_from_local
+    return local, true
+
+
+def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:
+    local, true = seen_from_where()
     good = judge(saved(), local, true, CONFIG.match)
     assert good.quality > 0.6
     assert good.blocked < 0.05
@@ -300,13 +306,7 @@ def test_judging_tells_a_true_pose_from_one_through_a_wall() -> None:
 
 def test_how_tightly_a_place_fits_is_told_by_its_walls() -> None:
     """A floor that was mapped 12 cm too low, as on a thin deck a plane between both of its sides is: walls fit as before."""
-    results = other_day()[:8]
-    sight = Sight(CONFIG.match, 10)
-    for result, _ in results:
-        sight.add(result)
-    local = sight.gathered(10)
-    result, truth = results[-1]
-    true = truth @ result.map_from_imu.inverse() @ local.odom_from_local
+    local, true = seen_from_where()
     points = saved().points.copy()
     is_floor = points[:, 2] < np.percentile(points[:, 2], 1.0) + 0.3
     assert 0.1 < is_floor.mean() < 0.9

@@ -118,13 +118,12 @@ class BackUp:
         self._limits = robot.limits
         self._window = LocalWindow(robot, padding)
         self._amount = abs(amount)
-        self._way_back = way_back or WayBack()
+        self._way_back = WayBack() if way_back is None else way_back
         self._last: SE2 | None = None
         self._moved = 0.0
         self._goes_straight = True
-        self._clock = _Clock(
-            self._amount / BACK_SPEED * 1.5 + ALLOWANCE + math.pi / TURN_RATE
-        )  # turns belong to a way back
+        turns = math.pi / TURN_RATE  # belong to a way back
+        self._clock = _Clock(self._amount / BACK_SPEED * 1.5 + ALLOWANCE + turns)
 
     def compute_command(
         self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
