@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit, jit_fused, read_only
+from ambler.kernels.jit import jit_fused, jit_short, read_only
 
 POSITION, ROTATION, VELOCITY, GYRO_BIAS, ACCEL_BIAS, GRAVITY, EXTRA = 0, 3, 6, 9, 12, 15, 17
 # Columns of a trajectory float64 (K, KNOT): time, position, velocity, acceleration in the map, angular rate in the body from here to the next
@@ -20,7 +20,7 @@ T, P, V, A, W, R, KNOT = 0, 1, 4, 7, 10, 13, 22
 SMALL = 1e-8
 
 
-@jit
+@jit_short
 def so3_exp(wx, wy, wz, out):
     """Write the rotation matrix (3, 3) of a rotation vector (Rodrigues)."""
     angle2 = wx * wx + wy * wy + wz * wz
@@ -34,7 +34,7 @@ def so3_exp(wx, wy, wz, out):
     out[2, 0], out[2, 1], out[2, 2] = b * wx * wz - a * wy, b * wy * wz + a * wx, 1.0 - b * (wx * wx + wy * wy)
 
 
-@jit
+@jit_short
 def right_jacobian(wx, wy, wz, out):
     """Write the right Jacobian (3, 3) of the exponential at a rotation vector."""
     angle2 = wx * wx + wy * wy + wz * wz
@@ -48,7 +48,7 @@ def right_jacobian(wx, wy, wz, out):
     out[2, 0], out[2, 1], out[2, 2] = b * wx * wz + a * wy, b * wy * wz - a * wx, 1.0 - b * (wx * wx + wy * wy)
 
 
-@jit
+@jit_short
 def sphere_basis(gx, gy, gz, out):
     """Write two unit vectors that with the direction of `g` form a right-handed frame, as columns of (3, 2)."""
     n = math.sqrt(gx * gx + gy * gy + gz * gz)
@@ -60,7 +60,35 @@ def sphere_basis(gx, gy, gz, out):
     out[0, 1], out[1, 1], out[2, 1] = b, sign + y * y * a, -y
 
 
-@jit
+@jit_short
+def _turned(a, b, out):
+    """Write the product (3, 3) of two rotation matrices."""
+    for r in range(3):
+        for c in range(3):
+            out[r, c] = a[r, 0] * b[0, c] + a[r, 1] * b[1, c] + a[r, 2] * b[2, c]
+
+
+@jit_short
+def _carry_covariance(f, covariance, moved):
+    """Carry a symmetric covariance (N, N) on by a transition whose rows (R, C) differ from the identity's; `moved` (R, N) is scratch."""
+    rows, n = moved.shape
+    moved[:, :] = 0.0
+    for r in range(rows):
+        for k in range(f.shape[1]):
+            if f[r, k] != 0.0:
+                for c in range(n):
+                    moved[r, c] += f[r, k] * covariance[k, c]
+    for r in range(rows):
+        for c in range(rows, n):
+            covariance[r, c] = covariance[c, r] = moved[r, c]
+        for c in range(r + 1):
+            total = 0.0
+            for k in range(f.shape[1]):
+                total += moved[r, k] * f[c, k]
+            covariance[r, c] = covariance[c, r] = total
+
+
+@jit_short
 def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, gravity, covariance, densities, knots):
     """Carry the state through IMU samples float64 (K, 7) of (time, rate, specific force), K >= 2, from the first one's time to the last one's.
 
@@ -69,7 +97,9 @@ def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, grav
     becomes the trajectory.
     """
     n = covariance.shape[0]
-    f, step, jac, basis = np.zeros((n, n)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 2))
+    # The rows of the transition that differ from the identity's.
+    f, moved = np.zeros((GYRO_BIAS, EXTRA)), np.empty((GYRO_BIAS, n))
+    step, jac, basis, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 2)), np.empty((3, 3))
     sphere_basis(gravity[0], gravity[1], gravity[2], basis)
     w, a, e, world = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(samples.shape[0]):
@@ -80,7 +110,7 @@ def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, grav
             a[j] = 0.5 * (samples[i, 4 + j] + samples[i + 1, 4 + j]) - accel_bias[j]
         dt = 0.0 if last else samples[k + 1, 0] - samples[k, 0]
         so3_exp(0.5 * w[0] * dt, 0.5 * w[1] * dt, 0.5 * w[2] * dt, step)
-        half = rotation @ step
+        _turned(rotation, step, half)
         for j in range(3):
             e[j] = step[j, 0] * a[0] + step[j, 1] * a[1] + step[j, 2] * a[2]
             world[j] = half[j, 0] * a[0] + half[j, 1] * a[1] + half[j, 2] * a[2] + gravity[j]
@@ -94,7 +124,7 @@ def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, grav
         knots[k, R : R + 9] = rotation.ravel()
         if last:
             break
-        for j in range(n):
+        for j in range(GYRO_BIAS):
             f[j, j] = 1.0
         right_jacobian(w[0] * dt, w[1] * dt, w[2] * dt, jac)
         so3_exp(-w[0] * dt, -w[1] * dt, -w[2] * dt, step)
@@ -119,12 +149,12 @@ def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, grav
                     turned = -(gx * by - gy * bx)
                 f[VELOCITY + r, GRAVITY + c] = turned * dt
         for r in range(3):
-            for c in range(n):
+            for c in range(EXTRA):
                 # A step moves the position by half of what it changes the velocity by.
                 f[POSITION + r, c] = (1.0 if c == POSITION + r else 0.0) + 0.5 * dt * (
                     f[VELOCITY + r, c] + (1.0 if c == VELOCITY + r else 0.0)
                 )
-        covariance[:, :] = f @ covariance @ f.T
+        _carry_covariance(f, covariance, moved)
         for j in range(3):
             covariance[ROTATION + j, ROTATION + j] += densities[0] * dt
             covariance[VELOCITY + j, VELOCITY + j] += densities[1] * dt
@@ -137,7 +167,8 @@ def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, grav
         for j in range(3):
             position[j] += velocity[j] * dt + 0.5 * world[j] * dt * dt
             velocity[j] += world[j] * dt
-        rotation[:, :] = rotation @ step
+        _turned(rotation, step, half)
+        rotation[:, :] = half
     covariance[:, :] = 0.5 * (covariance + covariance.T)
 
 

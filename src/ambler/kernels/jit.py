@@ -36,6 +36,9 @@ def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 jit = numba.njit(cache=True, nogil=True)
+# Keeps the interpreter's lock: for what takes microseconds and is called often. Giving the lock up for so little hands it to another thread,
+# and getting it back takes a hundred times as long as the kernel.
+jit_short = numba.njit(cache=True)
 # Division by zero gives inf as in IEEE 754 instead of an exception, which lets LLVM vectorise loops that divide.
 jit_ieee = numba.njit(cache=True, nogil=True, error_model="numpy")
 # The same with fused multiply-add: twice as fast in long polynomials over columns, equal on equal machines.

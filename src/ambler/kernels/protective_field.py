@@ -13,24 +13,24 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit
+from ambler.kernels.jit import jit_short
 
 CORNER = 1e-9  # metres outside of the other edges within which an entry still counts, so that no corner lets a point slip through
 
 
-@jit
+@jit_short
 def braking_time(vx, vy, wz, ax, ay, az):
     """Return the seconds until every axis can stand, braking with `ax`, `ay` (m/s^2) and `az` (rad/s^2)."""
     return max(abs(vx) / ax, abs(vy) / ay, abs(wz) / az)
 
 
-@jit
+@jit_short
 def stopping_time(scale, reaction, braking):
     """Return the arc time covered before the robot stands, in seconds of motion at full wanted velocity."""
     return scale * reaction + 0.5 * scale * scale * braking
 
 
-@jit
+@jit_short
 def safe_scale(contact, reaction, braking):
     """Return the largest share 0..1 of the wanted velocity whose `stopping_time` does not exceed the time of `contact`."""
     if contact >= stopping_time(1.0, reaction, braking):
@@ -40,7 +40,7 @@ def safe_scale(contact, reaction, braking):
     return min(1.0, 2.0 * contact / (reaction + math.sqrt(reaction * reaction + 2.0 * braking * contact)))
 
 
-@jit
+@jit_short
 def crossing_time(c0, c1, c2, k):
     """Return when the quadratic in tau falls through zero, as a time t = atan(k tau) / k >= 0 within one turn; inf if never."""
     square = c1 * c1 - 4.0 * c0 * c2
@@ -62,7 +62,7 @@ def crossing_time(c0, c1, c2, k):
     return t + math.pi / abs(k) if k != 0.0 else np.inf  # in the second half of the turn
 
 
-@jit
+@jit_short
 def entry_time(x, y, k, normals, offsets, across, grown, foremost, latest):
     """Return when the point (x, y) enters the footprint `grown` by some metres on all sides while the footprint moves with the body
     velocity v and turns with w = 2 k; inf if not until `latest`. The point is outside of the edge `foremost`. `across` float64
@@ -81,7 +81,7 @@ def entry_time(x, y, k, normals, offsets, across, grown, foremost, latest):
     return first if has_entered else np.inf
 
 
-@jit
+@jit_short
 def edge_quadratic(x, y, k, normals, offsets, across, grown, e):
     """Return (c0, c1, c2) of one edge; k = w / 2."""
     along = normals[e, 0] * x + normals[e, 1] * y
@@ -90,7 +90,7 @@ def edge_quadratic(x, y, k, normals, offsets, across, grown, e):
     return along - limit, c1, -k * (k * (along + limit) + across[e, 1])
 
 
-@jit
+@jit_short
 def _is_within(t, x, y, k, normals, offsets, across, grown, edge):
     """Say whether no edge but `edge` has the point outside at the time t."""
     half = k * t
@@ -102,7 +102,7 @@ def _is_within(t, x, y, k, normals, offsets, across, grown, edge):
     return True
 
 
-@jit
+@jit_short
 def contact_time(points, normals, offsets, radius, twist, horizon, margin, tolerance, self_depth, min_points):
     """Return the time at which the footprint, moving with the constant body `twist` (vx, vy, wz), comes nearer than `margin` to
     `min_points` of the points (N, 2); inf if not within `horizon` seconds.
@@ -140,7 +140,7 @@ def contact_time(points, normals, offsets, radius, twist, horizon, margin, toler
     return first[min_points - 1]
 
 
-@jit
+@jit_short
 def free_scale(points, normals, offsets, radius, twist, braking, reaction, margin, tolerance, self_depth, min_points):
     """Return the share 0..1 of `twist` from which the robot, which needs `reaction` and then `braking` seconds from full speed, still
     stops before the contact with `min_points` of the points. See `contact_time`."""
@@ -149,7 +149,7 @@ def free_scale(points, normals, offsets, radius, twist, braking, reaction, margi
     return safe_scale(contact, reaction, braking)
 
 
-@jit
+@jit_short
 def carry_points(points, x, y, cos, sin, first, out):
     """Write the points (N, 2), moved by a pose, into the rows of `out` from `first` on; returns the row after them."""
     for i in range(points.shape[0]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -85,9 +86,9 @@ def exp(vector: F64) -> F64:
 def log(rotation: F64) -> F64:
     """Return the rotation vector (3,) of a rotation matrix, up to half a turn."""
     w, x, y, z = quaternion_of(rotation)
-    sine = float(np.sqrt(x * x + y * y + z * z))
-    scale = 2.0 if sine < 1e-12 else 2.0 * float(np.arctan2(sine, w)) / sine
-    return scale * np.array([x, y, z])
+    sine = math.hypot(x, y, z)
+    scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
+    return np.array([scale * x, scale * y, scale * z])
 
 
 def right_jacobian(vector: F64) -> F64:
@@ -106,21 +107,19 @@ def gravity_basis(gravity: F64) -> F64:
 
 def quaternion_of(rotation: F64) -> Quaternion:
     """Return the unit quaternion (w, x, y, z), w not negative, of a rotation matrix (Shepperd)."""
-    r = rotation
-    traces = np.array([r[0, 0] + r[1, 1] + r[2, 2], r[0, 0], r[1, 1], r[2, 2]])
-    i = int(np.argmax(traces))
-    if i == 0:
-        q = np.array([1.0 + traces[0], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    traces = (a + e + i, a, e, i)
+    largest = traces.index(max(traces))
+    if largest == 0:
+        q = (1.0 + traces[0], h - f, c - g, d - b)
+    elif largest == 1:
+        q = (h - f, 1.0 + a - e - i, d + b, g + c)
+    elif largest == 2:
+        q = (c - g, d + b, 1.0 + e - i - a, h + f)
     else:
-        a, b, c = i - 1, i % 3, (i + 1) % 3
-        q = np.empty(4)
-        q[0] = r[c, b] - r[b, c]
-        q[1 + a] = 1.0 + r[a, a] - r[b, b] - r[c, c]
-        q[1 + b] = r[b, a] + r[a, b]
-        q[1 + c] = r[c, a] + r[a, c]
-    q /= np.linalg.norm(q)
-    w, x, y, z = (q if q[0] >= 0.0 else -q).tolist()
-    return (w, x, y, z)
+        q = (d - b, g + c, h + f, 1.0 + i - a - e)
+    scale = math.copysign(1.0 / math.hypot(*q), q[0])
+    return (scale * q[0], scale * q[1], scale * q[2], scale * q[3])
 
 
 def to_se3(position: F64, rotation: F64) -> SE3:
