@@ -9,6 +9,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_FREE, COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.costmap.layer import Moment, whole
 from ambler.costmap.terrain_layer import TerrainLayer
+from ambler.kernels.costmap import fill_squares
 
 SPEC = GridSpec(0.05, 80, 80, -2.0, -2.0)
 
@@ -62,3 +63,19 @@ def test_points_beyond_the_grid_are_left_out_and_bad_input_is_named() -> None:
     assert not drawn(layer_of((9.0, 9.0, 0.3, False)), 0).any()
     with pytest.raises(BadInputError, match="kinds"):
         TerrainLayer().set_terrain(np.zeros((2, 2)), np.zeros(2, np.float32), np.zeros(1, np.bool_))
+
+
+def test_squares_are_filled_as_arrays_fill_them() -> None:
+    rng = np.random.default_rng(3)
+    points, values = rng.uniform(-3.0, 3.0, (500, 2)), rng.integers(0, 250, 500).astype(np.uint8)
+    for across in (1, 2, 4):
+        filled, expected = (np.full(SPEC.shape, COST_UNKNOWN, np.uint8) for _ in range(2))
+        fill_squares(filled, SPEC.origin_x, SPEC.origin_y, SPEC.resolution, points, values, across)
+        corner = np.round((points - (SPEC.origin_x, SPEC.origin_y)) / SPEC.resolution - 0.5 * across).astype(int)
+        for dy in range(across):
+            for dx in range(across):
+                ix, iy = corner[:, 0] + dx, corner[:, 1] + dy
+                inside = (ix >= 0) & (iy >= 0) & (ix < SPEC.width) & (iy < SPEC.height)
+                expected[iy[inside], ix[inside]] = values[inside]
+        assert (filled != COST_UNKNOWN).sum() > 200 * across
+        np.testing.assert_array_equal(filled, expected)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_FREE, COST_LETHAL, GridSpec
 from ambler.costmap.layer import Box, Moment, box_around, union, whole
+from ambler.kernels.costmap import fill_squares
 
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
@@ -80,9 +81,4 @@ class TerrainLayer:
     @staticmethod
     def _fill(master: U8, spec: GridSpec, points: F64, values: U8, across: int) -> None:
         """Write values into squares of `across` cells around points."""
-        corner = np.round((points - (spec.origin_x, spec.origin_y)) / spec.resolution - 0.5 * across).astype(np.int64)
-        for dy in range(across):
-            for dx in range(across):
-                ix, iy = corner[:, 0] + dx, corner[:, 1] + dy
-                inside = (ix >= 0) & (iy >= 0) & (ix < spec.width) & (iy < spec.height)
-                master[iy[inside], ix[inside]] = values[inside]
+        fill_squares(master, spec.origin_x, spec.origin_y, spec.resolution, points, values, across)

@@ -138,6 +138,21 @@ def fill_convex(layer, origin_x, origin_y, resolution, polygon, value):
 
 
 @jit
+def fill_squares(layer, origin_x, origin_y, resolution, points, values, across):
+    """Set squares of `across` cells around points (N, 2) to their values uint8 (N,); where squares overlap, cells that are nearer to a
+    square's far corner win, then later points."""
+    height, width = layer.shape
+    half = 0.5 * across
+    for dy in range(across):
+        for dx in range(across):
+            for i in range(points.shape[0]):
+                ix = int(np.rint((points[i, 0] - origin_x) / resolution - half)) + dx
+                iy = int(np.rint((points[i, 1] - origin_y) / resolution - half)) + dy
+                if 0 <= ix < width and 0 <= iy < height:
+                    layer[iy, ix] = values[i]
+
+
+@jit
 def to_static(occupancy, table, out):
     """Write table[occupancy + 128] uint8 for every cell of `occupancy` int8 (H, W)."""
     height, width = occupancy.shape
@@ -207,6 +222,7 @@ def warm_up() -> None:
     clear_rays(layer, tops, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, True, 0.0, none)
     mark_points(layer, tops, 0.0, 0.0, 0.05, np.zeros((1, 2)), points, 3.0, none)
     fill_convex(layer, 0.0, 0.0, 0.05, np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]), FREE)
+    fill_squares(layer, 0.0, 0.0, 0.05, points, np.zeros(2, np.uint8), 2)
     occupancy = np.zeros((4, 4), np.int8)
     to_static(occupancy, np.zeros(256, np.uint8), layer)
     occupancy.flags.writeable = False  # messages hold read-only arrays, which are another type to the compiler
