@@ -308,6 +308,20 @@ MAPPING = (
         ("tests/perception/test_mover_tracker.py",),
     ),
     PlantedFault(
+        "whom a near scanner sees a little of is where that is",
+        "perception/mover_tracker.py",
+        "return np.asarray(ranges @ behind / ranges.sum())",
+        "return np.asarray(behind.mean(axis=0))",
+        ("tests/perception/test_mover_tracker.py",),
+    ),
+    PlantedFault(
+        "all scanners of a robot are in its middle",
+        "perception/mover_tracker.py",
+        "self._middle(came[near], _of_rays(seen_from, near))",
+        "self._middle(came[near], starts.mean(axis=0))",
+        ("tests/perception/test_mover_tracker.py",),
+    ),
+    PlantedFault(
         "who stands is yielded to for ever",
         "perception/mover_tracker.py",
         "if t.is_mover and not self._is_still(t, now)",

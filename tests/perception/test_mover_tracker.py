@@ -353,3 +353,27 @@ def test_a_wall_along_which_somebody_walked_does_not_take_his_place_when_he_is_g
         people = [walker] if 70 <= k < 250 else []
         movers = feed(tracker, k, people, walls, place, rng, None, NOTHING, NO_DRIFT, error)
     assert len(movers) == 0
+
+
+def test_who_leans_on_a_robot_with_two_scanners_is_where_he_is() -> None:
+    """One scanner, beside him, meets the little that it sees of him with many beams; the other sees his other side with few."""
+    tracker, rng = MoverTracker(), np.random.default_rng(7)
+    scanners = (SE2(0.5, 0.4, 0.0), SE2(-0.5, 0.4, 0.0))
+    for k in range(60):
+        person = (-0.36, 2.4 - 0.1 * min(max(k - 10, 0), 17))
+        points, starts = [], []
+        for scanner in scanners:
+            ranges = ranges_to([person], ROOM, scanner) + rng.normal(0.0, 0.005, len(ANGLES))
+            hits = np.array([scanner.x, scanner.y]) + ranges[:, None] * np.stack(
+                (np.cos(ANGLES), np.sin(ANGLES)), axis=1
+            )
+            is_free = ~((np.abs(hits[:, 0]) < 0.5) & (np.abs(hits[:, 1]) < 0.39)) & (ANGLES > -0.1)
+            points.append(hits[is_free])
+            starts.append(np.tile([scanner.x, scanner.y], (int(is_free.sum()), 1)))
+        hits, begins = np.concatenate(points), np.concatenate(starts)
+        scan = PlanarScan(k * 100_000_000, hits.astype(np.float32), np.zeros((0, 2), np.float32))
+        movers = tracker.update(scan, hits, np.zeros((0, 2)), begins, np.zeros((1, 2)))
+    by_hand = np.hypot(*(hits - person).T) < 0.3
+    assert math.dist(hits[by_hand].mean(axis=0), person) > 0.15, "where most beams meet him is not where he is"
+    assert len(movers) == 1
+    assert math.dist(movers.states[0, :2], person) < 0.07

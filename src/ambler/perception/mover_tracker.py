@@ -67,8 +67,10 @@ class MoverTracker:
         places = self._groups(points, kinds, starts)
         is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
         came, is_old, is_new = points[is_here], kinds[is_here] != kernels.MOVING, alone[is_here] == kernels.ALONE
+        seen_from = _of_rays(starts, is_here)
         for track, is_his in zip(self._tracks, self._owned(came, now), strict=True):
-            self._follow(track, places, came[is_his], is_old[is_his], is_new[is_his], points, starts, now)
+            his = came[is_his], _of_rays(seen_from, is_his), is_old[is_his], is_new[is_his]
+            self._follow(track, places, *his, points, starts, now)
         self._tracks += [MoverTrack(place, now) for place in places]
         self._tracks = self._one_each([t for t in self._tracks if now - t.seen <= self._config.coast or self._hides(t)])
         came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
@@ -143,13 +145,13 @@ class MoverTracker:
         c = self._config
         chosen = kinds == kernels.MOVING
         points, kinds = points[chosen], kinds[chosen]
-        starts = starts[chosen] if len(starts) > 1 else starts
+        starts = _of_rays(starts, chosen)
         labels, queue = np.empty(len(points), np.int32), np.empty(len(points), np.int32)
         count = kernels.group_points(points, kinds, kernels.MOVING, c.link, labels, queue)
         places = []
         for k in range(count):
             for part in self._people_of(np.flatnonzero(labels == k), points):
-                places.append(self._middle(points[part], starts[part] if len(starts) > 1 else starts))
+                places.append(self._middle(points[part], _of_rays(starts, part)))
         return places
 
     def _people_of(self, rows: NDArray[np.int64], points: F64) -> list[NDArray[np.int64]]:
@@ -170,14 +172,14 @@ class MoverTracker:
         c = self._config
         if np.count_nonzero(came) < c.min_points:
             return []
-        starts, points = starts[came] if len(starts) > 1 else starts, points[came]
+        starts, points = _of_rays(starts, came), points[came]
         labels, queue = np.empty(len(points), np.int32), np.empty(len(points), np.int32)
         count = kernels.group_points(points, np.zeros(len(points), np.uint8), 0, c.link, labels, queue)
         places = []
         for k in range(count):
             for part in self._people_of(np.flatnonzero(labels == k), points):
                 group = points[part]
-                place = self._middle(group, starts[part] if len(starts) > 1 else starts)
+                place = self._middle(group, _of_rays(starts, part))
                 if self._was_seen(place) and self._is_person(group) and self._is_apart(group, room):
                     places.append(place)
         return places
@@ -212,8 +214,12 @@ class MoverTracker:
         return kept
 
     def _middle(self, group: F64, starts: F64) -> F64:
-        mean, away = group.mean(axis=0), group.mean(axis=0) - starts.mean(axis=0)
-        return np.asarray(mean + self._config.to_middle * away / max(1e-9, math.hypot(*away)))
+        """Return the middle of whom points (N, 2), seen from `starts` (N or 1, 2), lie on: behind each, as its own ray goes. Each counts as much as
+        the piece of him that its beam covers: a scanner beside him meets the little that it sees with more beams than one that sees more from afar."""
+        away = group - starts
+        ranges = np.maximum(np.hypot(*away.T), 1e-9)
+        behind = group + self._config.to_middle * away / ranges[:, None]
+        return np.asarray(ranges @ behind / ranges.sum())
 
     def _owned(self, came: F64, now: float) -> list[NDArray[np.bool_]]:
         """Say of every track which points lie no nearer to another one who may stand: two who stand side by side keep their own."""
@@ -230,6 +236,7 @@ class MoverTracker:
         track: MoverTrack,
         places: list[F64],
         came: F64,
+        seen_from: F64,
         is_old: NDArray[np.bool_],
         is_new: NDArray[np.bool_],
         points: F64,
@@ -237,7 +244,7 @@ class MoverTracker:
         now: float,
     ) -> None:
         """Give a track what stands where he stood, else the group that is nearest to where he should be, else whatever is there that came
-        later than the room was seen. `is_old` says which points of `came` have been where they are for a while, `is_new` in which places nothing
+        later than the room was seen. `came` was seen from `seen_from`; `is_old` says which points of `came` have been where they are for a while, `is_new` in which places nothing
         has ever stood: a wall beside which he passed is looked through by rays that graze it, and is not he."""
         c, expected = self._config, track.predicted(now)
         may_stand = track.is_mover or track.stands
@@ -253,7 +260,7 @@ class MoverTracker:
         if int(near.sum()) >= c.min_points and int((near & is_new).sum()) >= c.new_share * int(near.sum()):
             if math.hypot(*track.velocity) < c.speed_min:
                 track.surface = came[near]
-            track.measure(self._middle(came[near], starts), now, c, points, starts)
+            track.measure(self._middle(came[near], _of_rays(seen_from, near)), now, c, points, starts)
 
     def _follow_out_of_sight(
         self, track: MoverTrack, points: F64, kinds: NDArray[np.uint8], starts: F64, now: float
@@ -271,7 +278,7 @@ class MoverTracker:
         for chosen in (np.flatnonzero(labels == k) for k in range(count)):
             group, is_new = around[chosen], (fresh[chosen] != 0) | (kinds[near[chosen]] != kernels.STANDING)
             is_person = len(group) >= c.min_points and is_new.all() and self._is_person(group)
-            if is_person and math.dist(self._middle(group, starts), expected) <= c.gate:
+            if is_person and math.dist(self._middle(group, _of_rays(starts, near[chosen])), expected) <= c.gate:
                 kinds[near[chosen]] = kernels.MOVING
                 kernels.make_free_before(group, c.resolution, self._grid, self._times)
 
@@ -287,6 +294,11 @@ class MoverTracker:
         return bool(track.walk.any()) and 2 * kernels.count_occupied(
             track.surface, self._config.resolution, self._grid
         ) > len(track.surface)
+
+
+def _of_rays(starts: F64, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> F64:
+    """Return where chosen rays begin, of `starts` (N, 2), or (1, 2) for all of them."""
+    return starts[chosen] if len(starts) > 1 else starts
 
 
 def _told_in(states: F64, new_from_old: SE2) -> F64:
