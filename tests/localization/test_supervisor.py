@@ -6,6 +6,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
@@ -51,6 +52,21 @@ class Believer:
         return self._estimate
 
 
+class Leaper(Believer):
+    """One that leaps at its eleventh observation, and whose covariance tells as much of it as it is told to."""
+
+    def __init__(self, leap: SE2, sigma: float) -> None:
+        super().__init__()
+        self._leap, self._sigma, self._count = leap, sigma, 0
+
+    def update(self, observation: Observation) -> Estimate:
+        self._count += 1
+        pose = HERE if self._count <= 10 else HERE @ self._leap
+        covariance = np.diag([self._sigma**2, self._sigma**2, 1e-4])
+        self._estimate = Estimate(observation.stamp_ns, pose, covariance, 1.0, Mode.FULL, 1.0, True)
+        return self._estimate
+
+
 @lru_cache(maxsize=1)
 def office() -> tuple[rooms.Room, SurfaceMap, Relocalizer]:
     room = rooms.office()
@@ -73,9 +89,9 @@ def scan(through: float = 0.0, hidden: float = 0.0) -> F32:
 class Watch:
     """A supervisor that stands at HERE and is shown scans ten times a second; it never searches."""
 
-    def __init__(self) -> None:
+    def __init__(self, localizer: Believer | None = None) -> None:
         _, surfaces, relocalizer = office()
-        localizer = Believer()
+        localizer = localizer or Believer()
         localizer.set_pose(0, SE2(), HERE)
         relocalizer.reset()
         self.supervisor = Supervisor(surfaces, localizer, relocalizer, SupervisorConfig())
@@ -107,6 +123,24 @@ def test_a_third_of_the_scan_behind_the_walls_is_a_wrong_pose_after_a_second() -
     told = watch.show(scan(through=0.33), 2.0)
     assert told[0].explained > 0.6
     assert 0.9 <= seconds_until(told, GIVEN_UP) <= 1.2
+
+
+@pytest.mark.parametrize(
+    ("leap", "sigma", "is_lost"),
+    [
+        (SE2(0.3, 0.0, 0.0), 0.02, False),  # pushed by somebody
+        (SE2(1.0, 0.0, 0.0), 0.02, True),
+        (SE2(0.0, 0.0, 1.6), 0.02, True),
+        (SE2(1.0, 0.0, 0.0), 0.5, False),  # it was not known better
+    ],
+)
+def test_a_pose_that_leaps_is_not_believed(leap: SE2, sigma: float, is_lost: bool) -> None:
+    """Whatever explains the scan there: particles have gathered somewhere else, and of many places that look alike this may be one."""
+    watch = Watch(Leaper(leap, sigma))
+    assert seconds_until(watch.show(scan(), 1.0), GIVEN_UP) == math.inf
+    told = watch.show(scan(), 0.3)
+    assert (told[0].state is LocalizationState.LOST) == is_lost
+    assert not is_lost or "jumped" in told[0].text
 
 
 def test_a_tenth_of_the_scan_behind_the_walls_is_an_open_door() -> None:

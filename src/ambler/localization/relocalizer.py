@@ -150,7 +150,7 @@ class Relocalizer:
         motion = self._odom_of_viewpoint.inverse() @ observation.odom_from_base
         carried = self._carry(observation.points_base, motion)
         fresh = self.search(observation.points_base)
-        if carried and fresh and _is_same(carried[0].map_from_base, fresh[0].map_from_base, 0.3, 0.2):
+        if carried and fresh and is_same_place(carried[0].map_from_base, fresh[0].map_from_base, 0.3, 0.2):
             self._confirmations += 1
         self._hypotheses = tuple(self._with_view(h, observation) for h in self._combine(carried, fresh))
         self._viewpoints = self._viewpoints + 1 if self._hypotheses else 0
@@ -181,11 +181,11 @@ class Relocalizer:
         for _, iy, ix, a in best[: 6 * config.candidates].tolist():
             spec = self.map.spec
             pose = SE2(spec.origin_x + (ix + 0.5) * self._cell, spec.origin_y + (iy + 0.5) * self._cell, angles[a])
-            if any(_is_same(pose, other.map_from_base, 0.3, 0.2) for other in found):
+            if any(is_same_place(pose, other.map_from_base, 0.3, 0.2) for other in found):
                 continue
             hypothesis = self._judge(points, pose)
             if hypothesis is not None and hypothesis.quality > 0.5 * config.accept:
-                found = [h for h in found if not _is_same(h.map_from_base, hypothesis.map_from_base, 0.3, 0.2)]
+                found = [h for h in found if not is_same_place(h.map_from_base, hypothesis.map_from_base, 0.3, 0.2)]
                 found.append(hypothesis)
             if len(found) >= config.candidates:
                 break
@@ -217,7 +217,7 @@ class Relocalizer:
             there = hypothesis.map_from_base @ motion
             judged = self._judge(points, there)
             allowed = 0.1 + 0.15 * math.hypot(motion.x, motion.y) + 0.2 * abs(motion.yaw)
-            if judged is None or not _is_same(there, judged.map_from_base, allowed, 0.1 + 0.15 * abs(motion.yaw)):
+            if judged is None or not is_same_place(there, judged.map_from_base, allowed, 0.1 + 0.15 * abs(motion.yaw)):
                 continue
             mean = (hypothesis.quality * self._viewpoints + judged.quality) / (self._viewpoints + 1)
             if judged.quality >= self.config.accept - 0.1:
@@ -250,7 +250,7 @@ class Relocalizer:
         if not carried or not fresh:
             return carried if carried else fresh
         best = fresh[0]
-        known = any(_is_same(best.map_from_base, h.map_from_base, 0.3, 0.2) for h in carried)
+        known = any(is_same_place(best.map_from_base, h.map_from_base, 0.3, 0.2) for h in carried)
         if not known and best.quality > carried[0].quality - self.config.margin:
             return tuple(sorted((*carried, best), key=lambda h: -h.quality))
         return carried
@@ -274,7 +274,8 @@ class Relocalizer:
         return Relocalization(stamp_ns, state, hypotheses, viewpoints)
 
 
-def _is_same(a: SE2, b: SE2, way: float, turn: float) -> bool:
+def is_same_place(a: SE2, b: SE2, way: float, turn: float) -> bool:
+    """Say whether two poses are less than `way` metres and `turn` radians apart."""
     return a.distance_to(b) < way and abs(wrap_angle(a.yaw - b.yaw)) < turn
 
 

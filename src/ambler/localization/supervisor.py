@@ -1,7 +1,8 @@
 """Watches a localizer: is the pose still believable, and if not, find it again.
 
 TRACKING → DEGRADED when the map explains too little of the scan for a moment → LOST when it stays so, when rays run through the
-map's walls, or when a search finds a place that fits much better → RELOCALIZING → TRACKING when a second viewpoint confirms.
+map's walls, when a search finds a place that fits much better, or when the pose jumps: particles that gather elsewhere are a guess like any
+other → RELOCALIZING → TRACKING when a second viewpoint confirms.
 People around the robot only hide walls (returns too near); a wrong pose also sees through them (returns too far).
 
 Searching the map takes long. `update` does it at once; on a robot `step` answers immediately, `take_search` hands out the search as a
@@ -11,6 +12,7 @@ pure job for another thread, and `commit` takes its result, to be verified again
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,7 +22,13 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2
 from ambler.kernels import likelihood_field as field_kernel
 from ambler.localization.localizer import Estimate, Localizer, Observation
-from ambler.localization.relocalizer import Hypothesis, Relocalization, RelocalizationState, Relocalizer
+from ambler.localization.relocalizer import (
+    Hypothesis,
+    Relocalization,
+    RelocalizationState,
+    Relocalizer,
+    is_same_place,
+)
 from ambler.localization.surface_map import SurfaceMap
 
 F64 = NDArray[np.float64]
@@ -39,7 +47,8 @@ class LocalizationState(enum.Enum):
 class SupervisorConfig:
     """Shares of the returns: below `explained_good` DEGRADED; below `explained_least` or above `through_most` (seen through walls) for
     `lost_after` s LOST (where the map is old and more is usual, `through_rise` above the usual). While it is below the usual by `sudden_drop` a search runs every `search_every` s, then more seldom; a place
-    better by `better_by`, and of `rival_quality`, means LOST. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
+    better by `better_by`, and of `rival_quality`, means LOST; so does a pose that moves by more than `jump` (m, rad) beyond odometry and its own
+    three sigma between two observations. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
 
     explained_good: float = 0.6
     explained_least: float = 0.35
@@ -53,6 +62,7 @@ class SupervisorConfig:
     search_every_most: float = 16.0
     better_by: float = 0.25
     rival_quality: float = 0.7
+    jump: tuple[float, float] = (0.5, 0.35)
     slack: float = 0.15
     points: int = 240
 
@@ -127,9 +137,9 @@ class Supervisor:
 
     def step(self, observation: Observation) -> Supervision:
         """Track and judge without searching; returns what to believe. A search may be due then: `take_search`."""
-        self._newest = observation
+        before, self._newest = self._newest, observation
         if self._state in (LocalizationState.TRACKING, LocalizationState.DEGRADED):
-            return self._track(observation)
+            return self._track(observation, before)
         return self._wait(observation)
 
     def take_search(self) -> Callable[[], SearchResult] | None:
@@ -147,8 +157,15 @@ class Supervisor:
         self.relocalizer = result.relocalizer
         return self._take_answer(result.answer, result.observation, now)
 
-    def _track(self, observation: Observation) -> Supervision:
+    def _track(self, observation: Observation, before: Observation | None) -> Supervision:
+        believed = self.localizer.estimate
         estimate = self.localizer.update(observation)
+        if believed is not None and before is not None and believed.stamp_ns == before.stamp_ns:
+            carried = believed.map_from_base @ (before.odom_from_base.inverse() @ observation.odom_from_base)
+            if self._has_jumped(carried, believed.covariance, estimate.map_from_base):
+                away = carried.distance_to(estimate.map_from_base)
+                self._enter(LocalizationState.LOST, f"the pose jumped by {away:.1f} m without a motion")
+                return Supervision(observation.stamp_ns, self._state, estimate, None, 0.0, 0.0, self._text)
         explained, through = self._judge(observation, estimate)
         config, now = self.config, observation.stamp_ns
         is_poor = explained < config.explained_good
@@ -170,6 +187,12 @@ class Supervisor:
         elif not is_suspect:
             self._state, self._text = LocalizationState.TRACKING, f"the map explains {explained:.0%} of the scan"
         return Supervision(now, self._state, estimate, None, explained, through, self._text)
+
+    def _has_jumped(self, carried: SE2, covariance: F64, told: SE2) -> bool:
+        way, turn = self.config.jump
+        way += 3.0 * math.sqrt(covariance[0, 0] + covariance[1, 1])
+        turn += 3.0 * math.sqrt(covariance[2, 2])
+        return not is_same_place(carried, told, way, turn)
 
     def _doubt(self, observation: Observation, estimate: Estimate, explained: float, *, is_poor: bool) -> None:
         """The scan fits worse than usual: is there a place that fits much better? Ask less often while the answer is no."""
