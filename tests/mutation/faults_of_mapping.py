@@ -308,6 +308,13 @@ MAPPING = (
         ("tests/perception/test_mover_tracker.py",),
     ),
     PlantedFault(
+        "particles that gather elsewhere are believed",
+        "localization/supervisor.py",
+        "if self._has_jumped(",
+        "if False and self._has_jumped(",
+        ("tests/localization/test_supervisor.py",),
+    ),
+    PlantedFault(
         "whom a near scanner sees a little of is where that is",
         "perception/mover_tracker.py",
         "return np.asarray(ranges @ behind / ranges.sum())",

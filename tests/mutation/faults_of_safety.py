@@ -137,6 +137,20 @@ SAFETY = (
         GATE,
     ),
     PlantedFault(
+        "the last glimpse of a thing tells where it was",
+        "safety/blind_memory.py",
+        'fullest = np.argsort(-counts, kind="stable")',
+        "fullest = np.arange(len(counts))",
+        ("tests/safety/test_gate_node.py",),
+    ),
+    PlantedFault(
+        "what is remembered is where its middle was",
+        "nodes/gate.py",
+        "unseen = pulled_nearer(unseen, UNSEEN_NEARER)",
+        "pass",
+        ("tests/safety/test_gate_node.py",),
+    ),
+    PlantedFault(
         "turning on the spot is no travel to the memory of blind zones",
         "safety/blind_memory.py",
         "last.distance_to(odom_from_base) + turn * self._radius",

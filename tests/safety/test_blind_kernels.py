@@ -32,13 +32,14 @@ def test_places_in_the_columns_of_wanted_points(rng: np.random.Generator) -> Non
 
 def test_means_of_columns_with_enough_points_and_none_too_near(rng: np.random.Generator) -> None:
     points, ranges = rng.uniform(-0.5, 0.5, (3000, 3)), rng.uniform(0.3, 2.0, 3000)
-    is_wanted, out = rng.uniform(size=3000) < 0.7, np.empty((3000, 3))
+    is_wanted, out = rng.uniform(size=3000) < 0.7, np.empty((3000, 4))
     found = out[: kernels.column_means(points, ranges, is_wanted, SIDE, 3, 0.5, out)]
     held: dict[tuple[int, int], list[int]] = {}
     for k, column in enumerate(columns(points)):
         if is_wanted[k]:
             held.setdefault(column, []).append(k)
-    expected = [points[ks].mean(axis=0) for ks in held.values() if len(ks) >= 3 and ranges[ks].min() >= 0.5]
+    full = [ks for ks in held.values() if len(ks) >= 3 and ranges[ks].min() >= 0.5]
+    expected = [[*points[ks].mean(axis=0), len(ks)] for ks in full]
     assert 50 < len(expected) < len(held) - 50
     np.testing.assert_allclose(found, expected, atol=1e-12)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,27 @@ def speed_before(rig: Rig, points_base: np.ndarray, pitch: float = 0.0) -> float
         rig.context.callbacks["velocity_request"](VelocityCommand(now_ns, 0.5, 0.0, 0.0))
         rig.context.step()
     return float(rig.context.last["velocity_command"].vx)
+
+
+def test_an_edge_that_no_ray_meets_any_more_is_remembered_no_farther_than_it_is() -> None:
+    """A low box that begins anywhere within a column of the memory; from near, all rays pass above it."""
+    ringed = replace(PUCK, elevation=(-math.radians(15.0), math.radians(15.0)))
+    for begin in np.arange(2.0, 2.05, 0.01):
+        rig = Rig(ringed)
+        taken = taken_points(rig)
+        grid = np.meshgrid(begin + np.arange(0.0, 0.3, 0.01), np.linspace(-0.1, 0.1, 21), (0.16, 0.2))
+        for k in range(14):
+            pose = SE3((0.1 * k, 0.0, 0.0))
+            box = np.add(np.stack([axis.ravel() for axis in grid], axis=1), [0.0, 0.0, 1e-4 * (k % 2)])
+            local = (pose @ ringed.base_from_sensor).inverse().transform(box)
+            seen = local[np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) > ringed.elevation[0]]
+            rig.context.now_ns += 100_000_000
+            now_ns, zeros = rig.context.now_ns, np.zeros(len(seen), np.float32)
+            rings = np.zeros(len(seen), np.uint16)
+            rig.context.callbacks["odometry"](odometry(now_ns, pose, 0.0))
+            rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", seen.astype(np.float32), zeros, zeros, rings))
+        assert len(seen) == 0, "from near"
+        assert begin - 0.03 < float(np.min(taken[-1][:, 0])) + 1.3 < begin + 0.01
 
 
 def bar(x: float, z: float) -> np.ndarray:

@@ -97,8 +97,8 @@ def are_in_columns(places, points, is_wanted, side, out):
 
 @jit
 def column_means(points, ranges, is_wanted, side, most, least, out):
-    """Write into `out` (N, 3) the mean of the wanted points (N, 3) of every column that holds at least `most` of them, none nearer
-    to the scanner, by its `ranges` (N,), than `least`; return how many."""
+    """Write into `out` (N, 4) the mean of the wanted points (N, 3) of every column that holds at least `most` of them, none nearer
+    to the scanner, by its `ranges` (N,), than `least`, and how many they are; return the number of columns."""
     wanted = 0
     for k in range(len(points)):
         wanted += is_wanted[k]
@@ -123,6 +123,7 @@ def column_means(points, ranges, is_wanted, side, most, least, out):
         if counts[column] >= most and nearest[column] >= least:
             for axis in range(3):
                 out[count, axis] = sums[column, axis] / counts[column]
+            out[count, 3] = counts[column]
             count += 1
     return count
 
@@ -148,5 +149,5 @@ def warm_up() -> None:
     are_inside(*rays, 0.1, (-3.0, 3.0), (-1.0, 1.0), out)
     look_through(rays, rays, 0.03, 0.1, out)
     are_in_columns(points, points, out, 0.04, out)
-    column_means(points, one, out, 0.04, 3, 0.1, np.empty((3, 3)))
+    column_means(points, one, out, 0.04, 3, 0.1, np.empty((3, 4)))
     first_of_columns(points, 0.04, np.empty(3, np.int64))

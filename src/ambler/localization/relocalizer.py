@@ -32,7 +32,8 @@ class RelocalizerConfig:
     when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad.
     Two views suffice for a pose of `sure_quality` that leads by `sure_margin`, or explains at least `sure_things` separate things more than each
     that comes nearer (`place_evidence`); in an old or crowded map it must lead as much and new searches
-    of the whole map must come back to it `confirmations` times. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
+    of the whole map must come back to it `confirmations` times. Where no other place comes within `rival` of it, `confirmations_alone` are
+    enough, or one for a pose of `sure_alone`. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -50,6 +51,9 @@ class RelocalizerConfig:
     sure_margin: float = 0.15
     sure_things: int = 4
     confirmations: int = 3
+    rival: float = 0.3
+    sure_alone: float = 0.7
+    confirmations_alone: int = 2
     retry_after: float = 0.5
     slack: float = 0.12
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
@@ -190,7 +194,7 @@ class Relocalizer:
             if len(found) >= config.candidates:
                 break
         found.sort(key=lambda h: -h.quality)
-        return tuple(h for h in found if found[0].quality - h.quality < 0.3)
+        return tuple(h for h in found if found[0].quality - h.quality < config.rival)
 
     def quality_at(self, points_base: F32, pose: SE2) -> float:
         """Return the quality of a pose for one scan: share explained minus twice the share that went through walls."""
@@ -264,7 +268,10 @@ class Relocalizer:
             return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
         lead = hypotheses[0].quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
         is_sure = hypotheses[0].quality >= config.sure_quality and viewpoints >= 2
-        is_confirmed = self._confirmations >= config.confirmations
+        times = config.confirmations
+        if all(hypotheses[0].quality - h.quality >= config.rival for h in hypotheses[1:]):
+            times = 1 if hypotheses[0].quality >= config.sure_alone else config.confirmations_alone
+        is_confirmed = self._confirmations >= times
         if (is_sure or is_confirmed) and self._is_alone():
             state = RelocalizationState.FOUND
         elif lead < config.margin:

@@ -59,7 +59,7 @@ from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, see_al
 from ambler.safety.config import GateConfig
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
-from ambler.safety.points import F64, Floor, patch_means, points_of_cloud, points_of_scan
+from ambler.safety.points import F64, Floor, patch_means, points_of_cloud, points_of_scan, pulled_nearer
 from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
 
@@ -67,6 +67,8 @@ PERIOD = 0.02
 APART_NS = 1_000_000  # between a step of the heartbeat and one that a request begins, at least
 STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
+# Metres by which what a cloud showed before may be nearer than it is remembered: at an edge half a column of the memory, and a walking body sways.
+UNSEEN_NEARER = 0.02
 SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
@@ -251,6 +253,7 @@ class GateNode(Node):
         unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field, is_floor)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
+            unseen = pulled_nearer(unseen, UNSEEN_NEARER)
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
         if self._rangers and isinstance(scan, LaserScan):

@@ -77,6 +77,7 @@ class BlindMemory:
         self._radius = radius
         self._max_travel = max_travel
         self._means_odom = np.empty((0, 3))
+        self._counts = np.empty(0)
         self._seen_at = np.empty(0)
         self._came = np.empty(0, np.bool_)
         self._near_at = np.empty(0)
@@ -119,24 +120,30 @@ class BlindMemory:
         looks_there = replace(field, range_min=0.0).contains(
             kept_rays
         )  # beside the sector nothing can be looked through
-        is_kept = ~sure.contains(kept_rays) & ~_is_seen(kept, others)
+        is_hidden = ~sure.contains(kept_rays)
+        points_odom = _moved(odom_from_base, points_base, height)
+        is_fading_still = _share_columns(self._means_odom, points_odom, is_fading)
+        is_kept = (is_hidden | is_fading_still) & ~_is_seen(kept, others)
         is_kept &= ~(looks_there & _looked_through(kept_rays, rays))
-        is_kept &= ~_share_columns(kept, points_base, is_central)  # at the rim, few may be left of a thing
+        is_kept &= ~_share_columns(self._means_odom, points_odom, is_central)  # at the rim, few may be left of a thing
         is_kept &= self._travel - seen_at < self._max_travel
         is_kept &= ~(self._came & (seconds - near_at > GONE))
         if is_floor is not None:
             is_kept &= ~is_floor(kept)
+        seen_at = np.where(is_fading_still, self._travel, seen_at)
         kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
-        fading = _column_means(points_base, rays[0], is_fading, field.range_min + CUT)
-        together = _moved(odom_from_base, np.concatenate((fading, kept)), height)
-        first = _first_of_columns(together)
-        self._means_odom = together[first]
-        self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[first]
-        returns = odom_from_base.transform(points_base[:, :2])
-        new = self._visitors.came(together[: len(fading), :2], returns, seconds, self._travel)
-        self._came = np.concatenate((new, came))[first]
-        self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[first]
-        return kept
+        fading, counts = _column_means(points_odom, rays[0], is_fading, field.range_min + CUT)
+        together = np.concatenate((fading, self._means_odom[is_kept]))
+        # While the rim passes over a thing, its near side goes first: the mean of what is left of a column replaces none of more points.
+        counts = np.concatenate((counts, self._counts[is_kept]))
+        fullest = np.argsort(-counts, kind="stable")
+        chosen = fullest[_first_of_columns(together[fullest])]
+        self._means_odom, self._counts = together[chosen], counts[chosen]
+        self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[chosen]
+        new = self._visitors.came(fading[:, :2], points_odom[:, :2], seconds, self._travel)
+        self._came = np.concatenate((new, came))[chosen]
+        self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[chosen]
+        return kept[is_hidden[is_kept]]
 
     def _advance(self, odom_from_base: SE2) -> None:
         last, self._odom_from_base = self._odom_from_base, odom_from_base
@@ -191,11 +198,12 @@ def _share_columns(places: F64, points: F64, is_wanted: Flags) -> Flags:
     return out
 
 
-def _column_means(points: F64, ranges: F64, is_wanted: Flags, least: float) -> F64:
-    """Return the mean point of every column that holds enough of the wanted points and none nearer to the scanner than `least`, float64 (M, 3):
-    where the blind zone cuts the noise off, a mean lies too far out."""
-    out = np.empty((len(points), 3))
-    return out[: kernels.column_means(points, ranges, is_wanted, COLUMN, MIN_POINTS, least, out)]
+def _column_means(points: F64, ranges: F64, is_wanted: Flags, least: float) -> tuple[F64, F64]:
+    """Return the mean point of every column that holds enough of the wanted points and none nearer to the scanner than `least`, float64 (M, 3), and
+    of how many points it is, (M,): where the blind zone cuts the noise off, a mean lies too far out."""
+    out = np.empty((len(points), 4))
+    out = out[: kernels.column_means(points, ranges, is_wanted, COLUMN, MIN_POINTS, least, out)]
+    return out[:, :3], out[:, 3]
 
 
 def _first_of_columns(points: F64) -> NDArray[np.int64]:

@@ -109,6 +109,14 @@ def patch_means(points: F64, origin: tuple[float, float]) -> F64:
     return out[: kernels.patch_means(np.ascontiguousarray(points, np.float64), origin, PATCH, PATCHES_BEHIND, out)]
 
 
+def pulled_nearer(points: F64, by: float) -> F64:
+    """Return points (N, 2 or 3) moved `by` metres, level, towards the base at the origin; none beyond it."""
+    ranges = np.hypot(points[:, 0], points[:, 1])
+    out = points.copy()
+    out[:, :2] *= np.maximum(0.0, 1.0 - by / np.maximum(ranges, 1e-9))[:, None]
+    return out
+
+
 def carried_to_stamp(points: F64, times: F64, twist: F64) -> F64:
     """Move points (N, 3), each seen from the base of its own time (N,) in seconds after the stamp, to the base of the stamp.
 
