@@ -67,6 +67,32 @@ def test_finds_itself_anywhere_and_only_believes_a_second_view(office: tuple[Roo
     assert found >= 19
 
 
+@pytest.mark.parametrize(("hidden", "views"), [(0.2, 2), (0.38, 3)])
+def test_the_more_people_hide_the_more_views_it_takes_where_no_other_place_comes_near(
+    hidden: float, views: int, office: tuple[Room, SurfaceMap]
+) -> None:
+    room, surfaces = office
+    rng = np.random.default_rng(5)
+    relocalizer = Relocalizer(surfaces, RelocalizerConfig())
+    needed = []
+    for _ in range(12):
+        relocalizer.reset()
+        pose, odom, taken = random_pose(surfaces, room, rng, 0.8), SE2(), 0
+        state = RelocalizationState.VERIFYING
+        while state is not RelocalizationState.FOUND and taken < 6:
+            points = room.scan(pose, rng, beams=480)
+            is_hidden = np.arange(len(points)) % 50 < 50 * hidden
+            points[is_hidden] *= (0.4 / np.hypot(*points[is_hidden].T))[:, None]
+            answer = relocalizer.update(Observation(taken, odom, points))
+            state, taken = answer.state, taken + 1
+            if state is RelocalizationState.FOUND:
+                assert answer.hypotheses[0].map_from_base.distance_to(pose) < 0.1
+            motion = small_move(surfaces, pose, rng)
+            pose, odom = pose @ motion, odom @ motion
+        needed.append(taken)
+    assert float(np.median(needed)) == views, needed
+
+
 def test_says_that_places_look_alike_until_the_door_is_seen() -> None:
     """Two equal rooms side by side differ only in what stands far from the first viewpoint."""
     rooms_ = (rooms.box(5.0, 3.0, 0.2, 6.0), rooms.box(1.5, 5.5, 1.0, 0.5), rooms.box(6.6, 5.5, 1.0, 0.5))
