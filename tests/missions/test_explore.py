@@ -569,6 +569,26 @@ def test_a_robot_whose_way_home_is_shut_goes_to_where_it_is_and_tries_again_from
     assert play.until_ended().result.is_home
 
 
+def test_every_second_time_the_robot_makes_room_for_who_waits_for_it_to_leave() -> None:
+    """Nothing shuts the way that it came: somebody stands between it and its home, and pushes."""
+    play = Play(frontier(12, 10, 2.0), return_time=100.0)
+    play.drive()
+    for x in np.arange(16.0, 11.0, -0.5):
+        play.pose = SE2(float(x), 10.0)
+        play.step(0.1)
+    play.surveyor.frontiers = []
+    play.step()
+    home, answers = play.drive(3.0), []
+    for _ in range(4):
+        answer = next(c for c in play.end(home, "NO_VALID_PATH") if isinstance(c, DriveTo | TurnAround))
+        answers.append(answer)
+        play.mission.drive_ended(answer.drive, "SUCCEEDED", "")
+        home = next(c for _ in range(30) for c in play.step() if isinstance(c, DriveTo))
+        assert home.map_from_goal == SE2(10.0, 10.0)
+    assert [isinstance(a, DriveTo) for a in answers] == [False, True, False, True]
+    assert 1.5 < answers[1].map_from_goal.distance_to(play.pose) < 2.6
+
+
 @pytest.mark.parametrize("pause", [4.0, 9.0])
 def test_a_robot_that_may_not_move_for_a_moment_goes_on(pause: float) -> None:
     play = Play(frontier(12, 10, 2.0), held_timeout=10.0, progress_timeout=12.0)

@@ -413,14 +413,16 @@ class ExploreMission:
         return [self._send(replace(self._way, drive=self._drive))]
 
     def _watch_the_way(self, view: ExploreView, code: str) -> list[Command]:
-        """Go to where the way that the robot came is shut, and look; there, turn: a map renews itself only where scans move."""
+        """Go to where the way that the robot came is shut, and look; there, turn, because a map renews itself only where scans move, or make room: who
+        stands there may wait for the robot to leave."""
         self._next_drive()
-        place = self._trail.lookout(view.costs, view.map_from_base)
-        if place is not None:
-            self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
-            self._wait(view, self.config.lookout_time, f"the way home is shut ({code}), going to where it is")
-            return [DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
-        return self._turn_and_wait(view, f"the way home is shut ({code}), waiting")
+        text = f"the way home is shut ({code})"
+        if (place := self._trail.lookout(view.costs, view.map_from_base)) is not None:
+            return self._go_and_wait(view, place, f"{text}, going to where it is")
+        place = self._trail.back(self.config.give_way)
+        if self._returns % 2 == 0 and place is not None and place.distance_to(view.map_from_base) > self.config.near:
+            return self._go_and_wait(view, place, f"{text}, making room")
+        return self._turn_and_wait(view, f"{text}, waiting")
 
     def _is_near_home(self, view: ExploreView) -> bool:
         """Somebody stands where the robot started: right beside is home as well."""
@@ -511,6 +513,12 @@ class ExploreMission:
         self._wait(view, 3.0 * self.config.return_pause, text)
         return [TurnAround(self._drive, 2.0 * math.pi)]
 
+    def _go_and_wait(self, view: ExploreView, place: SE2, text: str) -> list[Command]:
+        """Drive to a place, as long as that takes, and wait there."""
+        self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
+        self._wait(view, self.config.lookout_time, text)
+        return [DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
+
     def _judge_look(self, view: ExploreView, frontier: Frontier) -> None:
         """The robot arrived and the frontier is still there: count it as looked at, or as a goal that was not reached."""
         away, planned = (_nearest(frontier, place) for place in (view.map_from_base, self._sent))
@@ -550,9 +558,7 @@ class ExploreMission:
         place = self._trail.nearest(cells)
         if place is None or place.distance_to(view.map_from_base) <= self.config.near:
             return [StopDriving(), ClearCosts(), *self._turn_and_wait(view, "people are about: looking once more")]
-        self._pause_until_ns = view.now_ns + int(self.config.return_pause * 1e9)
-        self._wait(view, self.config.lookout_time, "people are about: looking at what is shut")
-        return [ClearCosts(), DriveTo(self._drive, place, self.config.xy_tolerance, self.config.yaw_tolerance)]
+        return [ClearCosts(), *self._go_and_wait(view, place, "people are about: looking at what is shut")]
 
     def _look_at_speck(self, view: ExploreView, place: SE2) -> list[Command]:
         """Go to where a small thing is seen well that alone shuts a way, and turn there: a map renews itself only where scans move."""
