@@ -66,3 +66,14 @@ def test_an_open_way_an_unknown_one_and_the_lookout_itself_ask_for_nothing() -> 
 
 def test_places_outside_of_the_map_are_no_obstacles() -> None:
     assert walked((-3.0, 5.0), (8.0, 5.0)).lookout(costs(), SE2(8.0, 5.0)) is None
+
+
+def test_away_is_where_the_robot_was_last_so_far_from_here_however_much_it_went_to_and_fro() -> None:
+    trail = Trail()
+    for x in (0.0, 1.0, 2.0, 3.0, 4.0, 3.6, 4.0, 3.6, 4.0, 3.6, 4.0):
+        trail.add(SE2(x, 0.0))
+    place = trail.away(SE2(4.0, 0.0), 2.0)
+    assert place is not None
+    assert (place.x, place.y) == (2.0, 0.0)
+    assert abs(place.yaw) < 1e-9, "it looks back to where it was"
+    assert trail.away(SE2(4.0, 0.0), 5.0) is None

@@ -419,8 +419,8 @@ class ExploreMission:
         text = f"the way home is shut ({code})"
         if (place := self._trail.lookout(view.costs, view.map_from_base)) is not None:
             return self._go_and_wait(view, place, f"{text}, going to where it is")
-        place = self._trail.back(self.config.give_way)
-        if self._returns % 2 == 0 and place is not None and place.distance_to(view.map_from_base) > self.config.near:
+        place = self._trail.away(view.map_from_base, self.config.give_way)
+        if self._returns % 2 == 0 and place is not None:
             return self._go_and_wait(view, place, f"{text}, making room")
         return self._turn_and_wait(view, f"{text}, waiting")
 

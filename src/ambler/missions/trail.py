@@ -39,6 +39,14 @@ class Trail:
         (x, y), (to_x, to_y) = self._places[k], self._places[min(k + 1, len(self._places) - 1)]
         return SE2(x, y, math.atan2(to_y - y, to_x - x))
 
+    def away(self, map_from_base: SE2, distance: float) -> SE2 | None:
+        """Return where the robot was last at least `distance` metres from here, looking here; None if nowhere."""
+        here = (map_from_base.x, map_from_base.y)
+        for x, y in reversed(self._places):
+            if math.dist((x, y), here) >= distance:
+                return SE2(x, y, math.atan2(here[1] - y, here[0] - x))
+        return None
+
     def nearest(self, points: NDArray[np.floating]) -> SE2 | None:
         """Return the place of the trail that is nearest to any of `points` (N, 2), looking at them; None without a trail or points."""
         if not self._places or len(points) == 0:
