@@ -242,10 +242,10 @@ class Relocalizer:
         """Say whether each other place comes much less near than the best, or explains several things less; and none that the best does not."""
         best, config = self._hypotheses[0], self.config
         for other in self._hypotheses[1:]:
-            if best.quality - other.quality >= config.sure_margin:
-                continue
+            leads = best.quality - other.quality >= config.sure_margin
             (near, far), against = best.evidence.things_over(other.evidence), other.evidence.things_over(best.evidence)
-            if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:
+            # One thing that the other explains instead may have been moved; several were not, however many returns of long walls lead.
+            if 2 * near + far - 2 * against[0] - against[1] < (-2 if leads else config.sure_things):
                 return False
         return True
 
