@@ -72,7 +72,7 @@ LOCALIZATION = (
     PlantedFault(
         "no number of things tells places apart",
         "localization/relocalizer.py",
-        "if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:",
+        "if 2 * near + far - 2 * against[0] - against[1] < (-2 if leads else config.sure_things):",
         "if True:",
         ALIKE,
     ),
