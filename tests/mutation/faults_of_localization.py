@@ -65,8 +65,8 @@ LOCALIZATION = (
     PlantedFault(
         "one thing proves a place against another that looks alike",
         "localization/relocalizer.py",
-        "if 2 * near + far - 2 * against[0] - against[1] < config.sure_things:",
-        "if 2 * near + far - 2 * against[0] - against[1] < 1:",
+        "< (-2 if leads else config.sure_things):",
+        "< (-2 if leads else 1):",
         ALIKE,
     ),
     PlantedFault(
