@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from ambler.core.se2 import SE2
 from ambler.localization.localizer import Observation
 from ambler.localization.place_evidence import EXPLAINED, TOO_FAR, TOO_NEAR, PlaceEvidence
-from ambler.localization.relocalizer import RelocalizationState, Relocalizer, RelocalizerConfig
+from ambler.localization.relocalizer import Hypothesis, RelocalizationState, Relocalizer, RelocalizerConfig
 from ambler.localization.surface_map import SurfaceMap
 from tests.localization import rooms
 
@@ -98,3 +99,16 @@ def test_one_thing_that_was_carried_away_does_not_prove_another_place() -> None:
     views = searched(alike(without=0), alike(), SE2(6.0, 2.0, 0.1), 5, reach=20.0)
     assert all(state is not RelocalizationState.FOUND for state, _ in views)
     assert any(away > 10.0 for _, away in views), "the wrong hall must look better, or this says nothing"
+
+
+@pytest.mark.parametrize(("things", "is_believed"), [(0, True), (1, True), (2, False)])
+def test_a_place_that_leads_is_not_believed_against_several_things(things: int, is_believed: bool) -> None:
+    """Returns of long walls make it lead by 0.2; what the other place explains instead may have been moved once, not twice."""
+    room = alike()
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*room.occupancy()), RelocalizerConfig())
+    wall, spots = view([(40.1, 1.1)], EXPLAINED), [(1.1 + 5.0 * k, 1.1) for k in range(things)]
+    seen = [evidence(wall, *(view([spot], label) for spot in spots)) for label in (TOO_NEAR, EXPLAINED)]
+    best = Hypothesis(SE2(6.0, 2.0, 0.1), np.eye(3), 0.8, seen[0])
+    other = Hypothesis(SE2(20.2, 2.0, 0.1), np.eye(3), 0.6, seen[1])
+    relocalizer._hypotheses = (best, other)
+    assert relocalizer._is_alone() == is_believed

@@ -146,7 +146,7 @@ SAFETY = (
     PlantedFault(
         "what is remembered is where its middle was",
         "nodes/gate.py",
-        "unseen = pulled_nearer(unseen, UNSEEN_NEARER)",
+        "unseen = pulled_nearer(unseen, UNSEEN_NEARER, *self._edges)",
         "pass",
         ("tests/safety/test_gate_node.py",),
     ),

@@ -14,6 +14,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.runtime.tasks import GateRequest
+from ambler.safety.points import pulled_nearer
 from tests.safety.test_gaps import AHEAD, PUCK, Rig
 from tests.safety.test_many_scanners import HandMadeContext
 
@@ -96,6 +97,15 @@ def test_an_edge_that_no_ray_meets_any_more_is_remembered_no_farther_than_it_is(
             rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", seen.astype(np.float32), zeros, zeros, rings))
         assert len(seen) == 0, "from near"
         assert begin - 0.03 < float(np.min(taken[-1][:, 0])) + 1.3 < begin + 0.01
+
+
+def test_what_is_pulled_nearer_is_not_pulled_into_the_footprint() -> None:
+    normals, offsets = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), np.array([0.5, 0.3, 0.5, 0.3])
+    points = np.array([[1.0, 0.0, 0.2], [0.51, 0.0, 0.2], [0.46, 0.0, 0.2], [0.0, -0.8, 0.2]])
+    pulled = pulled_nearer(points, 0.02, normals, offsets)
+    np.testing.assert_allclose(pulled[:, 0], [0.98, 0.5, 0.46, 0.0])
+    np.testing.assert_allclose(pulled[:, 1], [0.0, 0.0, 0.0, -0.78])
+    assert len(pulled_nearer(points[:0], 0.02, normals, offsets)) == 0
 
 
 def bar(x: float, z: float) -> np.ndarray:

@@ -31,7 +31,7 @@ class RelocalizerConfig:
     `keep_ratio`: poses scoring less than this share of the best are not pursued. A pose is plausible with `accept` quality, and unique
     when no other comes nearer than `margin`. A viewpoint is new after `viewpoint_way` m or `viewpoint_turn` rad.
     Two views suffice for a pose of `sure_quality` that leads by `sure_margin`, or explains at least `sure_things` separate things more than each
-    that comes nearer (`place_evidence`); in an old or crowded map it must lead as much and new searches
+    that comes nearer (`place_evidence`), and against which no place speaks by more than `moved_things`; in an old or crowded map it must lead as much and new searches
     of the whole map must come back to it `confirmations` times. Where no other place comes within `rival` of it, `confirmations_alone` are
     enough, or one for a pose of `sure_alone`. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
@@ -50,6 +50,7 @@ class RelocalizerConfig:
     sure_quality: float = 0.88
     sure_margin: float = 0.15
     sure_things: int = 4
+    moved_things: int = 2
     confirmations: int = 3
     rival: float = 0.3
     sure_alone: float = 0.7
@@ -239,13 +240,13 @@ class Relocalizer:
         return replace(hypothesis, evidence=hypothesis.evidence.with_view(there, labels))
 
     def _is_alone(self) -> bool:
-        """Say whether each other place comes much less near than the best, or explains several things less; and none that the best does not."""
+        """Say whether each other place comes much less near than the best and explains no several things instead, or explains several less; what speaks
+        the other way is taken off. One thing may have been moved since the map was made; several were not, however many returns of long walls lead."""
         best, config = self._hypotheses[0], self.config
         for other in self._hypotheses[1:]:
             leads = best.quality - other.quality >= config.sure_margin
             (near, far), against = best.evidence.things_over(other.evidence), other.evidence.things_over(best.evidence)
-            # One thing that the other explains instead may have been moved; several were not, however many returns of long walls lead.
-            if 2 * near + far - 2 * against[0] - against[1] < (-2 if leads else config.sure_things):
+            if 2 * near + far - 2 * against[0] - against[1] < (-config.moved_things if leads else config.sure_things):
                 return False
         return True
 

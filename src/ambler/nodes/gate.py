@@ -253,7 +253,7 @@ class GateNode(Node):
         unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field, is_floor)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
-            unseen = pulled_nearer(unseen, UNSEEN_NEARER)
+            unseen = pulled_nearer(unseen, UNSEEN_NEARER, *self._edges)
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
         if self._rangers and isinstance(scan, LaserScan):

@@ -109,11 +109,13 @@ def patch_means(points: F64, origin: tuple[float, float]) -> F64:
     return out[: kernels.patch_means(np.ascontiguousarray(points, np.float64), origin, PATCH, PATCHES_BEHIND, out)]
 
 
-def pulled_nearer(points: F64, by: float) -> F64:
-    """Return points (N, 2 or 3) moved `by` metres, level, towards the base at the origin; none beyond it."""
-    ranges = np.hypot(points[:, 0], points[:, 1])
+def pulled_nearer(points: F64, by: float, normals: F64, offsets: F64) -> F64:
+    """Return points (N, 2 or 3) moved `by` metres, level, towards the base at the origin, but none into its footprint (`normals` (E, 2), `offsets`
+    (E,) of its edges): what lies deep inside of that is the robot itself."""
+    gaps = (points[:, :2] @ normals.T - offsets).max(axis=1, initial=-np.inf)
+    ranges = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-9)
     out = points.copy()
-    out[:, :2] *= np.maximum(0.0, 1.0 - by / np.maximum(ranges, 1e-9))[:, None]
+    out[:, :2] *= (1.0 - np.clip(gaps, 0.0, by) / ranges)[:, None]
     return out
 
 
