@@ -133,11 +133,25 @@ MOTION = (
     PlantedFault(
         "a scan waits for the controller's clock",
         "nodes/controller.py",
-        "if self.ctx.now_ns - self._begun_ns >= NEARLY_NS:",
-        "if False:",
+        "if now_ns - self._scan_began_ns < NEARLY_NS:",
+        "if True:",
         (
             "tests/control/test_nodes.py::test_a_cycle_begins_with_every_scan_and_the_gate_passes_its_request_on_at_once",
         ),
+    ),
+    PlantedFault(
+        "a scan that just missed a cycle waits for the controller's clock, and so do all after it",
+        "nodes/controller.py",
+        "            self._begin_after(wait)",
+        "            pass",
+        ("tests/control/test_nodes.py::test_scans_that_come_out_of_step_are_met_again",),
+    ),
+    PlantedFault(
+        "a request that comes with a beat of the gate waits for the next one",
+        "nodes/gate.py",
+        "            self.ctx.after(1e-9 * APART_NS, self._step)",
+        "            pass",
+        ("tests/control/test_nodes.py::test_a_request_that_comes_with_a_beat_of_the_gate_is_passed_on",),
     ),
     PlantedFault(
         "a request waits for the gate's clock",

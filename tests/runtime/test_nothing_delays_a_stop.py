@@ -1,6 +1,7 @@
 """Disks that are full or stalled, and recorders, taps, listeners and logs that raise, neither delay nor prevent a stop."""
 
 import json
+import os
 import threading
 import time
 from pathlib import Path
@@ -360,3 +361,30 @@ def test_a_live_run_keeps_its_time_when_the_time_of_day_jumps_and_says_so(monkey
     assert executor.troubles.counts == {"CLOCK_JUMPED": 1}
     assert "moved by +3600.0" in executor.troubles.texts["CLOCK_JUMPED"]
     assert node.ticks[-1] - node.ticks[0] < 3_000_000_000
+
+
+def test_live_the_threads_that_command_go_before_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, int]] = []
+    monkeypatch.setattr(
+        "ambler.runtime.live.os.setpriority",
+        lambda which, who, priority: asked.append((threading.current_thread().name, priority)),
+    )
+
+    class Wheel(Restless):
+        name = "wheel"
+        commands = True
+
+    class Thinker(Restless):
+        def start(self) -> None:
+            super().start()
+            self.ctx.background(lambda: 1, 0.01, lambda one: None)
+
+    executor = LiveExecutor(Stack([Wheel(), Thinker()]))
+    executor.run(0.2)
+    executor.close()
+    here = threading.current_thread().name
+    raised, *behind, back = asked
+    assert (raised, back) == ((here, -10), (here, os.getpriority(os.PRIO_PROCESS, 0))), (
+        "of this thread; others inherit it"
+    )
+    assert sorted(behind) == [("background-mapping_0", -5), ("outside", -5), ("restless", -5)]

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit_fused, jit_short, read_only
+from ambler.kernels.jit import jit, jit_fused, read_only
 
 POSITION, ROTATION, VELOCITY, GYRO_BIAS, ACCEL_BIAS, GRAVITY, EXTRA = 0, 3, 6, 9, 12, 15, 17
 # Columns of a trajectory float64 (K, KNOT): time, position, velocity, acceleration in the map, angular rate in the body from here to the next
@@ -20,7 +20,7 @@ T, P, V, A, W, R, KNOT = 0, 1, 4, 7, 10, 13, 22
 SMALL = 1e-8
 
 
-@jit_short
+@jit
 def so3_exp(wx, wy, wz, out):
     """Write the rotation matrix (3, 3) of a rotation vector (Rodrigues)."""
     angle2 = wx * wx + wy * wy + wz * wz
@@ -34,7 +34,7 @@ def so3_exp(wx, wy, wz, out):
     out[2, 0], out[2, 1], out[2, 2] = b * wx * wz - a * wy, b * wy * wz + a * wx, 1.0 - b * (wx * wx + wy * wy)
 
 
-@jit_short
+@jit
 def right_jacobian(wx, wy, wz, out):
     """Write the right Jacobian (3, 3) of the exponential at a rotation vector."""
     angle2 = wx * wx + wy * wy + wz * wz
@@ -48,7 +48,7 @@ def right_jacobian(wx, wy, wz, out):
     out[2, 0], out[2, 1], out[2, 2] = b * wx * wz + a * wy, b * wy * wz - a * wx, 1.0 - b * (wx * wx + wy * wy)
 
 
-@jit_short
+@jit
 def sphere_basis(gx, gy, gz, out):
     """Write two unit vectors that with the direction of `g` form a right-handed frame, as columns of (3, 2)."""
     n = math.sqrt(gx * gx + gy * gy + gz * gz)
@@ -60,7 +60,7 @@ def sphere_basis(gx, gy, gz, out):
     out[0, 1], out[1, 1], out[2, 1] = b, sign + y * y * a, -y
 
 
-@jit_short
+@jit
 def _turned(a, b, out):
     """Write the product (3, 3) of two rotation matrices."""
     for r in range(3):
@@ -68,7 +68,7 @@ def _turned(a, b, out):
             out[r, c] = a[r, 0] * b[0, c] + a[r, 1] * b[1, c] + a[r, 2] * b[2, c]
 
 
-@jit_short
+@jit
 def _carry_covariance(f, covariance, moved):
     """Carry a symmetric covariance (N, N) on by a transition whose rows (R, C) differ from the identity's; `moved` (R, N) is scratch."""
     rows, n = moved.shape
@@ -88,7 +88,7 @@ def _carry_covariance(f, covariance, moved):
             covariance[r, c] = covariance[c, r] = total
 
 
-@jit_short
+@jit
 def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, gravity, covariance, densities, knots):
     """Carry the state through IMU samples float64 (K, 7) of (time, rate, specific force), K >= 2, from the first one's time to the last one's.
 

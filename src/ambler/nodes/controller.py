@@ -93,7 +93,8 @@ FollowHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, Nothing]
 RecoverHandle = GoalHandle[RecoverGoal, Nothing, Nothing]
 
 PERIOD = 0.05
-NEARLY_NS = 40_000_000  # after the cycle before, a scan begins one
+NEARLY_NS = 40_000_000  # after one that began a cycle, a scan begins the next
+APART = 0.025  # seconds between a cycle and one that a scan begins, at least; a scan that just missed one would miss all others
 GRACE = 0.005  # for which a cycle waits when no scan has begun the one before: it may come any moment
 RECOVERY_PADDING = 0.02
 VIEW_PERIOD = 0.5
@@ -117,6 +118,7 @@ class ControllerNode(Node):
     outputs = (VELOCITY_REQUEST, LOCAL_COSTMAP, LOCAL_PATH, FOOTPRINT, MOVERS, STATUS)
     serves = (FOLLOW_PATH, RECOVER, CLEAR_LOCAL_COSTMAP)
     latency = 0.01
+    commands = True
 
     def __init__(
         self,
@@ -169,7 +171,7 @@ class ControllerNode(Node):
         self._steering, self._teller, self._lean = Steering(), StateTeller(), LeanMeter()
         self._speed_most = math.inf
         self._stop_order = 0
-        self._cycles, self._begun_ns = 0, 0
+        self._cycles, self._begun_ns, self._scan_began_ns = 0, 0, 0
         self._is_alone = True
 
     @property
@@ -343,19 +345,29 @@ class ControllerNode(Node):
     # Control
 
     def _begin_with_scan(self) -> None:
-        """Begin a cycle with what a scan has just shown, if it is nearly time for one: waiting would age what was seen by half a cycle."""
-        if self.ctx.now_ns - self._begun_ns >= NEARLY_NS:
-            self._begin_after(PERIOD)
-            self._cycle()
+        """Begin a cycle with what a scan has just shown: waiting for the next one would age it by half a cycle. Of scans that come fast, not each."""
+        now_ns = self.ctx.now_ns
+        if now_ns - self._scan_began_ns < NEARLY_NS:
+            return
+        self._scan_began_ns = now_ns
+        wait = APART - (now_ns - self._begun_ns) * 1e-9
+        if wait > 0.0:
+            self._begin_after(wait)
+        else:
+            self._begin(PERIOD)
 
-    def _begin_after(self, period: float) -> None:
-        self._cycles, self._begun_ns = self._cycles + 1, self.ctx.now_ns
-        self.ctx.after(period, partial(self._begin_again, self._cycles))
+    def _begin_after(self, seconds: float) -> None:
+        self._cycles += 1
+        self.ctx.after(seconds, partial(self._begin_again, self._cycles))
 
     def _begin_again(self, cycles: int) -> None:
         if cycles == self._cycles:  # no scan has begun one since
-            self._begin_after(PERIOD + GRACE)
-            self._cycle()
+            self._begin(PERIOD + GRACE)
+
+    def _begin(self, until_next: float) -> None:
+        self._begun_ns = self.ctx.now_ns
+        self._begin_after(until_next)
+        self._cycle()
 
     def _cycle(self) -> None:
         steered = self._steering.wanted(self.ctx.now_ns)

@@ -87,6 +87,7 @@ class DockingNode(Node):
     serves = (DOCK, UNDOCK, TEACH_DOCK)
     calls: Offers = (NAVIGATE, PERMIT_APPROACH, REVOKE_APPROACH, STOP_CHARGING)
     latency = 0.002
+    commands = True
 
     def __init__(self, robot: RobotModel, database: DockDatabase, config: DockingNodeConfig | None = None) -> None:
         self._robot = robot

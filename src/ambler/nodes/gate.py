@@ -92,6 +92,7 @@ class GateNode(Node):
     outputs = (VELOCITY_COMMAND, GATE_STATUS)
     serves = (ARM, PAUSE, EMERGENCY_STOP, RESET_STOP, PERMIT_APPROACH, REVOKE_APPROACH)
     latency = 0.001
+    commands = True
 
     def __init__(
         self,
@@ -164,8 +165,11 @@ class GateNode(Node):
         velocity = BodyVelocity(command.vx, command.vy, command.wz)
         now_ns = self.ctx.now_ns
         self.gate.request(source, command.stamp_ns, velocity, now_ns)
+        # Waiting for the next beat would age what the request was made from.
         if now_ns - self._step_ns >= APART_NS:
-            self._step()  # waiting for the next beat would age what the request was made from
+            self._step()
+        else:
+            self.ctx.after(1e-9 * APART_NS, self._step)
 
     def _on_stop_order(self, order: Code) -> None:
         self.gate.order_stop(order.value)

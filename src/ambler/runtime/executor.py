@@ -45,6 +45,9 @@ class Executor(abc.ABC):
     Raises StackError when two stacks have the same prefix.
     """
 
+    begin_background: Callable[[], None] | None = None
+    """Called first in every thread of background work."""
+
     def __init__(
         self,
         stacks: Stack | Sequence[Stack],
@@ -220,7 +223,8 @@ class Executor(abc.ABC):
         key = context.bus.prefix, kind
         pool = self._pools.get(key)
         if pool is None:
-            pool = self._pools.setdefault(key, ThreadPoolExecutor(1, thread_name_prefix=f"background-{kind.value}"))
+            pool = ThreadPoolExecutor(1, f"background-{kind.value}", initializer=self.begin_background)
+            pool = self._pools.setdefault(key, pool)
         return pool
 
     def end_run(self, *, is_over: bool) -> None:

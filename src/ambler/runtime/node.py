@@ -236,7 +236,8 @@ class Context(Protocol):
 
 class Node:
     """Base class. Subclasses set the declarations, for the class or for one instance, and override `start`; `stop` is called once at
-    the end. `kept_inputs` are those whose messages it only keeps until something else asks for them: live, it is not woken for each."""
+    the end. `kept_inputs` are those whose messages it only keeps until something else asks for them: live, it is not woken for each.
+    `commands` says that a wheel waits for it: live, its thread goes before those of the others where that is permitted."""
 
     name: str = ""
     inputs: Topics = ()
@@ -246,6 +247,7 @@ class Node:
     serves: Offers = ()
     calls: Offers = ()
     latency: float = 0.001
+    commands: bool = False
     ctx: Context
 
     def start(self) -> None:

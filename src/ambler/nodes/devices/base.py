@@ -16,6 +16,7 @@ class BaseNode(DeviceNode):
     name = "base"
     inputs = (VELOCITY_COMMAND,)
     outputs: Topics = (WHEEL_ODOMETRY, STATUS)
+    commands = True
 
     def __init__(self, base: Base) -> None:
         super().__init__("base", (base,))
