@@ -146,8 +146,22 @@ SAFETY = (
     PlantedFault(
         "what is remembered is where its middle was",
         "nodes/gate.py",
-        "unseen = pulled_nearer(unseen, UNSEEN_NEARER, *self._edges)",
+        "unseen = pulled_nearer(bridged(unseen, points), UNSEEN_NEARER, *self._edges)",
         "pass",
+        ("tests/safety/test_gate_node.py",),
+    ),
+    PlantedFault(
+        "the gate remembers points with gaps between them",
+        "nodes/gate.py",
+        "pulled_nearer(bridged(unseen, points), ",
+        "pulled_nearer(unseen, ",
+        ("tests/safety/test_gate_node.py",),
+    ),
+    PlantedFault(
+        "bridges lead over what stands between",
+        "kernels/blind.py",
+        "or _is_between(points, near[:found], i, j)",
+        "or False",
         ("tests/safety/test_gate_node.py",),
     ),
     PlantedFault(

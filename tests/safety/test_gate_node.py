@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ambler.core.messages import LaserScan, Odometry, PointCloud, VelocityCommand
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.runtime.tasks import GateRequest
-from ambler.safety.points import pulled_nearer
+from ambler.safety.points import bridged, pulled_nearer
 from tests.safety.test_gaps import AHEAD, PUCK, Rig
 from tests.safety.test_many_scanners import HandMadeContext
 
@@ -78,25 +81,40 @@ def speed_before(rig: Rig, points_base: np.ndarray, pitch: float = 0.0) -> float
     return float(rig.context.last["velocity_command"].vx)
 
 
-def test_an_edge_that_no_ray_meets_any_more_is_remembered_no_farther_than_it_is() -> None:
-    """A low box that begins anywhere within a column of the memory; from near, all rays pass above it."""
+def remembered(y: np.ndarray, begin: float) -> np.ndarray:
+    """What the gate keeps, (N, 2) in the base frame, 0.7 m before a low box that begins at `begin` (m) on the way and of which there are returns at `y`
+    (m, odom frame): from near, all rays pass above it. The drive is 1.3 m long."""
     ringed = replace(PUCK, elevation=(-math.radians(15.0), math.radians(15.0)))
+    rig = Rig(ringed)
+    taken = taken_points(rig)
+    grid = np.meshgrid(begin + np.arange(0.0, 0.3, 0.01), y, (0.16, 0.2))
+    for k in range(14):
+        pose = SE3((0.1 * k, 0.0, 0.0))
+        box = np.add(np.stack([axis.ravel() for axis in grid], axis=1), [0.0, 0.0, 1e-4 * (k % 2)])
+        local = (pose @ ringed.base_from_sensor).inverse().transform(box)
+        seen = local[np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) > ringed.elevation[0]]
+        rig.context.now_ns += 100_000_000
+        now_ns, zeros = rig.context.now_ns, np.zeros(len(seen), np.float32)
+        rings = np.zeros(len(seen), np.uint16)
+        rig.context.callbacks["odometry"](odometry(now_ns, pose, 0.0))
+        rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", seen.astype(np.float32), zeros, zeros, rings))
+    assert len(seen) == 0, "from near"
+    return taken[-1]
+
+
+def test_an_edge_that_no_ray_meets_any_more_is_remembered_no_farther_than_it_is() -> None:
+    """A low box that begins anywhere within a column of the memory."""
     for begin in np.arange(2.0, 2.05, 0.01):
-        rig = Rig(ringed)
-        taken = taken_points(rig)
-        grid = np.meshgrid(begin + np.arange(0.0, 0.3, 0.01), np.linspace(-0.1, 0.1, 21), (0.16, 0.2))
-        for k in range(14):
-            pose = SE3((0.1 * k, 0.0, 0.0))
-            box = np.add(np.stack([axis.ravel() for axis in grid], axis=1), [0.0, 0.0, 1e-4 * (k % 2)])
-            local = (pose @ ringed.base_from_sensor).inverse().transform(box)
-            seen = local[np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) > ringed.elevation[0]]
-            rig.context.now_ns += 100_000_000
-            now_ns, zeros = rig.context.now_ns, np.zeros(len(seen), np.float32)
-            rings = np.zeros(len(seen), np.uint16)
-            rig.context.callbacks["odometry"](odometry(now_ns, pose, 0.0))
-            rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", seen.astype(np.float32), zeros, zeros, rings))
-        assert len(seen) == 0, "from near"
-        assert begin - 0.03 < float(np.min(taken[-1][:, 0])) + 1.3 < begin + 0.01
+        kept = remembered(np.linspace(-0.1, 0.1, 21), float(begin))
+        assert begin - 0.03 < float(np.min(kept[:, 0])) + 1.3 < begin + 0.01
+
+
+def test_an_edge_of_which_little_was_met_is_remembered_without_gaps() -> None:
+    kept = remembered(np.array([-0.14, 0.0, 0.13]), 2.0)
+    across = np.sort(kept[kept[:, 0] < 0.75, 1])
+    assert across[0] < -0.1
+    assert across[-1] > 0.1
+    assert np.diff(across).max() < 0.06, "no corner fits in"
 
 
 def test_what_is_pulled_nearer_is_not_pulled_into_the_footprint() -> None:
@@ -106,6 +124,38 @@ def test_what_is_pulled_nearer_is_not_pulled_into_the_footprint() -> None:
     np.testing.assert_allclose(pulled[:, 0], [0.98, 0.5, 0.46, 0.0])
     np.testing.assert_allclose(pulled[:, 1], [0.0, 0.0, 0.0, -0.78])
     assert len(pulled_nearer(points[:0], 0.02, normals, offsets)) == 0
+
+
+def test_no_corner_fits_between_what_is_remembered_of_one_thing() -> None:
+    front = np.array([[1.0, -0.13, 0.3], [1.0, 0.0, 0.3], [1.04, 0.03, 0.3]])
+    seen = np.array([[1.0, -0.25, 0.5], [1.0, -0.45, 0.5], [1.0, -0.49, 0.5]])
+    points = bridged(front, seen)
+    np.testing.assert_allclose(points[:3], front)
+    between = points[3:]
+    np.testing.assert_allclose(sorted(between[:, 1]), [-0.21, -0.17, -0.13 + 0.13 / 3, 0.0 - 0.13 / 3, 0.015], atol=1e-9)
+    assert between[:, 2].max() <= 0.5
+    assert len(bridged(front[:0], seen)) == 0, "what it sees is left as it is"
+    wall = np.column_stack((np.zeros(40), np.arange(40) * 0.04, np.zeros(40)))
+    corner = np.concatenate((wall, wall[1:, [1, 0, 2]]))
+    assert len(bridged(corner, seen[:0])) == len(corner), "a corner of two walls is not rounded off"
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_bridges_lie_between_points_and_leave_no_gap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = np.column_stack((rng.uniform(0.0, 1.0, (30, 2)), np.zeros(30)))
+    out = bridged(points[:20], points[20:])
+    assert len(out) < 3 * 30 * 3
+    for x, y, _ in out[20:]:
+        assert np.hypot(points[:, 0] - x, points[:, 1] - y).min() <= 0.075
+    for i, j in itertools.combinations(range(30), 2):  # the plain twin of the kernel
+        a, b = points[i, :2], points[j, :2]
+        apart, middle = np.hypot(*(a - b)), 0.5 * (a + b)
+        others = np.delete(points[:, :2], (i, j), axis=0)
+        is_free = np.hypot(*(others - middle).T).min() > 0.5 * apart
+        is_bridged = np.hypot(*(out[20:, :2] - (a + (b - a) / math.ceil(apart / 0.05))).T).min(initial=1.0) < 1e-9
+        assert is_bridged == (0.05 < apart <= 0.15 and is_free and i < 20) or not is_free
 
 
 def bar(x: float, z: float) -> np.ndarray:

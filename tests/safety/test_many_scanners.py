@@ -38,6 +38,9 @@ class HandMadeContext:
     def serve(self, service: Any, callback: Callable[[Any], Any]) -> None:
         self.callbacks[service.name] = callback
 
+    def after(self, delay: float, callback: Callable[[], None]) -> None:
+        callback()
+
     def timer(self, period: float, callback: Callable[[], None]) -> None:
         self.step = callback
 

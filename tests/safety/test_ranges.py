@@ -50,6 +50,9 @@ class Drive:
     def serve(self, service: Any, callback: Callable[[Any], Any]) -> None:
         self.callbacks[service.name] = callback
 
+    def after(self, delay: float, callback: Callable[[], None]) -> None:
+        callback()
+
     def timer(self, period: float, callback: Callable[[], None]) -> None:
         self.step = callback
 

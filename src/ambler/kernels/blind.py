@@ -7,6 +7,7 @@ import numpy as np
 from ambler.kernels.jit import jit
 
 NONE = -(2**62)
+ON_CIRCLE = 1e-6  # square metres
 
 
 @jit
@@ -141,6 +142,41 @@ def first_of_columns(points, side, out):
     return count
 
 
+@jit
+def bridge(points, count, most, step, out):
+    """Write level points between neighbours among points (N, 3) that stand more than `step` and at most `most` metres apart, so that none of them are farther
+    apart than `step`; return how many. Neighbours have no other point within the circle over both (Gabriel), and one of them is among the first `count`."""
+    near, bridges = np.empty(len(points), np.int64), 0
+    for i in range(count):
+        found = 0
+        for k in range(len(points)):
+            dx, dy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+            if k != i and dx * dx + dy * dy <= most * most:
+                near[found] = k
+                found += 1
+        for j in near[:found]:
+            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            apart = math.hypot(dx, dy)
+            if apart <= step or i > j or _is_between(points, near[:found], i, j):
+                continue
+            parts = math.ceil(apart / step)
+            for part in range(1, parts):
+                for axis in range(3):
+                    out[bridges, axis] = points[i, axis] + (points[j, axis] - points[i, axis]) * part / parts
+                bridges += 1
+    return bridges
+
+
+@jit
+def _is_between(points, near, i, j):
+    """Whether one of the `near` points lies within or on the circle over two others."""
+    for k in near:
+        ax, ay = points[i, 0] - points[k, 0], points[i, 1] - points[k, 1]
+        if k != j and ax * (points[j, 0] - points[k, 0]) + ay * (points[j, 1] - points[k, 1]) < ON_CIRCLE:
+            return True
+    return False
+
+
 def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
     points, out, one = np.ones((3, 3)), np.empty(3, np.bool_), np.ones(3)
@@ -151,3 +187,4 @@ def warm_up() -> None:
     are_in_columns(points, points, out, 0.04, out)
     column_means(points, one, out, 0.04, 3, 0.1, np.empty((3, 4)))
     first_of_columns(points, 0.04, np.empty(3, np.int64))
+    bridge(points, 1, 0.1, 0.05, np.empty((9, 3)))

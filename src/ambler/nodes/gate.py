@@ -59,7 +59,7 @@ from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, see_al
 from ambler.safety.config import GateConfig
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
-from ambler.safety.points import F64, Floor, patch_means, points_of_cloud, points_of_scan, pulled_nearer
+from ambler.safety.points import F64, Floor, bridged, patch_means, points_of_cloud, points_of_scan, pulled_nearer
 from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
 
@@ -257,7 +257,7 @@ class GateNode(Node):
         unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field, is_floor)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
-            unseen = pulled_nearer(unseen, UNSEEN_NEARER, *self._edges)
+            unseen = pulled_nearer(bridged(unseen, points), UNSEEN_NEARER, *self._edges)
         together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
         if self._rangers and isinstance(scan, LaserScan):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.se3 import SE3
 from ambler.kernels import gate_points as kernels
+from ambler.kernels.blind import bridge
 from ambler.kernels.floor_walk import RING, SECTORS, heights_over, walk_floor
 from ambler.safety.floor_memory import FloorMemory
 
@@ -26,6 +27,7 @@ STANDING, ABOVE_LOWEST = (
     1.4,
     math.radians(5.0),
 )  # metres, and angle above the lowest beam: who is seen there stands on the floor
+GAP, GAP_STEP = 0.15, 0.05  # metres between remembered points that nothing passes through, and that are left open
 PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
 
 
@@ -107,6 +109,14 @@ def patch_means(points: F64, origin: tuple[float, float]) -> F64:
     """
     out = np.empty((len(points), 3))
     return out[: kernels.patch_means(np.ascontiguousarray(points, np.float64), origin, PATCH, PATCHES_BEHIND, out)]
+
+
+def bridged(unseen: F64, seen: F64) -> F64:
+    """Return points (N, 3) that a scanner has seen before with more between them and their neighbours, also among what it sees now (M, 3), where they
+    stand less than `GAP` apart: what is remembered of a low thing was met by a ring here and by another one there, and a corner of a robot would fit between."""
+    together = np.concatenate((unseen, seen))
+    out = np.empty((3 * len(together) * math.ceil(GAP / GAP_STEP), 3))  # a plane holds at most three times as many neighbours as points
+    return np.concatenate((unseen, out[: bridge(together, len(unseen), GAP, GAP_STEP, out)]))
 
 
 def pulled_nearer(points: F64, by: float, normals: F64, offsets: F64) -> F64:
