@@ -132,7 +132,9 @@ def test_no_corner_fits_between_what_is_remembered_of_one_thing() -> None:
     points = bridged(front, seen)
     np.testing.assert_allclose(points[:3], front)
     between = points[3:]
-    np.testing.assert_allclose(sorted(between[:, 1]), [-0.21, -0.17, -0.13 + 0.13 / 3, 0.0 - 0.13 / 3, 0.015], atol=1e-9)
+    np.testing.assert_allclose(
+        sorted(between[:, 1]), [-0.21, -0.17, -0.13 + 0.13 / 3, 0.0 - 0.13 / 3, 0.015], atol=1e-9
+    )
     assert between[:, 2].max() <= 0.5
     assert len(bridged(front[:0], seen)) == 0, "what it sees is left as it is"
     wall = np.column_stack((np.zeros(40), np.arange(40) * 0.04, np.zeros(40)))
