@@ -112,3 +112,34 @@ def test_a_place_that_leads_is_not_believed_against_several_things(things: int, 
     other = Hypothesis(SE2(20.2, 2.0, 0.1), np.eye(3), 0.6, seen[1])
     relocalizer._hypotheses = (best, other)
     assert relocalizer._is_alone() == is_believed
+
+
+def test_what_is_seen_where_the_map_knows_nothing_is_contradicted_at_spots() -> None:
+    spots = [(1.1 + k, 1.1) for k in range(10)]
+    mixed = evidence(view(spots[:6], EXPLAINED), view(spots[6:9], TOO_NEAR), view(spots[9:], TOO_FAR, 3))
+    assert mixed.contradicted == pytest.approx(0.4)
+    person = evidence(view(spots[:9], EXPLAINED), view(spots[9:], TOO_NEAR, 500))
+    assert person.contradicted == pytest.approx(0.1), "however many beams meet her"
+    assert evidence(view(spots[:6], EXPLAINED), view(spots[6:], TOO_NEAR, 2)).contradicted == 0.0
+    assert PlaceEvidence().contradicted == 0.0
+
+
+@pytest.mark.parametrize(("wrong", "is_believed"), [(2, True), (4, False)])
+def test_no_place_is_believed_of_which_much_is_contradicted(wrong: int, is_believed: bool) -> None:
+    """Nothing else comes near: the robot may stand where the map knows nothing."""
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*alike().occupancy()), RelocalizerConfig())
+    spots = [(1.1 + 5.0 * k, 1.1) for k in range(10)]
+    seen = evidence(view(spots[wrong:], EXPLAINED), view(spots[:wrong], TOO_NEAR))
+    relocalizer._hypotheses = (Hypothesis(SE2(6.0, 2.0, 0.1), np.eye(3), 0.85, seen, 4, 3),)
+    assert (relocalizer._answer(S).state is RelocalizationState.FOUND) == is_believed
+
+
+def test_a_place_that_comes_up_late_is_not_confirmed_by_what_confirmed_another() -> None:
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*alike().occupancy()), RelocalizerConfig())
+    spots = evidence(view([(1.1 + 5.0 * k, 1.1) for k in range(10)], EXPLAINED))
+    old = Hypothesis(SE2(20.2, 2.0, 0.1), np.eye(3), 0.6, spots, 5, 4)
+    new = Hypothesis(SE2(6.0, 2.0, 0.1), np.eye(3), 0.95, spots, 1, 0)
+    relocalizer._viewpoints, relocalizer._hypotheses = 5, (new, old)
+    assert relocalizer._answer(S).state is RelocalizationState.VERIFYING
+    relocalizer._hypotheses = (old,)
+    assert relocalizer._answer(S).state is RelocalizationState.FOUND

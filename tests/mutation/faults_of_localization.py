@@ -21,6 +21,27 @@ MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
 
 LOCALIZATION = (
     PlantedFault(
+        "a place is believed however much of it is contradicted",
+        "localization/relocalizer.py",
+        "if is_here and (is_sure or is_confirmed)",
+        "if (is_sure or is_confirmed)",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
+        "what confirmed one place confirms every other",
+        "localization/relocalizer.py",
+        "is_confirmed = best.confirmations >= times",
+        "is_confirmed = max(h.confirmations for h in hypotheses) >= times",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
+        "one view makes a place sure when another place had several",
+        "localization/relocalizer.py",
+        "best.quality >= config.sure_quality and best.views >= 2",
+        "best.quality >= config.sure_quality and viewpoints >= 2",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
         "steps of walls at an angle are surfaces of their own",
         "kernels/surfaces.py",
         "if not (left and right):",
@@ -286,8 +307,8 @@ LOCALIZATION = (
     PlantedFault(
         "one view is enough to believe a place",
         "localization/relocalizer.py",
-        "and viewpoints >= 2",
-        "and viewpoints >= 1",
+        "best.views >= 2",
+        "best.views >= 1",
         FOUND,
     ),
     PlantedFault(

@@ -44,6 +44,14 @@ class PlaceEvidence:
         np.add.at(counts, (index[known:], labels[is_told]), 1)
         return PlaceEvidence(cells, counts)
 
+    @property
+    def contradicted(self) -> float:
+        """The share of the cells with returns in which the place explains fewer than it has too near or too far: 0 for none at all."""
+        is_told = self.counts.sum(axis=1) >= LEAST
+        wrong = np.maximum(self.counts[:, TOO_FAR], self.counts[:, TOO_NEAR])
+        is_wrong = is_told & (wrong >= LEAST) & (wrong > self.counts[:, EXPLAINED])
+        return int(is_wrong.sum()) / max(int(is_told.sum()), 1)
+
     def things_over(self, other: PlaceEvidence) -> tuple[int, int]:
         """Return how many separate things this place explains where the other, seen from the same viewpoints, has nothing (too near), and how many
         behind what it has (too far)."""

@@ -33,7 +33,8 @@ class RelocalizerConfig:
     Two views suffice for a pose of `sure_quality` that leads by `sure_margin`, or explains at least `sure_things` separate things more than each
     that comes nearer (`place_evidence`), and against which no place speaks by more than `moved_things`; in an old or crowded map it must lead as much and new searches
     of the whole map must come back to it `confirmations` times. Where no other place comes within `rival` of it, `confirmations_alone` are
-    enough, or one for a pose of `sure_alone`. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
+    enough, or one for a pose of `sure_alone`. No place is believed that more than the share `contradicted_most` of what is seen, spot by spot, contradicts: then the
+    map does not hold where the robot is. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -55,6 +56,7 @@ class RelocalizerConfig:
     rival: float = 0.3
     sure_alone: float = 0.7
     confirmations_alone: int = 2
+    contradicted_most: float = 0.27
     retry_after: float = 0.5
     slack: float = 0.12
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
@@ -63,12 +65,14 @@ class RelocalizerConfig:
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
     """A place where the robot could be: refined pose, covariance float64 (3, 3) in map axes, quality: share of explained returns
-    minus twice the share that went through walls; and what all views said of it."""
+    minus twice the share that went through walls, in the mean of all `views` of it; how many of them found it anew in the whole map; and what they said of it."""
 
     map_from_base: SE2
     covariance: F64
     quality: float
     evidence: PlaceEvidence = field(default_factory=PlaceEvidence)
+    views: int = 1
+    confirmations: int = 0
 
 
 class RelocalizationState(enum.Enum):
@@ -113,7 +117,7 @@ class Relocalizer:
         self._stack = np.empty((config.depth, shape[0] + pad, shape[1] + pad), np.uint8)
         branch_bound.build_stack(cells, self._stack)
         self._hypotheses: tuple[Hypothesis, ...] = ()
-        self._viewpoints = self._confirmations = 0
+        self._viewpoints = 0
         self._odom_of_viewpoint = SE2()
         self._next_search_ns: int | None = None
         self._slack = max(config.slack, 1.5 * spec.resolution)
@@ -121,7 +125,7 @@ class Relocalizer:
     def reset(self) -> None:
         """Forget all hypotheses."""
         self._hypotheses = ()
-        self._viewpoints = self._confirmations = 0
+        self._viewpoints = 0
         self._next_search_ns = None
 
     def fork(self) -> Relocalizer:
@@ -156,7 +160,7 @@ class Relocalizer:
         carried = self._carry(observation.points_base, motion)
         fresh = self.search(observation.points_base)
         if carried and fresh and is_same_place(carried[0].map_from_base, fresh[0].map_from_base, 0.3, 0.2):
-            self._confirmations += 1
+            carried = (replace(carried[0], confirmations=carried[0].confirmations + 1), *carried[1:])
         self._hypotheses = tuple(self._with_view(h, observation) for h in self._combine(carried, fresh))
         self._viewpoints = self._viewpoints + 1 if self._hypotheses else 0
         self._odom_of_viewpoint = observation.odom_from_base
@@ -224,9 +228,11 @@ class Relocalizer:
             allowed = 0.1 + 0.15 * math.hypot(motion.x, motion.y) + 0.2 * abs(motion.yaw)
             if judged is None or not is_same_place(there, judged.map_from_base, allowed, 0.1 + 0.15 * abs(motion.yaw)):
                 continue
-            mean = (hypothesis.quality * self._viewpoints + judged.quality) / (self._viewpoints + 1)
+            views = hypothesis.views + 1
+            mean = hypothesis.quality + (judged.quality - hypothesis.quality) / views
             if judged.quality >= self.config.accept - 0.1:
-                carried.append(replace(judged, quality=mean, evidence=hypothesis.evidence))
+                known = hypothesis.evidence, views, hypothesis.confirmations
+                carried.append(Hypothesis(judged.map_from_base, judged.covariance, mean, *known))
         carried.sort(key=lambda h: -h.quality)
         return tuple(carried)
 
@@ -267,13 +273,15 @@ class Relocalizer:
             self.reset()
             self._next_search_ns = stamp_ns + int(config.retry_after * 1e9)
             return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
-        lead = hypotheses[0].quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
-        is_sure = hypotheses[0].quality >= config.sure_quality and viewpoints >= 2
+        best = hypotheses[0]
+        lead = best.quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
+        is_sure = best.quality >= config.sure_quality and best.views >= 2
         times = config.confirmations
-        if all(hypotheses[0].quality - h.quality >= config.rival for h in hypotheses[1:]):
-            times = 1 if hypotheses[0].quality >= config.sure_alone else config.confirmations_alone
-        is_confirmed = self._confirmations >= times
-        if (is_sure or is_confirmed) and self._is_alone():
+        if all(best.quality - h.quality >= config.rival for h in hypotheses[1:]):
+            times = 1 if best.quality >= config.sure_alone else config.confirmations_alone
+        is_confirmed = best.confirmations >= times
+        is_here = best.evidence.contradicted <= config.contradicted_most
+        if is_here and (is_sure or is_confirmed) and self._is_alone():
             state = RelocalizationState.FOUND
         elif lead < config.margin:
             state = RelocalizationState.AMBIGUOUS
