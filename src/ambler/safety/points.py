@@ -115,9 +115,8 @@ def bridged(unseen: F64, seen: F64) -> F64:
     """Return points (N, 3) that a scanner has seen before with more between them and their neighbours, also among what it sees now (M, 3), where they
     stand less than `GAP` apart: what is remembered of a low thing was met by a ring here and by another one there, and a corner of a robot would fit between."""
     together = np.concatenate((unseen, seen))
-    out = np.empty(
-        (3 * len(together) * math.ceil(GAP / GAP_STEP), 3)
-    )  # a plane holds at most three times as many neighbours as points
+    neighbours = 3 * len(together)  # at most, in a plane
+    out = np.empty((neighbours * math.ceil(GAP / GAP_STEP), 3))
     return np.concatenate((unseen, out[: bridge(together, len(unseen), GAP, GAP_STEP, out)]))
 
 
