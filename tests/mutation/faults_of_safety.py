@@ -151,6 +151,20 @@ SAFETY = (
         ("tests/safety/test_gate_node.py",),
     ),
     PlantedFault(
+        "panes of glass end where their light ends",
+        "nodes/gate.py",
+        "for peak in self._panes.detect(scan):",
+        "for peak in ():",
+        ("tests/safety/test_ranges.py",),
+    ),
+    PlantedFault(
+        "panes of glass go on through their posts",
+        "perception/glass.py",
+        "np.min(along[is_on_line & (along > peak.left + step)], initial=reach)",
+        "reach",
+        ("tests/perception/test_glass.py",),
+    ),
+    PlantedFault(
         "the gate remembers points with gaps between them",
         "nodes/gate.py",
         "pulled_nearer(bridged(unseen, points), ",

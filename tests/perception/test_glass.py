@@ -13,7 +13,7 @@ from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, Ve
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.echoes import EchoFilter
-from ambler.perception.glass import SpecularDetector
+from ambler.perception.glass import SpecularDetector, spread
 from ambler.perception.glass_map import GlassMap, seen_through_glass
 
 SIGMA = math.radians(2.5)
@@ -65,6 +65,24 @@ def test_retro_reflectors_are_no_glass() -> None:
     assert len(SpecularDetector().detect(glass)) == 1
     film = replace(glass, intensities=np.where(glass.intensities > 1.0, np.float32(500.0), glass.intensities))
     assert SpecularDetector().detect(film) == ()
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 37.3, 179.9, -100.0])
+def test_a_pane_goes_on_to_its_posts(yaw_deg: float) -> None:
+    pose = SE2(1.2, 0.0, math.radians(yaw_deg))
+    bare = scan(pose)
+    angles = -math.pi + np.arange(720) * math.radians(0.5) + pose.yaw
+    with np.errstate(divide="ignore"):
+        y = np.where(np.cos(angles) > 0.1, 0.8 * np.tan(angles), np.inf)
+    is_post = (np.abs(y - 0.5) < 0.05) | (np.abs(y + 0.9) < 0.05)
+    posted = replace(bare, ranges=np.where(is_post, 0.8 / np.cos(angles), bare.ranges).astype(np.float32))
+    for seen, ends in ((bare, (-0.7, 0.7)), (posted, (-0.7, 0.45))):
+        (peak,) = SpecularDetector().detect(seen)
+        points = pose.transform(spread(seen, peak, 0.7, 0.04, 0.04))
+        np.testing.assert_allclose(points[:, 0], 2.0, atol=0.01)
+        assert points[:, 1].min() == pytest.approx(ends[0], abs=0.03)
+        assert points[:, 1].max() == pytest.approx(ends[1], abs=0.03)
+        assert np.diff(np.sort(points[:, 1])).max() < 0.05
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 0.2, 37.3, 179.9])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ambler.core.messages import Contact, VelocityCommand
@@ -63,7 +65,7 @@ class Drive:
     def log(self, code: str, text: str, **fields: Any) -> None:
         self.codes.append(f"{code} {text}")
 
-    def run(self, seconds: float, vx: float = 0.6, vy: float = 0.0) -> SE2:
+    def run(self, seconds: float, vx: float = 0.6, vy: float = 0.0, wz: float = 0.0) -> SE2:
         """Drive on for some seconds; returns where the robot is then."""
         if self.now_ns == 0:
             self.callbacks["arm"](GateRequest("test", ""))
@@ -74,7 +76,7 @@ class Drive:
                 for message in messages:
                     if name in self.callbacks:
                         self.callbacks[name](message)
-            self.callbacks["velocity_request"](VelocityCommand(self.now_ns, vx, vy, 0.0))
+            self.callbacks["velocity_request"](VelocityCommand(self.now_ns, vx, vy, wz))
             self.step()
             self.simulation.command(BodyVelocity(self.command.vx, self.command.vy, self.command.wz))
             self.now_ns += 20_000_000
@@ -92,12 +94,56 @@ def test_it_stops_before_glass_at_any_angle(robot: str, turn_deg: int) -> None:
     assert abs(drive.command.vx) < 0.02
 
 
-def test_without_a_ring_it_touches_glass_that_stands_aslant() -> None:
-    drive = Drive("diff", (pane(2.5, 65),))
+@pytest.mark.parametrize("speed", [0.3, 0.8])
+@pytest.mark.parametrize("turn_deg", [0, 20, 40, 65])
+@pytest.mark.parametrize("robot", ["diff", "amr_omni"])
+def test_without_a_ring_it_stops_before_glass_that_shines_where_it_is_met_squarely(
+    robot: str, turn_deg: int, speed: float
+) -> None:
+    drive = Drive(robot, (pane(2.5, turn_deg),))
     assert RANGES not in drive.node.inputs
+    end = drive.run(4.0 / speed, vx=speed)
+    assert not drive.contacts
+    assert 0.8 < end.x < 2.3
+    assert abs(drive.command.vx) < 0.02 or turn_deg < 40
+
+
+def test_of_a_scanner_that_tells_no_intensities_it_touches_glass_that_stands_aslant() -> None:
+    drive = Drive("diff", (pane(2.5, 65),))
+    take = drive.callbacks["scan"]
+    drive.callbacks["scan"] = lambda scan: take(replace(scan, intensities=np.zeros(0, np.float32)))
     drive.run(4.0, vx=0.8)
     assert drive.contacts
     assert drive.contacts[0].other_geom == "pane"
+
+
+@pytest.mark.parametrize("robot", ["diff", "amr_omni"])
+def test_a_robot_without_a_ring_turns_beside_glass_without_touching_it(robot: str) -> None:
+    """Its corner comes to where no beam returns from."""
+    model = robot_named(robot).model
+    beside = Solid(
+        "pane", Shape.BOX, SE2(0.0, model.circumscribed_radius - 0.03, 0.0), 12.0, 0.02, 0.0, 2.2, is_glass=True
+    )
+    drive = Drive(robot, (beside,))
+    drive.run(1.0, vx=0.0)
+    drive.run(12.0, vx=0.0, wz=0.4)
+    assert not drive.contacts
+    drive.run(4.0, vx=-0.15)
+    assert not drive.contacts
+
+
+@pytest.mark.parametrize(("robot", "width"), [("diff", 0.9), ("amr_omni", 1.3)])
+def test_a_doorway_between_panes_lets_the_robot_pass(robot: str, width: float) -> None:
+    panes = [
+        Solid(f"pane_{k}", Shape.BOX, SE2(2.5, k * (0.5 * width + 2.1), 0.0), 0.02, 4.0, 0.0, 2.2, is_glass=True)
+        for k in (-1, 1)
+    ]
+    posts = [
+        Solid(f"post_{k}", Shape.BOX, SE2(2.5, k * (0.5 * width + 0.05), 0.0), 0.1, 0.1, 0.0, 2.2) for k in (-1, 1)
+    ]
+    drive = Drive(robot, (*panes, *posts))
+    assert drive.run(8.0, vx=0.5).x > 3.3
+    assert not drive.contacts
 
 
 def test_sideways_motion_stops_before_glass_too() -> None:

@@ -30,6 +30,7 @@ from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.devices.table import topics_of_kind
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
+from ambler.perception.glass import SpecularConfig, SpecularDetector, spread
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import (
     ARM,
@@ -59,7 +60,16 @@ from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, see_al
 from ambler.safety.config import GateConfig
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
-from ambler.safety.points import F64, Floor, bridged, patch_means, points_of_cloud, points_of_scan, pulled_nearer
+from ambler.safety.points import (
+    F64,
+    Floor,
+    bridged,
+    carried_to_stamp,
+    patch_means,
+    points_of_cloud,
+    points_of_scan,
+    pulled_nearer,
+)
 from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
 
@@ -70,6 +80,11 @@ NEVER_NS = -(1 << 62)
 # Metres by which what a cloud showed before may be nearer than it is remembered: at an edge half a column of the memory, and a walking body sways.
 UNSEEN_NEARER = 0.02
 SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
+PANE_NEAR, PANE_BESIDE, PANE_STEP = (
+    1.0,
+    0.25,
+    0.04,
+)  # metres: beyond the robot's own reach a pane counts to there, goes on beside, and between its points
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
 Stamped = TypeVar("Stamped", LaserScan, PointCloud, Range)
@@ -82,7 +97,7 @@ class GateNode(Node):
     robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
     each one's own scans, not the merged one, and remembers what leaves its sector for where no other one looks. A sensor of the
     robot that falls silent, or never speaks, stops it. `clock_offsets` are the seconds by which a sensor's clock is ahead, by frame:
-    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is.
+    a point is taken from where the robot was when the beam was measured, and a scan is as old as it is. `specular` says how panes of glass shine.
     """
 
     name = "gate"
@@ -100,7 +115,9 @@ class GateNode(Node):
         config: GateConfig | None = None,
         z_band: tuple[float, float] | None = None,
         clock_offsets: Mapping[str, float] | None = None,
+        specular: SpecularConfig | None = None,
     ) -> None:
+        self._panes = SpecularDetector(specular)
         self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._config = config if config is not None else GateConfig()
         self.gate = VelocityGate(self._config, robot)
@@ -189,7 +206,18 @@ class GateNode(Node):
             low, high = max(low, window[0]), min(high, window[1])
         field = FieldOfView(scan.range_min, (low, high))
         self._know(scan.frame, field)
-        self._take_points(scan, field, lambda level_from_sensor: points_of_scan(scan, level_from_sensor, self._twist))
+        self._take_points(scan, field, partial(self._points_of_scan, scan))
+
+    def _points_of_scan(self, scan: LaserScan, level_from_sensor: SE3) -> F64:
+        """The returns, and panes of glass close by as far as the robot could touch them: they reflect where they are met squarely only."""
+        points = [points_of_scan(scan, level_from_sensor, self._twist)]
+        for peak in self._panes.detect(scan):
+            if peak.distance < self._radius + PANE_NEAR:
+                flat = spread(scan, peak, self._radius + PANE_BESIDE, PANE_STEP, self._panes.config.tolerance)
+                pane = level_from_sensor.transform(np.column_stack((flat, np.zeros(len(flat)))))
+                seconds = np.full(len(pane), scan.time_increment * peak.beam)
+                points += [carried_to_stamp(pane, seconds, self._twist)] * self._config.min_points
+        return np.concatenate(points)
 
     def _know(self, frame: str, field: FieldOfView) -> None:
         """Remember where a scanner looks, and find out when that has changed whether they look all around."""
