@@ -71,8 +71,9 @@ def check_stamps(rig: Rig) -> None:
     got = collect(rig, 2)
     for _ in range(20):
         rig.wait(rig.device.poll_period)
-        now_ns = rig.now_ns()
-        for message in rig.device.read(now_ns):
+        read = rig.device.read(rig.now_ns())
+        now_ns = rig.now_ns()  # after it: a message may arrive between the asking and the reading
+        for message in read:
             got.append(message)
             assert -1 <= now_ns - message.stamp_ns < 0.5e9
     stamps = [message.stamp_ns for message in got]

@@ -21,6 +21,13 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "intensities of any unit are measured by white paint",
+        "perception/glass.py",
+        "BRIGHT_MOST = 0.3",
+        "BRIGHT_MOST = 1.3",
+        ("tests/perception/test_glass.py",),
+    ),
+    PlantedFault(
         "rays along a wall make its cells free",
         "kernels/submap.py",
         "elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:",

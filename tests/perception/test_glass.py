@@ -67,6 +67,14 @@ def test_retro_reflectors_are_no_glass() -> None:
     assert SpecularDetector().detect(film) == ()
 
 
+def test_intensities_of_another_unit_show_no_glass() -> None:
+    """A scanner that counts to 255 calls every painted wall brighter than white paint."""
+    glass = scan(SE2(), pane_ends=(-0.3, 0.3))
+    for unit in (3.0, 20.0, 200.0):
+        other = replace(glass, intensities=(unit * np.maximum(glass.intensities, 0.55)).astype(np.float32))
+        assert SpecularDetector().detect(other) == ()
+
+
 @pytest.mark.parametrize("yaw_deg", [0.0, 37.3, 179.9, -100.0])
 def test_a_pane_goes_on_to_its_posts(yaw_deg: float) -> None:
     pose = SE2(1.2, 0.0, math.radians(yaw_deg))

@@ -17,6 +17,7 @@ from ambler.core.se2 import wrap_angle
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+BRIGHT_MOST = 0.3  # of a scan's returns, if white paint counts 1: two panes in the corner of a court are a sixth
 FLATTEST = 1.4  # radians off the normal up to which the line of a pane is followed
 
 
@@ -60,14 +61,18 @@ class SpecularDetector:
         self.config = config if config is not None else SpecularConfig()
 
     def detect(self, scan: LaserScan) -> tuple[SpecularPeak, ...]:
-        """Return the panes in the order of their beams; none for a scan without intensities."""
+        """Return the panes in the order of their beams; none for a scan without intensities, or with so many bright ones that they must be told in another unit."""
         if len(scan.intensities) != len(scan.ranges):
             return ()
         ranges = np.asarray(scan.ranges, np.float64)
         intensities = np.asarray(scan.intensities, np.float64)
+        is_return = np.isfinite(ranges)
+        outshine = is_return & (intensities >= self.config.intensity_min)
+        if np.count_nonzero(outshine) > BRIGHT_MOST * np.count_nonzero(is_return):
+            return ()
         angles: F64 = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
         is_glass = (intensities >= self.config.intensity_min) & (intensities <= self.config.intensity_max)
-        bright = np.isfinite(ranges) & is_glass & (ranges <= self.config.range_max)
+        bright = is_return & is_glass & (ranges <= self.config.range_max)
         found = (self._judge(k, ranges, intensities, angles) for k in _peaks(bright, intensities))
         peaks: list[SpecularPeak] = []
         for peak in found:  # the beams of one pane may lie on both sides of the scan's seam
