@@ -17,7 +17,7 @@ from ambler.core.se2 import wrap_angle
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-BRIGHT_MOST = 0.3  # of a scan's returns, if white paint counts 1: two panes in the corner of a court are a sixth
+BRIGHT_MOST = 0.3  # of a scan's beams, if white paint counts 1: two panes in the corner of a court are a sixth
 FLATTEST = 1.4  # radians off the normal up to which the line of a pane is followed
 
 
@@ -68,7 +68,7 @@ class SpecularDetector:
         intensities = np.asarray(scan.intensities, np.float64)
         is_return = np.isfinite(ranges)
         outshine = is_return & (intensities >= self.config.intensity_min)
-        if np.count_nonzero(outshine) > BRIGHT_MOST * np.count_nonzero(is_return):
+        if np.count_nonzero(outshine) > BRIGHT_MOST * len(ranges):
             return ()
         angles: F64 = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
         is_glass = (intensities >= self.config.intensity_min) & (intensities <= self.config.intensity_max)
