@@ -112,7 +112,7 @@ class DriveRun(Run):
         nodes = simulated_nodes(world, ROBOT, described=model, has_map=False)
         nodes += [
             *placing_nodes(model, scene.config, scene.cloud_map, scene.guess),
-            GateNode(model, scene.config.gate),
+            GateNode(model, scene.config.gate, specular=scene.config.specular),
         ]
         has_legs = scene.robot.gait is not None
         route = scene.route

@@ -119,7 +119,8 @@ def robot_nodes(
         nodes += [StationNode(config.stations)] if config.holds_stations else []
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
-    gate = GateNode(robot, config.gate_for(robot), None, clock_offsets(config.scanners), config.specular)
+    offsets = clock_offsets(config.scanners)
+    gate = GateNode(robot, config.gate_for(robot), clock_offsets=offsets, specular=config.specular)
     return [*nodes, *parts.nodes, gate]
 
 

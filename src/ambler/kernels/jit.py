@@ -36,8 +36,8 @@ def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 jit = numba.njit(cache=True, nogil=True)
-# Keeps the interpreter's lock: for what takes microseconds and is called often. Giving the lock up for so little hands it to another thread,
-# and getting it back takes a hundred times as long as the kernel.
+# Keeps the interpreter's lock: for what takes microseconds on the way to a command. Giving the lock up for so little hands it to another thread,
+# and getting it back takes a hundred times as long as the kernel. What nobody waits for lets go of it, so that others get their turn.
 jit_short = numba.njit(cache=True)
 # Division by zero gives inf as in IEEE 754 instead of an exception, which lets LLVM vectorise loops that divide.
 jit_ieee = numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -80,11 +80,8 @@ NEVER_NS = -(1 << 62)
 # Metres by which what a cloud showed before may be nearer than it is remembered: at an edge half a column of the memory, and a walking body sways.
 UNSEEN_NEARER = 0.02
 SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
-PANE_NEAR, PANE_BESIDE, PANE_STEP = (
-    1.0,
-    0.25,
-    0.04,
-)  # metres: beyond the robot's own reach a pane counts to there, goes on beside, and between its points
+# Metres beyond the robot's own reach within which a pane counts, and by which it goes on beside; between its points.
+PANE_NEAR, PANE_BESIDE, PANE_STEP = 1.0, 0.25, 0.04
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
 Stamped = TypeVar("Stamped", LaserScan, PointCloud, Range)
