@@ -195,7 +195,7 @@ STUDIES = {
     ),
     "eval glass --json glass.json": Long(
         "--runs 1 --robots diff --time-limit 5",
-        r"with_layers-0: time_limit, 0 collisions.*without_layers-0: time_limit.*found_ratio_worst ",
+        r"ring-0: time_limit, 0 collisions.*light-0: time_limit.*found_ratio_worst ",
         code=1,
     ),
     "eval overhangs --seed draw --runs 10 --json docs/results/overhangs.json": Long(

@@ -30,12 +30,12 @@ def with_door(thing: NDArray[np.int8] | None = None, door: slice = slice(14, 27)
 SPECK = np.full((1, 1), 100, np.int8)
 
 
-def looks(occupancy: NDArray[np.int8], config: SurveyConfig = CONFIG) -> list[SE2]:
+def looks(occupancy: NDArray[np.int8], config: SurveyConfig = CONFIG, robot: SE2 = HERE) -> list[SE2]:
     """Return the looks that are wanted in a map that does not change, five at most."""
     surveyor = FrontierSurvey(config, path_distances)
-    survey = surveyor.update(*grids(occupancy, RADIUS_CELLS), HERE)
+    survey = surveyor.update(*grids(occupancy, RADIUS_CELLS), robot)
     found: list[SE2] = []
-    while len(found) < 5 and (place := surveyor.look_at_speck(survey, HERE)) is not None:
+    while len(found) < 5 and (place := surveyor.look_at_speck(survey, robot)) is not None:
         found.append(place)
     return found
 
@@ -50,6 +50,15 @@ def test_a_speck_that_alone_shuts_a_door_is_looked_at_twice_from_two_places() ->
         assert place.yaw == pytest.approx(math.atan2(speck[1] - place.y, speck[0] - place.x))
     assert math.dist((first.x, first.y), speck) == pytest.approx(CONFIG.specks.distance, abs=R)
     assert first.distance_to(second) > CONFIG.specks.nearest
+
+
+@pytest.mark.parametrize(("robot", "nearer"), [(SE2(2.0, 1.5), 16), (SE2(2.0, 2.5), 23)])
+def test_a_look_is_at_all_that_is_seen_from_there_and_the_nearest_comes_first(robot: SE2, nearer: int) -> None:
+    occupancy = with_door()
+    occupancy[[16, 23], 45] = 100
+    first, _ = looks(occupancy, robot=robot)
+    y = (nearer + 0.5) * R
+    assert first.yaw == pytest.approx(math.atan2(y - first.y, 4.55 - first.x), abs=1e-3)
 
 
 @pytest.mark.parametrize(

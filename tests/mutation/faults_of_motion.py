@@ -40,6 +40,20 @@ MOTION = (
         ("tests/control/test_judges.py",),
     ),
     PlantedFault(
+        "a look at small things counts for none but one of them",
+        "exploration/specks.py",
+        "for x, y in things:\n",
+        "for x, y in things[:0]:\n",
+        ("tests/exploration/test_specks.py",),
+    ),
+    PlantedFault(
+        "small things are looked at in the order of the map",
+        "exploration/specks.py",
+        "np.argsort(np.hypot(*(things - robot).T), kind=\"stable\")",
+        "range(len(things))",
+        ("tests/exploration/test_specks.py",),
+    ),
+    PlantedFault(
         "a speck is looked at through walls",
         "exploration/specks.py",
         "if _sees(costs, (px, py), thing):",

@@ -13,8 +13,9 @@ from ambler.core.robot import DriveKind, RobotModel, SensorKind, SensorMount, Ve
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.echoes import EchoFilter
-from ambler.perception.glass import SpecularDetector, spread
+from ambler.perception.glass import SpecularDetector
 from ambler.perception.glass_map import GlassMap, seen_through_glass
+from ambler.perception.near_panes import spread
 
 SIGMA = math.radians(2.5)
 HALF = math.radians(15.0)
@@ -86,7 +87,7 @@ def test_a_pane_goes_on_to_its_posts(yaw_deg: float) -> None:
     posted = replace(bare, ranges=np.where(is_post, 0.8 / np.cos(angles), bare.ranges).astype(np.float32))
     for seen, ends in ((bare, (-0.7, 0.7)), (posted, (-0.7, 0.45))):
         (peak,) = SpecularDetector().detect(seen)
-        points = pose.transform(spread(seen, peak, 0.7, 0.04, 0.04))
+        points = pose.transform(spread(seen, peak, 0.7, 0.04))
         np.testing.assert_allclose(points[:, 0], 2.0, atol=0.01)
         assert points[:, 1].min() == pytest.approx(ends[0], abs=0.03)
         assert points[:, 1].max() == pytest.approx(ends[1], abs=0.03)

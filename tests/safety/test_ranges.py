@@ -146,6 +146,20 @@ def test_a_doorway_between_panes_lets_the_robot_pass(robot: str, width: float) -
     assert not drive.contacts
 
 
+@pytest.mark.parametrize("beside", [0.6, 0.7])
+def test_a_doorway_between_panes_without_posts_is_open_to_who_drove_past_it(beside: float) -> None:
+    """Each pane would reach across the doorway, and that which shines from its edge across the corridor."""
+    panes = [
+        Solid(f"pane_{k}", Shape.BOX, SE2(2.5 + k * 2.65, beside, 0.0), 4.0, 0.02, 0.0, 2.2, is_glass=True)
+        for k in (-1, 1)
+    ]
+    drive = Drive("amr_omni", tuple(panes))
+    assert drive.run(5.5, vx=0.5).x == pytest.approx(2.28, abs=0.05)
+    assert drive.run(5.0, vx=0.0, wz=0.33).yaw > 1.5
+    assert drive.run(5.0, vx=0.4).y > 1.0
+    assert not drive.contacts
+
+
 def test_sideways_motion_stops_before_glass_too() -> None:
     beside = Solid("pane", Shape.BOX, SE2(0.0, 1.5, 0.0), 12.0, 0.02, 0.0, 2.2, is_glass=True)
     drive = Drive("amr_omni+ultrasonic", (beside,))

@@ -140,10 +140,10 @@ def test_a_door_that_closes_behind_the_robot_is_a_named_end(tmp_path: Path) -> N
 @pytest.mark.parametrize("seed", range(4))
 def test_a_door_that_opens_again_is_waited_for(seed: int, tmp_path: Path) -> None:
     """Wherever the robot is when its way home is shut: it goes to where it sees the door."""
-    demo = run(tmp_path, ("door:30:45",), "diff", seed=seed)
+    demo = run(tmp_path, ("door:30:75",), "diff", seed=seed)
     fields = judge(demo).fields
     seconds, x = x_over_time(demo)
-    assert x[(seconds >= 30.0) & (seconds < 45.0)].min() > DOOR + 0.25
+    assert x[(seconds >= 30.0) & (seconds < 75.0)].min() > DOOR + 0.25
     assert "the way home is shut" in demo.folder.log.read_text()
     assert fields["collisions"] == 0
     assert demo.ended == "finished"

@@ -51,13 +51,13 @@ def test_a_fault_summary_tells_the_worst_and_what_broke() -> None:
 def test_a_glass_summary_keeps_robots_and_variants_apart() -> None:
     runs = [
         {"base": "diff", "variant": v, "ended": "finished", "contacts": n, "glass_contacts": n, "found_ratio": f}
-        for v, n, f in (("with_layers", 0, 0.9), ("with_layers", 0, 0.7), ("without_layers", 3, None))
+        for v, n, f in (("ring", 0, 0.9), ("ring", 0, 0.7), ("light", 3, None))
     ]
     fields = glass_study.summarize(runs)
-    assert (fields["diff.with_layers.contacts"], fields["diff.without_layers.contacts"]) == (0, 3)
-    assert fields["diff.with_layers.found_ratio_worst"] == 0.7
-    assert fields["diff.without_layers.runs_with_contact"] == 1
-    assert "diff.without_layers.found_ratio_worst" not in fields
+    assert (fields["diff.ring.contacts"], fields["diff.light.contacts"]) == (0, 3)
+    assert fields["diff.ring.found_ratio_worst"] == 0.7
+    assert fields["diff.light.runs_with_contact"] == 1
+    assert "diff.light.found_ratio_worst" not in fields
 
 
 def test_a_run_that_died_is_told_as_crashed_and_leaves_nothing_old(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_crashed_cases_count_against_every_summary() -> None:
     fields = exploration_study.summarize([{**crashed, "world": "w", "robot": "r", "strategy": "s"}])
     assert (fields["w.r.s.runs"], fields["w.r.s.finished"]) == (1, 0)
     assert not exploration_study.is_good(crashed)
-    assert not glass_study.is_good({**crashed, "variant": "with_layers"})
+    assert not glass_study.is_good({**crashed, "variant": "ring"})
     assert program_study.summarize([{**crashed, "robot": "diff"}])["succeeded"] == 0
     assert not program_study.is_good(crashed)
     assert not program_study.is_team_good(crashed)

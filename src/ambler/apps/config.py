@@ -75,7 +75,7 @@ class RobotConfig:
     global_planner: Literal["grid", "visibility_graph"] = "grid"
     controller: Controller = "rollout"
     localizer: Literal["tracker", "particles", "reflectors"] = "tracker"
-    glass: Literal["auto", "on", "off"] = "auto"
+    glass: Literal["on", "off"] = "on"
     odometry_source: Literal["wheels", "lidar"] = "wheels"
     terrain: Literal["auto", "always", "never"] = "auto"  # words that YAML does not take for true and false
     mapping: Literal["scans", "ground"] = "scans"
@@ -116,8 +116,8 @@ class RobotConfig:
     glass_map: GlassMapConfig = field(default_factory=GlassMapConfig)
 
     def maps_glass(self, robot: RobotModel) -> bool:
-        """Say whether glass is looked for: `auto` means on robots with ultrasonic transducers."""
-        return bool(robot.scanners) and (self.glass == "on" or (self.glass == "auto" and bool(robot.rangers)))
+        """Say whether glass is looked for: only planar scanners, alone or with transducers, show it."""
+        return bool(robot.scanners) and self.glass != "off"
 
     def uses_terrain(self, robot: RobotModel) -> bool:
         """Say whether the ground is analysed: `auto` means on robots whose odometry registers clouds."""

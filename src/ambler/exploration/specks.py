@@ -57,10 +57,17 @@ class Specks:
         return CostGrid(costs.stamp_ns, costs.frame, costs.spec, data), specks
 
     def look(
-        self, costs: CostGrid, specks: Mask, reached: Mask, beyond: Mask, wanted: NDArray[np.floating], reach: float
+        self,
+        costs: CostGrid,
+        specks: Mask,
+        reached: Mask,
+        beyond: Mask,
+        wanted: NDArray[np.floating],
+        reach: float,
+        robot: Place,
     ) -> SE2 | None:
-        """Return from where to look at one of the `specks` that part the cells that are `reached` from those `beyond` (bool [iy, ix] of `costs`) that lie within `reach` metres of places that
-        are `wanted` (N, 2); None where nothing is left to look at. The look counts as made."""
+        """Return from where to look at the nearest to the `robot` of the `specks` that part the cells that are `reached` from those `beyond` (bool [iy, ix] of `costs`) that lie within `reach`
+        metres of places that are `wanted` (N, 2); None where nothing is left to look at. The look counts as made."""
         spec = costs.spec
         labels, stats = cv2.connectedComponentsWithStats(beyond.astype(np.uint8), connectivity=8)[1:3]
         goals = np.zeros(spec.shape, np.bool_)
@@ -72,17 +79,22 @@ class Specks:
         is_wanted &= stats[:, cv2.CC_STAT_AREA] * spec.resolution**2 >= self.config.least_area
         is_wanted[0] = False
         gap = _distance_to(reached) + _distance_to(is_wanted[labels])
-        iy, ix = np.nonzero(specks & np.isfinite(gap))
-        for k in np.argsort(gap[iy, ix], kind="stable"):
-            if gap[iy[k], ix[k]] > 2.0 * (self._inscribed_radius / spec.resolution + 2.0):
-                return None
-            thing = spec.center_of(int(iy[k]), int(ix[k]))
+        iy, ix = np.nonzero(specks & (gap <= 2.0 * (self._inscribed_radius / spec.resolution + 2.0)))
+        things = spec.centers_of(np.stack([iy, ix], axis=1))
+        for k in np.argsort(np.hypot(*(things - robot).T), kind="stable"):
+            thing = (float(things[k, 0]), float(things[k, 1]))
             before = [place for other, place in self._looks if math.dist(thing, other) <= self.config.again]
             place = self._place(costs, reached, thing, before) if len(before) < self.config.looks else None
             if place is not None:
-                self._looks.append((thing, (place.x, place.y)))
+                self._note(costs, things, (place.x, place.y))
                 return place
         return None
+
+    def _note(self, costs: CostGrid, things: NDArray[np.float64], place: Place) -> None:
+        """Count a look at all `things` (N, 2) that are seen well from a place."""
+        for x, y in things:
+            if math.dist(place, (x, y)) <= self.config.farthest and _sees(costs, place, (x, y)):
+                self._looks.append(((float(x), float(y)), place))
 
     def _place(self, costs: CostGrid, reached: Mask, thing: Place, before: list[Place]) -> SE2 | None:
         """Return where to stand, on cells that are reached, to see a thing, looking at it; elsewhere than `before`."""

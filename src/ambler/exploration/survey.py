@@ -220,7 +220,8 @@ class FrontierSurvey:
             return None
         reached, could = (np.isfinite(self._distances(costs, map_from_base)) for costs in (survey.costs, opened))
         wanted = np.concatenate(shut)
-        return self._specks.look(survey.costs, specks, reached, could & ~reached, wanted, self.config.goal_reach)
+        robot = (map_from_base.x, map_from_base.y)
+        return self._specks.look(survey.costs, specks, reached, could & ~reached, wanted, self.config.goal_reach, robot)
 
     def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
         """Return the map, for a strict look one in which nothing is assumed."""

@@ -30,7 +30,8 @@ from ambler.kernels.footprint import footprint_edges
 from ambler.nodes.devices.table import topics_of_kind
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
-from ambler.perception.glass import SpecularConfig, SpecularDetector, spread
+from ambler.perception.glass import SpecularConfig
+from ambler.perception.near_panes import NearPanes
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import (
     ARM,
@@ -80,8 +81,10 @@ NEVER_NS = -(1 << 62)
 # Metres by which what a cloud showed before may be nearer than it is remembered: at an edge half a column of the memory, and a walking body sways.
 UNSEEN_NEARER = 0.02
 SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
-# Metres beyond the robot's own reach within which a pane counts, and by which it goes on beside; between its points.
-PANE_NEAR, PANE_BESIDE, PANE_STEP = 1.0, 0.25, 0.04
+PANE_NEAR, PANE_BESIDE = (
+    1.0,
+    0.25,
+)  # metres beyond the robot's own reach: within which panes count, and by which one goes on beside
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
 Stamped = TypeVar("Stamped", LaserScan, PointCloud, Range)
@@ -114,7 +117,6 @@ class GateNode(Node):
         clock_offsets: Mapping[str, float] | None = None,
         specular: SpecularConfig | None = None,
     ) -> None:
-        self._panes = SpecularDetector(specular)
         self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._config = config if config is not None else GateConfig()
         self.gate = VelocityGate(self._config, robot)
@@ -123,6 +125,7 @@ class GateNode(Node):
         self._repeats: dict[str, StuckScan] = {}
         self._stuck: set[str] = set()
         self._radius, self._edges = robot.circumscribed_radius, footprint_edges(robot.footprint, 0.0)
+        self._panes = NearPanes(self._radius + PANE_NEAR, self._radius + PANE_BESIDE, specular)
         self._planar = robot.scanners
         self._has_many = len(self._planar) > 1
         self._clouds = robot.clouds
@@ -208,12 +211,11 @@ class GateNode(Node):
     def _points_of_scan(self, scan: LaserScan, level_from_sensor: SE3) -> F64:
         """The returns, and panes of glass close by as far as the robot could touch them: they reflect where they are met squarely only."""
         points = [points_of_scan(scan, level_from_sensor, self._twist)]
-        for peak in self._panes.detect(scan):
-            if peak.distance < self._radius + PANE_NEAR:
-                flat = spread(scan, peak, self._radius + PANE_BESIDE, PANE_STEP, self._panes.config.tolerance)
-                pane = level_from_sensor.transform(np.column_stack((flat, np.zeros(len(flat)))))
-                seconds = np.full(len(pane), scan.time_increment * peak.beam)
-                points += [carried_to_stamp(pane, seconds, self._twist)] * self._config.min_points
+        odom_from_base, mount = self._motion.pose_at(scan.stamp_ns).to_se2(), self._mounts[scan.frame].base_from_sensor
+        for peak, flat in self._panes.look(scan, odom_from_base, mount.to_se2(), self._twist):
+            pane = level_from_sensor.transform(np.column_stack((flat, np.zeros(len(flat)))))
+            seconds = np.full(len(pane), scan.time_increment * peak.beam)
+            points += [carried_to_stamp(pane, seconds, self._twist)] * self._config.min_points
         return np.concatenate(points)
 
     def _know(self, frame: str, field: FieldOfView) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambler.core.errors import TransformError
 from ambler.core.messages import GlassWalls, JudgedEcho, LaserScan, OccupancyGrid, Odometry, Transforms
@@ -15,7 +13,7 @@ from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.perception.glass import SpecularConfig, SpecularDetector
-from ambler.perception.glass_map import GlassMap, GlassMapConfig, seen_through_glass
+from ambler.perception.glass_map import GlassMap, GlassMapConfig, seen_through_glass, twist_of_sensor
 from ambler.runtime.node import Node, Service, Task
 from ambler.runtime.tasks import SAVE_GLASS, Nothing, SaveMapRequest
 from ambler.runtime.topics import ECHOES, GLASS, MAP, ODOMETRY, SCAN, SCANNERS, TRANSFORMS, Topic
@@ -76,7 +74,8 @@ class GlassMapperNode(Node):
     def _on_scan(self, scan: LaserScan) -> None:
         self._newest_ns = max(self._newest_ns, scan.stamp_ns)
         try:
-            self.glass.add_scan(scan, self._map_from_sensor(scan.frame, scan.stamp_ns), self._sensor_twist(scan.frame))
+            twist = twist_of_sensor(self._mounts[scan.frame], self._twist)
+            self.glass.add_scan(scan, self._map_from_sensor(scan.frame, scan.stamp_ns), twist)
             for peak in self._detector.detect(scan):
                 at_ns = scan.stamp_ns + round(peak.beam * scan.time_increment * 1e9)
                 self.glass.add_peak(peak, self._map_from_sensor(scan.frame, at_ns))
@@ -91,13 +90,6 @@ class GlassMapperNode(Node):
         if self._map_from_odom is None:
             raise TransformError("map_from_odom: nobody has told it yet")
         return self._map_from_odom @ self._poses.lookup("odom", "base", stamp_ns).to_se2() @ self._mounts[frame]
-
-    def _sensor_twist(self, frame: str) -> NDArray[np.float64]:
-        """The velocity of a sensor in its own frame, from that of the base."""
-        mount, (vx, vy, wz) = self._mounts[frame], self._twist
-        x, y = vx - wz * mount.y, vy + wz * mount.x
-        c, s = math.cos(mount.yaw), math.sin(mount.yaw)
-        return np.array([c * x + s * y, -s * x + c * y, wz])
 
     def _tell(self) -> None:
         segments, confidence = self.glass.segments()

@@ -53,6 +53,16 @@ class SpecularPeak:
     left: float
     intensity: float
 
+    @property
+    def foot(self) -> F64:
+        """Where the beam meets the pane, (2,) in the sensor frame."""
+        return np.array([self.distance * math.cos(self.angle), self.distance * math.sin(self.angle)])
+
+    @property
+    def along(self) -> F64:
+        """The direction of the pane to the left, (2,) in the sensor frame."""
+        return np.array([-math.sin(self.angle), math.cos(self.angle)])
+
 
 class SpecularDetector:
     """`detect` panes in the raw scan of one scanner."""
@@ -125,23 +135,6 @@ class SpecularDetector:
         count = np.count_nonzero(seen)
         through = np.count_nonzero(seen & (ranges > line + self.config.behind))
         return bool(count >= 5 and through >= self.config.through_share * count)
-
-
-def spread(scan: LaserScan, peak: SpecularPeak, reach: float, step: float, tolerance: float) -> F64:
-    """Return points (N, 2) in the sensor frame, `step` metres apart, along a pane, up to `reach` metres to either side of the beam that meets it squarely, or
-    up to the first return beside the pane's own that lies on its line: a post, where it may end."""
-    ranges = np.asarray(scan.ranges, np.float64)
-    off = (scan.angle_min + np.arange(len(ranges)) * scan.angle_increment - peak.angle + math.pi) % (
-        2.0 * math.pi
-    ) - math.pi
-    line = peak.distance / np.cos(np.clip(off, -FLATTEST, FLATTEST))
-    along = peak.distance * np.tan(np.clip(off, -FLATTEST, FLATTEST))
-    is_on_line = (np.abs(off) < FLATTEST) & (np.abs(ranges - line) <= tolerance)
-    left = np.min(along[is_on_line & (along > peak.left + step)], initial=reach)
-    right = np.min(-along[is_on_line & (-along > peak.right + step)], initial=reach)
-    t = np.arange(-right, left + 0.5 * step, step)
-    normal = np.array([math.cos(peak.angle), math.sin(peak.angle)])
-    return np.asarray(peak.distance * normal + t[:, None] * np.array([-normal[1], normal[0]]))
 
 
 def _side(off: F64, limits: tuple[float, float]) -> Bools:

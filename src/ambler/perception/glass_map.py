@@ -21,6 +21,7 @@ from ambler.perception.glass import SpecularPeak
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,14 @@ class _Line:
         return np.asarray(self.anchor + s * self.along)
 
 
+def twist_of_sensor(base_from_sensor: SE2, twist: F64) -> F64:
+    """Return the velocity (vx, vy, wz) of a sensor in its own frame, from that of the base."""
+    vx, vy, wz = twist
+    x, y = vx - wz * base_from_sensor.y, vy + wz * base_from_sensor.x
+    c, s = math.cos(base_from_sensor.yaw), math.sin(base_from_sensor.yaw)
+    return np.array([c * x + s * y, -s * x + c * y, wz])
+
+
 class GlassMap:
     """Takes sightings in the map frame; `segments` returns what is believed."""
 
@@ -83,14 +92,8 @@ class GlassMap:
 
     def add_peak(self, peak: SpecularPeak, map_from_sensor: SE2) -> None:
         """Take a specular peak, with the scanner's pose at the time of its beam."""
-        direction = map_from_sensor.yaw + peak.angle
-        foot = np.array(
-            [
-                map_from_sensor.x + peak.distance * math.cos(direction),
-                map_from_sensor.y + peak.distance * math.sin(direction),
-            ]
-        )
-        angle = wrap_angle(direction + 0.5 * math.pi)
+        foot = map_from_sensor.transform(peak.foot[None])[0]
+        angle = wrap_angle(map_from_sensor.yaw + peak.angle + 0.5 * math.pi)
         line = self._find(foot, angle)
         if line is None:
             line = _Line(foot, angle)
@@ -136,6 +139,21 @@ class GlassMap:
                 self._count(line, at - c.bin, at + c.bin, 1.0)
             elif abs(beside) > 0.1 and nearest < min(echo.free - 0.2, 2.0) and slant == 0.0:
                 self._count(line, s - 0.5 * c.bin, s + 0.5 * c.bin, -1.0)
+
+    def is_open(self, peak: SpecularPeak, map_from_sensor: SE2, points: F64) -> Bools:
+        """Say which points (N, 2) of the map along the pane of a peak lie where beams passed: no pane goes on there. bool (N,)."""
+        pose = map_from_sensor
+        line = self._find(pose.transform(peak.foot[None])[0], wrap_angle(pose.yaw + peak.angle + 0.5 * math.pi))
+        if line is None:
+            return np.zeros(len(points), np.bool_)
+        pieces = np.floor((points - line.anchor) @ line.along / self.config.bin)
+        return np.array([line.evidence.get(int(k), 0.0) <= -self.config.believed for k in pieces], np.bool_)
+
+    def fade(self) -> None:
+        """Forget half of all evidence, and what is little after that: for a frame that drifts."""
+        for line in self._lines:
+            line.evidence = {k: 0.5 * v for k, v in line.evidence.items() if abs(v) >= 1.0}
+        self._lines = [line for line in self._lines if line.evidence]
 
     def segments(self) -> tuple[F32, F32]:
         """Return the believed segments float32 (N, 4) of (x0, y0, x1, y1) and their confidence float32 (N,)."""

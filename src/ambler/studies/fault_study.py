@@ -75,7 +75,7 @@ def _world_cases() -> list[FaultCase]:
         *(FaultCase("door_shut", "door:1", r, FaultLimits(coverage=(0.5, 0.8))) for r in ("diff", "amr_omni")),
         FaultCase("door_shuts_behind", "door:30", "diff", shut_out),
         FaultCase(
-            "door_opens_again", "door:30:45", "diff", FaultLimits(coverage=(0.97, MOST), says=("the way home is shut",))
+            "door_opens_again", "door:30:75", "diff", FaultLimits(coverage=(0.97, MOST), says=("the way home is shut",))
         ),
         *(
             FaultCase("glass", "glass", f"{r}+ultrasonic", FaultLimits(coverage=(0.95, MOST)))

@@ -76,8 +76,8 @@ ROWS: Sequence[Row] = (
         "explore among glass, `diff` with an ultrasonic ring, 3 seeds",
         "0 contacts",
         "glass.json",
-        "{diff_with_layers_contacts} contacts in {diff_with_layers_runs} runs, coverage worst "
-        "{diff_with_layers_coverage_ratio_worst:.1%}; without the layers {diff_without_layers_contacts} contacts",
-        every("diff_with_layers_", "finished", of=3, collisions="contacts"),
+        "{diff_ring_contacts} contacts in {diff_ring_runs} runs, coverage worst "
+        "{diff_ring_coverage_ratio_worst:.1%}; by light alone {diff_light_contacts} in {diff_light_runs}",
+        every("diff_ring_", "finished", of=3, collisions="contacts"),
     ),
 )
