@@ -49,7 +49,7 @@ MOTION = (
     PlantedFault(
         "small things are looked at in the order of the map",
         "exploration/specks.py",
-        "np.argsort(np.hypot(*(things - robot).T), kind=\"stable\")",
+        'np.argsort(np.hypot(*(things - robot).T), kind="stable")',
         "range(len(things))",
         ("tests/exploration/test_specks.py",),
     ),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.se2 import SE2
 from ambler.sim.solids import Solid
 
 F64 = NDArray[np.float64]
@@ -25,11 +26,14 @@ class GlassQuality:
     true_m: float
 
 
-def compare_glass(segments: NDArray[np.floating], solids: Sequence[Solid], near: float = 0.15) -> GlassQuality:
-    """Compare segments (N, 4) with the panes among `solids`, both in the map frame."""
+def compare_glass(
+    segments: NDArray[np.floating], solids: Sequence[Solid], world_from_map: SE2, near: float = 0.15
+) -> GlassQuality:
+    """Compare segments (N, 4) in the map frame with the panes among `solids`, which stand in the world."""
     panes = np.array([_middle_line(s) for s in solids if s.is_glass]).reshape(-1, 4)
-    true_points, found_points = _samples(panes), _samples(np.asarray(segments, np.float64))
-    found = _distances(true_points, np.asarray(segments, np.float64)) <= near
+    told = world_from_map.transform(np.asarray(segments, np.float64).reshape(-1, 2)).reshape(-1, 4)
+    true_points, found_points = _samples(panes), _samples(told)
+    found = _distances(true_points, told) <= near
     invented = _distances(found_points, panes) > near
     ratio = float(found.mean()) if len(found) else math.nan
     return GlassQuality(

@@ -11,6 +11,7 @@ from typing import Any
 from ambler.evaluation.collisions import find_contacts
 from ambler.evaluation.exploration_run import read_exploration
 from ambler.evaluation.glass_quality import compare_glass
+from ambler.evaluation.truth_frame import start_frame
 from ambler.sim.world_file import load_world
 from ambler.studies.demo_process import demo_line, run_demo
 from ambler.studies.study import Study
@@ -95,5 +96,8 @@ def _judge_run(world: str, recording: Path) -> dict[str, Any]:
     path = recording.with_name(f"map{SUFFIX}")
     if path.exists():
         glass = load_glass(path)
-        fields |= {**asdict(compare_glass(glass.segments, solids)), "seen_through_m2": glass.seen_through_m2}
+        fields |= {
+            **asdict(compare_glass(glass.segments, solids, start_frame(recording).world_from_map)),
+            "seen_through_m2": glass.seen_through_m2,
+        }
     return fields
