@@ -158,6 +158,27 @@ SAFETY = (
         ("tests/safety/test_ranges.py",),
     ),
     PlantedFault(
+        "the light of panes walks beside the robot as somebody",
+        "nodes/local_view.py",
+        "~self._panes.include(hits, scan.stamp_ns)",
+        "np.full(len(hits), True)",
+        ("tests/perception/test_pane_returns.py",),
+    ),
+    PlantedFault(
+        "what shines counts as a pane only where beams beside it pass, for who tracks people too",
+        "perception/pane_returns.py",
+        ", is_seen_through=False",
+        "",
+        ("tests/perception/test_pane_returns.py",),
+    ),
+    PlantedFault(
+        "the light of panes is remembered for good",
+        "perception/pane_returns.py",
+        "abs(stamp_ns - seen_ns) <= AGE_NS",
+        "True",
+        ("tests/perception/test_pane_returns.py",),
+    ),
+    PlantedFault(
         "panes of glass go on through their posts",
         "perception/near_panes.py",
         "np.min(along[is_on_line & (along > peak.left + STEP)], initial=reach)",

@@ -99,7 +99,7 @@ def drive(robot: str) -> Context:
 def test_the_pane_is_told_where_it_stands(robot: str, tmp_path: Path) -> None:
     context = drive(robot)
     last = context.glass[-1]
-    quality = compare_glass(last.segments, (PANE, *WALLS), near=0.06)
+    quality = compare_glass(last.segments, (PANE, *WALLS), SE2(), near=0.06)
     assert quality.found_ratio > 0.9
     assert quality.invented_m <= 0.2
     assert (last.confidence > 0.6).all()

@@ -174,7 +174,7 @@ def test_panes_are_kept_off_with_a_ring_and_without(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_robot_with_a_ring_explores_beside_panels_of_glass(tmp_path: Path) -> None:
-    demo = run(tmp_path, ("glass",), "diff+ultrasonic")
+    demo = run(tmp_path, ("glass",), "diff+ultrasonic", time_limit=300.0)
     fields = judge(demo).fields
     assert fields["collisions"] == 0
     assert demo.ended == "finished"

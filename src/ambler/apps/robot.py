@@ -170,6 +170,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: S
             layer_inputs=(*near_inputs, *parts.local_inputs),
             movers=config.movers,
             yielding=config.yielding,
+            specular=config.specular,
         ),
         NavigatorNode(config.navigation, has_levels=has_levels),
     ]

@@ -52,6 +52,7 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.nodes.layer_inputs import UNPLACED, LayerInput, usual_inputs
 from ambler.nodes.local_modes import LeanMeter, StateTeller, Steering
 from ambler.nodes.local_view import LocalView
+from ambler.perception.glass import SpecularConfig
 from ambler.perception.mover_track import MoverConfig
 from ambler.perception.planar import PlanarConfig
 from ambler.runtime.node import GoalHandle, Node, Topics
@@ -79,6 +80,7 @@ from ambler.runtime.topics import (
     ODOMETRY,
     PATH,
     SCAN,
+    SCANNERS,
     SPEED,
     STATUS,
     STEER_REQUEST,
@@ -129,6 +131,7 @@ class ControllerNode(Node):
         layer_inputs: Sequence[LayerInput[Any]] = (),
         movers: MoverConfig | None = None,
         yielding: YieldConfig | None = None,
+        specular: SpecularConfig | None = None,
     ) -> None:
         self._robot = robot
         self._planner = planner
@@ -136,7 +139,7 @@ class ControllerNode(Node):
         self._lean_aware = planner if isinstance(planner, LeanAware) else None
         self._mover_aware = planner if isinstance(planner, MoverAware) else None
         self._telling = planner if isinstance(planner, TellsState) else None
-        self._view = LocalView(robot, costmap, planar, movers)
+        self._view = LocalView(robot, costmap, planar, movers, specular)
         self._yield_config = yielding if yielding is not None else YieldConfig()
         self._yielding = Yielding(self._yield_config, robot)
         if isinstance(planner, TakesNo):
@@ -150,6 +153,7 @@ class ControllerNode(Node):
         optional = tuple(wanted.topic for wanted in self._layer_inputs if not wanted.is_required)
         self.optional_inputs = (
             *(PATH, GATE_STATUS, STEER_REQUEST, SPEED, STOP, MAP_CLEARING, CLOUD_CLEARING),
+            *((SCANNERS,) if self._view.uses_merged else ()),
             *optional,
         )
         self._follow: FollowHandle | None = None
@@ -187,6 +191,7 @@ class ControllerNode(Node):
     def start(self) -> None:
         """Subscribe, serve, and start the cycle and the timer of what is shown."""
         if self._view.uses_merged:
+            self.ctx.subscribe(SCANNERS, self._view.add_panes)
             self.ctx.subscribe(MERGED_FREE, self._on_free)
             self.ctx.subscribe(MERGED_CLOUD, self._on_merged)
         elif self._view.uses_cloud:

@@ -21,10 +21,12 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.costmap.terrain_layer import TerrainLayer
 from ambler.nodes.merged_rays import MergedRays
+from ambler.perception.glass import SpecularConfig
 from ambler.perception.ground_below import LEVEL_GROUND, GroundBelow
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.mover_track import NOTHING, MoverConfig
 from ambler.perception.mover_tracker import MoverTracker
+from ambler.perception.pane_returns import PaneReturns
 from ambler.perception.planar import PlanarConfig, cloud_to_points, default_planar, scan_duration, scan_to_points
 from ambler.perception.silent_sectors import SilentSectors, sees_too_late
 from ambler.registration.planar_scan import PlanarScan
@@ -45,6 +47,7 @@ class LocalView:
         costmap: LocalCostmap,
         planar: PlanarConfig | None = None,
         movers: MoverConfig | None = None,
+        specular: SpecularConfig | None = None,
     ) -> None:
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self.uses_cloud = any(m.kind is SensorKind.CLOUD for m in robot.sensors)
@@ -53,6 +56,7 @@ class LocalView:
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
         self._tracker = MoverTracker(movers)
+        self._panes = PaneReturns(specular)
         self._silences = {m.frame: SilentSectors(m.range_min) for m in robot.clouds if sees_too_late(robot, m)}
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
         self._rays = MergedRays(robot, self._planar) if len(robot.scanners) > 1 and not self.uses_cloud else None
@@ -112,8 +116,14 @@ class LocalView:
         if self._rays is not None:
             self._mark(self._rays.to_planar(cloud, self._motion))
 
+    def add_panes(self, scan: LaserScan) -> None:
+        """Take the raw scan of one of several scanners; what it shows of panes is not taken for somebody who walks."""
+        with suppress(TransformError):
+            self._panes.look(scan, lambda stamp_ns: self.spatial_from(scan.frame, stamp_ns).to_se2())
+
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan."""
+        self.add_panes(scan)
         self._mark(scan_to_points(scan, self._mount(scan), self._sweep(scan), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:
@@ -200,7 +210,9 @@ class LocalView:
         free_ends = odom_from_base.transform(scan.free_points)
         map_from_odom = None if self._odom_from_map is None else self._odom_from_map.inverse()
         hidden = odom_from_base.transform(silent)
-        self._tracker.update(scan, hits, free_ends, starts, free_starts, hidden, map_from_odom)
+        is_solid = ~self._panes.include(hits, scan.stamp_ns) if scan.falls is None else np.full(len(hits), True)
+        solid_starts = starts[is_solid] if len(starts) == len(hits) else starts
+        self._tracker.update(scan, hits[is_solid], free_ends, solid_starts, free_starts, hidden, map_from_odom)
         if self._obstacles is not None:
             origin = odom_from_base.transform(np.array([scan.origin]))[0]
             place = (float(origin[0]), float(origin[1]))

@@ -70,8 +70,9 @@ class SpecularDetector:
     def __init__(self, config: SpecularConfig | None = None) -> None:
         self.config = config if config is not None else SpecularConfig()
 
-    def detect(self, scan: LaserScan) -> tuple[SpecularPeak, ...]:
-        """Return the panes in the order of their beams; none for a scan without intensities, or with so many bright ones that they must be told in another unit."""
+    def detect(self, scan: LaserScan, *, is_seen_through: bool = True) -> tuple[SpecularPeak, ...]:
+        """Return the panes in the order of their beams; none for a scan without intensities, or with so many bright ones that they must be told in another unit.
+        Not `is_seen_through`: also what shines like a pane, though no beam beside it is seen to pass; the frame of a pane far away is as near to it as those."""
         if len(scan.intensities) != len(scan.ranges):
             return ()
         ranges = np.asarray(scan.ranges, np.float64)
@@ -83,7 +84,7 @@ class SpecularDetector:
         angles: F64 = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
         is_glass = (intensities >= self.config.intensity_min) & (intensities <= self.config.intensity_max)
         bright = is_return & is_glass & (ranges <= self.config.range_max)
-        found = (self._judge(k, ranges, intensities, angles) for k in _peaks(bright, intensities))
+        found = (self._judge(k, ranges, intensities, angles, is_seen_through) for k in _peaks(bright, intensities))
         peaks: list[SpecularPeak] = []
         for peak in found:  # the beams of one pane may lie on both sides of the scan's seam
             if peak is not None and all(abs(wrap_angle(peak.angle - p.angle)) > self.config.near for p in peaks):
@@ -105,7 +106,7 @@ class SpecularDetector:
             )
         return replace(scan, ranges=ranges)
 
-    def _judge(self, k: int, ranges: F64, intensities: F64, angles: F64) -> SpecularPeak | None:
+    def _judge(self, k: int, ranges: F64, intensities: F64, angles: F64, is_seen_through: bool) -> SpecularPeak | None:
         c = self.config
         normal = self._normal(k, ranges, intensities, angles)
         off = (angles - normal + math.pi) % (2.0 * math.pi) - math.pi
@@ -116,7 +117,8 @@ class SpecularDetector:
         on_pane = np.abs(ranges - line) <= c.tolerance
         if np.count_nonzero(on_pane & near) < max(c.near_points, c.near_share * np.count_nonzero(near)):
             return None
-        if not any(self._passes(side, ranges, line) for side in (_side(off, c.sides), _side(-off, c.sides))):
+        sides = (_side(off, c.sides), _side(-off, c.sides))
+        if is_seen_through and not any(self._passes(side, ranges, line) for side in sides):
             return None
         run = off[on_pane & (np.abs(off) <= c.pane_angle)]
         right, left = distance * math.tan(-float(run.min())), distance * math.tan(float(run.max()))
