@@ -111,7 +111,7 @@ def test_the_pane_is_told_where_it_stands(robot: str, tmp_path: Path) -> None:
     context.callbacks["map"](m.OccupancyGrid(0, "map", spec, occupancy))
     context.callbacks["save_glass"](SaveMapRequest(str(tmp_path / "map")))
     saved = load_glass(tmp_path / "map.glass.geojson")
-    assert compare_glass(saved.segments, (PANE, *WALLS), near=0.06).found_ratio > 0.9
+    assert compare_glass(saved.segments, (PANE, *WALLS), SE2(), near=0.06).found_ratio > 0.9
     assert saved.seen_through_m2 == pytest.approx(5.2 * 2.4, rel=0.1)
 
 
