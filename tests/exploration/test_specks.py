@@ -11,7 +11,7 @@ from ambler.core.se2 import SE2
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
 from tests.exploration.test_survey import R, corridor, grids, path_distances
 
-HERE = SE2(2.0, 2.0)
+HERE = SE2(1.4, 2.0)  # farther from the door than a look that counts
 CONFIG = SurveyConfig(min_size=0.6)  # of a robot with a radius of 0.3 m
 RADIUS_CELLS = 3
 
@@ -52,7 +52,7 @@ def test_a_speck_that_alone_shuts_a_door_is_looked_at_twice_from_two_places() ->
     assert first.distance_to(second) > CONFIG.specks.nearest
 
 
-@pytest.mark.parametrize(("robot", "nearer"), [(SE2(2.0, 1.5), 16), (SE2(2.0, 2.5), 23)])
+@pytest.mark.parametrize(("robot", "nearer"), [(SE2(1.4, 1.5), 16), (SE2(1.4, 2.5), 23)])
 def test_a_look_is_at_all_that_is_seen_from_there_and_the_nearest_comes_first(robot: SE2, nearer: int) -> None:
     occupancy = with_door()
     occupancy[[16, 23], 45] = 100
@@ -101,6 +101,31 @@ def test_it_is_not_looked_at_through_a_wall() -> None:
     for place in places:
         if place.x < 3.2:
             assert place.y + (3.25 - place.x) * math.tan(place.yaw) > 2.2
+
+
+A, B = (2.2, 1.4), (2.2, 2.3)
+
+
+@pytest.mark.parametrize(
+    ("passes", "wanted"),
+    [
+        pytest.param([], 2, id="never passed"),
+        pytest.param([(0, A)], 1, id="once"),
+        pytest.param([(0, A), (5, B)], 1, id="a moment later again"),
+        pytest.param([(0, A), (30, A)], 1, id="from the same place again"),
+        pytest.param([(0, A), (30, B)], 0, id="later from elsewhere"),
+        pytest.param([(0, A), (5, B), (30, B)], 0, id="both"),
+    ],
+)
+def test_what_still_stood_when_the_robot_came_past_again_was_looked_at(
+    passes: list[tuple[int, tuple[float, float]]], wanted: int
+) -> None:
+    surveyor = FrontierSurvey(CONFIG, path_distances)
+    occupancy, costs = grids(with_door(SPECK), RADIUS_CELLS)
+    for second, beside in passes:
+        surveyor.update(occupancy, replace(costs, stamp_ns=second * 1_000_000_000), SE2(*beside))
+    survey = surveyor.update(occupancy, replace(costs, stamp_ns=200_000_000_000), HERE)
+    assert sum(surveyor.look_at_speck(survey, HERE) is not None for _ in range(3)) == wanted
 
 
 def test_forgotten_with_the_map() -> None:

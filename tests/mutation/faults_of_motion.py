@@ -42,8 +42,22 @@ MOTION = (
     PlantedFault(
         "a look at small things counts for none but one of them",
         "exploration/specks.py",
-        "for x, y in things:\n",
+        "for x, y in things[(away >= c.nearest) & (away <= c.farthest)]:\n",
         "for x, y in things[:0]:\n",
+        ("tests/exploration/test_specks.py",),
+    ),
+    PlantedFault(
+        "looks at small things in passing are never counted",
+        "exploration/survey.py",
+        "self._specks.pass_by(costs, (map_from_base.x, map_from_base.y))",
+        "pass",
+        ("tests/exploration/test_specks.py",),
+    ),
+    PlantedFault(
+        "a second look at a small thing counts though whoever stood there had no time to leave",
+        "exploration/specks.py",
+        "costs.stamp_ns - look.stamp_ns < c.apart * 1e9",
+        "False",
         ("tests/exploration/test_specks.py",),
     ),
     PlantedFault(

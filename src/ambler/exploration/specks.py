@@ -1,12 +1,13 @@
 """Small things that shut a way: a beam that an edge tears in two, or somebody's foot, may stand for good in a map that nobody saw from near again.
 
 What is a few cells large and stands apart may be a post as well, so it is not taken out of the map: the robot is led to where it sees it well, and what it sees
-there decides.
+there decides. What still stands though the robot came past it again later was looked at as well.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass
 
 import cv2
@@ -24,7 +25,8 @@ Place = tuple[float, float]
 @dataclass(frozen=True, slots=True)
 class SpecksConfig:
     """A speck is at most `cells` large. It is looked at from `distance` metres, or from as near to that as one can stand between `nearest` and `farthest`: where scanners
-    that look down see it as well; a look is worth its way where the robot could move over `least_area` (m²) behind. Looks at places within `again` metres of one another are at one thing, which gets `looks` of them."""
+    that look down see it as well; a look is worth its way where the robot could move over `least_area` (m²) behind. Looks at places within `again` metres of one another are at one thing, which gets `looks` of them. Those in passing count
+    if they lie `apart` seconds apart: who stands there may have gone meanwhile."""
 
     cells: int = 4
     distance: float = 2.0
@@ -33,6 +35,14 @@ class SpecksConfig:
     least_area: float = 1.0
     again: float = 0.5
     looks: int = 2
+    apart: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    thing: Place
+    place: Place
+    stamp_ns: int
 
 
 class Specks:
@@ -41,20 +51,28 @@ class Specks:
     def __init__(self, config: SpecksConfig, inscribed_radius: float) -> None:
         self.config = config
         self._inscribed_radius = inscribed_radius
-        self._looks: list[tuple[Place, Place]] = []  # at what, and from where
+        self._looks: defaultdict[tuple[int, int], list[_Look]] = defaultdict(list)  # by squares of `again` metres
 
     def opened(self, costs: CostGrid) -> tuple[CostGrid, Mask]:
         """Return the costs as they would be without any speck, and where specks are [iy, ix]."""
         lethal = costs.data == COST_LETHAL
-        labels, stats = cv2.connectedComponentsWithStats(lethal.astype(np.uint8), connectivity=8)[1:3]
-        is_small = stats[:, cv2.CC_STAT_AREA] <= self.config.cells
-        is_small[0] = False
-        specks = is_small[labels]
+        specks = _small(lethal, self.config.cells)
         reach = self._inscribed_radius / costs.spec.resolution
         is_wide = _distance_to(lethal & ~specks) > reach
         data = costs.data.copy()
         data[(data >= COST_INSCRIBED) & (data != COST_UNKNOWN) & is_wide] = COST_FREE
         return CostGrid(costs.stamp_ns, costs.frame, costs.spec, data), specks
+
+    def pass_by(self, costs: CostGrid, robot: Place) -> None:
+        """Count looks at what is seen well from where the robot is now."""
+        c, spec = self.config, costs.spec
+        reach = math.ceil((c.farthest + c.again) / spec.resolution)
+        row, column = spec.cell_of(*robot)
+        top, left = max(0, row - reach), max(0, column - reach)
+        lethal = costs.data[top : max(0, row + reach + 1), left : max(0, column + reach + 1)] == COST_LETHAL
+        if lethal.any():
+            iy, ix = np.nonzero(_small(lethal, c.cells))
+            self._note(costs, spec.centers_of(np.stack([iy + top, ix + left], axis=1)), robot, is_passing=True)
 
     def look(
         self,
@@ -83,18 +101,33 @@ class Specks:
         things = spec.centers_of(np.stack([iy, ix], axis=1))
         for k in np.argsort(np.hypot(*(things - robot).T), kind="stable"):
             thing = (float(things[k, 0]), float(things[k, 1]))
-            before = [place for other, place in self._looks if math.dist(thing, other) <= self.config.again]
+            before = [look.place for look in self._looks_at(thing)]
             place = self._place(costs, reached, thing, before) if len(before) < self.config.looks else None
             if place is not None:
                 self._note(costs, things, (place.x, place.y))
                 return place
         return None
 
-    def _note(self, costs: CostGrid, things: NDArray[np.float64], place: Place) -> None:
+    def _looks_at(self, thing: Place) -> list[_Look]:
+        row, column = self._square(thing)
+        near = (self._looks.get((row + i, column + k), ()) for i in (-1, 0, 1) for k in (-1, 0, 1))
+        return [look for looks in near for look in looks if math.dist(thing, look.thing) <= self.config.again]
+
+    def _square(self, thing: Place) -> tuple[int, int]:
+        return math.floor(thing[0] / self.config.again), math.floor(thing[1] / self.config.again)
+
+    def _note(self, costs: CostGrid, things: NDArray[np.float64], place: Place, *, is_passing: bool = False) -> None:
         """Count a look at all `things` (N, 2) that are seen well from a place."""
-        for x, y in things:
-            if math.dist(place, (x, y)) <= self.config.farthest and _sees(costs, place, (x, y)):
-                self._looks.append(((float(x), float(y)), place))
+        c = self.config
+        away = np.hypot(*(things - place).T)
+        for x, y in things[(away >= c.nearest) & (away <= c.farthest)]:
+            thing, before = (float(x), float(y)), self._looks_at((x, y))
+            is_old = any(
+                costs.stamp_ns - look.stamp_ns < c.apart * 1e9 or math.dist(place, look.place) <= c.nearest
+                for look in before
+            )
+            if len(before) < c.looks and not (is_passing and is_old) and _sees(costs, place, thing):
+                self._looks[self._square(thing)].append(_Look(thing, place, costs.stamp_ns))
 
     def _place(self, costs: CostGrid, reached: Mask, thing: Place, before: list[Place]) -> SE2 | None:
         """Return where to stand, on cells that are reached, to see a thing, looking at it; elsewhere than `before`."""
@@ -110,6 +143,14 @@ class Specks:
             if _sees(costs, (px, py), thing):
                 return SE2(px, py, math.atan2(thing[1] - py, thing[0] - px))
         return None
+
+
+def _small(lethal: Mask, cells: int) -> Mask:
+    """Return those cells [iy, ix] that stand in groups of at most so many."""
+    labels, stats = cv2.connectedComponentsWithStats(lethal.astype(np.uint8), connectivity=8)[1:3]
+    is_small = stats[:, cv2.CC_STAT_AREA] <= cells
+    is_small[0] = False
+    return np.asarray(is_small[labels])
 
 
 def _distance_to(cells: Mask) -> NDArray[np.float32]:

@@ -135,6 +135,7 @@ class FrontierSurvey:
         sides = self._fence.sides_of(found.cells)
         is_inside = sides == Side.INSIDE
         groups, over = (group(found.spec, np.sort(found.cells[k & is_inside])) for k in (~is_over, is_over))
+        self._specks.pass_by(costs, (map_from_base.x, map_from_base.y))
         distance = self._distances(costs, map_from_base)
         maps = (occupancy, drivable)
         frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base)
