@@ -73,11 +73,18 @@ ROWS: Sequence[Row] = (
         every("", "passed"),
     ),
     Row(
-        "explore among glass, `diff` with an ultrasonic ring, 3 seeds",
-        "0 contacts",
+        "explore among glass, `diff` and `amr_omni`, with an ultrasonic ring and by light alone, drawn seeds",
+        "all finished, 0 contacts",
         "glass.json",
-        "{diff_ring_contacts} contacts in {diff_ring_runs} runs, coverage worst "
-        "{diff_ring_coverage_ratio_worst:.1%}; by light alone {diff_light_contacts} in {diff_light_runs}",
-        every("diff_ring_", "finished", of=3, collisions="contacts"),
+        "with a ring {diff_ring_finished} of {diff_ring_runs} and {amr_omni_ring_finished} of {amr_omni_ring_runs}, {diff_ring_contacts} and {amr_omni_ring_contacts} contacts; by light alone "
+        "{diff_light_finished} of {diff_light_runs} and {amr_omni_light_finished} of {amr_omni_light_runs}, {diff_light_contacts} and {amr_omni_light_contacts}; coverage worst "
+        "{amr_omni_light_coverage_ratio_worst:.1%}",
+        all_of(
+            *(
+                every(f"{robot}_{variant}_", "finished", of=3, collisions="contacts")
+                for robot in ("diff", "amr_omni")
+                for variant in ("ring", "light")
+            )
+        ),
     ),
 )
