@@ -184,6 +184,20 @@ METRICS = (
         CROWDS,
     ),
     PlantedFault(
+        "a robot is to blame for being turned by who leans on it",
+        "sim/approach.py",
+        "is_pushed = k + self._steps >= pushed",
+        "is_pushed = False",
+        CROWDS,
+    ),
+    PlantedFault(
+        "a robot that somebody touches may drive on towards him",
+        "sim/approach.py",
+        "_driven(now, robot, point_base[0])",
+        "np.zeros(2)",
+        CROWDS,
+    ),
+    PlantedFault(
         "what the robot did half a second ago is forgotten",
         "sim/approach.py",
         "WINDOW = 0.5",

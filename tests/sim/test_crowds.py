@@ -64,7 +64,7 @@ def test_the_last_half_second_counts_and_not_more() -> None:
         x = 0.0
         for k in range(400):
             x += 0.5 * tick if k * tick < 2.0 - rest else 0.0
-            memory.note([SE2(x, 0.0, 0.0)], still)
+            memory.note([SE2(x, 0.0, 0.0)], still, [BodyVelocity()])
         assert (memory.approach(0, 0, (x + 0.2, 0.0)) > 0.05) == is_blamed
 
 
@@ -72,11 +72,30 @@ def test_approach_is_that_of_the_touched_point() -> None:
     """A robot that turns to the left moves its nose towards who stands at its left, and its tail away."""
     memory = ApproachMemory(0.005)
     for k in range(200):
-        memory.note([SE2(0.0, 0.0, 0.4 * k * 0.005)], [(0.0, 3.0)])
+        memory.note([SE2(0.0, 0.0, 0.4 * k * 0.005)], [(0.0, 3.0)], [BodyVelocity()])
     yaw = 0.4 * 199 * 0.005
     nose, tail = (0.5 * math.cos(yaw), 0.5 * math.sin(yaw)), (-0.5 * math.cos(yaw), -0.5 * math.sin(yaw))
     assert memory.approach(0, 0, nose) == pytest.approx(0.2, abs=0.02)
     assert memory.approach(0, 0, tail) < -0.1
+
+
+@pytest.mark.parametrize(("driven", "expected"), [(0.0, 0.0), (0.3, 0.3), (-0.2, -0.2)])
+def test_while_somebody_pushes_a_robot_only_what_it_drives_itself_counts(driven: float, expected: float) -> None:
+    """Pushed towards him or turned by him, it is shoved; if it drives on towards him, it is to blame."""
+    memory = ApproachMemory(0.005)
+    for k in range(300):
+        pushed = max(0, k - 100)
+        pose = SE2(0.4 * pushed * 0.005, 0.0, 0.0)
+        memory.note([pose], [(3.0, 0.0)], [BodyVelocity(driven, 0.0, 0.0)], [0] if pushed else [])
+    assert memory.approach(0, 0, (0.9, 0.0)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_way_until_he_touched_it_is_its_own() -> None:
+    memory = ApproachMemory(0.005)
+    for k in range(300):
+        pose = SE2(0.4 * min(k, 250) * 0.005, 0.0, 0.0)
+        memory.note([pose], [(3.0, 0.0)], [BodyVelocity()], [0] if k > 250 else [])
+    assert memory.approach(0, 0, (0.9, 0.0)) == pytest.approx(0.4, abs=0.01)
 
 
 def test_a_heavy_person_pushes_more_than_a_light_one_and_turns_round() -> None:
