@@ -466,6 +466,30 @@ def test_the_way_home_is_tried_again_after_a_while_because_people_move_on() -> N
     raise AssertionError("the mission does not end")
 
 
+def test_the_time_that_looking_past_people_takes_is_none_of_the_way_home() -> None:
+    shut = replace(frontier(16, 10, math.inf), goal=None, state=FrontierState.UNREACHABLE, reason="no way")
+    play = Play(shut, return_time=100.0, company_looks=1)
+    homeward: list[float] = []
+    for _ in range(600):
+        for command in play.step():
+            match command:
+                case Ended():
+                    assert command.code == "RETURN_FAILED"
+                    assert len(homeward) > 2
+                    assert play.now_ns / S - homeward[1] >= 100.0
+                    return
+                case DriveTo() if play.mission.state is ExploreState.RETURNING:
+                    homeward.append(play.now_ns / S)
+                    play.mission.drive_ended(command.drive, "NO_VALID_PATH", "somebody stands there")
+                    if len(homeward) == 1:
+                        play.mission.meet(play.now_ns, is_here=True)
+                case DriveTo() | TurnAround():
+                    if "people are about" in play.mission.text:
+                        play.now_ns += 120 * S
+                    play.mission.drive_ended(command.drive, "SUCCEEDED", "")
+    raise AssertionError("the mission does not end")
+
+
 @pytest.mark.parametrize("people", [False, True])
 def test_what_is_shut_while_people_are_about_is_looked_at_again_and_in_an_empty_place_is_not(*, people: bool) -> None:
     """Somebody stands in a doorway: the way behind him is shut until he leaves."""

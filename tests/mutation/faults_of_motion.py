@@ -40,6 +40,13 @@ MOTION = (
         ("tests/control/test_judges.py",),
     ),
     PlantedFault(
+        "looking past people is time in which the way home was shut",
+        "missions/explore.py",
+        "self._is_home, self._shut_ns = False, None",
+        "self._is_home = False",
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
         "a look at small things counts for none but one of them",
         "exploration/specks.py",
         "for x, y in things[(away >= c.nearest) & (away <= c.farthest)]:\n",

@@ -553,7 +553,7 @@ class ExploreMission:
         """Go to where the robot was nearest to what is shut, one after the other; there, or where nothing is, turn and wait."""
         self._surveyor.memory.pardon()
         self._next_drive()
-        self._is_home = False
+        self._is_home, self._shut_ns = False, None  # what it takes is no time in which the way home was shut
         cells = shut[self._company.looks // 2 % len(shut)].cells if shut else np.empty((0, 2))
         place = self._trail.nearest(cells)
         if place is None or place.distance_to(view.map_from_base) <= self.config.near:
