@@ -191,6 +191,13 @@ METRICS = (
         CROWDS,
     ),
     PlantedFault(
+        "what a robot drove before somebody touched it pushed it into a wall",
+        "sim/approach.py",
+        "dropwhile(lambda tick: robot not in tick.touched, self._newest)",
+        "self._newest",
+        CROWDS,
+    ),
+    PlantedFault(
         "a robot that somebody touches may drive on towards him",
         "sim/approach.py",
         "_driven(now, robot, point_base[0])",

@@ -98,6 +98,17 @@ def test_the_way_until_he_touched_it_is_its_own() -> None:
     assert memory.approach(0, 0, (0.9, 0.0)) == pytest.approx(0.4, abs=0.01)
 
 
+def test_what_a_robot_is_pushed_into_counts_by_what_it_drove_since_somebody_touched_it() -> None:
+    memory = ApproachMemory(0.005)
+    for k in range(300):
+        speed = 0.2 if k < 280 else 0.03
+        memory.note([SE2()], [(3.0, 0.0)], [BodyVelocity(speed, 0.0, 0.0)], [0] if k >= 285 else [])
+    assert memory.is_pushed(0)
+    assert memory.driven_speed(0, (0.3, 0.0)) == pytest.approx(0.03)
+    memory.note([SE2()], [(3.0, 0.0)], [BodyVelocity(0.1, 0.0, 0.5)])
+    assert memory.driven_speed(0, (0.3, 0.4)) == pytest.approx(math.hypot(0.1 - 0.5 * 0.4, 0.5 * 0.3))
+
+
 def test_a_heavy_person_pushes_more_than_a_light_one_and_turns_round() -> None:
     shoved = []
     for mass in (20.0, 120.0):

@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import dropwhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +55,10 @@ class ApproachMemory:
         return any(robot in tick.touched for tick in self._newest)
 
     def driven_speed(self, robot: int, point: Place) -> float:
-        """Return how fast the point of a robot that is at `point` in the world now was driven by the robot itself within the window at most."""
+        """Return how fast the point of a robot that is at `point` in the world now was driven by the robot itself at most, since somebody touched it within the window."""
         point_base = self._past[-1].bases[robot].inverse().transform(np.array([point]))[0]
-        return max(math.hypot(*_driven(tick, robot, point_base)) for tick in self._newest)
+        pushed = dropwhile(lambda tick: robot not in tick.touched, self._newest)
+        return max((math.hypot(*_driven(tick, robot, point_base)) for tick in pushed), default=0.0)
 
     def approach(self, robot: int, person: int, point: Place) -> float:
         """Return the fastest speed (m/s) at which the point of a robot that is at `point` in the world now moved towards a person within the
