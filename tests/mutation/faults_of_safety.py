@@ -153,7 +153,7 @@ SAFETY = (
     PlantedFault(
         "panes of glass end where their light ends",
         "nodes/gate.py",
-        "in self._panes.look(scan, odom_from_base, mount.to_se2(), self._twist):",
+        "in self._panes.look(scan, odom_from_base, mount, self._twist):",
         "in ():",
         ("tests/safety/test_ranges.py",),
     ),
@@ -184,6 +184,13 @@ SAFETY = (
         "np.min(along[is_on_line & (along > peak.left + STEP)], initial=reach)",
         "reach",
         ("tests/perception/test_glass.py",),
+    ),
+    PlantedFault(
+        "a scanner that hangs head down sees panes mirrored",
+        "perception/glass.py",
+        "if not is_upside_down(base_from_sensor):",
+        "if scan is not None:",
+        ("tests/perception/test_near_panes.py",),
     ),
     PlantedFault(
         "panes of glass reach across openings that the robot passed",

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ambler.core.messages import LaserScan
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.perception.near_panes import NearPanes
 
 STANDS = np.zeros(3)
@@ -38,7 +40,7 @@ def pass_by(panes: NearPanes, first: float, last: float, is_pane: Callable[[np.n
     told: list[np.ndarray] = []
     for y in np.arange(first, last + 0.01, 0.04):
         pose = SE2(0.0, float(y), 0.0)
-        told = [pose.transform(flat) for _, flat in panes.look(scan_at(y, is_pane), pose, SE2(), STANDS)]
+        told = [pose.transform(flat) for _, flat in panes.look(scan_at(y, is_pane), pose, SE3(), STANDS)]
     assert len(told) == 1
     np.testing.assert_allclose(told[0][:, 0], 0.6, atol=0.02)
     return told[0][:, 1]
@@ -56,12 +58,27 @@ def test_it_ends_at_an_opening_that_was_passed() -> None:
     assert along.max() == pytest.approx(1.6, abs=0.05)
 
 
+def test_a_scanner_that_hangs_head_down_sees_the_same() -> None:
+    """Turned over about its x axis, so that its beams run clockwise: the opening lies where it is, not mirrored."""
+    panes, over = NearPanes(1.5, 0.9), SE3((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    assert over.to_se2().yaw == pytest.approx(0.0)
+    told: list[tuple[float, np.ndarray]] = []
+    for y in np.arange(-0.7, 0.71, 0.04):
+        seen = scan_at(float(y), doorway)
+        hanging = replace(seen, ranges=np.roll(seen.ranges[::-1], 1), intensities=np.roll(seen.intensities[::-1], 1))
+        told = panes.look(hanging, SE2(0.0, float(y), 0.0), over, STANDS)
+    ((_, flat),) = told
+    along = 0.7 - flat[:, 1]  # in the frame of a scanner that hangs, left is right
+    assert along.min() == pytest.approx(0.5, abs=0.07)
+    assert along.max() == pytest.approx(1.6, abs=0.05)
+
+
 def test_what_was_passed_is_forgotten_with_travel() -> None:
     panes = NearPanes(1.5, 0.9)
     pass_by(panes, -0.7, 0.7, doorway)
     for k in range(200):
         pose = SE2(0.0, 40.0 + (k % 2), 0.0)
-        panes.look(scan_at(0.0, lambda along: along > 100.0), pose, SE2(), STANDS)
+        panes.look(scan_at(0.0, lambda along: along > 100.0), pose, SE3(), STANDS)
     assert pass_by(panes, 0.7, 0.7, doorway).min() == pytest.approx(-0.2, abs=0.05)
 
 
@@ -70,16 +87,16 @@ def test_what_shines_now_is_no_opening() -> None:
     panes = NearPanes(1.5, 0.9)
     pass_by(panes, -0.7, 0.7, doorway)
     pose = SE2()
-    ((peak, flat),) = panes.look(scan_at(0.0, lambda along: np.full(along.shape, True)), pose, SE2(), STANDS)
-    assert flat[:, 1].min() <= -peak.right + 0.05
-    assert flat[:, 1].max() >= peak.left - 0.05
+    ((_, flat),) = panes.look(scan_at(0.0, lambda along: np.full(along.shape, True)), pose, SE3(), STANDS)
+    assert flat[:, 1].min() <= -0.07
+    assert flat[:, 1].max() >= 0.07
 
 
 def test_an_edge_of_glass_is_no_pane() -> None:
     """Two centimetres that shine, all that a pane shows from its end, do not reach across a corridor."""
     edge = scan_at(0.0, lambda along: np.abs(along) < 0.012, x=0.25)
-    assert NearPanes(1.5, 0.9).look(edge, SE2(), SE2(), STANDS) == []
+    assert NearPanes(1.5, 0.9).look(edge, SE2(), SE3(), STANDS) == []
 
 
 def test_a_pane_far_away_is_left_alone() -> None:
-    assert NearPanes(0.5, 0.9).look(scan_at(2.0, doorway), SE2(), SE2(), STANDS) == []
+    assert NearPanes(0.5, 0.9).look(scan_at(2.0, doorway), SE2(), SE3(), STANDS) == []

@@ -212,10 +212,10 @@ class GateNode(Node):
         """The returns, and panes of glass close by as far as the robot could touch them: they reflect where they are met squarely only."""
         points = [points_of_scan(scan, level_from_sensor, self._twist)]
         odom_from_base, mount = self._motion.pose_at(scan.stamp_ns).to_se2(), self._mounts[scan.frame].base_from_sensor
-        for peak, flat in self._panes.look(scan, odom_from_base, mount.to_se2(), self._twist):
+        for seconds, flat in self._panes.look(scan, odom_from_base, mount, self._twist):
             pane = level_from_sensor.transform(np.column_stack((flat, np.zeros(len(flat)))))
-            seconds = np.full(len(pane), scan.time_increment * peak.beam)
-            points += [carried_to_stamp(pane, seconds, self._twist)] * self._config.min_points
+            carried = carried_to_stamp(pane, np.full(len(pane), seconds), self._twist)
+            points += [carried] * self._config.min_points
         return np.concatenate(points)
 
     def _know(self, frame: str, field: FieldOfView) -> None:

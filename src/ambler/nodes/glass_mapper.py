@@ -12,7 +12,7 @@ from ambler.core.messages import GlassWalls, JudgedEcho, LaserScan, OccupancyGri
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
-from ambler.perception.glass import SpecularConfig, SpecularDetector
+from ambler.perception.glass import SpecularConfig, SpecularDetector, upright
 from ambler.perception.glass_map import GlassMap, GlassMapConfig, seen_through_glass, twist_of_sensor
 from ambler.runtime.node import Node, Service, Task
 from ambler.runtime.tasks import SAVE_GLASS, Nothing, SaveMapRequest
@@ -35,7 +35,8 @@ class GlassMapperNode(Node):
     def __init__(
         self, robot: RobotModel, specular: SpecularConfig | None = None, config: GlassMapConfig | None = None
     ) -> None:
-        self._mounts = {m.frame: m.base_from_sensor.to_se2() for m in robot.sensors}
+        self._spatial_mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
+        self._mounts = {frame: mount.to_se2() for frame, mount in self._spatial_mounts.items()}
         self._poses = TransformTree(history=2.0)
         self._twist = np.zeros(3)
         self._detector = SpecularDetector(specular)
@@ -73,6 +74,7 @@ class GlassMapperNode(Node):
 
     def _on_scan(self, scan: LaserScan) -> None:
         self._newest_ns = max(self._newest_ns, scan.stamp_ns)
+        scan = upright(scan, self._spatial_mounts[scan.frame])
         try:
             twist = twist_of_sensor(self._mounts[scan.frame], self._twist)
             self.glass.add_scan(scan, self._map_from_sensor(scan.frame, scan.stamp_ns), twist)

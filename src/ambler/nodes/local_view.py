@@ -21,7 +21,7 @@ from ambler.costmap.local_costmap import LocalCostmap
 from ambler.costmap.obstacle_layer import ObstacleLayer, SensorRays
 from ambler.costmap.terrain_layer import TerrainLayer
 from ambler.nodes.merged_rays import MergedRays
-from ambler.perception.glass import SpecularConfig
+from ambler.perception.glass import SpecularConfig, upright
 from ambler.perception.ground_below import LEVEL_GROUND, GroundBelow
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.mover_track import NOTHING, MoverConfig
@@ -119,7 +119,10 @@ class LocalView:
     def add_panes(self, scan: LaserScan) -> None:
         """Take the raw scan of one of several scanners; what it shows of panes is not taken for somebody who walks."""
         with suppress(TransformError):
-            self._panes.look(scan, lambda stamp_ns: self.spatial_from(scan.frame, stamp_ns).to_se2())
+            self._panes.look(
+                upright(scan, self._mounts[scan.frame]),
+                lambda stamp_ns: self.spatial_from(scan.frame, stamp_ns).to_se2(),
+            )
 
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan
 from ambler.core.se2 import wrap_angle
+from ambler.core.se3 import SE3
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -137,6 +138,26 @@ class SpecularDetector:
         count = np.count_nonzero(seen)
         through = np.count_nonzero(seen & (ranges > line + self.config.behind))
         return bool(count >= 5 and through >= self.config.through_share * count)
+
+
+def is_upside_down(base_from_sensor: SE3) -> bool:
+    """Say whether a planar scanner hangs head down: its beams run clockwise."""
+    return bool(base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0)
+
+
+def upright(scan: LaserScan, base_from_sensor: SE3) -> LaserScan:
+    """Return a scan as the same scanner would tell it if it stood upright at its place, with its x axis where it is; one that hangs head down runs backwards then, from its last beam on."""
+    if not is_upside_down(base_from_sensor):
+        return scan
+    last = len(scan.ranges) - 1
+    return replace(
+        scan,
+        stamp_ns=scan.stamp_ns + round(last * scan.time_increment * 1e9),
+        angle_min=-(scan.angle_min + last * scan.angle_increment),
+        time_increment=-scan.time_increment,
+        ranges=scan.ranges[::-1],
+        intensities=scan.intensities[::-1],
+    )
 
 
 def _side(off: F64, limits: tuple[float, float]) -> Bools:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ambler.core.messages import LaserScan
 from ambler.core.se2 import SE2
-from ambler.perception.glass import SpecularConfig, SpecularDetector, SpecularPeak
+from ambler.core.se3 import SE3
+from ambler.perception.glass import SpecularConfig, SpecularDetector, SpecularPeak, upright
 from ambler.perception.glass_map import GlassMap, GlassMapConfig, twist_of_sensor
 
 F64 = NDArray[np.float64]
@@ -36,20 +37,25 @@ class NearPanes:
         self._last: SE2 | None = None
         self._travel = 0.0
 
-    def look(
-        self, scan: LaserScan, odom_from_base: SE2, base_from_sensor: SE2, twist: F64
-    ) -> list[tuple[SpecularPeak, F64]]:
-        """Return each pane with points (N, 2) along it in the scanner's frame at the time of its beam; `odom_from_base`: where the base was at the scan's stamp, `twist` (vx, vy, wz): its velocity."""
+    def look(self, scan: LaserScan, odom_from_base: SE2, base_from_sensor: SE3, twist: F64) -> list[tuple[float, F64]]:
+        """Return for each pane the time of its beam, seconds after the scan's stamp, and points (N, 2) along it in the scanner's frame at that time; `odom_from_base`: where the base was at the
+        scan's stamp, `twist` (vx, vy, wz): its velocity."""
         self._advance(odom_from_base)
-        odom_from_sensor, sensor_twist = odom_from_base @ base_from_sensor, twist_of_sensor(base_from_sensor, twist)
-        self._passed.add_scan(scan, odom_from_sensor, sensor_twist)
+        mount, standing = base_from_sensor.to_se2(), upright(scan, base_from_sensor)
+        sensor_twist = twist_of_sensor(mount, twist)
+        begun = (standing.stamp_ns - scan.stamp_ns) * 1e-9
+        odom_from_sensor = odom_from_base @ mount @ SE2.exp(sensor_twist * begun)
+        self._passed.add_scan(standing, odom_from_sensor, sensor_twist)
         found = []
-        for peak in self._detector.detect(scan):
+        for peak in self._detector.detect(standing):
             if peak.distance < self._near and peak.right + peak.left > EDGE:
-                there = odom_from_sensor @ SE2.exp(sensor_twist * (peak.beam * scan.time_increment))
+                later = peak.beam * standing.time_increment
+                there = odom_from_sensor @ SE2.exp(sensor_twist * later)
                 self._passed.add_peak(peak, there)
-                flat = spread(scan, peak, self._reach, self._detector.config.tolerance)
-                found.append((peak, self._up_to_openings(peak, flat, there)))
+                flat = self._up_to_openings(
+                    peak, spread(standing, peak, self._reach, self._detector.config.tolerance), there
+                )
+                found.append((begun + later, flat if standing is scan else flat * (1.0, -1.0)))
         return found
 
     def _advance(self, odom_from_base: SE2) -> None:

@@ -73,7 +73,7 @@ ROWS: Sequence[Row] = (
         every("", "passed"),
     ),
     Row(
-        "explore among glass, `diff` and `amr_omni`, with an ultrasonic ring and by light alone, drawn seeds",
+        "explore among glass (the built-in world), `diff` and `amr_omni`, with an ultrasonic ring and by light alone, drawn seeds",
         "all finished, 0 contacts",
         "glass.json",
         "with a ring {diff_ring_finished} of {diff_ring_runs} and {amr_omni_ring_finished} of {amr_omni_ring_runs}, {diff_ring_contacts} and {amr_omni_ring_contacts} contacts; by light alone "
