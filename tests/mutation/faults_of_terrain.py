@@ -238,6 +238,20 @@ TERRAIN = (
         ("tests/perception/test_terrain.py::test_a_ramp_that_was_driven_is_ground_where_it_cannot_be_seen",),
     ),
     PlantedFault(
+        "what is joined to a step becomes one, and joins more",
+        "kernels/terrain_edges.py",
+        "                            classes[y + dy, x + dx] = JOINED_STEP\n",
+        "                            classes[y + dy, x + dx], excess[y + dy, x + dx] = JOINED_STEP, 1.01 * step\n",
+        ("tests/perception/test_terrain.py::test_a_step_joins_what_is_uneven_beside_it_but_not_without_end",),
+    ),
+    PlantedFault(
+        "what is joined to a step is told as lower than one",
+        "kernels/terrain_ground.py",
+        "value = max(np.float64(excess[y, x]), low_most * 1.01)",
+        "value = np.float64(excess[y, x])",
+        ("tests/perception/test_terrain.py::test_a_step_joins_what_is_uneven_beside_it_but_not_without_end",),
+    ),
+    PlantedFault(
         "a ramp goes on for ever",
         "kernels/terrain_edges.py",
         "rise = min(0.0, (near_z - run_z) / (near_r - run_r))",

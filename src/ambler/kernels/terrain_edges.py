@@ -170,7 +170,8 @@ def _count_drop(evidence, depths, y, x, depth):
 @jit_ieee
 def mark_edges(evidence, wanted, excess, step, classes):
     """Mark the cells for whose drop there is enough evidence, and join what belongs to marked edges: beside a drop a third of the evidence is
-    enough, beside a step a third of its height. An edge that is marked with holes in it is none for a planner."""
+    enough, beside a step a third of its height. An edge that is marked with holes in it is none for a planner. What is joined keeps its own
+    `excess`: taken for a step, it would stay one and join what lies beside it the next time."""
     m = evidence.shape[0]
     for y in range(m):
         for x in range(m):
@@ -191,7 +192,6 @@ def mark_edges(evidence, wanted, excess, step, classes):
                             classes[y + dy, x + dx] = JOINED_DROP
                         elif kind == OBSTACLE and beside == GROUND and excess[y + dy, x + dx] > 0.35 * step:
                             classes[y + dy, x + dx] = JOINED_STEP
-                            excess[y + dy, x + dx] = 1.01 * step
         for y in range(m):
             for x in range(m):
                 if classes[y, x] == JOINED_DROP:
@@ -241,8 +241,6 @@ def _close_holes(evidence, excess, step, classes):
                         parts[here + lines[k, i]] = CLOSED_NOW
                         qy, qx = y + LINES[k, i, 0], x + LINES[k, i, 1]
                         classes[qy, qx] = kind
-                        if kind == OBSTACLE:
-                            excess[qy, qx] = max(np.float64(excess[qy, qx]), 1.01 * step)
 
 
 def warm_up() -> None:

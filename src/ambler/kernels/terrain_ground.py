@@ -179,7 +179,7 @@ def gather(ground, state, gap, slopes, excess, depths, classes, first, size, lim
                 if kind == DROP:
                     value = max(np.float64(depths[y, x]), low_most * 1.01)
                 elif kind == OBSTACLE:
-                    value = excess[y, x]
+                    value = max(np.float64(excess[y, x]), low_most * 1.01)
                 elif kind == STEEP or (kind == STAIRS and not is_stairs):
                     value = low_most * 2.0
                 elif is_stairs:

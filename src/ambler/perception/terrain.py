@@ -88,7 +88,7 @@ class TerrainAnalysis:
                 c.columns // 2,
                 c.cell,
                 self._first // 2,
-                ((self._evidence, 0), (self._depths, 0.0), (self._excess, 0.0), (self._state, 0)),
+                ((self._evidence, 0), (self._depths, 0.0), (self._excess, 0.0), (self._state, 0), (self._classes, 0)),
             ),
             (
                 c.columns // 2,
