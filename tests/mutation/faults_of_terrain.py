@@ -252,6 +252,27 @@ TERRAIN = (
         ("tests/perception/test_terrain.py::test_a_step_joins_what_is_uneven_beside_it_but_not_without_end",),
     ),
     PlantedFault(
+        "a level ends at the passage to the next one",
+        "perception/ground_map.py",
+        "of_new & ~level.ground_under(on_both[0], c.level_reach, c.level_step)",
+        "of_new",
+        ("tests/perception/test_ground_map.py::test_both_levels_know_the_ground_around_a_passage",),
+    ),
+    PlantedFault(
+        "a passage lies where the other level ends",
+        "perception/ground_map.py",
+        "fits.is_on and fits.is_free and self._has_room(self.levels[k], base)",
+        "fits.is_on and fits.is_free",
+        ("tests/perception/test_ground_map.py::test_where_two_levels_meet_is_remembered_as_a_passage",),
+    ),
+    PlantedFault(
+        "ground goes on behind walls",
+        "perception/ground_level.py",
+        "ndimage.label((self.evidence > 0) & self.around(place, reach, within))",
+        "ndimage.label(self.around(place, reach, within))",
+        ("tests/perception/test_ground_map.py::test_ground_behind_a_wall_does_not_go_on_from_a_place",),
+    ),
+    PlantedFault(
         "a ramp goes on for ever",
         "kernels/terrain_edges.py",
         "rise = min(0.0, (near_z - run_z) / (near_r - run_r))",

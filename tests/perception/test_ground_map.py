@@ -142,22 +142,23 @@ def test_a_roof_beside_the_ground_is_no_ground():
     assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
 
 
-def sloping(x0: float, x1: float, y0: float, y1: float) -> TerrainWindow:
-    """Return ground that rises from 0 m at x = 30 to 3.5 m at x = 20, and is level before and behind."""
+def sloping(x0: float, x1: float, y0: float, y1: float, slope: float = 0.35) -> TerrainWindow:
+    """Return ground that rises from 0 m at x = 30 to 3.5 m, and is level before and behind."""
     out = window(x0, x1, y0, y1)
     x = out.origin_x + (np.arange(out.heights.shape[1]) + 0.5) * CELL
-    out.heights[:] = np.clip(0.35 * (30.0 - x), 0.0, 3.5)
+    out.heights[:] = np.clip(slope * (30.0 - x), 0.0, 3.5)
     return out
 
 
-def up_a_ramp(ground: GroundMap) -> None:
+def up_a_ramp(ground: GroundMap, slope: float = 0.35) -> None:
     """Drive along x over a deck at 0 m, and climb back beside it onto another one that is 3.5 m above it."""
+    top = 30.0 - round(3.5 / slope)
     for x in np.arange(0.0, 31.0, 1.0):
         feed(ground, window(x - 6.0, x + 6.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
-    for x in np.arange(31.0, 20.0, -1.0):
-        feed(ground, sloping(x - 4.0, x + 4.0, 4.0, 8.0), SE3((x, 6.0, min(0.35 * (30.0 - x), 3.5))))
-    for x in np.arange(19.0, 4.0, -1.0):
-        feed(ground, window(x - 6.0, min(x + 6.0, 20.0), -2.0, 8.0, 3.5), SE3((x, 4.0, 3.5)))
+    for x in np.arange(31.0, top, -1.0):
+        feed(ground, sloping(x - 4.0, x + 4.0, 4.0, 8.0, slope), SE3((x, 6.0, min(slope * (30.0 - x), 3.5))))
+    for x in np.arange(top - 1.0, top - 16.0, -1.0):
+        feed(ground, window(x - 6.0, min(x + 6.0, top), -2.0, 8.0, 3.5), SE3((x, 4.0, 3.5)))
 
 
 def test_an_upper_deck_is_a_level_of_its_own_and_leaves_the_lower_one_alone():
@@ -170,6 +171,27 @@ def test_an_upper_deck_is_a_level_of_its_own_and_leaves_the_lower_one_alone():
     assert upper.heights[upper.spec.cell_of(10.0, 0.0)] == pytest.approx(3.5, abs=0.01)
     ways = {(p.of_level, p.to_level) for p in ground.passages}
     assert ways == {(0, 1), (1, 0)}
+
+
+def test_both_levels_know_the_ground_around_a_passage():
+    """Who changes levels at the end of one stands in what closes it, and finds no way from there."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground, slope=0.15)
+    place = ground.passages[0].map_from_base
+    for level in (0, 1):
+        for x, y in ((0.0, 0.0), (1.5, 0.0), (-1.5, 0.0), (0.0, 1.5), (0.0, -1.5)):
+            assert at(ground, place.x + x, place.y + y, level=level) == OCC_FREE, (level, x, y)
+
+
+def test_ground_behind_a_wall_does_not_go_on_from_a_place():
+    level = Level.empty(GridSpec(0.1, 40, 40, -2.0, -2.0))
+    level.evidence[:], level.heights[:] = 4, 0.0
+    level.evidence[30, :] = -4
+    under = level.ground_under(SE3((0.0, 0.0, 0.0)), 1.6, 0.7)
+    assert under[level.spec.cell_of(0.0, -1.5)]
+    assert under[level.spec.cell_of(0.0, 0.9)]
+    assert not under[level.spec.cell_of(0.0, 1.4)]
+    assert not level.ground_under(SE3((0.0, 1.05, 0.0)), 1.6, 0.7).any()
 
 
 def test_one_comes_back_to_a_level_that_fits():
@@ -358,6 +380,10 @@ def test_where_two_levels_meet_is_remembered_as_a_passage():
     upper = ground.levels[1]
     rows, columns = (slice(*sorted(upper.spec.cell_of(x, y)[k] for x, y in ((-1.0, -3.0), (7.0, 4.0)))) for k in (0, 1))
     upper.heights[rows, columns], upper.evidence[rows, columns] = 0.0, 4
+    upper.evidence[upper.spec.cell_of(3.0, 1.0)[0] :, columns] = kernels.UNKNOWN
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3((1.5, 0.5, 0.0)))
+    assert len(ground.passages) == known, "the upper level ends beside the robot"
+    upper.evidence[rows, columns] = 4
     feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3((3.0, 0.5, 0.0)))
     assert {(p.of_level, p.to_level) for p in ground.passages[known:]} == {(0, 1), (1, 0)}
     assert ground.passages[-1].map_from_base.x == pytest.approx(3.0)

@@ -68,6 +68,12 @@ class Level:
         dx = self.spec.origin_x + (np.arange(self.spec.width) + 0.5) * self.spec.resolution - x
         return np.asarray((np.hypot(dy[:, None], dx[None, :]) <= reach) & (np.abs(self.heights - z) <= within))
 
+    def ground_under(self, place: SE3, reach: float, within: float) -> NDArray[np.bool_]:
+        """Return the ground (bool [iy, ix]) `around` a place that goes on from it, cell by cell: not that behind a wall."""
+        labels, _ = ndimage.label((self.evidence > 0) & self.around(place, reach, within))
+        under = labels[self.spec.cell_of(*place.translation[:2])]
+        return np.asarray((labels == under) & (under > 0))
+
     def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
         """Return the cells (bool [iy, ix]) whose heights are `within` of a height and that hang together with such within `reach` metres of a place, across gaps of
         twice `HOLE`: of ground that is seen from afar, single cells lie apart."""

@@ -28,6 +28,7 @@ U8 = NDArray[np.uint8]
 
 
 BEYOND = 1.0  # metres beyond what is assumed in which it is unknown again
+ROOM = 0.95  # of the ground around a robot: nearly all of it
 SPARSE = 4  # looks from afar of which one counts against what was in the way: most tell the same few returns again
 
 
@@ -52,6 +53,8 @@ class GroundMapConfig:
     level_stand     metres around the robot within which as many cells must agree for it to stand on a level
     level_reach     metres from the robot within which they count: farther away it may see another level from this one
     apart           metres between two passages of the same levels
+    level_room      metres around the robot within which nearly all ground of the present level must be known on another one for the place to be a passage to that: who changes
+                    levels closer to an end stands in what closes it
     level_back      metres before the place where a level began to the place of the way that counts as being on both
     border          metres beyond the ground that two levels share within which what is known of one is not looked for on the other
     stride          metres between the places that the way of the robot is kept by
@@ -73,6 +76,7 @@ class GroundMapConfig:
     level_cells: int = 120
     level_stand: float = 1.5
     level_reach: float = 3.0
+    level_room: float = 1.0
     apart: float = 9.0
     level_back: float = 4.0
     border: float = 1.0
@@ -253,9 +257,19 @@ class GroundMap:
             if k == self.active or any(way.distance_to(place) < self.config.apart for way in ways):
                 continue
             fits = self._agreement(k, window, map_from_odom, rise, base)
-            if fits.is_on and fits.is_free:
+            if fits.is_on and fits.is_free and self._has_room(self.levels[k], base):
                 self.passages += [Passage(self.active, k, place), Passage(k, self.active, place)]
                 self.version += 1
+
+    def _has_room(self, other: Level, base: SE3) -> bool:
+        """Say whether another level knows the ground of the present one all around a robot."""
+        c, level = self.config, self.level
+        inner, of_other = common_cells(level.spec, other.spec)
+        if inner is None:
+            return False
+        ground = (level.evidence > 0) & level.around(base, c.level_room, c.level_step)
+        its = (other.evidence[of_other] > 0) & (np.abs(other.heights[of_other] - level.heights[inner]) <= c.level_step)
+        return bool((ground[inner] & its).sum() >= ROOM * ground.sum())
 
     def _give_back(self, height: float, base: SE3) -> bool:
         """Hand ground of the present level that lies at a height above or below the robot to the level that it belongs to: a deck that was seen from the ramp. Returns whether
@@ -297,14 +311,14 @@ class GroundMap:
 
     def _found_level(self, window: TerrainWindow, map_from_odom: SE2, height: float, base: SE3) -> None:
         """Begin another level at `height` with what the present one already holds of it, islands too: they were seen from here and are joined to nothing of the present one. The last place of the way that lies
-        lower or higher is on both, as is the way from there."""
+        lower or higher is on both, with the ground around it, as is the way from there."""
         c, old, level = self.config, self.active, self.level
         step, at, new = 0.5 * c.level_step, base.translation, Level.empty(level.spec)
         of_new = level.joined(height, step, at[0], at[1], c.level_reach) | level.islands(height, step, c.level_step)
         off = [abs(p.translation[2] - height) > step and math.dist(p.translation, at) > c.level_back for p in self._way]
         first = max(np.flatnonzero(off), default=len(self._way))
         on_both = [*self._way[first:], base]
-        level.give(of_new, new)
+        level.give(of_new & ~level.ground_under(on_both[0], c.level_reach, c.level_step), new)
         for p in on_both:
             level.share(level.around(p, c.level_reach, c.level_step), new)
         self.levels.append(new)
