@@ -273,6 +273,13 @@ TERRAIN = (
         ("tests/perception/test_ground_map.py::test_ground_behind_a_wall_does_not_go_on_from_a_place",),
     ),
     PlantedFault(
+        "the rim of a slope is a step",
+        "kernels/terrain_steps.py",
+        "        beyond = (two_on - three_on) / cell\n",
+        "        beyond = 0.0\n",
+        ("tests/perception/test_terrain.py::test_the_rim_of_a_slope_is_no_step",),
+    ),
+    PlantedFault(
         "a ramp goes on for ever",
         "kernels/terrain_edges.py",
         "rise = min(0.0, (near_z - run_z) / (near_r - run_r))",

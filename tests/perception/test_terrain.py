@@ -479,6 +479,22 @@ def test_a_step_stays_one_until_something_comes_or_goes_there() -> None:
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
 
 
+@pytest.mark.parametrize("seen_of_it", [3, 4, 5, 8])
+def test_the_rim_of_a_slope_is_no_step(seen_of_it: int) -> None:
+    """Of a ramp of 15° that a robot begins to see, a few cells are known in a row: over three of them it rises by 16 cm."""
+    m = 20
+    heights = np.tile((0.2 * math.tan(math.radians(15.0)) * np.arange(m)).astype(np.float32), (m, 1))
+    is_seen = np.zeros((m, m), np.uint8)
+    is_seen[:, 6 : 6 + seen_of_it] = 1
+    sure, slopes = np.empty((m + 8, m + 8), np.float32), np.zeros((2, m, m), np.float32)
+    excess, classes = np.zeros((m, m), np.float32), np.zeros((m, m), np.uint8)
+    many, nothing = np.full((m, m), 50.0, np.float32), np.zeros((m, m), np.uint8)
+    for across in (heights, heights.T.copy()):
+        known = (across, is_seen if across is heights else is_seen.T.copy(), across, across, many, nothing)
+        steps.judge_ground(*known, np.zeros(2, np.int64), 0.1, 0.08, 0.4, sure, slopes, excess, classes)
+        assert not (classes == ground.OBSTACLE).any()
+
+
 @pytest.mark.parametrize(("left", "is_step"), [(0.06, True), (0.02, False)])
 def test_a_step_of_which_half_is_seen_stays_one_and_does_not_become_one(left: float, *, is_step: bool) -> None:
     """Few returns tell of a kerb's end, and fewer from near: it had been ground one second and a step the next, and ground when the robot reached it."""

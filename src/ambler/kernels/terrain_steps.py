@@ -33,6 +33,8 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
     is the rise per metre towards the lower side, of this side; NaN where it is not known.
     """
     beyond = (two_on - four_on) / (2.0 * cell)
+    if math.isnan(beyond):  # the rim of what is seen
+        beyond = (two_on - three_on) / cell
     fall = -own_slope if own_slope < 0.0 else 0.0
     fall = beyond if beyond > fall else fall
     # What is not known is NaN, and no comparison with that holds.
