@@ -34,7 +34,7 @@ def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
     """
     beyond = (two_on - four_on) / (2.0 * cell)
     if math.isnan(beyond):  # the rim of what is seen
-        beyond = (two_on - three_on) / cell
+        beyond = (beside - two_on if math.isnan(three_on) else two_on - three_on) / cell
     fall = -own_slope if own_slope < 0.0 else 0.0
     fall = beyond if beyond > fall else fall
     # What is not known is NaN, and no comparison with that holds.
