@@ -17,11 +17,11 @@ SPEC = GridSpec(0.1, 100, 100, 0.0, 0.0)
 ASSUMED = 25
 
 
-def along(x0: float, y0: float, x1: float, y1: float) -> Frontier:
+def along(x0: float, y0: float, x1: float, y1: float, goal: tuple[float, float, float] | None = None) -> Frontier:
     """A frontier along a straight line."""
     n = math.ceil(math.hypot(x1 - x0, y1 - y0) / SPEC.resolution) + 1
     cells = np.stack([np.linspace(x0, x1, n), np.linspace(y0, y1, n)], axis=1).astype(np.float32)
-    return Frontier(cells, (0.5 * (x0 + x1), 0.5 * (y0 + y1)), None, math.inf, FrontierState.OPEN)
+    return Frontier(cells, (0.5 * (x0 + x1), 0.5 * (y0 + y1)), goal, math.inf, FrontierState.OPEN)
 
 
 def at(seconds: float, data: np.ndarray | None = None, spec: GridSpec = SPEC) -> OccupancyGrid:
@@ -37,6 +37,19 @@ def test_another_shape_at_the_same_place_is_known_again_and_another_place_is_not
     assert visits.at(along(4.5, 4.7, 5.5, 5.4), SPEC) == 1
     assert visits.at(along(4.0, 5.7, 6.0, 5.7), SPEC) == 0
     assert visits.at(along(5.6, 5.0, 8.0, 5.0), SPEC) == 0, "most of it lies elsewhere"
+
+
+def test_a_look_from_the_other_side_is_another_one() -> None:
+    """The wall below the top of a ramp was looked at three times; what lies on the ramp, above it, was not."""
+    visits = Visits(VisitsConfig())
+    line = (5.0, 3.0, 5.0, 6.0)
+    for k in range(3):
+        visits.add(along(*line, goal=(8.0, 4.5, 0.0)), at(20.0 * k))
+    assert visits.at(along(*line, goal=(7.5, 5.5, 0.0)), SPEC) == 3
+    assert visits.at(along(*line, goal=(7.0, 2.5, 0.0)), SPEC) == 3
+    assert visits.at(along(*line, goal=(2.0, 4.5, 0.0)), SPEC) == 0
+    visits.add(along(*line), at(90.0))
+    assert visits.at(along(*line, goal=(2.0, 4.5, 0.0)), SPEC) == 1, "without a goal from everywhere"
 
 
 def test_what_is_looked_at_without_a_break_is_looked_at_once() -> None:

@@ -1,7 +1,8 @@
-"""How often the robot has looked at a place: frontiers there may have another shape each time."""
+"""How often the robot has looked at a place, and from which side: frontiers there may have another shape each time."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +12,13 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import Frontier, OccupancyGrid
 from ambler.exploration.lattice import carried
 
+SIDES = 8
+
 
 @dataclass(frozen=True, slots=True)
 class VisitsConfig:
-    """A look counts for what lies within `around` (m) of the frontier that was looked at, once in `apart` seconds. A frontier has been
-    looked at as often as the place where `share` of its cells lie."""
+    """A look counts for what lies within `around` (m) of the frontier that was looked at, from the side of its goal and those beside it, once in `apart` seconds: who has looked at
+    the wall below a ramp has not looked at what lies at its top. A frontier has been looked at as often as the place where `share` of its cells lie."""
 
     around: float = 0.5
     apart: float = 10.0
@@ -23,38 +26,54 @@ class VisitsConfig:
 
 
 class Visits:
-    """Counts looks cell by cell; follows the map's geometry as it grows."""
+    """Counts looks cell by cell, [side, iy, ix]; follows the map's geometry as it grows."""
 
     def __init__(self, config: VisitsConfig) -> None:
         self.config = config
         self._spec: GridSpec | None = None
-        self._counts: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
-        self._last_s: NDArray[np.float32] = np.zeros((0, 0), np.float32)
+        self._counts: NDArray[np.uint8] = np.zeros((SIDES, 0, 0), np.uint8)
+        self._last_s: NDArray[np.float32] = np.zeros((SIDES, 0, 0), np.float32)
 
     def add(self, frontier: Frontier, occupancy: OccupancyGrid) -> None:
         """Take down that the robot looked at a frontier, at the time of this map."""
-        self._move_to(occupancy.spec)
-        reach = round(self.config.around / occupancy.spec.resolution)
-        is_beside = np.zeros(self._counts.shape, np.bool_)
-        for iy, ix in occupancy.spec.cells_of(frontier.cells).tolist():
+        spec = occupancy.spec
+        self._move_to(spec)
+        reach = round(self.config.around / spec.resolution)
+        is_beside = np.zeros(spec.shape, np.bool_)
+        for iy, ix in spec.cells_of(frontier.cells).tolist():
             is_beside[max(0, iy - reach) : max(0, iy + reach + 1), max(0, ix - reach) : max(0, ix + reach + 1)] = True
+        rows, columns = np.nonzero(is_beside)
+        sides = _sides(spec.centers_of(np.column_stack((rows, columns))), frontier)
         now = np.float32(occupancy.stamp_ns * 1e-9)
-        is_new = is_beside & ((self._counts == 0) | (now - self._last_s >= self.config.apart))
-        self._counts[is_new & (self._counts < 255)] += 1
-        self._last_s[is_new] = now
+        for turn in range(SIDES) if frontier.goal is None else (-1, 0, 1):
+            cells = ((sides + turn) % SIDES, rows, columns)
+            counts, last = self._counts[cells], self._last_s[cells]
+            is_new = (counts == 0) | (now - last >= self.config.apart)
+            self._counts[cells] = counts + (is_new & (counts < 255))
+            self._last_s[cells] = np.where(is_new, now, last)
 
     def at(self, frontier: Frontier, spec: GridSpec) -> int:
-        """Return how often the place of a frontier has been looked at."""
+        """Return how often the place of a frontier has been looked at from the side of its goal."""
         self._move_to(spec)
         iy, ix = spec.cells_of(frontier.cells).T
         is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
+        looks = self._counts[:, iy[is_inside], ix[is_inside]]
         counts = np.zeros(len(iy), np.uint8)
-        counts[is_inside] = self._counts[iy[is_inside], ix[is_inside]]
+        counts[is_inside] = looks[_sides(frontier.cells[is_inside], frontier), np.arange(looks.shape[1])]
         return int(np.quantile(counts, 1.0 - self.config.share, method="lower"))
 
     def _move_to(self, spec: GridSpec) -> None:
         """Take another geometry of the same lattice; what lies outside is forgotten."""
         if spec == self._spec:
             return
-        self._counts = carried(self._counts, self._spec, spec)
-        self._last_s, self._spec = carried(self._last_s, self._spec, spec), spec
+        self._counts = np.stack([carried(side, self._spec, spec) for side in self._counts])
+        self._last_s = np.stack([carried(side, self._spec, spec) for side in self._last_s])
+        self._spec = spec
+
+
+def _sides(points: NDArray[np.floating], frontier: Frontier) -> NDArray[np.int64]:
+    """Return from which of the sides the goal of a frontier looks at points (N, 2); 0 for one without a goal, which is looked at from all of them."""
+    if frontier.goal is None:
+        return np.zeros(len(points), np.int64)
+    angle = np.arctan2(frontier.goal[1] - points[:, 1], frontier.goal[0] - points[:, 0])
+    return np.asarray(np.floor(angle / (2.0 * math.pi) * SIDES + 0.5).astype(np.int64) % SIDES)
