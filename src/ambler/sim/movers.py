@@ -195,6 +195,8 @@ class Crowd:
 
 def ground_under(world: WorldSpec, points: F64) -> F64:
     """Return the heights of the ground that movers at points (N, 2) stand on, each for itself, float64 (N,)."""
+    if not world.meshes:  # nobody stands above another
+        return world.ground_at(points)
     return np.array([float(world.ground_at(point[None, :])[0]) for point in points])
 
 
