@@ -266,6 +266,20 @@ TERRAIN = (
         ("tests/perception/test_ground_map.py::test_where_two_levels_meet_is_remembered_as_a_passage",),
     ),
     PlantedFault(
+        "a deck that is known begins another level",
+        "perception/ground_map.py",
+        "if here.is_on and self._is_of_others(here.other, window, map_from_odom, rise, base):",
+        "if False:",
+        ("tests/perception/test_ground_map.py::test_a_known_deck_beside_the_ramp_begins_no_third_level",),
+    ),
+    PlantedFault(
+        "what another level knows elsewhere explains what contradicts this one",
+        "perception/ground_map.py",
+        "            its.evidence[of_other][is_apart] = other.evidence[of_other][is_apart]\n            its.heights[of_other][is_apart] = other.heights[of_other][is_apart]\n",
+        "            its = other\n",
+        ("tests/perception/test_ground_map.py::test_what_is_known_elsewhere_does_not_explain_a_new_deck",),
+    ),
+    PlantedFault(
         "ground goes on behind walls",
         "perception/ground_level.py",
         "ndimage.label((self.evidence > 0) & self.around(place, reach, within))",

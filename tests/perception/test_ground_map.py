@@ -225,6 +225,40 @@ def test_the_upper_deck_seen_from_the_ramp_stays_on_its_own_level():
     assert np.isnan(level.heights[level.spec.cell_of(15.0, 7.0)])
 
 
+def deck_over_the_wall(*, is_known: bool) -> GroundMap:
+    """Half way up a ramp, a deck is in view over its wall, above the floor that the lower level knows there."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    up_a_ramp(ground, slope=0.15)
+    feed(ground, window(-6.0, 6.0, -2.0, 2.0), SE3())
+    upper = ground.levels[1]
+    for (x0, x1, y0, y1), height in (((10.0, 20.0, -2.0, 2.0), 3.5), ((16.2, 17.0, 4.0, 8.0), 2.0)):
+        rows, columns = (slice(*(upper.spec.cell_of(x, y)[k] for x, y in ((x0, y0), (x1, y1)))) for k in (0, 1))
+        if is_known == (height > 3.0):
+            upper.heights[rows, columns], upper.evidence[rows, columns] = height, 4
+        else:
+            upper.heights[rows, columns], upper.evidence[rows, columns] = np.nan, kernels.UNKNOWN
+    assert (ground.active, len(ground.levels)) == (0, 2)
+    seen = sloping(10.0, 17.0, -2.0, 8.0, slope=0.15)
+    y = seen.origin_y + (np.arange(len(seen.heights)) + 0.5) * CELL
+    rises = seen.heights + 0.38 * np.maximum(4.0 - y, 0.0)[:, None]  # as if what is seen hung together
+    seen.heights[:] = np.minimum(rises, 3.5)
+    for x in (14.5, 13.5):
+        feed(ground, seen, SE3((x, 4.2, 0.15 * (30.0 - x))))
+    return ground
+
+
+def test_a_known_deck_beside_the_ramp_begins_no_third_level():
+    ground = deck_over_the_wall(is_known=True)
+    assert (ground.active, len(ground.levels)) == (0, 2)
+    lower = ground.levels[0]
+    assert lower.heights[lower.spec.cell_of(13.5, 1.5)] == pytest.approx(0.0, abs=0.01)
+    assert lower.heights[lower.spec.cell_of(15.0, 6.0)] == pytest.approx(2.25, abs=0.1)
+
+
+def test_what_is_known_elsewhere_does_not_explain_a_new_deck():
+    assert len(deck_over_the_wall(is_known=False).levels) == 3
+
+
 def test_some_ground_of_another_level_does_not_change_this_one():
     """Less than makes a level: the first of an upper deck that is seen over the end of a ramp."""
     ground = GroundMap()

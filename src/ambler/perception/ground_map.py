@@ -29,6 +29,7 @@ U8 = NDArray[np.uint8]
 
 BEYOND = 1.0  # metres beyond what is assumed in which it is unknown again
 ROOM = 0.95  # of the ground around a robot: nearly all of it
+OF_OTHERS = 0.7  # of what speaks against a level: most of it
 SPARSE = 4  # looks from afar of which one counts against what was in the way: most tell the same few returns again
 
 
@@ -104,10 +105,11 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class _Agreement:
-    """How a window fits a level: with how many cells it agrees, whether the robot stands on such, whether it contradicts it, whether it clearly does not, and how high it and the level
-    are where it does (m)."""
+    """How a window fits a level: with how many cells it agrees, and how many contradict; whether the robot stands on such that agree, whether it contradicts the level, whether it clearly
+    does not, and how high it and the level are where it does (m)."""
 
     same: int
+    other: int
     is_on: bool
     is_contradicted: bool
     is_free: bool
@@ -245,9 +247,26 @@ class GroundMap:
         free = [(fit.same, k) for fit, k in found if not fit.is_contradicted and fit.is_on]
         if free:
             return self._go_to(max(free)[1])
+        if here.is_on and self._is_of_others(here.other, window, map_from_odom, rise, base):
+            return None
         if not here.is_contradicted or self._give_back(here.level_height, base):
             return None
         return self._found_level(window, map_from_odom, here.height, base)
+
+    def _is_of_others(self, count: int, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> bool:
+        """Say whether another level knows most of the `count` cells of a window that contradict the present one: a deck that is seen from the ramp."""
+        level = self.level
+        for other in self.levels:
+            inner, of_other = common_cells(level.spec, other.spec)
+            if other is level or inner is None:
+                continue
+            its = Level.empty(other.spec)
+            is_apart = np.abs(level.heights[inner] - other.heights[of_other]) > 2.0 * self.config.level_step
+            its.evidence[of_other][is_apart] = other.evidence[of_other][is_apart]
+            its.heights[of_other][is_apart] = other.heights[of_other][is_apart]
+            if self._agreement_with(its, window, map_from_odom, rise, base).same >= OF_OTHERS * count:
+                return True
+        return False
 
     def _meet_others(self, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> None:
         """Remember where the present level meets another one: whoever stands there is on both."""
@@ -332,8 +351,13 @@ class GroundMap:
         self.version += 1
 
     def _agreement(self, k: int, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3) -> _Agreement:
+        return self._agreement_with(self.levels[k], window, map_from_odom, rise, base)
+
+    def _agreement_with(
+        self, level: Level, window: TerrainWindow, map_from_odom: SE2, rise: float, base: SE3
+    ) -> _Agreement:
         """Compare a window with a level."""
-        level, c = self.levels[k], self.config
+        c = self.config
         box = _box(level.spec, map_from_odom.transform(window.corners()))
         near = (np.array(base.translation[:2]), np.array([c.level_stand, c.level_reach]))
         frames = (_turn(map_from_odom.inverse()), rise, *near, _spec(level.spec), box, level.evidence, level.heights)
@@ -342,7 +366,7 @@ class GroundMap:
         is_other = other >= c.level_cells and other >= c.level_share * (same + other)
         is_free = 3 * other < c.level_cells  # clearly, else a robot between two levels goes to and fro
         return _Agreement(
-            int(same), bool(close >= c.level_cells), is_other, is_free, float(height), float(level_height)
+            int(same), int(other), bool(close >= c.level_cells), is_other, is_free, float(height), float(level_height)
         )
 
     def _begin(self, window: TerrainWindow, map_from_odom: SE2) -> None:
