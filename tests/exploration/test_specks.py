@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ambler.core.grid import COST_INSCRIBED
 from ambler.core.se2 import SE2
+from ambler.exploration.specks import Specks
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
 from tests.exploration.test_survey import R, corridor, grids, path_distances
 
@@ -72,6 +74,20 @@ def test_a_look_is_at_all_that_is_seen_from_there_and_the_nearest_comes_first(ro
 )
 def test_nothing_else_is_looked_at(occupancy: NDArray[np.int8]) -> None:
     assert looks(occupancy) == []
+
+
+@pytest.mark.parametrize("wider", [0, 1])
+def test_only_what_lies_near_a_speck_opens(wider: int) -> None:
+    """Costs that end a cell farther from walls than the radius leave a rim along all of them; opened, it joined every post of a building to one frontier."""
+    occupancy = with_door(SPECK)
+    _, costs = grids(occupancy, RADIUS_CELLS + wider)
+    opened, specks = Specks(CONFIG.specks, 0.5 * CONFIG.min_size).opened(costs)
+    assert specks.sum() == 1
+    iy, ix = np.nonzero(opened.data != costs.data)
+    away = np.hypot(iy - 20, ix - 45)
+    assert away.max() <= RADIUS_CELLS + 2
+    assert (opened.data[20, 42:49] < COST_INSCRIBED).all()
+    assert len(looks(occupancy)) == 2
 
 
 def test_a_speck_behind_which_nothing_is_to_be_seen_is_left_alone() -> None:

@@ -61,6 +61,13 @@ MOTION = (
         ("tests/exploration/test_specks.py",),
     ),
     PlantedFault(
+        "without specks, the rim along all walls is open",
+        "exploration/specks.py",
+        " & (_distance_to(specks) <= reach + RIM)",
+        "",
+        ("tests/exploration/test_specks.py::test_only_what_lies_near_a_speck_opens",),
+    ),
+    PlantedFault(
         "a second look at a small thing counts though whoever stood there had no time to leave",
         "exploration/specks.py",
         "costs.stamp_ns - look.stamp_ns < c.apart * 1e9",

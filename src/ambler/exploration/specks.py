@@ -18,6 +18,8 @@ from ambler.core.grid import COST_FREE, COST_INSCRIBED, COST_LETHAL, COST_UNKNOW
 from ambler.core.messages import CostGrid
 from ambler.core.se2 import SE2
 
+RIM = 2.0  # cells by which costs may end farther from a thing than the robot's radius
+
 Mask = NDArray[np.bool_]
 Place = tuple[float, float]
 
@@ -54,13 +56,14 @@ class Specks:
         self._looks: defaultdict[tuple[int, int], list[_Look]] = defaultdict(list)  # by squares of `again` metres
 
     def opened(self, costs: CostGrid) -> tuple[CostGrid, Mask]:
-        """Return the costs as they would be without any speck, and where specks are [iy, ix]."""
+        """Return the costs as they would be without any speck, and where specks are [iy, ix]. Only what lies near one changes: costs may end a cell farther from walls than the
+        robot's radius, and that rim, opened, would join all places along walls."""
         lethal = costs.data == COST_LETHAL
         specks = _small(lethal, self.config.cells)
         reach = self._inscribed_radius / costs.spec.resolution
-        is_wide = _distance_to(lethal & ~specks) > reach
+        is_opened = (_distance_to(lethal & ~specks) > reach) & (_distance_to(specks) <= reach + RIM)
         data = costs.data.copy()
-        data[(data >= COST_INSCRIBED) & (data != COST_UNKNOWN) & is_wide] = COST_FREE
+        data[(data >= COST_INSCRIBED) & (data != COST_UNKNOWN) & is_opened] = COST_FREE
         return CostGrid(costs.stamp_ns, costs.frame, costs.spec, data), specks
 
     def pass_by(self, costs: CostGrid, robot: Place) -> None:
