@@ -254,9 +254,30 @@ TERRAIN = (
     PlantedFault(
         "a level ends at the passage to the next one",
         "perception/ground_map.py",
-        "of_new & ~level.ground_under(on_both[0], c.level_reach, c.level_step)",
+        "of_new & ~kept",
         "of_new",
         ("tests/perception/test_ground_map.py::test_both_levels_know_the_ground_around_a_passage",),
+    ),
+    PlantedFault(
+        "a level keeps the deck at the end of its ramp",
+        "perception/ground_map.py",
+        " & (np.abs(level.heights - height) > c.step)",
+        "",
+        ("tests/perception/test_ground_map.py::test_the_lower_level_keeps_nothing_of_the_deck",),
+    ),
+    PlantedFault(
+        "a wanted level is gone to at its end",
+        "perception/ground_map.py",
+        "fits.is_on and (self._has_room(self.levels[wanted], base) or self._is_at_passage(wanted, base))",
+        "fits.is_on",
+        ("tests/perception/test_ground_map.py::test_a_level_that_is_wanted_is_not_gone_to_at_its_end",),
+    ),
+    PlantedFault(
+        "a wanted saved level is changed to at its end",
+        "perception/known_ground.py",
+        "self.wanted in carries and self._has_room(support, map_from_base)",
+        "self.wanted in carries",
+        ("tests/perception/test_known_ground.py::test_a_wanted_level_is_not_changed_to_where_it_ends",),
     ),
     PlantedFault(
         "a passage lies where the other level ends",

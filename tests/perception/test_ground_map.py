@@ -15,7 +15,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
 from ambler.perception.ground_level import Level
-from ambler.perception.ground_map import GroundMap, GroundMapConfig
+from ambler.perception.ground_map import GroundMap, GroundMapConfig, Passage
 from ambler.perception.terrain import Ground
 from ambler.perception.terrain_window import TerrainWindow
 
@@ -179,8 +179,17 @@ def test_both_levels_know_the_ground_around_a_passage():
     up_a_ramp(ground, slope=0.15)
     place = ground.passages[0].map_from_base
     for level in (0, 1):
-        for x, y in ((0.0, 0.0), (1.5, 0.0), (-1.5, 0.0), (0.0, 1.5), (0.0, -1.5)):
+        for x, y in ((0.0, 0.0), (1.2, 0.0), (-1.2, 0.0), (0.0, 1.2), (0.0, -1.2)):
             assert at(ground, place.x + x, place.y + y, level=level) == OCC_FREE, (level, x, y)
+
+
+def test_the_lower_level_keeps_nothing_of_the_deck():
+    """It may lie above floor that the lower level knows, or will."""
+    ground = GroundMap(GroundMapConfig(level_cells=100, level_back=1.0))
+    up_a_ramp(ground, slope=0.35)
+    place = ground.passages[0].map_from_base
+    assert 0.35 * (30.0 - place.x) + 0.35 * GroundMapConfig().level_stand > 3.5, "the deck is within reach"
+    assert not (ground.levels[0].heights > 3.5 - 0.08).any()
 
 
 def test_ground_behind_a_wall_does_not_go_on_from_a_place():
@@ -213,6 +222,22 @@ def test_a_level_that_is_wanted_is_gone_to_where_both_are_one():
     assert ground.active == 1, "nothing of it is seen here"
     feed(ground, both, SE3((2.0, 0.0, 0.0)))
     assert (ground.active, ground.wanted) == (0, None)
+
+
+def test_a_level_that_is_wanted_is_not_gone_to_at_its_end():
+    """Beyond its end it is closed, and who stands there finds no way; where a passage is known it was on both."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    feed(ground, window(0.0, 4.0, -2.0, 2.0), SE3((2.0, 0.0, 0.0)))
+    ground._begin(window(0.0, 8.0, -2.0, 2.0), SE2())
+    ground.active = 1
+    for x, is_there in ((6.0, False), (3.7, False), (2.6, True)):
+        ground.wanted = 0
+        feed(ground, window(0.0, 8.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
+        assert (ground.active == 0) == is_there, x
+    ground.active, ground.wanted = 1, 0
+    ground.passages.append(Passage(1, 0, SE2(3.6, 0.3, 0.0)))
+    feed(ground, window(0.0, 8.0, -2.0, 2.0), SE3((3.7, 0.0, 0.0)))
+    assert ground.active == 0
 
 
 def test_the_upper_deck_seen_from_the_ramp_stays_on_its_own_level():

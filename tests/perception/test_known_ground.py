@@ -58,6 +58,16 @@ def test_a_level_that_carries_the_robot_is_left_for_the_wanted_one_only():
     assert ground.update(at(7.0, 1.0, 1.5))
 
 
+def test_a_wanted_level_is_not_changed_to_where_it_ends():
+    ground = two_decks()
+    ground.active, ground.wanted = 1, 0
+    assert not ground.update(at(7.9, 0.5, 1.95))
+    assert not ground.update(at(7.6, 0.5, 1.8))
+    assert ground.update(at(7.1, 0.5, 1.55)), "the lower level goes on for 0.9 m"
+    ground.active, ground.wanted, ground.passages = 1, 0, np.array([[1.0, 0.0, 7.7, 0.5, 0.0]])
+    assert ground.update(at(7.9, 0.5, 1.95)), "a passage"
+
+
 def test_driving_on_beyond_what_a_level_knows_changes_it_unasked():
     ground = two_decks()
     assert ground.update(at(9.5, 1.0, 2.75))

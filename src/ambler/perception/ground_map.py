@@ -54,8 +54,8 @@ class GroundMapConfig:
     level_stand     metres around the robot within which as many cells must agree for it to stand on a level
     level_reach     metres from the robot within which they count: farther away it may see another level from this one
     apart           metres between two passages of the same levels
-    level_room      metres around the robot within which nearly all ground of the present level must be known on another one for the place to be a passage to that: who changes
-                    levels closer to an end stands in what closes it
+    level_room      metres around the robot within which nearly all ground of the present level must be known on another one for it to change to that, and for the place to be a
+                    passage: who changes levels closer to the end of one stands in what closes it there
     level_back      metres before the place where a level began to the place of the way that counts as being on both
     border          metres beyond the ground that two levels share within which what is known of one is not looked for on the other
     stride          metres between the places that the way of the robot is kept by
@@ -232,7 +232,7 @@ class GroundMap:
         wanted = None if self.wanted == self.active else self.wanted
         if wanted is not None and wanted < len(self.levels):
             fits = self._agreement(wanted, window, map_from_odom, rise, base)
-            if fits.is_on:
+            if fits.is_on and (self._has_room(self.levels[wanted], base) or self._is_at_passage(wanted, base)):
                 return self._go_to(wanted)
         here = self._agreement(self.active, window, map_from_odom, rise, base)
         is_off = here.same < self.config.level_cells and len(self.levels) > 1 and self.levels[self.active].is_begun
@@ -279,6 +279,11 @@ class GroundMap:
             if fits.is_on and fits.is_free and self._has_room(self.levels[k], base):
                 self.passages += [Passage(self.active, k, place), Passage(k, self.active, place)]
                 self.version += 1
+
+    def _is_at_passage(self, to_level: int, base: SE3) -> bool:
+        place, near = base.to_se2(), 0.5 * self.config.level_room
+        ways = [p.map_from_base for p in self.passages if (p.of_level, p.to_level) == (self.active, to_level)]
+        return any(way.distance_to(place) <= near for way in ways)
 
     def _has_room(self, other: Level, base: SE3) -> bool:
         """Say whether another level knows the ground of the present one all around a robot."""
@@ -330,14 +335,15 @@ class GroundMap:
 
     def _found_level(self, window: TerrainWindow, map_from_odom: SE2, height: float, base: SE3) -> None:
         """Begin another level at `height` with what the present one already holds of it, islands too: they were seen from here and are joined to nothing of the present one. The last place of the way that lies
-        lower or higher is on both, with the ground around it, as is the way from there."""
+        lower or higher is on both, as is the way from there; the present level keeps the ground around that place as far as the robot must stand on it, but nothing as high as the new one."""
         c, old, level = self.config, self.active, self.level
         step, at, new = 0.5 * c.level_step, base.translation, Level.empty(level.spec)
         of_new = level.joined(height, step, at[0], at[1], c.level_reach) | level.islands(height, step, c.level_step)
         off = [abs(p.translation[2] - height) > step and math.dist(p.translation, at) > c.level_back for p in self._way]
         first = max(np.flatnonzero(off), default=len(self._way))
         on_both = [*self._way[first:], base]
-        level.give(of_new & ~level.ground_under(on_both[0], c.level_reach, c.level_step), new)
+        kept = level.ground_under(on_both[0], c.level_stand, c.level_step) & (np.abs(level.heights - height) > c.step)
+        level.give(of_new & ~kept, new)
         for p in on_both:
             level.share(level.around(p, c.level_reach, c.level_step), new)
         self.levels.append(new)

@@ -19,11 +19,14 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class KnownGroundConfig:
-    """A robot stands on a level where at least `cells` cells of its ground within `stand` metres around the base lie within `step` metres of the base's height."""
+    """A robot stands on a level where at least `cells` cells of its ground within `stand` metres around the base lie within `step` metres of the base's height. It changes to the wanted one where that carries it on
+    `room` of what the present one does, or within `near` metres of a passage: closer to its end it would stand in what closes it."""
 
     stand: float = 1.0
     step: float = 0.7
     cells: int = 30
+    room: float = 0.9
+    near: float = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,13 +84,21 @@ class KnownGround:
         support = [level.support(place, self.config) for level in self.levels]
         carries = [k for k, count in enumerate(support) if count >= self.config.cells]
         before = self.active
-        if self.wanted in carries:
-            self.active = int(self.wanted)
+        if self.wanted is not None and self.wanted in carries and self._has_room(support, map_from_base):
+            self.active = self.wanted
         elif self.active not in carries and carries:
             self.active = max(carries, key=lambda k: support[k])
         if self.active == self.wanted:
             self.wanted = None
         return self.active != before
+
+    def _has_room(self, support: Sequence[int], map_from_base: SE3) -> bool:
+        """Say whether the wanted level goes on around the robot as far as the present one, or the robot is at a passage between them."""
+        here, there, c = self.active, self.wanted, self.config
+        assert there is not None
+        of_both = self.passages[(self.passages[:, 0] == here) & (self.passages[:, 1] == there), 2:4]
+        is_near = np.hypot(*(of_both - map_from_base.translation[:2]).T) <= c.near
+        return bool(is_near.any()) or support[there] >= c.room * support[here]
 
     def level_at(self, pose: SE2) -> int | None:
         """Return the first level that has ground at a place, None: none has."""
