@@ -48,6 +48,9 @@ def test_a_look_from_the_other_side_is_another_one() -> None:
     assert visits.at(along(*line, goal=(7.5, 5.5, 0.0)), SPEC) == 3
     assert visits.at(along(*line, goal=(7.0, 2.5, 0.0)), SPEC) == 3
     assert visits.at(along(*line, goal=(2.0, 4.5, 0.0)), SPEC) == 0
+    back = Visits(VisitsConfig())
+    back.add(along(*line, goal=(2.0, 4.5, 0.0)), at(0.0))
+    assert back.at(along(*line), SPEC) == 1, "without a goal the side that was looked at from most"
     visits.add(along(*line), at(90.0))
     assert visits.at(along(*line, goal=(2.0, 4.5, 0.0)), SPEC) == 1, "without a goal from everywhere"
 

@@ -201,6 +201,8 @@ def test_ground_behind_a_wall_does_not_go_on_from_a_place():
     assert under[level.spec.cell_of(0.0, 0.9)]
     assert not under[level.spec.cell_of(0.0, 1.4)]
     assert not level.ground_under(SE3((0.0, 1.05, 0.0)), 1.6, 0.7).any()
+    for x in (-2.05, 2.05):
+        assert not level.ground_under(SE3((x, 0.0, 0.0)), 1.6, 0.7).any(), "the level does not reach there"
 
 
 def test_one_comes_back_to_a_level_that_fits():

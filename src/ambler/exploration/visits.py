@@ -53,13 +53,14 @@ class Visits:
             self._last_s[cells] = np.where(is_new, now, last)
 
     def at(self, frontier: Frontier, spec: GridSpec) -> int:
-        """Return how often the place of a frontier has been looked at from the side of its goal."""
+        """Return how often the place of a frontier has been looked at from the side of its goal; of one without a goal, from the side from which it was most often."""
         self._move_to(spec)
         iy, ix = spec.cells_of(frontier.cells).T
         is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
         looks = self._counts[:, iy[is_inside], ix[is_inside]]
         counts = np.zeros(len(iy), np.uint8)
-        counts[is_inside] = looks[_sides(frontier.cells[is_inside], frontier), np.arange(looks.shape[1])]
+        sides = _sides(frontier.cells[is_inside], frontier)
+        counts[is_inside] = looks.max(axis=0) if frontier.goal is None else looks[sides, np.arange(len(sides))]
         return int(np.quantile(counts, 1.0 - self.config.share, method="lower"))
 
     def _move_to(self, spec: GridSpec) -> None:

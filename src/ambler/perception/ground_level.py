@@ -69,9 +69,12 @@ class Level:
         return np.asarray((np.hypot(dy[:, None], dx[None, :]) <= reach) & (np.abs(self.heights - z) <= within))
 
     def ground_under(self, place: SE3, reach: float, within: float) -> NDArray[np.bool_]:
-        """Return the ground (bool [iy, ix]) `around` a place that goes on from it, cell by cell: not that behind a wall."""
+        """Return the ground (bool [iy, ix]) `around` a place that goes on from it, cell by cell: not that behind a wall. None where the level does not reach."""
+        x, y, _ = place.translation
+        if not self.spec.contains(x, y):
+            return np.zeros(self.spec.shape, np.bool_)
         labels, _ = ndimage.label((self.evidence > 0) & self.around(place, reach, within))
-        under = labels[self.spec.cell_of(*place.translation[:2])]
+        under = labels[self.spec.cell_of(x, y)]
         return np.asarray((labels == under) & (under > 0))
 
     def joined(self, height: float, within: float, x: float, y: float, reach: float) -> NDArray[np.bool_]:
