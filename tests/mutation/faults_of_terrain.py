@@ -773,4 +773,21 @@ TERRAIN = (
         "SPREAD = 0.0",
         ("tests/perception/test_terrain.py::test_a_ramp_is_no_flight_of_steps_to_who_drives_up_it",),
     ),
+    PlantedFault(
+        "ground that is seen below a car clears its other side",
+        "kernels/ground_map.py",
+        "tops[jy, jx] > sensor[2] + t * (height - sensor[2]) + UNDER",
+        "False",
+        (
+            "tests/perception/test_ground_map.py::test_ground_that_is_seen_below_a_car_says_nothing_of_the_side_behind_it",
+            "tests/perception/test_ground_map.py::test_below_a_car_there_is_no_ground_to_drive_on",
+        ),
+    ),
+    PlantedFault(
+        "nothing is seen over something low",
+        "kernels/ground_map.py",
+        "tops[jy, jx] > sensor[2] + t * (height - sensor[2]) + UNDER",
+        "tops[jy, jx] > -1e6",
+        ("tests/perception/test_ground_map.py::test_ground_that_is_seen_over_something_low_is_ground",),
+    ),
 )

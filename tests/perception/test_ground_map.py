@@ -82,6 +82,43 @@ def test_a_kerb_that_was_seen_is_not_forgotten_for_looks_from_afar():
     assert at(ground, 1.05, 1.05) == OCC_FREE, "what left is forgotten from afar, too"
 
 
+def beside_a_car(*x_of_sides: float, top: float = 0.5) -> TerrainWindow:
+    """Return level ground that is seen below a car as well, and those of its sides that stand at the given x."""
+    sides = [(x, y) for x in x_of_sides for y in np.arange(-1.95, 2.0, 0.1).tolist()]
+    seen = window(-6.0, 6.0, -3.0, 3.0, 0.0, sides)
+    seen.tops[seen.tops > 0.0] = top
+    return seen
+
+
+def test_ground_that_is_seen_below_a_car_says_nothing_of_the_side_behind_it():
+    """The far side was seen from there; seen from here it is hidden, and the floor below it is not."""
+    ground = GroundMap()
+    for _ in range(3):
+        feed(ground, beside_a_car(3.05), SE3((5.0, 0.0, 0.0)))
+    for _ in range(20):
+        feed(ground, beside_a_car(1.05), SE3((-1.0, 0.0, 0.0)))
+    assert at(ground, 3.05, 0.0) == OCC_OCCUPIED
+    for _ in range(20):
+        feed(ground, beside_a_car(), SE3((-1.0, 0.0, 0.0)))
+    assert at(ground, 3.05, 0.0) == OCC_FREE, "the car has driven away"
+
+
+def test_below_a_car_there_is_no_ground_to_drive_on():
+    ground = GroundMap()
+    for _ in range(5):
+        feed(ground, beside_a_car(1.05), SE3((-1.0, 0.0, 0.0)), (0.3, 1.0))
+    assert at(ground, 2.0, 0.0) == OCC_UNKNOWN
+    assert at(ground, 0.5, 0.0) == OCC_FREE
+    assert at(ground, 1.5, 2.9) == OCC_FREE, "beside it there is"
+
+
+def test_ground_that_is_seen_over_something_low_is_ground():
+    ground = GroundMap()
+    feed(ground, beside_a_car(1.05, top=0.15), SE3((-1.0, 0.0, 0.0)))
+    assert at(ground, 1.2, 0.0) == OCC_UNKNOWN, "in its shadow"
+    assert at(ground, 3.0, 0.0) == OCC_FREE
+
+
 def test_ground_too_near_for_a_level_lidar_is_assumed_until_the_robot_is_away():
     ground = GroundMap()
     ring = window(5.0, 7.0, -3.0, 3.0)
@@ -137,7 +174,7 @@ def test_a_roof_beside_the_ground_is_no_ground():
         iy, ix = round((part.origin_y + 3.0) / CELL), round((part.origin_x + 3.0) / CELL)
         ny, nx = part.kinds.shape
         whole[iy : iy + ny, ix : ix + nx], heights[iy : iy + ny, ix : ix + nx] = part.kinds, part.heights
-    feed(ground, TerrainWindow(-3.0, -3.0, CELL, whole, np.zeros((60, 60), np.uint8), heights))
+    feed(ground, TerrainWindow(-3.0, -3.0, CELL, whole, np.full((60, 60), -np.inf, np.float32), heights))
     assert at(ground, 0.0, 0.0) == OCC_FREE
     assert at(ground, 2.5, 0.0) == OCC_UNKNOWN
 
@@ -520,7 +557,12 @@ def test_on_ground_of_two_levels_the_robot_stays_on_the_one_it_wanted_whatever_s
 
 
 def merged_twin(
-    seen: TerrainWindow, pose: SE2, evidence: np.ndarray, spec: tuple[float, float, float], clear_most: float
+    seen: TerrainWindow,
+    pose: SE2,
+    evidence: np.ndarray,
+    spec: tuple[float, float, float],
+    clear_most: float,
+    sensor: tuple[float, float, float],
 ) -> np.ndarray:
     """What `merge` does, cell by cell."""
     out = evidence.copy()
@@ -535,11 +577,25 @@ def merged_twin(
         if kind == 0:
             continue
         count = 0 if out[iy, ix] == kernels.UNKNOWN else int(out[iy, ix])
-        is_open = kind == Ground.GROUND and not seen.marks[int(2 * v), int(2 * u)]
+        is_open = kind == Ground.GROUND and seen.tops[int(2 * v), int(2 * u)] == -np.inf
+        if is_open and out[iy, ix] <= 0 and passes_below(seen, sensor, px, py, seen.heights[int(v), int(u)]):
+            continue
         if is_open and kernels.UNKNOWN < out[iy, ix] <= 0 and math.hypot(x, y) > clear_most:
             continue
         out[iy, ix] = min(count + 1, 4) if is_open else max(count - 3, -6)
     return out
+
+
+def passes_below(seen: TerrainWindow, sensor: tuple[float, float, float], x: float, y: float, z: float) -> bool:
+    """Whether a sensor sees a place below what stands in a window."""
+    half = 0.5 * seen.cell
+    count = int(math.hypot(x - sensor[0], y - sensor[1]) / half) + 1
+    for k in range(count):
+        px, py, pz = np.array(sensor) + (np.array([x, y, z]) - sensor) * k / count
+        jx, jy = math.floor((px - seen.origin_x) / half), math.floor((py - seen.origin_y) / half)
+        if 0 <= jy < seen.tops.shape[0] and 0 <= jx < seen.tops.shape[1] and seen.tops[jy, jx] > pz + 0.05:
+            return True
+    return False
 
 
 @settings(max_examples=25, deadline=None)
@@ -547,13 +603,14 @@ def merged_twin(
 def test_merge_is_its_twin(seed):
     rng = np.random.default_rng(seed)
     kinds = rng.choice([0, 1, 2, 3, 4], (12, 9)).astype(np.uint8)
-    marks = (rng.random((24, 18)) < 0.2).astype(np.uint8)
-    seen = TerrainWindow(-1.0, -1.2, CELL, kinds, marks, rng.normal(size=(12, 9)).astype(np.float32))
+    tops = np.where(rng.random((24, 18)) < 0.05, rng.uniform(-0.5, 1.0, (24, 18)), -np.inf).astype(np.float32)
+    seen = TerrainWindow(-1.0, -1.2, CELL, kinds, tops, rng.normal(size=(12, 9), scale=0.1).astype(np.float32))
     pose = SE2(*rng.uniform(-0.5, 0.5, 2), float(rng.uniform(-3.0, 3.0)))
     evidence = rng.choice([kernels.UNKNOWN, -6, -2, 1, 4], (40, 40)).astype(np.int8)
     spec = (-2.0, -2.0, 0.1)
     clear_most = float(rng.choice([0.8, np.inf]))
-    expected = merged_twin(seen, pose, evidence, spec, clear_most)
+    sensor = (*rng.uniform(-1.0, 0.5, 2), float(rng.choice([0.4, 5.0])))
+    expected = merged_twin(seen, pose, evidence, spec, clear_most, sensor)
     back = pose.inverse()
     turn = np.array([math.cos(back.yaw), math.sin(back.yaw), back.x, back.y])
     box, heights = np.array([0, 40, 0, 40]), np.full((40, 40), np.nan, np.float32)
@@ -562,6 +619,7 @@ def test_merge_is_its_twin(seed):
         turn,
         0.0,
         np.zeros(2),
+        np.array(sensor),
         np.array([9.0, np.inf, 9.0, clear_most]),
         np.array(spec),
         box,
@@ -569,7 +627,7 @@ def test_merge_is_its_twin(seed):
         heights,
         firm,
     )
-    kernels.merge(seen.kinds, seen.marks, seen.heights, seen.origin, *args)
+    kernels.merge(seen.kinds, seen.tops, seen.heights, seen.origin, *args)
     np.testing.assert_array_equal(evidence, expected)
 
 

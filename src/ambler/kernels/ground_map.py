@@ -1,7 +1,7 @@
 """Merging what a terrain analysis says of a window into a map of ground: evidence for and against each cell, and the height of its ground.
 
 Evidence is int8: `UNKNOWN`, `ASSUMED`, or a count, positive for ground. A window has kinds uint8 [iy, ix] of cells, 0 where nothing is known,
-and marks uint8 [2 iy, 2 ix] of voxels that stand on them.
+and tops float32 [2 iy, 2 ix]: how high the voxels reach that stand on them, -inf where none does.
 """
 
 import math
@@ -16,11 +16,12 @@ BLIND = 255  # the kind of a window's cell that the sensor cannot see from where
 DROP = 3  # the kind of a window's cell at which ground ends above something lower
 GROUND_MOST, OBSTACLE_MOST = 4, -6
 BESIDE = 3  # cells to either side that say whether one is alone
+UNDER = 0.05  # metres by which what a ray passes below reaches higher than it
 HIT = 3  # looks at ground that one look at an obstacle outweighs
 
 
 @jit
-def find_blind(kinds, marks, origin, sensor, sensor_from_odom, sines, ground, reach):
+def find_blind(kinds, tops, origin, sensor, sensor_from_odom, sines, ground, reach):
     """Mark unknown cells of a window that the sensor cannot see and nothing hides as `BLIND`.
 
     `origin` (x, y, side of a cell), `sensor` its place (3,), `sensor_from_odom` (3, 3), `sines` of its lowest and highest elevation, `ground`
@@ -53,7 +54,7 @@ def find_blind(kinds, marks, origin, sensor, sensor_from_odom, sines, ground, re
                 jx = int((ground[0] + t * bx - x0) / size)
                 if jy < 0 or jx < 0 or jy >= ny or jx >= nx:
                     continue
-                if (kinds[jy, jx] > GROUND and kinds[jy, jx] != BLIND) or _is_marked(marks, jy, jx):
+                if (kinds[jy, jx] > GROUND and kinds[jy, jx] != BLIND) or _is_marked(tops, jy, jx):
                     is_open = False
                     break
             if is_open:
@@ -61,7 +62,7 @@ def find_blind(kinds, marks, origin, sensor, sensor_from_odom, sines, ground, re
 
 
 @jit
-def keep_joined(kinds, marks, heights, origin, base, step, rise, queue):
+def keep_joined(kinds, tops, heights, origin, base, step, rise, queue):
     """Forget the ground of a window that is not joined to the robot at `base` (x, y, z) by ground: the roofs of cars, on which a terrain may
     climb up over what hides the gap below them.
 
@@ -88,7 +89,7 @@ def keep_joined(kinds, marks, heights, origin, base, step, rise, queue):
                 if joined[jy, jx] or kinds[jy, jx] not in (GROUND, BLIND):
                     continue
                 my, mx = iy + int((jy - iy) / 2), ix + int((jx - ix) / 2)
-                if kinds[my, mx] != 0 and (kinds[my, mx] not in (GROUND, BLIND) or _is_marked(marks, my, mx)):
+                if kinds[my, mx] != 0 and (kinds[my, mx] not in (GROUND, BLIND) or _is_marked(tops, my, mx)):
                     continue  # a parapet between two decks joins nothing
                 far = math.hypot(jy - iy, jx - ix) * origin[2]
                 if abs(heights[jy, jx] - heights[iy, ix]) <= step + rise * far:
@@ -102,20 +103,20 @@ def keep_joined(kinds, marks, heights, origin, base, step, rise, queue):
 
 
 @jit
-def _is_marked(marks, iy, ix):
+def _is_marked(tops, iy, ix):
     """Whether a voxel stands on a cell."""
     y, x = 2 * iy, 2 * ix
-    return marks[y, x] + marks[y, x + 1] + marks[y + 1, x] + marks[y + 1, x + 1] > 0
+    return max(tops[y, x], tops[y, x + 1], tops[y + 1, x], tops[y + 1, x + 1]) > -np.inf
 
 
 @jit
-def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec, box, evidence, map_heights, firm):
+def merge(kinds, tops, heights, origin, odom_from_map, rise, base, sensor, limits, spec, box, evidence, map_heights, firm):
     """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
-    map: what is assumed farther than `limits[0]` from it is unknown again, and looks at ground from farther than `limits[3]` do not clear what was in the way. What stands or lies more than `limits[1]` metres above or below what is known there is of
+    map, `sensor` (3,) in odom: what is assumed farther than `limits[0]` from it is unknown again, and looks at ground from farther than `limits[3]` do not clear what was in the way. What stands or lies more than `limits[1]` metres above or below what is known there is of
     another level, and left out, unless nearly all that is known around it lies where it lies (single cells of a deck that were drawn into the level below it); as is a drop farther than `limits[2]`: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
-    that the robot has stood, only what stands on the ground is in the way. `spec` (x, y, resolution) of the map's first corner.
+    that the robot has stood, only what stands on the ground is in the way. Ground that the sensor sees under something, as below a car, says nothing of what stands on it. `spec` (x, y, resolution) of the map's first corner.
     """
     reach, apart, drop_most, clear_most = limits
     c, s, tx, ty = odom_from_map
@@ -137,7 +138,7 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                 jx, jy = int(u), int(v)
                 kind = kinds[jy, jx]
                 known = map_heights[iy, ix]
-                is_marked = marks[int(2.0 * v), int(2.0 * u)] != 0
+                is_marked = tops[int(2.0 * v), int(2.0 * u)] > -np.inf
                 height = heights[jy, jx] + rise
                 is_other = was != UNKNOWN and abs(height - known) > apart
                 if is_other and kind == GROUND and _is_alone(evidence, map_heights, iy, ix, height, apart):
@@ -149,13 +150,28 @@ def merge(kinds, marks, heights, origin, odom_from_map, rise, base, limits, spec
                     is_open = kind == GROUND and not is_marked
                     if is_open and UNKNOWN < was <= 0 and away > clear_most:
                         continue
-                    now = _weighed(was, kind, is_open)
-                    if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
-                        map_heights[iy, ix] = height
+                    if not (is_open and was <= 0 and _is_under(tops, origin, sensor, heights[jy, jx], u, v)):
+                        now = _weighed(was, kind, is_open)
+                        if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
+                            map_heights[iy, ix] = height
             if _meaning(now) != _meaning(evidence[iy, ix]):
                 changed += 1
             evidence[iy, ix] = now
     return changed
+
+
+@jit
+def _is_under(tops, origin, sensor, height, u, v):
+    """Whether the line from a sensor to ground at a height, at a place (u, v) in cells of a window, passes below what stands before it."""
+    su, sv = (sensor[0] - origin[0]) / origin[2], (sensor[1] - origin[1]) / origin[2]
+    steps = int(2.0 * math.hypot(u - su, v - sv)) + 1
+    for k in range(steps):
+        t = k / steps
+        jx, jy = math.floor(2.0 * (su + t * (u - su))), math.floor(2.0 * (sv + t * (v - sv)))
+        if 0 <= jx < tops.shape[1] and 0 <= jy < tops.shape[0]:
+            if tops[jy, jx] > sensor[2] + t * (height - sensor[2]) + UNDER:
+                return True
+    return False
 
 
 @jit
@@ -256,14 +272,14 @@ def agreement(kinds, heights, origin, odom_from_map, rise, base, limits, spec, b
 
 def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
-    kinds, marks = np.zeros((4, 4), np.uint8), np.zeros((8, 8), np.uint8)
+    kinds, tops = np.zeros((4, 4), np.uint8), np.zeros((8, 8), np.float32)
     heights, origin = np.zeros((4, 4), np.float32), np.array([0.0, 0.0, 0.2])
-    find_blind(kinds, marks, origin, np.zeros(3), np.eye(3), np.zeros(2), np.zeros(5), 1.0)
-    keep_joined(kinds, marks, heights, origin, np.zeros(3), 0.1, 0.4, np.empty(16, np.int32))
+    find_blind(kinds, tops, origin, np.zeros(3), np.eye(3), np.zeros(2), np.zeros(5), 1.0)
+    keep_joined(kinds, tops, heights, origin, np.zeros(3), 0.1, 0.4, np.empty(16, np.int32))
     evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
     firm = np.zeros((8, 8), np.uint8)
-    merge(kinds, marks, heights, origin, turn, 0.0, np.zeros(2), np.ones(4), spec, box, evidence, map_heights, firm)
+    merge(kinds, tops, heights, origin, turn, 0.0, np.zeros(2), np.zeros(3), np.ones(4), spec, box, evidence, map_heights, firm)
     stand(np.zeros(5), np.ones(2), np.ones(5), spec, box, evidence, map_heights, firm)
     agreement(
         kinds, heights, origin, turn, 0.0, np.zeros(2), np.array([1.5, 3.0]), spec, box, evidence, map_heights, 0.5

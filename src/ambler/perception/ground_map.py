@@ -155,10 +155,10 @@ class GroundMap:
         sines = np.sin(np.clip(elevation, -0.5 * math.pi, 0.5 * math.pi))
         place = np.array(odom_from_sensor.translation)
         upright = odom_from_sensor.inverse().matrix()[:3, :3].copy()
-        kernels.find_blind(window.kinds, window.marks, window.origin, place, upright, sines, plane, c.assumed)
+        kernels.find_blind(window.kinds, window.tops, window.origin, place, upright, sines, plane, c.assumed)
         _carry_heights(window, plane)
         queue = np.empty(window.kinds.size, np.int32)
-        kernels.keep_joined(window.kinds, window.marks, window.heights, window.origin, plane[:3], c.step, c.rise, queue)
+        kernels.keep_joined(window.kinds, window.tops, window.heights, window.origin, plane[:3], c.step, c.rise, queue)
         flat = map_from_odom.to_se2()
         rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
         count = len(self.levels)
@@ -172,10 +172,10 @@ class GroundMap:
         self._looks += 1
         clear_most = c.clear_most if self._looks % SPARSE else math.inf
         limits = np.array([c.assumed, c.level_step, c.drop_most, clear_most])
-        frames = (_turn(flat.inverse()), rise, of_map[:2], limits, spec, box)
+        frames = (_turn(flat.inverse()), rise, of_map[:2], place, limits, spec, box)
         was_unknown, is_first = level.evidence[_inside(box)] == kernels.UNKNOWN, not level.is_begun
         cells = (level.evidence, level.heights, level.firm)
-        changed = kernels.merge(window.kinds, window.marks, window.heights, window.origin, *frames, *cells)
+        changed = kernels.merge(window.kinds, window.tops, window.heights, window.origin, *frames, *cells)
         yaw = map_from_base.to_se2().yaw
         stance = (np.array([math.cos(yaw), math.sin(yaw)]), np.array([self._stance, *c.firm_limits, c.level_step]))
         kernels.stand(of_map, *stance, spec, box, *cells)

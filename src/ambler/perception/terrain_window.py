@@ -19,13 +19,13 @@ U8 = NDArray[np.uint8]
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainWindow:
     """Terrain around a robot in the odom frame: `kinds` uint8 [iy, ix] of `Ground`, 0 where nothing is known, `heights` float32 [iy, ix] of the ground, and
-    `marks` uint8 [2 iy, 2 ix] of the voxels that stand on it."""
+    `tops` float32 [2 iy, 2 ix] how high (m, in odom) the voxels reach that stand on it, -inf where none does."""
 
     origin_x: float
     origin_y: float
     cell: float
     kinds: U8
-    marks: U8
+    tops: F32
     heights: F32
 
     @classmethod
@@ -37,9 +37,8 @@ class TerrainWindow:
         is_cell = kinds > 0
         of_cells = np.floor(points[is_cell, :2].astype(np.float64) / cell).astype(np.int64)
         if len(of_cells) == 0:
-            return cls(
-                0.0, 0.0, cell, np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.float32)
-            )
+            nothing = np.zeros((0, 0), np.float32)
+            return cls(0.0, 0.0, cell, np.zeros((0, 0), np.uint8), nothing, nothing)
         first, last = of_cells.min(axis=0), of_cells.max(axis=0)
         shape = (int(last[1] - first[1]) + 1, int(last[0] - first[0]) + 1)
         out = np.zeros(shape, np.uint8)
@@ -48,12 +47,12 @@ class TerrainWindow:
         crossed = (heights[is_cell] < step) & (kinds[is_cell] != Ground.DROP)
         out[iy, ix] = np.where(crossed, Ground.GROUND, np.maximum(kinds[is_cell], Ground.OBSTACLE))
         ground[iy, ix] = points[is_cell, 2]
-        marks = np.zeros((2 * shape[0], 2 * shape[1]), np.uint8)
-        standing = np.floor(points[~is_cell & (heights >= step), :2].astype(np.float64) / (0.5 * cell)).astype(np.int64)
-        standing -= 2 * first
-        inside = ((standing >= 0) & (standing < np.array(marks.shape)[::-1])).all(axis=1)
-        marks[standing[inside, 1], standing[inside, 0]] = 1
-        return cls(float(first[0]) * cell, float(first[1]) * cell, cell, out, marks, _carried(out, ground))
+        tops = np.full((2 * shape[0], 2 * shape[1]), -np.inf, np.float32)
+        voxels = points[~is_cell & (heights >= step)]
+        standing = np.floor(voxels[:, :2].astype(np.float64) / (0.5 * cell)).astype(np.int64) - 2 * first
+        inside = ((standing >= 0) & (standing < np.array(tops.shape)[::-1])).all(axis=1)
+        np.maximum.at(tops, (standing[inside, 1], standing[inside, 0]), voxels[inside, 2])
+        return cls(float(first[0]) * cell, float(first[1]) * cell, cell, out, tops, _carried(out, ground))
 
     def around(self, x: float, y: float, reach: float) -> TerrainWindow:
         """Return a window that also holds everything within `reach` metres of a place, not known where this one ends."""
@@ -67,7 +66,7 @@ class TerrainWindow:
             self.origin_y - below * self.cell,
             self.cell,
             np.pad(self.kinds, ((below, above), (left, right))),
-            np.pad(self.marks, ((2 * below, 2 * above), (2 * left, 2 * right))),
+            np.pad(self.tops, ((2 * below, 2 * above), (2 * left, 2 * right)), constant_values=-np.inf),
             np.pad(self.heights, ((below, above), (left, right)), constant_values=np.nan),
         )
 
