@@ -110,7 +110,9 @@ def _is_marked(tops, iy, ix):
 
 
 @jit
-def merge(kinds, tops, heights, origin, odom_from_map, rise, base, sensor, limits, spec, box, evidence, map_heights, firm):
+def merge(
+    kinds, tops, heights, origin, odom_from_map, rise, base, sensor, limits, spec, box, evidence, map_heights, firm
+):
     """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
@@ -168,9 +170,9 @@ def _is_under(tops, origin, sensor, height, u, v):
     for k in range(steps):
         t = k / steps
         jx, jy = math.floor(2.0 * (su + t * (u - su))), math.floor(2.0 * (sv + t * (v - sv)))
-        if 0 <= jx < tops.shape[1] and 0 <= jy < tops.shape[0]:
-            if tops[jy, jx] > sensor[2] + t * (height - sensor[2]) + UNDER:
-                return True
+        is_inside = 0 <= jx < tops.shape[1] and 0 <= jy < tops.shape[0]
+        if is_inside and tops[jy, jx] > sensor[2] + t * (height - sensor[2]) + UNDER:
+            return True
     return False
 
 
@@ -279,7 +281,22 @@ def warm_up() -> None:
     evidence, map_heights = np.full((8, 8), UNKNOWN, np.int8), np.full((8, 8), np.nan, np.float32)
     turn, spec, box = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1]), np.array([0, 8, 0, 8])
     firm = np.zeros((8, 8), np.uint8)
-    merge(kinds, tops, heights, origin, turn, 0.0, np.zeros(2), np.zeros(3), np.ones(4), spec, box, evidence, map_heights, firm)
+    merge(
+        kinds,
+        tops,
+        heights,
+        origin,
+        turn,
+        0.0,
+        np.zeros(2),
+        np.zeros(3),
+        np.ones(4),
+        spec,
+        box,
+        evidence,
+        map_heights,
+        firm,
+    )
     stand(np.zeros(5), np.ones(2), np.ones(5), spec, box, evidence, map_heights, firm)
     agreement(
         kinds, heights, origin, turn, 0.0, np.zeros(2), np.array([1.5, 3.0]), spec, box, evidence, map_heights, 0.5
