@@ -23,9 +23,23 @@ MAPPING = (
     PlantedFault(
         "intensities of any unit are measured by white paint",
         "perception/glass.py",
-        "BRIGHT_MOST = 0.3",
+        "BRIGHT_MOST = 0.4",
         "BRIGHT_MOST = 1.3",
         ("tests/perception/test_glass.py",),
+    ),
+    PlantedFault(
+        "beams that meet nothing tell the unit of intensities",
+        "perception/glass.py",
+        "returns = TOLD_FADE * returns + len(intensities)",
+        "returns = TOLD_FADE * returns + 720",
+        ("tests/perception/test_glass.py::test_in_the_open_a_few_returns_of_another_unit_show_no_glass",),
+    ),
+    PlantedFault(
+        "the unit of intensities is judged by each scan alone",
+        "perception/glass.py",
+        "TOLD_FADE = 0.99",
+        "TOLD_FADE = 0.0",
+        ("tests/perception/test_glass.py::test_a_glance_at_nothing_but_a_pane_does_not_change_the_unit",),
     ),
     PlantedFault(
         "rays along a wall make its cells free",

@@ -76,6 +76,30 @@ def test_intensities_of_another_unit_show_no_glass() -> None:
         assert SpecularDetector().detect(other) == ()
 
 
+def test_in_the_open_a_few_returns_of_another_unit_show_no_glass() -> None:
+    """Nine of ten beams meet nothing, and 255 is the brightest that the scanner tells: black things lie where panes do."""
+    glass = scan(SE2(), pane_ends=(-0.3, 0.3))
+    is_far = glass.ranges > 3.0
+    is_far[np.flatnonzero(is_far)[::15]] = False
+    ranges = np.where(is_far, np.inf, glass.ranges).astype(np.float32)
+    near = replace(glass, ranges=ranges)
+    detector = SpecularDetector()
+    assert len(detector.detect(near)) == 1
+    dark = np.where(glass.ranges > 3.0, 100.0, 3.0 * glass.intensities).astype(np.float32)
+    assert SpecularDetector().detect(replace(near, intensities=dark)) == ()
+
+
+def test_a_glance_at_nothing_but_a_pane_does_not_change_the_unit() -> None:
+    glass = scan(SE2(), pane_ends=(-0.3, 0.3))
+    shines = glass.intensities > 1.0
+    alone = replace(glass, ranges=np.where(shines | (glass.ranges > 3.0), glass.ranges, np.nan).astype(np.float32))
+    alone = replace(alone, ranges=np.where(glass.ranges > 3.0, np.inf, alone.ranges).astype(np.float32))
+    detector = SpecularDetector()
+    detector.detect(glass)
+    for _ in range(20):
+        assert len(detector.detect(alone)) == 1
+
+
 @pytest.mark.parametrize("yaw_deg", [0.0, 37.3, 179.9, -100.0])
 def test_a_pane_goes_on_to_its_posts(yaw_deg: float) -> None:
     pose = SE2(1.2, 0.0, math.radians(yaw_deg))

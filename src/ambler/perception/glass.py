@@ -18,7 +18,9 @@ from ambler.core.se3 import SE3
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-BRIGHT_MOST = 0.3  # of a scan's beams, if white paint counts 1: two panes in the corner of a court are a sixth
+BRIGHT_MOST = 0.4  # of a scanner's returns, if white paint counts 1: two panes in the corner of a court are a sixth
+TOLD_LEAST = 30.0  # returns before a scanner's unit is judged
+TOLD_FADE = 0.99  # by which what it told counts less with each scan: a glance at nothing but a pane does not change what is known
 FLATTEST = 1.4  # radians off the normal up to which the line of a pane is followed
 
 
@@ -70,17 +72,19 @@ class SpecularDetector:
 
     def __init__(self, config: SpecularConfig | None = None) -> None:
         self.config = config if config is not None else SpecularConfig()
+        self._told: dict[
+            str, tuple[float, float]
+        ] = {}  # of each scanner: its returns of late, and how many of them outshone white paint
 
     def detect(self, scan: LaserScan, *, is_seen_through: bool = True) -> tuple[SpecularPeak, ...]:
-        """Return the panes in the order of their beams; none for a scan without intensities, or with so many bright ones that they must be told in another unit.
+        """Return the panes in the order of their beams; none for a scan without intensities, or of a scanner of whose returns of late so many were bright that it tells them in another unit.
         Not `is_seen_through`: also what shines like a pane, though no beam beside it is seen to pass; the frame of a pane far away is as near to it as those."""
         if len(scan.intensities) != len(scan.ranges):
             return ()
         ranges = np.asarray(scan.ranges, np.float64)
         intensities = np.asarray(scan.intensities, np.float64)
         is_return = np.isfinite(ranges)
-        outshine = is_return & (intensities >= self.config.intensity_min)
-        if np.count_nonzero(outshine) > BRIGHT_MOST * len(ranges):
+        if not self._counts_paint(scan.frame, intensities[is_return]):
             return ()
         angles: F64 = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
         is_glass = (intensities >= self.config.intensity_min) & (intensities <= self.config.intensity_max)
@@ -106,6 +110,14 @@ class SpecularDetector:
                 np.nan
             )
         return replace(scan, ranges=ranges)
+
+    def _counts_paint(self, scanner: str, intensities: F64) -> bool:
+        """Say whether a scanner seems to tell intensities in units of white paint, from those of its returns up to now."""
+        returns, bright = self._told.get(scanner, (0.0, 0.0))
+        returns = TOLD_FADE * returns + len(intensities)
+        bright = TOLD_FADE * bright + np.count_nonzero(intensities >= self.config.intensity_min)
+        self._told[scanner] = (returns, bright)
+        return returns >= TOLD_LEAST and bright <= BRIGHT_MOST * returns
 
     def _judge(self, k: int, ranges: F64, intensities: F64, angles: F64, is_seen_through: bool) -> SpecularPeak | None:
         c = self.config
