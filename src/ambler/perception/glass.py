@@ -117,7 +117,7 @@ class SpecularDetector:
         returns = TOLD_FADE * returns + len(intensities)
         bright = TOLD_FADE * bright + np.count_nonzero(intensities >= self.config.intensity_min)
         self._told[scanner] = (returns, bright)
-        return returns >= TOLD_LEAST and bright <= BRIGHT_MOST * returns
+        return bool(returns >= TOLD_LEAST and bright <= BRIGHT_MOST * returns)
 
     def _judge(self, k: int, ranges: F64, intensities: F64, angles: F64, is_seen_through: bool) -> SpecularPeak | None:
         c = self.config
