@@ -114,8 +114,8 @@ def test_below_a_car_there_is_no_ground_to_drive_on():
 
 def test_ground_that_is_seen_over_something_low_is_ground():
     ground = GroundMap()
-    feed(ground, beside_a_car(1.05, top=0.15), SE3((-1.0, 0.0, 0.0)))
-    assert at(ground, 1.2, 0.0) == OCC_UNKNOWN, "in its shadow"
+    feed(ground, beside_a_car(1.05, top=0.25), SE3((-1.0, 0.0, 0.0)))
+    assert at(ground, 1.4, 0.0) == OCC_UNKNOWN, "in its shadow"
     assert at(ground, 3.0, 0.0) == OCC_FREE
 
 
@@ -578,7 +578,7 @@ def merged_twin(
             continue
         count = 0 if out[iy, ix] == kernels.UNKNOWN else int(out[iy, ix])
         is_open = kind == Ground.GROUND and seen.tops[int(2 * v), int(2 * u)] == -np.inf
-        if is_open and out[iy, ix] <= 0 and passes_below(seen, sensor, px, py, seen.heights[int(v), int(u)]):
+        if is_open and out[iy, ix] <= 0 and passes_below(seen, sensor, int(u), int(v)):
             continue
         if is_open and kernels.UNKNOWN < out[iy, ix] <= 0 and math.hypot(x, y) > clear_most:
             continue
@@ -586,9 +586,10 @@ def merged_twin(
     return out
 
 
-def passes_below(seen: TerrainWindow, sensor: tuple[float, float, float], x: float, y: float, z: float) -> bool:
-    """Whether a sensor sees a place below what stands in a window."""
-    half = 0.5 * seen.cell
+def passes_below(seen: TerrainWindow, sensor: tuple[float, float, float], ix: int, iy: int) -> bool:
+    """Whether a sensor sees a cell of a window below what stands in it."""
+    x, y = seen.origin_x + (ix + 0.5) * seen.cell, seen.origin_y + (iy + 0.5) * seen.cell
+    z, half = float(seen.heights[iy, ix]), 0.5 * seen.cell
     count = int(math.hypot(x - sensor[0], y - sensor[1]) / half) + 1
     for k in range(count):
         px, py, pz = np.array(sensor) + (np.array([x, y, z]) - sensor) * k / count

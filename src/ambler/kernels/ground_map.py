@@ -124,6 +124,7 @@ def merge(
     c, s, tx, ty = odom_from_map
     ny, nx = kinds.shape
     y0, y1, x0, x1 = box
+    under = np.zeros((ny, nx), np.uint8)  # of cells that were asked about: 1 not under anything, 2 under something
     changed = 0
     for iy in range(y0, y1):
         my = spec[1] + (iy + 0.5) * spec[2]
@@ -152,7 +153,9 @@ def merge(
                     is_open = kind == GROUND and not is_marked
                     if is_open and UNKNOWN < was <= 0 and away > clear_most:
                         continue
-                    if not (is_open and was <= 0 and _is_under(tops, origin, sensor, heights[jy, jx], u, v)):
+                    if is_open and was <= 0 and under[jy, jx] == 0:
+                        under[jy, jx] = 2 if _is_under(tops, origin, sensor, heights[jy, jx], jx, jy) else 1
+                    if not (is_open and was <= 0 and under[jy, jx] == 2):
                         now = _weighed(was, kind, is_open)
                         if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
                             map_heights[iy, ix] = height
@@ -163,11 +166,12 @@ def merge(
 
 
 @jit
-def _is_under(tops, origin, sensor, height, u, v):
-    """Whether the line from a sensor to ground at a height, at a place (u, v) in cells of a window, passes below what stands before it."""
+def _is_under(tops, origin, sensor, height, ix, iy):
+    """Whether the line from a sensor to the middle of a cell of a window, at a height, passes below what stands before it."""
+    u, v = ix + 0.5, iy + 0.5
     su, sv = (sensor[0] - origin[0]) / origin[2], (sensor[1] - origin[1]) / origin[2]
     steps = int(2.0 * math.hypot(u - su, v - sv)) + 1
-    for k in range(steps):
+    for k in range(steps - 1, -1, -1):  # what hides a place stands nearer to it than to the sensor, as a rule
         t = k / steps
         jx, jy = math.floor(2.0 * (su + t * (u - su))), math.floor(2.0 * (sv + t * (v - sv)))
         is_inside = 0 <= jx < tops.shape[1] and 0 <= jy < tops.shape[0]
