@@ -12,6 +12,13 @@ POINTS = ("tests/safety/test_gate_points.py",)
 
 SAFETY = (
     PlantedFault(
+        "a base that lies on its side walks on",
+        "nodes/gate.py",
+        "math.acos(min(max(up, -1.0), 1.0))",
+        "0.0",
+        ("tests/safety/test_gate_node.py::test_a_base_that_lies_on_its_side_is_stopped_whoever_pushed_it_over",),
+    ),
+    PlantedFault(
         "a permit lets the robot approach ten times as fast",
         "safety/approach_permit.py",
         "SPEED = 0.3",

@@ -675,6 +675,32 @@ def an_emergency_stop_is_latched(m: ModuleType) -> None:
     assert b.tick(60, (0.8, 0.0, 0.0)).velocity == BodyVelocity(0.8)
 
 
+def a_base_on_its_side_does_not_move(m: ModuleType) -> None:
+    b = Bench(m)
+
+    def lean(seconds: float, degrees: float) -> Any:
+        for _ in range(round(seconds / 0.02)):
+            step = b.tick(1, (0.8, 0.0, 0.0))
+            b.gate.update_lean(b.now_ns, math.radians(degrees), b.now_ns)
+        return step
+
+    assert lean(2.0, 40.0).velocity == BodyVelocity(0.8), "on stairs it drives"
+    lean(0.2, 80.0)
+    assert lean(1.0, 5.0).velocity == BodyVelocity(0.8), "one lean that nobody can have says nothing"
+    step = lean(0.5, 80.0)
+    assert is_zero(step)
+    assert step.state == GateState.EMERGENCY_STOP
+    assert "tipped over: the base lies on its side" in step.reason
+    assert not b.gate.reset(b.now_ns)[0], "it still lies there"
+    assert lean(1.0, 5.0).state == GateState.EMERGENCY_STOP
+    assert b.gate.reset(b.now_ns)[0]
+    b.gate.arm(b.now_ns)
+    assert lean(2.0, 5.0).velocity == BodyVelocity(0.8)
+    b = Bench(m)
+    assert lean(0.2, 80.0).state == GateState.ARMED, "from the first moment on it takes as long"
+    assert lean(0.5, math.nan).state == GateState.EMERGENCY_STOP, "what is not known is not upright"
+
+
 def stale_input_stops(m: ModuleType) -> None:
     for name in ("has_points", "has_odometry"):
         b = Bench(m)
@@ -851,6 +877,7 @@ CHECKS = {
         nonsense_stops_for_good,
         odd_stamps_are_refused,
         an_emergency_stop_is_latched,
+        a_base_on_its_side_does_not_move,
         stale_input_stops,
         input_from_the_future_is_stale,
         a_starved_gate_stops,

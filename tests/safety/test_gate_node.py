@@ -65,6 +65,20 @@ def test_a_failed_part_stops_the_robot_at_once_and_for_good() -> None:
     assert rig.tick(-0.2).vx == 0.0
 
 
+def test_a_base_that_lies_on_its_side_is_stopped_whoever_pushed_it_over() -> None:
+    for roll, is_stopped in ((1.4, True), (-1.4, True), (3.1, True), (0.6, False)):
+        rig = Rig(AHEAD[0])
+        for _ in range(50):
+            rig.tick(-0.2)
+        pose = SE3((0.0, 0.0, 0.2), (math.cos(0.5 * roll), math.sin(0.5 * roll), 0.0, 0.0))
+        for _ in range(20):
+            rig.context.now_ns += 20_000_000
+            rig.context.callbacks["odometry"](odometry(rig.context.now_ns, pose, 0.0))
+        rig.context.step()
+        status = rig.context.last["gate_status"]
+        assert ("tipped over" in status.reason) == is_stopped, status.reason
+
+
 def speed_before(rig: Rig, points_base: np.ndarray, pitch: float = 0.0) -> float:
     """Drive with 0.5 m/s at points of a cloud (N, 3), told in the level base frame, with a body that leans forward; return the speed."""
     tilt = SE3((0.0, 0.0, 0.0), (math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -30,6 +31,8 @@ class GateConfig:
     self_depth         points deeper than this inside the footprint are the robot itself
     slope              steepest floor (m per m) that points of a cloud may show without being obstacles; 0: the floor is level. What stands on a slope counts
                        from there
+    tipped             radians off the vertical from which on a base lies on its side: stairs and ramps stay below 40°
+    tipped_time        seconds for which it must, before it is believed
     memory_travel      metres of the outermost corner after which a point that no scanner can see any more is forgotten
     """
 
@@ -51,4 +54,6 @@ class GateConfig:
     max_future: float = 0.1
     self_depth: float = 0.05
     slope: float = 0.0
+    tipped: float = math.radians(50.0)
+    tipped_time: float = 0.3
     memory_travel: float = 12.0

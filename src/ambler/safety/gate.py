@@ -29,6 +29,7 @@ from ambler.safety.stops import StopLatch
 
 F64 = NDArray[np.float64]
 
+TIPPED = "tipped over"
 MAX_DT = 0.05  # seconds of acceleration that one step may use at most
 
 
@@ -62,6 +63,7 @@ class VelocityGate:
         self._stale_reason = ""
         self._points: dict[str, tuple[int, F64, SE2]] = {}
         self._odometry: tuple[int, SE2] | None = None
+        self._upright_ns: int | None = None
 
     # Input
 
@@ -81,6 +83,15 @@ class VelocityGate:
             self._latch.fault("NOT_FINITE: the odometry is no number")
         elif self._odometry is None or stamp_ns >= self._odometry[0]:
             self._odometry = (stamp_ns, odom_from_base)
+
+    def update_lean(self, stamp_ns: int, lean: float, now_ns: int) -> None:
+        """Take how far (rad) the base leans off the vertical. One that lies on its side is stopped until somebody has put it up again and resets that: what its
+        wheels or legs do there is no driving."""
+        if self._upright_ns is None or lean <= self._config.tipped:
+            self._upright_ns = stamp_ns
+            self._latch.release(TIPPED)
+        elif stamp_ns - self._upright_ns >= self._config.tipped_time * 1e9:
+            self.hold_stop(now_ns, TIPPED, "the base lies on its side")
 
     def update_points(self, sensor: str, stamp_ns: int, points_base: F64, odom_from_base: SE2) -> None:
         """Take a sensor's newest points (N, 2), in the base frame of the moment whose pose is given.
