@@ -124,6 +124,22 @@ def test_a_heavy_person_pushes_more_than_a_light_one_and_turns_round() -> None:
     assert shoved[0] < shoved[1]
 
 
+def test_who_walks_on_legs_puts_a_foot_aside_when_he_is_pushed_over() -> None:
+    """Somebody who walks at 1.4 m/s into the side of a light base that makes way at 0.4 m/s had laid it on its side."""
+    person = Person("person_0", ((0.0, 3.0), (0.0, -3.0)), 1.4, yields=False)
+    seed = next(s for s in range(100) if 1.0 < Walker(person, s).position[1] < 2.5)
+    config = SimulationConfig(seed, is_perfect=True)
+    simulation = Simulation(WorldSpec("lane", (), SE2(), people=(person,)), robot_named("go2"), config)
+    leans, forces = [], [0.0]
+    for k in range(240):
+        simulation.command(BodyVelocity(0.0, -0.4 if k < 100 else 0.0, 0.0))
+        forces += [c.force for c in simulation.step(simulation.now_ns + 50_000_000).contacts]
+        leans.append(math.degrees(math.acos(min(simulation.world_from_base.rotate((0.0, 0.0, 1.0))[2], 1.0))))
+    assert max(forces) > 300.0
+    assert 10.0 < max(leans) < 35.0
+    assert max(leans[-20:]) < 3.0, "he is gone, and it stands"
+
+
 def test_half_of_all_people_do_not_yield_unless_it_is_said() -> None:
     people = tuple(Person(f"person_{k}", ((0.0, 0.0), (5.0, 0.0))) for k in range(8))
     stubborn = [

@@ -34,6 +34,9 @@ WHEEL_GAIN = 10.0
 # Where the ground is not flat, wheels have an integral part too (1/s), or a robot that stands on a slope would creep down. It takes up
 # to the load of a slope of 30 degrees.
 WHEEL_INTEGRAL = 5.0
+# Who walks and is pushed puts a foot aside: as far (m), and from which lean (rad) on; this much farther (rad) the foot carries everything, and from the last lean
+# on he falls. `CATCH_TIME` (s) damps it.
+ASIDE, STAGGER, CAUGHT, FALLING, CATCH_TIME = 0.2, math.radians(20.0), math.radians(8.0), math.radians(60.0), 0.1
 
 
 class _Body:
@@ -49,6 +52,8 @@ class _Body:
         self.parts = frozenset(np.nonzero(model.body_rootid[model.geom_bodyid] == base.id)[0].tolist())
         self.has_wheels = placed.robot.has_two_wheels
         self.feet = [] if self.has_wheels else _find_feet(model, placed.name)
+        self.walks = not placed.robot.wheel_radius
+        self.base = int(base.id)
         self.sensor, self.motor = first_sensor, first_motor
         self.start = placed.start
         self._carried = np.zeros(2)
@@ -125,6 +130,8 @@ class ContactPhysics:
                     body.carry_load(self._ctrl, self._qvel, self._dt)
             else:
                 self._set_surface(body, target)
+                if body.walks:
+                    self._catch(body)
             v, first = self._qvel, body.qvel
             body.speed_before = (float(v[first]), float(v[first + 1]), float(v[first + 5]))
         if self._people.count:
@@ -132,6 +139,21 @@ class ContactPhysics:
         self._step(self._model, self._data)
         for body in self._bodies:
             body.read(self._qpos)
+
+    def _catch(self, body: _Body) -> None:
+        """Let a walking base that is pushed over put a foot aside: what then stands beside it turns it back up."""
+        w, x, y, z = body.carriage.rotation
+        up_x, up_y, up_z = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+        torque = self._data.xfrc_applied[body.base, 3:]
+        lean = math.acos(min(up_z, 1.0))
+        if not STAGGER < lean < FALLING:
+            torque[:] = 0.0
+            return
+        back = np.array([up_y, -up_x, 0.0]) / math.sin(lean)
+        turn = self._data.xmat[body.base].reshape(3, 3).T @ back
+        rate = float(turn @ self._qvel[body.qvel + 3 : body.qvel + 6])
+        share = (lean - STAGGER - CATCH_TIME * rate) / CAUGHT
+        torque[:] = min(max(share, 0.0), 1.0) * ASIDE * 9.81 * body.robot.mass * back
 
     def carriage(self, robot: int) -> Carriage:
         """Where a base is."""
