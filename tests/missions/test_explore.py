@@ -380,6 +380,31 @@ def test_a_look_past_people_that_takes_too_long_is_broken_off_before_the_robot_t
     assert any(isinstance(command, StopDriving) for command in later[:turn])
 
 
+@pytest.mark.parametrize("people", [True, False])
+def test_a_robot_that_people_shut_in_makes_room_for_them_every_second_time(people: bool) -> None:
+    """Who stands in a corridor may wait for the robot to leave: it goes back to where it was two metres away."""
+    frontiers = [frontier(18.0, 5.0 + 2 * k, 6.0 + k) for k in range(4)]
+    play = Play(*frontiers, goal=ExploreGoal(return_to_start=False))
+    play.drive()
+    for x in np.arange(10.0, 14.1, 0.5):
+        play.pose = SE2(float(x), 10.0)
+        play.step(0.1)
+    play.mission.meet(play.now_ns, is_here=people)
+    told: list[str] = []
+    for _ in range(80):
+        for command in play.step():
+            assert not isinstance(command, Ended)
+            if isinstance(command, DriveTo) and "making room" in play.mission.text:
+                assert command.map_from_goal.x == pytest.approx(12.0, abs=0.6)
+                assert command.map_from_goal.yaw == pytest.approx(0.0, abs=0.1)
+            if isinstance(command, DriveTo | TurnAround):
+                told.append(play.mission.text)
+                play.mission.drive_ended(command.drive, "NO_VALID_PATH", "")
+    shut_in = [text for text in told if "shut in" in text]
+    assert sum("making room" in text for text in shut_in) == (len(shut_in) // 2 if people else 0)
+    assert len(shut_in) >= 4
+
+
 def test_a_robot_that_was_shut_in_goes_on_when_it_is_let_out_and_blames_no_frontier() -> None:
     play = Play(*[frontier(2.0 + 2 * k, 5.0, 3.0 + k) for k in range(4)], goal=ExploreGoal(return_to_start=False))
     while play.now_ns < 60 * S:

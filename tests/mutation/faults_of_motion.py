@@ -240,6 +240,13 @@ MOTION = (
         WIDE,
     ),
     PlantedFault(
+        "a robot that people shut in makes no room",
+        "missions/explore.py",
+        "if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):",
+        "if False:",
+        ("tests/missions/test_explore.py::test_a_robot_that_people_shut_in_makes_room_for_them_every_second_time",),
+    ),
+    PlantedFault(
         "a robot that is shut in blames the frontiers",
         "missions/explore.py",
         "if self._failed.goals < c.shut_failures:",

@@ -494,7 +494,7 @@ class ExploreMission:
 
     def _give_up(self, view: ExploreView, reason: str) -> list[Command]:
         """Remember a drive that failed. Where drives to several places fail, it is where they begin and not where they lead: the robot
-        waits, turns and tries again; one that fails for long without moving is stuck."""
+        waits, turns, makes room for people who may wait for it, and tries again; one that fails for long without moving is stuck."""
         c = self.config
         self._failed.add(self._sent, view.map_from_base, view.now_ns)
         patience = c.stuck_time * (c.company_patience if self._company.is_about(view.now_ns) else 1.0)
@@ -505,6 +505,9 @@ class ExploreMission:
             self._remember(view, self._target_frontier, reason, has_looked=False)
             return self._wait(view, c.look_time, f"gave up a frontier ({reason})")
         self._next_drive()
+        place = self._trail.away(view.map_from_base, c.give_way)
+        if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):
+            return [ClearCosts(), *self._go_and_wait(view, place, f"shut in, making room ({reason})")]
         return [ClearCosts(), *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
 
     def _turn_and_wait(self, view: ExploreView, text: str) -> list[Command]:
