@@ -26,6 +26,13 @@ PRIMITIVES = ("tests/control/test_primitives.py",)
 
 MOTION = (
     PlantedFault(
+        "a frontier and a part of it take turns for ever",
+        "exploration/memory.py",
+        "cells = np.unique(np.concatenate((old.tree.data, cells)), axis=0)",
+        "pass",
+        ("tests/exploration/test_memory.py",),
+    ),
+    PlantedFault(
         "a base backs up straight, wherever it came from",
         "control/recovery_motion.py",
         "if target is not None and self._is_free(odom_from_base, target):",

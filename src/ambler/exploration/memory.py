@@ -105,13 +105,14 @@ class FrontierMemory:
         if has_looked:
             self.visit(frontier, occupancy)
         patch = self._patch(occupancy, frontier.centroid)
-        old = self.find(frontier)
+        old, cells = self.find(frontier), frontier.cells.astype(np.float64)
         attempts, looks, places = (0, 0, ()) if old is None else (old.attempts, old.looks, old.places)
-        if old is not None:
+        if old is not None:  # all of it stays refused: a frontier that is a part of another one may take turns with it
             self._refusals.remove(old)
+            cells = np.unique(np.concatenate((old.tree.data, cells)), axis=0)
         self._refusals.append(
             Refusal(
-                cKDTree(frontier.cells.astype(np.float64)),
+                cKDTree(cells),
                 frontier.centroid,
                 attempts + (not has_looked),
                 looks + has_looked,
