@@ -12,6 +12,13 @@ DRIVE = ("tests/apps/test_drive.py",)
 
 DRIVES = (
     PlantedFault(
+        "who walks on legs falls over when pushed",
+        "sim/contact_physics.py",
+        "ASIDE, STAGGER, CAUGHT, FALLING, CATCH_TIME = 0.2,",
+        "ASIDE, STAGGER, CAUGHT, FALLING, CATCH_TIME = 0.0,",
+        ("tests/sim/test_crowds.py::test_who_walks_on_legs_puts_a_foot_aside_when_he_is_pushed_over",),
+    ),
+    PlantedFault(
         "the pattern of a Mid-360 repeats",
         "sim/lidar.py",
         "self._directions = rosette(first, self.spec)",

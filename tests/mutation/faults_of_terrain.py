@@ -15,13 +15,6 @@ BELOW = ("tests/perception/test_ground_below.py",)
 
 TERRAIN = (
     PlantedFault(
-        "who walks on legs falls over when pushed",
-        "sim/contact_physics.py",
-        "ASIDE, STAGGER, CAUGHT, FALLING, CATCH_TIME = 0.2,",
-        "ASIDE, STAGGER, CAUGHT, FALLING, CATCH_TIME = 0.0,",
-        ("tests/sim/test_crowds.py::test_who_walks_on_legs_puts_a_foot_aside_when_he_is_pushed_over",),
-    ),
-    PlantedFault(
         "a step of which half is seen is none any more",
         "kernels/terrain_steps.py",
         "if before > step and HOLD * step < most:",

@@ -90,6 +90,14 @@ def beside_a_car(*x_of_sides: float, top: float = 0.5) -> TerrainWindow:
     return seen
 
 
+@pytest.mark.parametrize("heights", [(0.2, 0.9), (0.9, 0.2)])
+def test_a_window_tells_how_high_the_highest_voxel_reaches(heights):
+    points = np.array([[0.1, 0.1, -2.0], *([0.05, 0.05, -2.0 + h] for h in heights)], np.float32)
+    kinds = np.array([Ground.GROUND, 0, 0], np.uint8)
+    seen = TerrainWindow.of_points(points, np.array([0.0, *heights], np.float32), kinds, CELL, STEP)
+    np.testing.assert_allclose(seen.tops, [[-1.1, -np.inf], [-np.inf, -np.inf]], rtol=1e-6)
+
+
 def test_ground_that_is_seen_below_a_car_says_nothing_of_the_side_behind_it():
     """The far side was seen from there; seen from here it is hidden, and the floor below it is not."""
     ground = GroundMap()

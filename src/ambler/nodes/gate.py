@@ -198,7 +198,7 @@ class GateNode(Node):
             self._ranges.add_odometry(odometry)
         self.gate.update_odometry(odometry.stamp_ns, odometry.pose.to_se2())
         up = odometry.pose.rotate((0.0, 0.0, 1.0))[2]
-        self.gate.update_lean(odometry.stamp_ns, math.acos(min(max(up, -1.0), 1.0)), self.ctx.now_ns)
+        self.gate.update_lean(odometry.stamp_ns, math.acos(min(max(up, -1.0), 1.0)))
 
     def _on_scan(self, scan: LaserScan) -> None:
         scan = self._on_host_time(scan)

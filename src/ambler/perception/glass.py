@@ -72,9 +72,8 @@ class SpecularDetector:
 
     def __init__(self, config: SpecularConfig | None = None) -> None:
         self.config = config if config is not None else SpecularConfig()
-        self._told: dict[
-            str, tuple[float, float]
-        ] = {}  # of each scanner: its returns of late, and how many of them outshone white paint
+        # Of each scanner: its returns of late, and how many of them outshone white paint.
+        self._told: dict[str, tuple[float, float]] = {}
 
     def detect(self, scan: LaserScan, *, is_seen_through: bool = True) -> tuple[SpecularPeak, ...]:
         """Return the panes in the order of their beams; none for a scan without intensities, or of a scanner of whose returns of late so many were bright that it tells them in another unit.

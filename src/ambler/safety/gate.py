@@ -29,7 +29,6 @@ from ambler.safety.stops import StopLatch
 
 F64 = NDArray[np.float64]
 
-TIPPED = "tipped over"
 MAX_DT = 0.05  # seconds of acceleration that one step may use at most
 
 
@@ -84,14 +83,13 @@ class VelocityGate:
         elif self._odometry is None or stamp_ns >= self._odometry[0]:
             self._odometry = (stamp_ns, odom_from_base)
 
-    def update_lean(self, stamp_ns: int, lean: float, now_ns: int) -> None:
-        """Take how far (rad) the base leans off the vertical. One that lies on its side is stopped until somebody has put it up again and resets that: what its
-        wheels or legs do there is no driving."""
+    def update_lean(self, stamp_ns: int, lean: float) -> None:
+        """Take how far (rad) the base leans off the vertical. One that lies on its side latches a fault, and again after a reset until somebody has put it up: what
+        its wheels or legs do there is no driving."""
         if self._upright_ns is None or lean <= self._config.tipped:
             self._upright_ns = stamp_ns
-            self._latch.release(TIPPED)
         elif stamp_ns - self._upright_ns >= self._config.tipped_time * 1e9:
-            self.hold_stop(now_ns, TIPPED, "the base lies on its side")
+            self._latch.fault("TIPPED_OVER: the base lies on its side")
 
     def update_points(self, sensor: str, stamp_ns: int, points_base: F64, odom_from_base: SE2) -> None:
         """Take a sensor's newest points (N, 2), in the base frame of the moment whose pose is given.
