@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
@@ -83,7 +84,7 @@ def test_what_something_hides_is_not_looked_at() -> None:
     for stamp in range(5):
         looks.add(message(occupancy, stamp), NEAR)
     assert len(gap_cells(occupancy)) == 20
-    assert not looks.are_over(message(occupancy, 0).spec, gap_cells(occupancy)).any()
+    assert not looks.are_over(message(occupancy, 0), gap_cells(occupancy)).any()
 
 
 def test_a_wall_that_was_looked_at_and_vanishes_later_is_no_frontier() -> None:
@@ -143,7 +144,7 @@ def test_the_edge_of_a_shadow_stays_a_frontier() -> None:
         looks.add(message(occupancy, stamp), robot)
     edge = np.flatnonzero((occupancy == 0) & (np.roll(occupancy, -1, axis=1) < 0) & (ix > 103) & (ix < 125))
     assert len(edge) > 30
-    assert not looks.are_over(message(occupancy, 0).spec, edge).any()
+    assert not looks.are_over(message(occupancy, 0), edge).any()
 
 
 def test_a_scanner_looks_only_where_it_points() -> None:
@@ -157,4 +158,51 @@ def test_a_scanner_looks_only_where_it_points() -> None:
         cells = gap_cells(occupancy)
         for stamp in range(3):
             looks.add(message(occupancy, stamp), SE2(4.3, 3.0, yaw))
-        assert looks.are_over(message(occupancy, 0).spec, cells).any() == is_seen
+        assert looks.are_over(message(occupancy, 0), cells).any() == is_seen
+
+
+def wall_with_a_ramp_behind() -> NDArray[np.int8]:
+    """A room of 4 x 4 m whose east wall, four cells thick, stands below the top of a ramp that comes from the east."""
+    occupancy = np.full((120, 180), -1, np.int8)
+    occupancy[20:102, 19:105] = 100
+    occupancy[21:101, 20:101] = 0
+    return occupancy
+
+
+def test_a_wall_seen_from_below_says_nothing_of_the_ramp_that_ends_above_it() -> None:
+    """The robot looks at a wall; later it comes up a ramp on the other side, and takes the wall's last cells for ground: what lies on is unknown to it, and worth its drive."""
+    occupancy = wall_with_a_ramp_behind()
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    for stamp in range(6):
+        grid = message(occupancy, stamp)
+        survey.update(grid, costs_of(grid), NEAR)
+    occupancy[:, :101] = -1  # another floor lies there
+    occupancy[20:101, 101:160] = 0
+    grid = message(occupancy, 9)
+    assert edge_states(survey, grid, SE2(7.5, 3.0)) == {OPEN}
+    for stamp in range(10, 14):
+        at_the_top = edge_states(survey, message(occupancy, stamp), SE2(5.6, 3.0))
+    assert at_the_top == {OVER}
+
+
+def edge_states(survey: FrontierSurvey, grid: OccupancyGrid, place: SE2) -> set[FrontierState]:
+    found = survey.update(grid, costs_of(grid), place).frontiers
+    return {f.state for f in found if abs(f.cells[:, 1] - 3.0).min() < 0.5 and f.centroid[0] < 5.2}
+
+
+@pytest.mark.parametrize("angle", np.linspace(0.0, 2.0 * math.pi, 9)[:-1])
+def test_a_look_counts_within_sixty_degrees_of_where_free_ground_lies(angle: float) -> None:
+    """Whoever stands before a straight edge of what is known has looked at it, wherever it faces."""
+    iy, ix = np.mgrid[:160, :160]
+    ahead = (ix - 79.5) * math.cos(angle) + (iy - 79.5) * math.sin(angle)
+    occupancy = np.where(ahead < 0.0, 0, -1).astype(np.int8)
+    cells = np.flatnonzero((occupancy == 0) & (ahead > -1.5) & (np.hypot(iy - 80, ix - 80) < 7))
+    for turn in (-1.0, 0.0, 1.0):
+        looks = CloseLooks(CloseLookConfig(), 50)
+        x, y = (80 * R - 1.3 * f(angle + turn) for f in (math.cos, math.sin))
+        for stamp in range(3):
+            looks.add(message(occupancy, stamp), SE2(x, y))
+        assert looks.are_over(message(occupancy, 0), cells).mean() > 0.8
+    behind = np.where(ahead < 0.0, -1, 0).astype(np.int8)
+    cells = np.flatnonzero((behind == 0) & (ahead < 1.5) & (np.hypot(iy - 80, ix - 80) < 7))
+    assert not looks.are_over(message(behind, 9), cells).any()

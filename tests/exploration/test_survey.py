@@ -345,12 +345,34 @@ def test_visible_area_of_an_open_half_plane_is_half_a_disc() -> None:
     occupancy = np.zeros((201, 201), np.int8)
     occupancy[:, 101:] = -1
     area, heading = np.empty(1), np.empty(1)
-    visible_unknown(occupancy, 50, 0.05, 4.0, 720, np.array([100 * 201 + 100]), area, heading)
+    visible_unknown(
+        occupancy,
+        np.zeros((201, 201), np.uint8),
+        50,
+        0.05,
+        4.0,
+        720,
+        np.array([100 * 201 + 100]),
+        np.zeros(1, np.uint8),
+        area,
+        heading,
+    )
     assert area[0] == pytest.approx(math.pi * 16 / 2, rel=0.03)
     assert heading[0] == pytest.approx(0.0, abs=0.02)
     occupancy[:, 100:102] = 100
     occupancy[100, 100] = 0
-    visible_unknown(occupancy, 50, 0.05, 4.0, 720, np.array([100 * 201 + 100]), area, heading)
+    visible_unknown(
+        occupancy,
+        np.zeros((201, 201), np.uint8),
+        50,
+        0.05,
+        4.0,
+        720,
+        np.array([100 * 201 + 100]),
+        np.zeros(1, np.uint8),
+        area,
+        heading,
+    )
     assert area[0] == 0.0
 
 

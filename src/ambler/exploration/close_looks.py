@@ -1,7 +1,8 @@
 """What the robot looked at from near, in passing or at a goal: behind such a surface nothing more can be seen.
 
 Where two submaps place a wall a cell apart, rays along it and people who walk by take it out of their sum again; free cells
-then border on the inside of the wall and look like frontiers. Driving to them teaches nothing.
+then border on the inside of the wall and look like frontiers. Driving to them teaches nothing. That holds from the side from which was looked: who has seen the wall below a ramp has not seen
+what lies at its top.
 """
 
 from __future__ import annotations
@@ -16,17 +17,21 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import OccupancyGrid
 from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
+from ambler.exploration.frontier_map import FrontierGroups
 from ambler.exploration.lattice import carried
+from ambler.exploration.sides import SIDES, sides_of
 from ambler.kernels.frontier import look_around
 
 I64 = NDArray[np.int64]
+ALL_SIDES = (1 << SIDES) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class CloseLookConfig:
     """A look reaches from `nearest` to `farthest` (m) inside `sector` (middle and half width, rad, in the base frame), where rays are
     dense. It ends at the first cell that is not free, occupied or unknown. A cell at which `looks` more of them ended than passed, each
-    on a new map and `most` at most, is a surface; all cells within `around` cells of one have been looked at."""
+    on a new map and `most` at most, is a surface to the side that they came from and `aslant` sides beside it; cells within `around` cells of one have been looked at if their free ground lies
+    on such a side."""
 
     looks: int = 3
     most: int = 6
@@ -34,6 +39,7 @@ class CloseLookConfig:
     farthest: float = 2.0
     sector: tuple[float, float] = (0.0, math.pi)
     around: int = 2
+    aslant: int = 2
     rays: int = 720
 
     @classmethod
@@ -49,13 +55,14 @@ class CloseLookConfig:
 
 
 class CloseLooks:
-    """Counts how often looks ended at each cell; follows the map's geometry as it grows."""
+    """Counts how often looks from each side ended at each cell, [side, iy, ix]; follows the map's geometry as it grows."""
 
     def __init__(self, config: CloseLookConfig, free_below: int) -> None:
         self.config = config
         self._free_below = free_below
         self._spec: GridSpec | None = None
-        self._counts: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
+        self._counts: NDArray[np.uint8] = np.zeros((SIDES, 0, 0), np.uint8)
+        self._surfaces: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._stamp_ns: int | None = None
 
     def add(self, occupancy: OccupancyGrid, map_from_base: SE2) -> None:
@@ -77,30 +84,59 @@ class CloseLooks:
         ends, passed = np.empty(c.rays, np.int64), np.zeros(around.shape, np.uint8)
         sector = (map_from_base.yaw + c.sector[0], c.sector[1])
         look_around(around, self._free_below, y - y0, x - x0, sector, reach, ends, passed)
-        counts = self._counts[y0:y1, x0:x1]
+        counts = self._counts[:, y0:y1, x0:x1]
         counts -= np.minimum(passed, counts)
         iy, ix = np.divmod(np.unique(ends[ends >= 0]), x1 - x0)
-        counts[iy, ix] = np.minimum(counts[iy, ix] + 1, c.most)
+        sides = sides_of(y - y0 - iy - 0.5, x - x0 - ix - 0.5)
+        for turn in range(-c.aslant, c.aslant + 1):
+            at = ((sides + turn) % SIDES, iy, ix)
+            counts[at] = np.minimum(counts[at] + 1, c.most)
+        self._surfaces[y0:y1, x0:x1] = np.packbits(counts >= c.looks, axis=0, bitorder="little")[0]
 
-    def surfaces(self, spec: GridSpec) -> NDArray[np.bool_]:
-        """Tell which cells [iy, ix] of a grid are surfaces, whatever the map says of them."""
+    def surfaces(self, spec: GridSpec) -> NDArray[np.uint8]:
+        """Tell which cells [iy, ix] of a grid are surfaces, whatever the map says of them: bit k for those who look from side k."""
         self._move_to(spec)
-        return self._counts >= self.config.looks
+        return self._surfaces
 
-    def are_over(self, spec: GridSpec, cells: I64) -> NDArray[np.bool_]:
-        """Tell which flat cells of a grid lie where the robot has looked often enough."""
-        self._move_to(spec)
-        reach, n = self.config.around, self._counts.shape
-        iy, ix = np.divmod(cells, spec.width)
-        is_over = np.zeros(len(cells), np.bool_)
-        for dy in range(-reach, reach + 1):
-            rows = np.clip(iy + dy, 0, n[0] - 1)
-            for dx in range(-reach, reach + 1):
-                is_over |= self._counts[rows, np.clip(ix + dx, 0, n[1] - 1)] >= self.config.looks
+    def are_over(self, occupancy: OccupancyGrid, cells: I64) -> NDArray[np.bool_]:
+        """Tell which flat frontier cells of a map lie where the robot has looked often enough from the side of their free ground; of cells that are as open to all sides, from any."""
+        self._move_to(occupancy.spec)
+        sides, is_over = _bits(*self._towards_free(occupancy, cells)), np.zeros(len(cells), np.bool_)
+        for at, _ in self._around(cells):
+            is_over |= (self._surfaces[at] & sides) > 0
         return is_over
+
+    def sides_of(self, occupancy: OccupancyGrid, groups: FrontierGroups) -> NDArray[np.uint8]:
+        """Return the side on which the free ground of each group of frontier cells lies, a bit of those of `surfaces`; all bits for one as open to all sides."""
+        self._move_to(occupancy.spec)
+        dy, dx = self._towards_free(occupancy, groups.cells)
+        return _bits(np.add.reduceat(dy, groups.starts[:-1]), np.add.reduceat(dx, groups.starts[:-1]))
+
+    def _towards_free(self, occupancy: OccupancyGrid, cells: I64) -> tuple[I64, I64]:
+        """Return offsets (dy, dx) that lead from what is unknown around flat cells to what is free there."""
+        dy, dx = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
+        for at, (down, right) in self._around(cells):
+            values = occupancy.data[at]
+            weight = ((values >= 0) & (values < self._free_below)).astype(np.int64) - (values < 0)
+            dy += down * weight
+            dx += right * weight
+        return dy, dx
+
+    def _around(self, cells: I64) -> list[tuple[tuple[I64, I64], tuple[int, int]]]:
+        """Return the cells, within `around` of flat ones, that lie at one offset (dy, dx) each, and that offset; the grid's edge stands for what lies beyond it."""
+        reach, (height, width) = self.config.around, self._surfaces.shape
+        iy, ix = np.divmod(cells, width)
+        offsets = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
+        return [((np.clip(iy + dy, 0, height - 1), np.clip(ix + dx, 0, width - 1)), (dy, dx)) for dy, dx in offsets]
 
     def _move_to(self, spec: GridSpec) -> None:
         """Take another geometry of the same lattice; what lies outside is forgotten."""
         if spec == self._spec:
             return
-        self._counts, self._spec = carried(self._counts, self._spec, spec), spec
+        self._counts = np.stack([carried(side, self._spec, spec) for side in self._counts])
+        self._surfaces, self._spec = carried(self._surfaces, self._spec, spec), spec
+
+
+def _bits(dy: I64, dx: I64) -> NDArray[np.uint8]:
+    """Return the bit of the side on which each offset leads, all bits where it leads nowhere."""
+    return np.where((dy == 0) & (dx == 0), ALL_SIDES, 1 << sides_of(dy, dx)).astype(np.uint8)

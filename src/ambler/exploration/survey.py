@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError, PlanningError
-from ambler.core.grid import OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.grid import OCC_UNKNOWN, GridSpec
 from ambler.core.messages import CostGrid, Frontier, FrontierState, OccupancyGrid
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
@@ -131,7 +131,7 @@ class FrontierSurvey:
         found = self._search(occupancy)
         self._fence.update(occupancy, map_from_base, boundary)
         costs = self._fence.inside(costs, map_from_base)
-        is_over = self._close.are_over(found.spec, found.cells)
+        is_over = self._close.are_over(occupancy, found.cells)
         sides = self._fence.sides_of(found.cells)
         is_inside = sides == Side.INSIDE
         groups, over = (group(found.spec, np.sort(found.cells[k & is_inside])) for k in (~is_over, is_over))
@@ -341,13 +341,13 @@ class FrontierSurvey:
         self, occupancy: OccupancyGrid, groups: FrontierGroups, goals: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the visible unknown area from each goal and the heading to it; both 0 for groups below the minimum size. Surfaces that
-        the robot saw from near are opaque, should the map have lost them."""
+        the robot saw from near, and from the side of the group's free ground, are opaque, should the map have lost them."""
         c, resolution = self.config, occupancy.spec.resolution
         worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
         gains, headings = np.empty(len(groups)), np.empty(len(groups))
-        seen = occupancy.data.copy()
-        seen[self._close.surfaces(occupancy.spec)] = OCC_OCCUPIED  # nothing is visible through them
-        visible_unknown(seen, c.free_below, resolution, c.gain_range, c.gain_rays, worth_it, gains, headings)
+        surfaces, sides = self._close.surfaces(occupancy.spec), self._close.sides_of(occupancy, groups)
+        rays = (c.free_below, resolution, c.gain_range, c.gain_rays)
+        visible_unknown(occupancy.data, surfaces, *rays, worth_it, sides, gains, headings)
         return gains, headings
 
     def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, *, is_elsewhere: bool) -> Frontier:

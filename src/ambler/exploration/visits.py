@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +10,7 @@ from numpy.typing import NDArray
 from ambler.core.grid import GridSpec
 from ambler.core.messages import Frontier, OccupancyGrid
 from ambler.exploration.lattice import carried
-
-SIDES = 8
+from ambler.exploration.sides import SIDES, sides_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,5 +74,4 @@ def _sides(points: NDArray[np.floating], frontier: Frontier) -> NDArray[np.int64
     """Return from which of the sides the goal of a frontier looks at points (N, 2); 0 for one without a goal, which is looked at from all of them."""
     if frontier.goal is None:
         return np.zeros(len(points), np.int64)
-    angle = np.arctan2(frontier.goal[1] - points[:, 1], frontier.goal[0] - points[:, 0])
-    return np.asarray(np.floor(angle / (2.0 * math.pi) * SIDES + 0.5).astype(np.int64) % SIDES)
+    return sides_of(frontier.goal[1] - points[:, 1], frontier.goal[0] - points[:, 0])

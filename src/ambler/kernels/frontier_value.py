@@ -28,17 +28,20 @@ def _is_thick_unknown(occupancy: NDArray[np.int8], iy: int, ix: int) -> bool:
 @jit
 def visible_unknown(
     occupancy: NDArray[np.int8],
+    surfaces: NDArray[np.uint8],
     free_below: int,
     resolution: float,
     max_range: float,
     rays: int,
     cells: I64,
+    sides: NDArray[np.uint8],
     area: NDArray[np.float64],
     heading: NDArray[np.float64],
 ) -> None:
     """Integrate the unknown area (square metres) that is visible from each cell, and the heading of its centre of mass.
 
-    Slivers one or two cells thick, as noise leaves them along walls, do not count. Rays end at cells that are known and not free; unknown cells are transparent. Each step of one cell along a ray
+    Slivers one or two cells thick, as noise leaves them along walls, do not count. Rays end at cells that are known and not free, and at `surfaces` [iy, ix] that have a bit of their cell's `sides` (those
+    from which it looks); unknown cells are transparent. Each step of one cell along a ray
     stands for an area of r * dr * dtheta, so no cell needs to be marked. Cells of -1 give 0.
     """
     height, width = occupancy.shape
@@ -59,6 +62,8 @@ def visible_unknown(
                 iy = int(math.floor(y0 + r * s))
                 ix = int(math.floor(x0 + r * c))
                 if iy < 0 or ix < 0 or iy >= height or ix >= width:
+                    break
+                if surfaces[iy, ix] & sides[k]:
                     break
                 if _is_thick_unknown(occupancy, iy, ix):
                     along += r
@@ -213,8 +218,9 @@ def warm_up() -> None:
     occupancy.flags.writeable = False
     costs = np.zeros((4, 4), np.uint8)
     costs.flags.writeable = False
+    one = (np.zeros(1, np.int64), np.zeros(1, np.uint8))
     for seen in (occupancy, occupancy.copy()):  # inside of a boundary it is a copy
-        visible_unknown(seen, 50, 0.1, 0.4, 8, np.zeros(1, np.int64), np.empty(1), np.empty(1))
+        visible_unknown(seen, np.zeros((4, 4), np.uint8), 50, 0.1, 0.4, 8, *one, np.empty(1), np.empty(1))
     starts, sight = np.array([0, 1], np.int64), (1, 2)
     distance, is_worth = np.zeros((4, 4), np.float32), np.ones(1, np.bool_)
     viewpoints(
