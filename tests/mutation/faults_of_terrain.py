@@ -6,6 +6,7 @@ from tests.mutation.planted import PlantedFault
 
 GROUND = ("tests/perception/test_terrain.py",)
 LAYER = ("tests/costmap/test_terrain_layer.py",)
+CLOSE_LOOKS = ("tests/exploration/test_close_looks.py",)
 MAP = ("tests/perception/test_ground_map.py",)
 WALK = ("tests/safety/test_floor_walk.py",)
 LEANING = ("tests/safety/test_leaning_cloud.py",)
@@ -789,5 +790,40 @@ TERRAIN = (
         "tops[jy, jx] > sensor[2] + t * (height - sensor[2]) + UNDER",
         "tops[jy, jx] > -1e6",
         ("tests/perception/test_ground_map.py::test_ground_that_is_seen_over_something_low_is_ground",),
+    ),
+    PlantedFault(
+        "a look at a wall counts for what lies on its other side",
+        "exploration/close_looks.py",
+        "is_over |= (self._surfaces[at] & sides) > 0",
+        "is_over |= self._surfaces[at] > 0",
+        CLOSE_LOOKS,
+    ),
+    PlantedFault(
+        "nothing is visible through a wall from behind",
+        "kernels/frontier_value.py",
+        "if surfaces[iy, ix] & sides[k]:",
+        "if surfaces[iy, ix]:",
+        CLOSE_LOOKS,
+    ),
+    PlantedFault(
+        "looks count only for their own side",
+        "exploration/close_looks.py",
+        "((sides + turn) % SIDES, iy, ix)",
+        "(sides, iy, ix)",
+        CLOSE_LOOKS,
+    ),
+    PlantedFault(
+        "a kerb is forgotten where a level scanner cannot see it",
+        "kernels/ground_map.py",
+        "tells = _is_above(place, sensor, sensor_from_odom, lowest)",
+        "tells = True",
+        MAP,
+    ),
+    PlantedFault(
+        "what was in the way leaves its height behind",
+        "kernels/ground_map.py",
+        "reaches[iy, ix] = -np.inf",
+        "pass",
+        ("tests/perception/test_ground_map.py::test_what_was_in_the_way_is_forgotten_with_its_height",),
     ),
 )

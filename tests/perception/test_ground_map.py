@@ -82,6 +82,55 @@ def test_a_kerb_that_was_seen_is_not_forgotten_for_looks_from_afar():
     assert at(ground, 1.05, 1.05) == OCC_FREE, "what left is forgotten from afar, too"
 
 
+def with_a_thing(x: float, y: float, top: float) -> TerrainWindow:
+    """Return level ground all around with a thing of a given height at a place."""
+    seen = window(-9.0, 9.0, -9.0, 9.0, 0.0, [(x, y)])
+    seen.tops[np.isfinite(seen.tops)] = top
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("away", "top", "is_kept"), [(4.5, 0.12, True), (1.5, 0.4, True), (1.5, 1.7, False), (4.9, 0.12, False)]
+)
+def test_what_is_lower_than_a_level_lidar_sees_there_stays_until_it_is_seen_from_afar(away, top, is_kept):
+    """Within 5 m it sees no floor: ground that is told there is remembered, or the edge of a kerb. Somebody who left it would see."""
+    ground, there = GroundMap(), SE3((1.05 - away, 1.05, 0.0))
+    for _ in range(2):
+        feed(ground, with_a_thing(1.05, 1.05, top), SE3((-4.8, 1.05, 0.0)), MID_360)
+    assert at(ground, 1.05, 1.05) == OCC_OCCUPIED
+    for _ in range(20):
+        feed(ground, window(-9.0, 9.0, -9.0, 9.0), there, MID_360)
+    assert (at(ground, 1.05, 1.05) == OCC_OCCUPIED) == is_kept
+    for _ in range(40):
+        feed(ground, window(-9.0, 9.0, -9.0, 9.0), SE3((-4.2, 1.05, 0.0)), MID_360)
+    assert at(ground, 1.05, 1.05) == OCC_FREE
+
+
+def test_a_tilted_lidar_sees_the_floor_before_it_and_not_behind_it():
+    looks = SE3.from_rpy((0.0, 0.0, 0.62), 0.0, math.radians(28.0), 0.0)
+    for x, is_kept in ((2.05, False), (-2.05, True)):
+        ground = GroundMap()
+        for _ in range(2):
+            feed(ground, with_a_thing(x, 0.05, 0.2))
+        for _ in range(20):
+            ground.update(window(-9.0, 9.0, -9.0, 9.0), SE3(), SE3(), looks, MID_360)
+        assert (at(ground, x, 0.05) == OCC_OCCUPIED) == is_kept
+
+
+def test_what_was_in_the_way_is_forgotten_with_its_height():
+    """Somebody leaves; a kerb that is told there later is judged by its own height."""
+    ground, near, far = GroundMap(), SE3((-0.45, 1.05, 0.0)), SE3((-4.2, 1.05, 0.0))
+    feed(ground, with_a_thing(1.05, 1.05, 1.7), near, MID_360)
+    for _ in range(20):
+        feed(ground, window(-9.0, 9.0, -9.0, 9.0), near, MID_360)
+    assert at(ground, 1.05, 1.05) == OCC_FREE
+    for _ in range(4):
+        feed(ground, with_a_thing(1.05, 1.05, 0.12), far, MID_360)
+    for _ in range(20):
+        feed(ground, window(-9.0, 9.0, -9.0, 9.0), near, MID_360)
+    assert at(ground, 1.05, 1.05) == OCC_OCCUPIED
+
+
 def beside_a_car(*x_of_sides: float, top: float = 0.5) -> TerrainWindow:
     """Return level ground that is seen below a car as well, and those of its sides that stand at the given x."""
     sides = [(x, y) for x in x_of_sides for y in np.arange(-1.95, 2.0, 0.1).tolist()]
@@ -571,8 +620,10 @@ def merged_twin(
     spec: tuple[float, float, float],
     clear_most: float,
     sensor: tuple[float, float, float],
+    lowest: float,
+    reaches: np.ndarray,
 ) -> np.ndarray:
-    """What `merge` does, cell by cell."""
+    """What `merge` does, cell by cell, where a level sensor has told no height yet."""
     out = evidence.copy()
     back = pose.inverse()
     for iy, ix in np.ndindex(out.shape):
@@ -588,8 +639,12 @@ def merged_twin(
         is_open = kind == Ground.GROUND and seen.tops[int(2 * v), int(2 * u)] == -np.inf
         if is_open and out[iy, ix] <= 0 and passes_below(seen, sensor, int(u), int(v)):
             continue
-        if is_open and kernels.UNKNOWN < out[iy, ix] <= 0 and math.hypot(x, y) > clear_most:
-            continue
+        if is_open and kernels.UNKNOWN < out[iy, ix] <= 0:
+            head = np.array([x, y, max(0.02, reaches[iy, ix] - 0.4)])
+            line = np.append(pose.inverse().transform(head[None, :2])[0], head[2]) - sensor
+            is_hidden = math.atan2(line[2], math.hypot(*line[:2])) < lowest and reaches[iy, ix] > -np.inf
+            if is_hidden or math.hypot(x, y) > clear_most:
+                continue
         out[iy, ix] = min(count + 1, 4) if is_open else max(count - 3, -6)
     return out
 
@@ -619,22 +674,27 @@ def test_merge_is_its_twin(seed):
     spec = (-2.0, -2.0, 0.1)
     clear_most = float(rng.choice([0.8, np.inf]))
     sensor = (*rng.uniform(-1.0, 0.5, 2), float(rng.choice([0.4, 5.0])))
-    expected = merged_twin(seen, pose, evidence, spec, clear_most, sensor)
+    reaches = np.where(rng.random((40, 40)) < 0.5, rng.uniform(0.9, 2.0, (40, 40)), -np.inf).astype(np.float32)
+    lowest = float(rng.uniform(-0.9, -0.1))
+    expected = merged_twin(seen, pose, evidence, spec, clear_most, sensor, lowest, reaches)
     back = pose.inverse()
     turn = np.array([math.cos(back.yaw), math.sin(back.yaw), back.x, back.y])
-    box, heights = np.array([0, 40, 0, 40]), np.full((40, 40), np.nan, np.float32)
+    box, heights = np.array([0, 40, 0, 40]), np.zeros((40, 40), np.float32)
     firm = np.zeros((40, 40), np.uint8)
     args = (
         turn,
         0.0,
         np.zeros(2),
         np.array(sensor),
-        np.array([9.0, np.inf, 9.0, clear_most]),
+        np.eye(3),
+        math.sin(lowest),
+        np.array([np.inf, np.inf, 9.0, clear_most]),
         np.array(spec),
         box,
         evidence,
         heights,
         firm,
+        reaches,
     )
     kernels.merge(seen.kinds, seen.tops, seen.heights, seen.origin, *args)
     np.testing.assert_array_equal(evidence, expected)

@@ -18,6 +18,10 @@ GROUND_MOST, OBSTACLE_MOST = 4, -6
 BESIDE = 3  # cells to either side that say whether one is alone
 UNDER = 0.05  # metres by which what a ray passes below reaches higher than it
 HIT = 3  # looks at ground that one look at an obstacle outweighs
+FOOT, HEAD = (
+    0.02,
+    0.4,
+)  # metres of what is low that must be in sight, down to the ground, and of what is high, down from its top, for a look to tell that it is gone
 
 
 @jit
@@ -111,14 +115,31 @@ def _is_marked(tops, iy, ix):
 
 @jit
 def merge(
-    kinds, tops, heights, origin, odom_from_map, rise, base, sensor, limits, spec, box, evidence, map_heights, firm
+    kinds,
+    tops,
+    heights,
+    origin,
+    odom_from_map,
+    rise,
+    base,
+    sensor,
+    sensor_from_odom,
+    lowest,
+    limits,
+    spec,
+    box,
+    evidence,
+    map_heights,
+    firm,
+    reaches,
 ):
     """Take a window into the map's cells of a box (y0, y1, x0, x1); returns how many of them changed what they mean.
 
     `heights` float32 [iy, ix] in odom; `odom_from_map` (cos, sin, x, y) and `rise` (m) added to get heights in the map; `base` (x, y) in the
     map, `sensor` (3,) in odom: what is assumed farther than `limits[0]` from it is unknown again, and looks at ground from farther than `limits[3]` do not clear what was in the way. What stands or lies more than `limits[1]` metres above or below what is known there is of
     another level, and left out, unless nearly all that is known around it lies where it lies (single cells of a deck that were drawn into the level below it); as is a drop farther than `limits[2]`: it may be a ramp that falls behind its edge. Where `firm` uint8 [iy, ix] says
-    that the robot has stood, only what stands on the ground is in the way. Ground that the sensor sees under something, as below a car, says nothing of what stands on it. `spec` (x, y, resolution) of the map's first corner.
+    that the robot has stood, only what stands on the ground is in the way. Ground that the sensor sees under something, as below a car, says nothing of what stands on it; nor does ground that is told where the sensor (`sensor_from_odom` (3, 3), `lowest` the sine of its lowest
+    elevation) would not see what stood there, which reached `reaches` float32 [iy, ix] (m, -inf: nothing did): a kerb, of which it sees the edge only as it comes near. `spec` (x, y, resolution) of the map's first corner.
     """
     reach, apart, drop_most, clear_most = limits
     c, s, tx, ty = odom_from_map
@@ -155,14 +176,43 @@ def merge(
                         continue
                     if is_open and was <= 0 and under[jy, jx] == 0:
                         under[jy, jx] = 2 if _is_under(tops, origin, sensor, heights[jy, jx], jx, jy) else 1
-                    if not (is_open and was <= 0 and under[jy, jx] == 2):
+                    tells = not is_open or was > 0 or under[jy, jx] == 1
+                    if tells and is_open and UNKNOWN < was <= 0 and reaches[iy, ix] > -np.inf:
+                        foot = _lowest_around(evidence, map_heights, iy, ix) + FOOT
+                        z = max(foot, reaches[iy, ix] - HEAD) - rise
+                        place = (origin[0] + u * origin[2], origin[1] + v * origin[2], z)
+                        tells = _is_above(place, sensor, sensor_from_odom, lowest)
+                    if tells:
                         now = _weighed(was, kind, is_open)
+                        if is_marked:
+                            reaches[iy, ix] = max(reaches[iy, ix], tops[int(2.0 * v), int(2.0 * u)] + rise)
+                        elif now > 0:
+                            reaches[iy, ix] = -np.inf
                         if kind == GROUND or math.isnan(known) or (kind == BLIND and was == ASSUMED):
                             map_heights[iy, ix] = height
             if _meaning(now) != _meaning(evidence[iy, ix]):
                 changed += 1
             evidence[iy, ix] = now
     return changed
+
+
+@jit
+def _lowest_around(evidence, map_heights, iy, ix):
+    """The lowest known height within two cells of one, which has one."""
+    least = map_heights[iy, ix]
+    for jy in range(max(0, iy - 2), min(evidence.shape[0], iy + 3)):
+        for jx in range(max(0, ix - 2), min(evidence.shape[1], ix + 3)):
+            if evidence[jy, jx] != UNKNOWN and map_heights[jy, jx] < least:
+                least = map_heights[jy, jx]
+    return least
+
+
+@jit
+def _is_above(place, sensor, sensor_from_odom, lowest):
+    """Whether a place (x, y, z) lies above the lowest elevation, given by its sine, that a sensor sees."""
+    dx, dy, dz = place[0] - sensor[0], place[1] - sensor[1], place[2] - sensor[2]
+    r = sensor_from_odom
+    return r[2, 0] * dx + r[2, 1] * dy + r[2, 2] * dz >= lowest * math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @jit
@@ -294,12 +344,15 @@ def warm_up() -> None:
         0.0,
         np.zeros(2),
         np.zeros(3),
+        np.eye(3),
+        0.0,
         np.ones(4),
         spec,
         box,
         evidence,
         map_heights,
         firm,
+        np.full((8, 8), -np.inf, np.float32),
     )
     stand(np.zeros(5), np.ones(2), np.ones(5), spec, box, evidence, map_heights, firm)
     agreement(

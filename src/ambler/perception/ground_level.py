@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,26 +26,33 @@ FAR = np.float32(1e6)  # metres: no height
 
 @dataclass
 class Level:
-    """One level: `evidence` int8 [iy, ix] of kernels.ground_map, `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known, and
-    `firm` uint8 [iy, ix], 1 where the robot has stood, and beside it where the ground lay in the plane of its wheels."""
+    """One level: `evidence` int8 [iy, ix] of kernels.ground_map, `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known,
+    `reaches` float32 how high (m, in the map frame) reaches what is in the way there, -inf where nothing stands, and `firm` uint8 [iy, ix], 1 where the robot has stood, and beside it where the ground lay in the plane of its wheels."""
 
     spec: GridSpec
     evidence: NDArray[np.int8] = field(repr=False)
     heights: F32 = field(repr=False)
     firm: U8 = field(repr=False)
+    reaches: F32 = field(repr=False)
 
     @classmethod
     def empty(cls, spec: GridSpec) -> Level:
         """Return a level of which nothing is known."""
         evidence = np.full(spec.shape, kernels.UNKNOWN, np.int8)
-        return cls(spec, evidence, np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.uint8))
+        heights, firm = np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.uint8)
+        return cls(spec, evidence, heights, firm, np.full(spec.shape, -np.inf, np.float32))
+
+    @property
+    def _layers(self) -> tuple[NDArray[Any], ...]:
+        return self.evidence, self.heights, self.firm, self.reaches
 
     def grown(self, spec: GridSpec) -> Level:
         """Return the same level with room for more: `spec` lies on the same lattice and holds this one's."""
         diy, dix = self.spec.offset_in(spec)
         inner = np.s_[diy : diy + self.spec.height, dix : dix + self.spec.width]
         out = Level.empty(spec)
-        out.evidence[inner], out.heights[inner], out.firm[inner] = self.evidence, self.heights, self.firm
+        for its, mine in zip(out._layers, self._layers, strict=True):
+            its[inner] = mine
         return out
 
     def share(self, cells: NDArray[np.bool_], other: Level) -> None:
@@ -53,13 +61,14 @@ class Level:
         if inner is None:
             return
         new = cells[inner] & (other.evidence[of_other] == kernels.UNKNOWN)
-        for mine, its in ((self.evidence, other.evidence), (self.heights, other.heights), (self.firm, other.firm)):
+        for mine, its in zip(self._layers, other._layers, strict=True):
             its[of_other][new] = mine[inner][new]
 
     def give(self, cells: NDArray[np.bool_], other: Level) -> None:
         """Share cells (bool [iy, ix]) with another level and forget them."""
         self.share(cells, other)
-        self.evidence[cells], self.heights[cells], self.firm[cells] = kernels.UNKNOWN, np.nan, 0
+        for mine, nothing in zip(self._layers, (kernels.UNKNOWN, np.nan, 0, -np.inf), strict=True):
+            mine[cells] = nothing
 
     def around(self, place: SE3, reach: float, within: float) -> NDArray[np.bool_]:
         """Return the cells (bool [iy, ix]) within `reach` metres of a place, and `within` metres of its height."""

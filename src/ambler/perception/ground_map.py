@@ -172,10 +172,13 @@ class GroundMap:
         self._looks += 1
         clear_most = c.clear_most if self._looks % SPARSE else math.inf
         limits = np.array([c.assumed, c.level_step, c.drop_most, clear_most])
-        frames = (_turn(flat.inverse()), rise, of_map[:2], place, limits, spec, box)
+        sensor = (place, upright, float(sines[0]))
+        frames = (_turn(flat.inverse()), rise, of_map[:2], *sensor, limits, spec, box)
         was_unknown, is_first = level.evidence[_inside(box)] == kernels.UNKNOWN, not level.is_begun
         cells = (level.evidence, level.heights, level.firm)
-        changed = kernels.merge(window.kinds, window.tops, window.heights, window.origin, *frames, *cells)
+        changed = kernels.merge(
+            window.kinds, window.tops, window.heights, window.origin, *frames, *cells, level.reaches
+        )
         yaw = map_from_base.to_se2().yaw
         stance = (np.array([math.cos(yaw), math.sin(yaw)]), np.array([self._stance, *c.firm_limits, c.level_step]))
         kernels.stand(of_map, *stance, spec, box, *cells)
