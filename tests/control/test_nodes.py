@@ -257,7 +257,7 @@ def test_what_no_sensor_shows_is_noticed_by_standing_at_it() -> None:
     robot = Robot([(0.5, follow(3.0))])
     robot.base.held_beyond = 1.0
     robot.run(20.0)
-    assert robot.codes == ["FAILED_TO_MAKE_PROGRESS"]
+    assert robot.codes == ["HELD"]
     assert "something holds it that no sensor shows" in robot.person.outcomes[0].text
     pushing = [ns for ns, v in robot.base.heard if v.vx > 0.1]
     reached = next(ns for ns, v in robot.base.heard if v.vx > 0.1) + 1e9 * (1.0 / ROBOT.limits.vx_max)

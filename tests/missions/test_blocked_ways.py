@@ -35,6 +35,35 @@ def test_the_third_failure_at_one_place_marks_the_way_ahead() -> None:
     assert (points[:, 1].min(), points[:, 1].max()) == pytest.approx((-0.25, 0.25))
 
 
+def test_what_holds_the_robot_is_marked_at_once_before_its_body_and_to_both_sides() -> None:
+    ways = BlockedWays(BlockedWaysConfig(front=0.4))
+    turned = SE2(2.0, 0.0, 2.0)
+    assert ways.hold(straight(), turned, 0)
+    points = ways.points(S)
+    assert (points[:, 0].min(), points[:, 0].max()) == pytest.approx((2.48, 3.08), abs=0.03)
+    assert (points[:, 1].min(), points[:, 1].max()) == pytest.approx((-0.75, 0.75))
+    assert len(ways.points(3000 * S)) > 0, "a kerb does not walk away"
+    assert len(ways.points(3601 * S)) == 0
+
+
+def test_a_kerb_that_is_met_twice_is_marked_in_both_places() -> None:
+    ways = BlockedWays()
+    ways.hold(straight(), HERE, 0)
+    ways.hold(straight(0.6), SE2(2.0, 0.6), S)
+    assert ways.points(2 * S)[:, 1].max() == pytest.approx(1.35, abs=0.02)
+    assert ways.points(2 * S)[:, 1].min() == pytest.approx(-0.75, abs=0.02)
+    ways.fail(straight(), HERE, 2 * S)
+    assert not ways.fail(straight(), HERE, 3 * S), "it takes three of them, as ever"
+
+
+def test_what_holds_a_robot_at_the_end_of_its_path_is_marked_ahead_of_it() -> None:
+    ways = BlockedWays(BlockedWaysConfig(front=0.3))
+    assert ways.hold(straight(), SE2(7.7, 0.0), 0)
+    points = ways.points(S)
+    assert points[:, 0].min() == pytest.approx(8.08, abs=0.02)
+    assert np.ptp(points[:, 1]) == pytest.approx(1.5)
+
+
 def test_failures_apart_in_place_or_time_do_not_add_up() -> None:
     ways = BlockedWays()
     places = (2.0, 4.0, 0.5)

@@ -51,6 +51,7 @@ class Script:
         self.base: SE2 | None = None
         self.is_marked = False
         self.blocked: list[Path] = []
+        self.held: list[bool] = []
 
     def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
         assert map_from_goal == GOAL.map_from_goal
@@ -86,8 +87,9 @@ class Script:
     def choose_level(self, level: int) -> None:
         raise AssertionError("a planar map has one level")
 
-    def mark_blocked(self, path: Path) -> bool:
+    def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
         self.blocked.append(path)
+        self.held.append(is_held)
         return self.is_marked
 
     def report(self, state: str, text: str) -> None:
@@ -517,9 +519,9 @@ def test_a_way_that_is_marked_is_planned_around_without_another_recovery(script:
     script.clears[-1]()
     script.plans[-1](plan_to(5.0))
     script.is_marked = True
-    fail_follow(script, "FAILED_TO_MAKE_PROGRESS")
+    fail_follow(script, "HELD")
     assert drive.state is NavigationState.PLANNING
-    assert len(script.blocked) == 2
+    assert script.held == [False, True]
     assert drive.recoveries == 1
     script.plans[-1](plan_to(5.0))
     fail_follow(script, "STALE_INPUT")

@@ -131,7 +131,7 @@ class House:
         self.wanted = level
         self.chosen.append(level)
 
-    def mark_blocked(self, path: Path) -> bool:
+    def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
         return False
 
     def report(self, state: str, text: str) -> None:

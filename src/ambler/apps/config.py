@@ -36,6 +36,7 @@ from ambler.localization.particle_filter import ParticleFilter, ParticleFilterCo
 from ambler.localization.reflector_localizer import ReflectorConfig, ReflectorLocalizer
 from ambler.localization.reflectors import ReflectorMap
 from ambler.localization.surface_map import SurfaceMap
+from ambler.missions.blocked_ways import BlockedWaysConfig
 from ambler.missions.explore_commands import ExploreConfig
 from ambler.missions.navigate import NavigationConfig
 from ambler.missions.recovery import RecoveryAction
@@ -250,7 +251,10 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         ground=TerrainConfig().for_robot(robot),
         # The controller keeps more distance than the gate enforces, else the gate would hold motions that the controller wants.
         global_costmap=GlobalCostmapConfig(inflation=inflation),
-        navigation=NavigationConfig(blocked_patience=KNOWN_MAP_PATIENCE) if has_map else NavigationConfig(),
+        navigation=NavigationConfig(
+            blocked_patience=KNOWN_MAP_PATIENCE if has_map else 0.0,
+            blocked=BlockedWaysConfig(front=float(robot.footprint[:, 0].max())),
+        ),
         rollout=RolloutConfig(padding=PADDING),
         primitives=PrimitivesConfig(padding=PADDING),
         gate=GateConfig(margin=0.02),

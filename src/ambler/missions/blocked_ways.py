@@ -19,13 +19,15 @@ from ambler.core.messages import CostGrid, Path
 from ambler.core.se2 import SE2
 
 F64 = NDArray[np.float64]
+TOUCH = 0.08  # metres: a mark that a body touches would hold it itself
 
 
 @dataclass(frozen=True, slots=True)
 class BlockedWaysConfig:
     """`failures` within `near` metres of each other and `memory` s make a mark of `length` metres of the path and `width` across, so
     that it is not passed by a hand's breadth; it begins `ahead` metres before the robot: far enough for it to turn away. A mark holds for `keep` s, because whoever stood there may have left, and twice as
-    long each time that it comes back at the same place, up to `keep_most`."""
+    long each time that it comes back at the same place, up to `keep_most`. What holds the robot and no sensor shows is marked at once, for `keep_held` s: `width_held` metres across, from `front` metres before the base, where its body
+    ends, on."""
 
     failures: int = 3
     near: float = 1.0
@@ -35,6 +37,9 @@ class BlockedWaysConfig:
     width: float = 0.5
     keep: float = 60.0
     keep_most: float = 960.0
+    front: float = 0.3
+    width_held: float = 1.5
+    keep_held: float = 3600.0
     least_left: float = (
         0.5  # of what the robot could reach; a mark that leaves it less would shut it in, not lead it around
     )
@@ -72,12 +77,28 @@ class BlockedWays:
         if sum(math.hypot(fx - x, fy - y) <= c.near for _, fx, fy in self._failures) < c.failures:
             return False
         self._failures = [f for f in self._failures if math.hypot(f[1] - x, f[2] - y) > c.near]
-        keep, before = c.keep, list(self._marks)
-        for old in [m for m in self._marks if math.hypot(*(m.place - line[0])) <= c.near]:
-            keep = min(max(keep, 2.0 * old.keep), c.keep_most)
-            self._marks.remove(old)
-        self._marks.append(_Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep))
-        if costs is None or reachable_share(costs, map_from_base, self.points(now_ns), c.width) >= c.least_left:
+        keep, old = c.keep, [m for m in self._marks if math.hypot(*(m.place - line[0])) <= c.near]
+        for mark in old:
+            keep = min(max(keep, 2.0 * mark.keep), c.keep_most)
+        new = _Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep)
+        return self._add(new, old, map_from_base, now_ns, costs)
+
+    def hold(self, path: Path, map_from_base: SE2, now_ns: int, costs: CostGrid | None = None) -> bool:
+        """Take that something which no sensor shows (glass, the end of a kerb) holds the robot on a path here; returns whether it is marked. As a rule it goes on to both sides."""
+        c = self.config
+        x, y = _ahead(path, map_from_base, c.ahead, c.length)[0].tolist()
+        yaw = math.atan2(y - map_from_base.y, x - map_from_base.x)
+        along = _steps((c.front + TOUCH, c.front + TOUCH + c.length))
+        line = np.array([map_from_base.x, map_from_base.y]) + along[:, None] * (math.cos(yaw), math.sin(yaw))
+        mark = _Mark(line[0], _widened(line, c.width_held), now_ns + round(c.keep_held * 1e9), c.keep_held)
+        return self._add(mark, [], map_from_base, now_ns, costs)
+
+    def _add(self, mark: _Mark, old: list[_Mark], map_from_base: SE2, now_ns: int, costs: CostGrid | None) -> bool:
+        """Put a mark in the place of old ones, unless it would shut the robot in; returns whether it holds."""
+        before = self._marks
+        self._marks = [m for m in before if m not in old] + [mark]
+        points, c = self.points(now_ns), self.config
+        if costs is None or reachable_share(costs, map_from_base, points, c.width) >= c.least_left:
             return True
         self._marks = before
         return False
@@ -133,6 +154,11 @@ def _ahead(path: Path, map_from_base: SE2, begin: float, length: float) -> F64:
     if len(rest) < 2:
         return rest
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rest, axis=0).T))))
-    at = np.arange(begin, begin + length, 0.05)
+    at = _steps((begin, begin + length))
     at = at[at <= along[-1]] if along[-1] > begin else along[-1:]
     return np.stack([np.interp(at, along, rest[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _steps(reach: tuple[float, float]) -> F64:
+    """Return places 5 cm apart from one distance to another."""
+    return np.arange(*reach, 0.05)

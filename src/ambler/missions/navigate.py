@@ -50,7 +50,8 @@ ENDS = (
 MISSING = (TransformError.code, StaleInputError.code)
 TICK_PERIOD = 1.0
 BLOCKED_REST = 3.0
-IN_THE_WAY = ("NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS")
+HELD = "HELD"
+IN_THE_WAY = ("NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS", HELD)
 HOPELESS = ("GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP")
 
 
@@ -81,8 +82,8 @@ class Driver(Protocol):
         """Ask for a level to be taken for the one that the robot is on, as soon as what it sees fits it."""
         ...
 
-    def mark_blocked(self, path: Path) -> bool:
-        """Take that a path could not be followed from here; say whether the place is marked now, so that planning goes around it."""
+    def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
+        """Take that a path could not be followed from here, `is_held` where something holds the robot; say whether the place is marked now, so that planning goes around it."""
         ...
 
     def report(self, state: str, text: str) -> None: ...
@@ -339,10 +340,13 @@ class Navigation:
             self._arrive()
         elif code in MISSING:
             self._wait(text)
-        elif code in IN_THE_WAY and self._path is not None and self._driver.mark_blocked(self._path):
+        elif code in IN_THE_WAY and self._path is not None and self._marks(self._path, code):
             self._plan()  # around what is marked now
         else:
             self._recover_or_fail("RECOVERIES_EXHAUSTED", f"{code}: {text}")
+
+    def _marks(self, path: Path, code: str) -> bool:
+        return self._driver.mark_blocked(path, is_held=code == HELD)
 
     # Trouble
 

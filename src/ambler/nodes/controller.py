@@ -458,7 +458,7 @@ class ControllerNode(Node):
             return
         elif not self._obeys(velocity):
             text = "told to move, it stands: something holds it that no sensor shows"
-            self._end_follow("FAILED_TO_MAKE_PROGRESS", text)
+            self._end_follow("HELD", text)
             return
         since_ns = self._protective_since_ns
         if since_ns is not None and self.ctx.now_ns - since_ns > PROTECTIVE_PATIENCE_NS:

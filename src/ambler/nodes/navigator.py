@@ -120,12 +120,14 @@ class NavigatorNode(Node):
         self.ctx.log(f"NAVIGATION_{code}", text, recoveries=recoveries)
         self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, text, fields))
 
-    def mark_blocked(self, path: Path) -> bool:
-        """Count a path that could not be followed; say whether it is marked now, and planned around."""
-        base = self.map_from_base()
-        if base is None or not self._blocked[self._level].fail(path, base, self.ctx.now_ns, self._costmap):
+    def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
+        """Count a path that could not be followed, which is marked at once where something holds the robot; say whether it is marked now, and planned around."""
+        base, ways = self.map_from_base(), self._blocked[self._level]
+        mark = ways.hold if is_held else ways.fail
+        if base is None or not mark(path, base, self.ctx.now_ns, self._costmap):
             return False
-        self.ctx.log("WAY_BLOCKED", "a way that could not be followed three times is planned around")
+        why = "something that no sensor shows" if is_held else "a way that could not be followed three times"
+        self.ctx.log("WAY_BLOCKED", f"{why} is planned around")
         self._tell_blocked()
         return True
 
@@ -264,8 +266,8 @@ class _Drive:
     def choose_level(self, level: int) -> None:
         self._node.choose_level(level)
 
-    def mark_blocked(self, path: Path) -> bool:
-        return self._node.mark_blocked(path)
+    def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
+        return self._node.mark_blocked(path, is_held=is_held)
 
     def report(self, state: str, text: str) -> None:
         self._node.say(state, text, self.navigation.recoveries)

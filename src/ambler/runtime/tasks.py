@@ -194,7 +194,7 @@ FOLLOW_PATH = _task(
     FollowPathGoal,
     FollowPathFeedback,
     Nothing,
-    ("INVALID_PATH", "TRANSFORM_MISSING", "STALE_INPUT", "NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS"),
+    ("INVALID_PATH", "TRANSFORM_MISSING", "STALE_INPUT", "NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS", "HELD"),
     "ambler_msgs/action/FollowPath",
 )
 RECOVER = _task(
