@@ -46,14 +46,36 @@ def test_what_holds_the_robot_is_marked_at_once_before_its_body_and_to_both_side
     assert len(ways.points(3601 * S)) == 0
 
 
-def test_a_kerb_that_is_met_twice_is_marked_in_both_places() -> None:
-    ways = BlockedWays()
-    ways.hold(straight(), HERE, 0)
-    ways.hold(straight(0.6), SE2(2.0, 0.6), S)
-    assert ways.points(2 * S)[:, 1].max() == pytest.approx(1.35, abs=0.02)
-    assert ways.points(2 * S)[:, 1].min() == pytest.approx(-0.75, abs=0.02)
+def test_a_kerb_that_is_met_twice_goes_on_to_both_sides() -> None:
+    """It runs at 45 degrees to the way: its line is known from where the robot was held."""
+    ways = BlockedWays(BlockedWaysConfig(front=0.3, beyond=2.5))
+    ways.hold(straight(), SE2(2.0, 0.0), 0)
+    ways.hold(straight(1.5), SE2(3.5, 1.5), S)
+    points, along = ways.points(2 * S), np.arange(-1.7, 3.2, 0.1)
+    kerb = np.column_stack((2.38 + along, along))
+    away = np.hypot(*(points[:, None] - kerb[None]).transpose(2, 0, 1))
+    assert away.min(axis=0).max() < 0.05, "all of it is marked"
+    assert away.min(axis=1).max() < 0.95, "and what is beside it is not"
     ways.fail(straight(), HERE, 2 * S)
-    assert not ways.fail(straight(), HERE, 3 * S), "it takes three of them, as ever"
+    assert not ways.fail(straight(), HERE, 3 * S), "a way that fails takes three of them, as ever"
+
+
+def test_two_things_far_apart_are_two() -> None:
+    ways = BlockedWays(BlockedWaysConfig(front=0.3))
+    ways.hold(straight(), SE2(1.0, 0.0), 0)
+    ways.hold(straight(), SE2(6.0, 0.0), S)
+    points = ways.points(2 * S)
+    assert not ((points[:, 0] > 2.1) & (points[:, 0] < 6.2)).any()
+
+
+def test_what_would_shut_the_robot_in_is_not_marked() -> None:
+    data = np.full((40, 200), COST_LETHAL, np.uint8)
+    data[8:32, 10:190] = 0
+    costs = CostGrid(0, "map", GridSpec(0.05, 200, 40, 0.0, -1.0), data)
+    ways = BlockedWays(BlockedWaysConfig(front=0.3))
+    assert not ways.hold(straight(), SE2(1.5, 0.0), 0, costs)
+    assert len(ways.points(S)) == 0
+    assert ways.hold(straight(), SE2(7.5, 0.0), 0, costs)
 
 
 def test_what_holds_a_robot_at_the_end_of_its_path_is_marked_ahead_of_it() -> None:

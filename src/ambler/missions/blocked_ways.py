@@ -27,7 +27,7 @@ class BlockedWaysConfig:
     """`failures` within `near` metres of each other and `memory` s make a mark of `length` metres of the path and `width` across, so
     that it is not passed by a hand's breadth; it begins `ahead` metres before the robot: far enough for it to turn away. A mark holds for `keep` s, because whoever stood there may have left, and twice as
     long each time that it comes back at the same place, up to `keep_most`. What holds the robot and no sensor shows is marked at once, for `keep_held` s: `width_held` metres across, from `front` metres before the base, where its body
-    ends, on."""
+    ends, on. Held again within `same_thing` metres, it has met the same thing twice: that is marked from place to place and `beyond` metres farther to both sides."""
 
     failures: int = 3
     near: float = 1.0
@@ -40,6 +40,8 @@ class BlockedWaysConfig:
     front: float = 0.3
     width_held: float = 1.5
     keep_held: float = 3600.0
+    same_thing: float = 4.0
+    beyond: float = 2.5
     least_left: float = (
         0.5  # of what the robot could reach; a mark that leaves it less would shut it in, not lead it around
     )
@@ -55,6 +57,7 @@ class _Mark:
     points: F64
     until_ns: int
     keep: float
+    is_held: bool = False
 
 
 class BlockedWays:
@@ -90,7 +93,12 @@ class BlockedWays:
         yaw = math.atan2(y - map_from_base.y, x - map_from_base.x)
         along = _steps((c.front + TOUCH, c.front + TOUCH + c.length))
         line = np.array([map_from_base.x, map_from_base.y]) + along[:, None] * (math.cos(yaw), math.sin(yaw))
-        mark = _Mark(line[0], _widened(line, c.width_held), now_ns + round(c.keep_held * 1e9), c.keep_held)
+        points = [_widened(line, c.width_held)]
+        for other in self._marks:
+            if other.is_held and 0.0 < math.hypot(*(other.place - line[0])) <= c.same_thing and now_ns < other.until_ns:
+                points.append(_through(other.place, line[0], c.beyond))
+        until_ns = now_ns + round(c.keep_held * 1e9)
+        mark = _Mark(line[0], np.concatenate(points), until_ns, c.keep_held, is_held=True)
         return self._add(mark, [], map_from_base, now_ns, costs)
 
     def _add(self, mark: _Mark, old: list[_Mark], map_from_base: SE2, now_ns: int, costs: CostGrid | None) -> bool:
@@ -144,6 +152,12 @@ def _widened(line: F64, width: float) -> F64:
     across = np.array([-along[1], along[0]]) / length
     offsets = np.linspace(-0.5 * width, 0.5 * width, 1 + math.ceil(width / 0.05))
     return (line[:, None] + offsets[:, None] * across).reshape(-1, 2)
+
+
+def _through(a: F64, b: F64, beyond: float) -> F64:
+    """Return points (N, 2), 5 cm apart, on the line through two places from `beyond` metres before the one to as far behind the other."""
+    apart = math.hypot(*(b - a))
+    return a + _steps((-beyond, apart + beyond))[:, None] * (b - a) / apart
 
 
 def _ahead(path: Path, map_from_base: SE2, begin: float, length: float) -> F64:
