@@ -12,8 +12,10 @@ from ambler.control.config import RolloutConfig
 from ambler.control.motion_primitives import MotionPrimitives
 from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.trajectory_rollout import TrajectoryRollout
+from ambler.control.unseen_ground import UnseenGroundConfig
 from ambler.core.errors import NoValidPathError
-from ambler.core.messages import GateState, PointCloud, PoseStamped, VelocityCommand
+from ambler.core.grid import OCC_ASSUMED, GridSpec
+from ambler.core.messages import GateState, OccupancyGrid, PointCloud, PoseStamped, VelocityCommand
 from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity, LocalPlanner
 from ambler.core.se2 import SE2
@@ -24,6 +26,7 @@ from ambler.nodes.gate import GateNode
 from ambler.nodes.local_view import LocalView
 from ambler.nodes.navigator import NavigatorNode
 from ambler.runtime.lockstep import LockstepExecutor
+from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
 from ambler.runtime.tasks import (
     ARM,
@@ -39,7 +42,17 @@ from ambler.runtime.tasks import (
     RecoverGoal,
     RecoveryKind,
 )
-from ambler.runtime.topics import GOAL, MOVERS, SCAN, STATUS, STEER_REQUEST, TELEOP_REQUEST, VELOCITY_REQUEST, Topic
+from ambler.runtime.topics import (
+    GOAL,
+    MAP,
+    MOVERS,
+    SCAN,
+    STATUS,
+    STEER_REQUEST,
+    TELEOP_REQUEST,
+    VELOCITY_REQUEST,
+    Topic,
+)
 from tests.control.toy_robot import MAP_FROM_ODOM, ROBOT, Person, ToyBase, ToyPlanner, room, straight_path
 
 Act = Callable[[Person], None]
@@ -68,6 +81,19 @@ def cancel(p: Person) -> None:
     p.ticket.cancel()
 
 
+class Mapper(Node):
+    """Tells a map once."""
+
+    name = "mapper"
+    outputs = (MAP,)
+
+    def __init__(self, ground: OccupancyGrid) -> None:
+        self._ground = ground
+
+    def start(self) -> None:
+        self.ctx.publish(MAP, self._ground)
+
+
 class Robot:
     """A running stack."""
 
@@ -78,14 +104,17 @@ class Robot:
         *,
         is_armed: bool = True,
         local: LocalPlanner | None = None,
+        ground: OccupancyGrid | None = None,
     ) -> None:
         self.base = ToyBase(walls)
         self.planner = ToyPlanner(self.base)
         self.person = Person([(0.3, ask(ARM)), *script] if is_armed else script)
         self.gate = GateNode(ROBOT)
         local = TrajectoryRollout(RolloutConfig(), ROBOT) if local is None else local
-        self.controller = ControllerNode(ROBOT, local, LocalCostmap(LocalCostmapConfig(), ROBOT))
+        unseen = None if ground is None else UnseenGroundConfig(speed=0.2)
+        self.controller = ControllerNode(ROBOT, local, LocalCostmap(LocalCostmapConfig(), ROBOT), unseen=unseen)
         nodes = [self.base, self.planner, self.controller, NavigatorNode(), self.gate, self.person]
+        nodes += [] if ground is None else [Mapper(ground)]
         self.executor = LockstepExecutor(Stack(nodes, external=(TELEOP_REQUEST,)), on_failure=self.gate.stop_now)
         self.told: list[tuple[float, str, str]] = []
         self.executor.tap(self._hear)
@@ -111,6 +140,23 @@ def test_follow_path_reaches_its_end_and_leaves_zero() -> None:
     assert robot.codes == ["SUCCEEDED"]
     assert robot.base.pose.distance_to(SE2(1.5, 0.0, 0.0)) < 0.15
     assert robot.commands_after(5.5)[-1] == STILL
+
+
+def test_onto_ground_that_is_only_assumed_it_drives_slowly_and_on_seen_ground_it_does_not() -> None:
+    """The map assumes a strip from 1.5 to 2.0 m ahead, in its own frame."""
+    spec = GridSpec(0.1, 200, 200, -10.0, -10.0)
+    cells = spec.centers_of(np.stack(np.divmod(np.arange(200 * 200), 200), axis=1))
+    ahead = MAP_FROM_ODOM.inverse().transform(cells)[:, 0].reshape(200, 200)
+    data = np.where((ahead > 1.5) & (ahead < 2.0), OCC_ASSUMED, 0).astype(np.int8)
+    robot = Robot([(0.5, follow(4.0))], ground=OccupancyGrid(0, "map", spec, data))
+    fastest: dict[bool, float] = {True: 0.0, False: 0.0}
+    while robot.executor.now_ns < 20e9 and not robot.codes:
+        robot.run(0.1)
+        x, v = robot.base.pose.x, robot.base.heard[-1][1].vx if robot.base.heard else 0.0
+        fastest[0.9 < x < 1.9] = max(fastest[0.9 < x < 1.9], v)
+    assert robot.codes == ["SUCCEEDED"]
+    assert fastest[True] <= 0.2 + 1e-6
+    assert fastest[False] > 0.4
 
 
 def test_nothing_moves_before_the_gate_is_armed() -> None:

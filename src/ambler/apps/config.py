@@ -14,6 +14,7 @@ from ambler.control.config import RolloutConfig
 from ambler.control.local_planners import Controller
 from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.pursuit_config import PursuitConfig
+from ambler.control.unseen_ground import UnseenGroundConfig
 from ambler.control.yielding import YieldConfig
 from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_ASSUMED
@@ -104,6 +105,7 @@ class RobotConfig:
     primitives: PrimitivesConfig = field(default_factory=PrimitivesConfig)
     movers: MoverConfig = field(default_factory=MoverConfig)
     yielding: YieldConfig = field(default_factory=YieldConfig)
+    unseen_ground: UnseenGroundConfig = field(default_factory=UnseenGroundConfig)
     gate: GateConfig = field(default_factory=GateConfig)
     survey: SurveyConfig = field(default_factory=SurveyConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)

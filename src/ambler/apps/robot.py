@@ -171,6 +171,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: S
             movers=config.movers,
             yielding=config.yielding,
             specular=config.specular,
+            unseen=config.unseen_ground if has_levels else None,
         ),
         NavigatorNode(config.navigation, has_levels=has_levels),
     ]

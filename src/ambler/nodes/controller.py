@@ -17,6 +17,7 @@ import numpy as np
 from ambler.control.checkers import GoalChecker, ProgressChecker, StallChecker
 from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
+from ambler.control.unseen_ground import UnseenGround, UnseenGroundConfig
 from ambler.control.way_back import WayBack
 from ambler.control.yielding import YieldConfig, Yielding
 from ambler.core.errors import AmblerError, ControlError, InvalidPathError, StaleInputError, TransformError
@@ -73,6 +74,7 @@ from ambler.runtime.topics import (
     GATE_STATUS,
     LOCAL_COSTMAP,
     LOCAL_PATH,
+    MAP,
     MAP_CLEARING,
     MERGED_CLOUD,
     MERGED_FREE,
@@ -132,7 +134,9 @@ class ControllerNode(Node):
         movers: MoverConfig | None = None,
         yielding: YieldConfig | None = None,
         specular: SpecularConfig | None = None,
+        unseen: UnseenGroundConfig | None = None,
     ) -> None:
+        self._unseen = None if unseen is None else UnseenGround(unseen)
         self._robot = robot
         self._planner = planner
         # Asked once: whether an object follows a Protocol takes longer than taking in a message.
@@ -154,6 +158,7 @@ class ControllerNode(Node):
         self.optional_inputs = (
             *(PATH, GATE_STATUS, STEER_REQUEST, SPEED, STOP, MAP_CLEARING, CLOUD_CLEARING),
             *((SCANNERS,) if self._view.uses_merged else ()),
+            *(() if unseen is None else (MAP,)),
             *optional,
         )
         self._follow: FollowHandle | None = None
@@ -198,6 +203,8 @@ class ControllerNode(Node):
             self.ctx.subscribe(CLOUD, self._on_cloud)
         else:
             self.ctx.subscribe(SCAN, self._on_scan)
+        if self._unseen is not None:
+            self.ctx.subscribe(MAP, self._unseen.set_map)
         self.ctx.subscribe(SPEED, self._on_speed)
         self.ctx.subscribe(STOP, self._on_stop_order)
         for clearing in (MAP_CLEARING, CLOUD_CLEARING):
@@ -464,8 +471,9 @@ class ControllerNode(Node):
         if since_ns is not None and self.ctx.now_ns - since_ns > PROTECTIVE_PATIENCE_NS:
             self._end_follow("NO_VALID_CONTROL", "the gate has held the robot before an obstacle for 3 s")
             return
+        most = math.inf if self._unseen is None else self._unseen.speed_most(self._path.poses, left)
         costmap = self._view.costmap
-        self._drive(self._planner.compute_command(costmap.costs, costmap.spec, odom_from_base, velocity))
+        self._drive(self._planner.compute_command(costmap.costs, costmap.spec, odom_from_base, velocity), most)
 
     def _recover_step(self, odom_from_base: SE2) -> None:
         assert self._motion is not None
@@ -486,10 +494,10 @@ class ControllerNode(Node):
         else:
             self._drive(command)
 
-    def _drive(self, wanted: BodyVelocity) -> None:
-        """Send as much of a velocity as starts no contact with anybody who moves or may set out; a robot that has to stand gets out of his way
+    def _drive(self, wanted: BodyVelocity, most: float = math.inf) -> None:
+        """Send as much of a velocity, at most so fast (m/s), as starts no contact with anybody who moves or may set out; a robot that has to stand gets out of his way
         if it can, and else creeps."""
-        allowed = _slowed(wanted, self._speed_most)
+        allowed = _slowed(wanted, min(self._speed_most, most))
         passed = self._yielding.limited(allowed)
         if not self._yielding.is_waiting(passed):
             self._yields_since_ns = None
