@@ -41,9 +41,9 @@ def test_what_holds_the_robot_is_marked_at_once_before_its_body_and_to_both_side
     assert ways.hold(straight(), turned, 0)
     points = ways.points(S)
     assert (points[:, 0].min(), points[:, 0].max()) == pytest.approx((2.48, 3.08), abs=0.03)
-    assert (points[:, 1].min(), points[:, 1].max()) == pytest.approx((-0.75, 0.75))
-    assert len(ways.points(3000 * S)) > 0, "a kerb does not walk away"
-    assert len(ways.points(3601 * S)) == 0
+    assert (points[:, 1].min(), points[:, 1].max()) == pytest.approx((-0.5, 0.5))
+    assert len(ways.points(239 * S)) > 0
+    assert len(ways.points(241 * S)) == 0, "whoever held it may have left"
 
 
 def test_a_kerb_that_is_met_twice_goes_on_to_both_sides() -> None:
@@ -55,7 +55,8 @@ def test_a_kerb_that_is_met_twice_goes_on_to_both_sides() -> None:
     kerb = np.column_stack((2.38 + along, along))
     away = np.hypot(*(points[:, None] - kerb[None]).transpose(2, 0, 1))
     assert away.min(axis=0).max() < 0.05, "all of it is marked"
-    assert away.min(axis=1).max() < 0.95, "and what is beside it is not"
+    assert away.min(axis=1).max() < 0.8, "and what is beside it is not"
+    assert len(ways.points(3000 * S)) > 0, "a kerb does not walk away"
     ways.fail(straight(), HERE, 2 * S)
     assert not ways.fail(straight(), HERE, 3 * S), "a way that fails takes three of them, as ever"
 
@@ -83,7 +84,7 @@ def test_what_holds_a_robot_at_the_end_of_its_path_is_marked_ahead_of_it() -> No
     assert ways.hold(straight(), SE2(7.7, 0.0), 0)
     points = ways.points(S)
     assert points[:, 0].min() == pytest.approx(8.08, abs=0.02)
-    assert np.ptp(points[:, 1]) == pytest.approx(1.5)
+    assert np.ptp(points[:, 1]) == pytest.approx(1.0)
 
 
 def test_failures_apart_in_place_or_time_do_not_add_up() -> None:

@@ -729,8 +729,8 @@ MOTION = (
     PlantedFault(
         "a robot marks its only way out",
         "missions/blocked_ways.py",
-        "self.points(now_ns), c.width) >= c.least_left:",
-        "self.points(now_ns), c.width) >= 0.0:",
+        "points, c.width) >= c.least_left:",
+        "points, c.width) >= 0.0:",
         BLOCKED,
     ),
     PlantedFault(
@@ -998,5 +998,42 @@ MOTION = (
         "self._yaw_share = self.config.gyro_share if has_gyroscope else 1.0",
         "self._yaw_share = 1.0",
         TRACKER,
+    ),
+    PlantedFault(
+        "ground that is only assumed is driven onto as fast as any",
+        "nodes/controller.py",
+        "_slowed(wanted, min(self._speed_most, most))",
+        "_slowed(wanted, self._speed_most)",
+        (
+            "tests/control/test_nodes.py::test_onto_ground_that_is_only_assumed_it_drives_slowly_and_on_seen_ground_it_does_not",
+        ),
+    ),
+    PlantedFault(
+        "only what lies under the robot is asked about",
+        "control/unseen_ground.py",
+        "to_end >= left - self.config.ahead",
+        "to_end >= left - 0.1",
+        ("tests/control/test_unseen_ground.py",),
+    ),
+    PlantedFault(
+        "a robot that is held tries the same way three times",
+        "missions/navigate.py",
+        "is_held=code == HELD",
+        "is_held=False",
+        ("tests/missions/test_navigate.py",),
+    ),
+    PlantedFault(
+        "a kerb that is met twice is two things",
+        "missions/blocked_ways.py",
+        "if other.is_held and 0.0",
+        "if False and 0.0",
+        ("tests/missions/test_blocked_ways.py",),
+    ),
+    PlantedFault(
+        "a kerb that was met twice walks away",
+        "missions/blocked_ways.py",
+        "keep = c.keep_same",
+        "keep = c.keep_held",
+        ("tests/missions/test_blocked_ways.py",),
     ),
 )

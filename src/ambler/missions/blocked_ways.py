@@ -27,7 +27,7 @@ class BlockedWaysConfig:
     """`failures` within `near` metres of each other and `memory` s make a mark of `length` metres of the path and `width` across, so
     that it is not passed by a hand's breadth; it begins `ahead` metres before the robot: far enough for it to turn away. A mark holds for `keep` s, because whoever stood there may have left, and twice as
     long each time that it comes back at the same place, up to `keep_most`. What holds the robot and no sensor shows is marked at once, for `keep_held` s: `width_held` metres across, from `front` metres before the base, where its body
-    ends, on. Held again within `same_thing` metres, it has met the same thing twice: that is marked from place to place and `beyond` metres farther to both sides."""
+    ends, on. Held again within `same_thing` metres, it has met the same thing twice: that is marked from place to place and `beyond` metres farther to both sides, for `keep_same` s: a kerb does not walk away."""
 
     failures: int = 3
     near: float = 1.0
@@ -38,8 +38,9 @@ class BlockedWaysConfig:
     keep: float = 60.0
     keep_most: float = 960.0
     front: float = 0.3
-    width_held: float = 1.5
-    keep_held: float = 3600.0
+    width_held: float = 1.0
+    keep_held: float = 240.0
+    keep_same: float = 3600.0
     same_thing: float = 4.0
     beyond: float = 2.5
     least_left: float = (
@@ -93,12 +94,12 @@ class BlockedWays:
         yaw = math.atan2(y - map_from_base.y, x - map_from_base.x)
         along = _steps((c.front + TOUCH, c.front + TOUCH + c.length))
         line = np.array([map_from_base.x, map_from_base.y]) + along[:, None] * (math.cos(yaw), math.sin(yaw))
-        points = [_widened(line, c.width_held)]
+        points, keep = [_widened(line, c.width_held)], c.keep_held
         for other in self._marks:
             if other.is_held and 0.0 < math.hypot(*(other.place - line[0])) <= c.same_thing and now_ns < other.until_ns:
                 points.append(_through(other.place, line[0], c.beyond))
-        until_ns = now_ns + round(c.keep_held * 1e9)
-        mark = _Mark(line[0], np.concatenate(points), until_ns, c.keep_held, is_held=True)
+                keep = c.keep_same
+        mark = _Mark(line[0], np.concatenate(points), now_ns + round(keep * 1e9), keep, is_held=True)
         return self._add(mark, [], map_from_base, now_ns, costs)
 
     def _add(self, mark: _Mark, old: list[_Mark], map_from_base: SE2, now_ns: int, costs: CostGrid | None) -> bool:
