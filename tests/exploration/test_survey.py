@@ -344,36 +344,18 @@ def test_sizes_come_from_the_robot() -> None:
 def test_visible_area_of_an_open_half_plane_is_half_a_disc() -> None:
     occupancy = np.zeros((201, 201), np.int8)
     occupancy[:, 101:] = -1
-    area, heading = np.empty(1), np.empty(1)
-    visible_unknown(
-        occupancy,
-        np.zeros((201, 201), np.uint8),
-        50,
-        0.05,
-        4.0,
-        720,
-        np.array([100 * 201 + 100]),
-        np.zeros(1, np.uint8),
-        area,
-        heading,
-    )
-    assert area[0] == pytest.approx(math.pi * 16 / 2, rel=0.03)
-    assert heading[0] == pytest.approx(0.0, abs=0.02)
+    assert seen_from_the_middle(occupancy) == pytest.approx((math.pi * 16 / 2, 0.0), rel=0.03, abs=0.02)
     occupancy[:, 100:102] = 100
     occupancy[100, 100] = 0
-    visible_unknown(
-        occupancy,
-        np.zeros((201, 201), np.uint8),
-        50,
-        0.05,
-        4.0,
-        720,
-        np.array([100 * 201 + 100]),
-        np.zeros(1, np.uint8),
-        area,
-        heading,
-    )
-    assert area[0] == 0.0
+    assert seen_from_the_middle(occupancy)[0] == 0.0
+
+
+def seen_from_the_middle(occupancy: np.ndarray) -> tuple[float, float]:
+    """Return the unknown area that is visible from the middle of a map of 201 x 201 cells, and where it lies."""
+    area, heading, middle = np.empty(1), np.empty(1), np.array([100 * 201 + 100])
+    surfaces, sides = np.zeros((201, 201), np.uint8), np.zeros(1, np.uint8)
+    visible_unknown(occupancy, surfaces, 50, 0.05, 4.0, 720, middle, sides, area, heading)
+    return float(area[0]), float(heading[0])
 
 
 def test_coarse_costs_are_the_least_of_each_block() -> None:
