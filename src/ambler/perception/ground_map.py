@@ -20,6 +20,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
 from ambler.perception.ground_level import FAR, Level, common_cells
+from ambler.perception.low_edges import beyond_low_edges
 from ambler.perception.terrain_window import TerrainWindow
 
 F32 = NDArray[np.float32]
@@ -182,6 +183,7 @@ class GroundMap:
         yaw = map_from_base.to_se2().yaw
         stance = (np.array([math.cos(yaw), math.sin(yaw)]), np.array([self._stance, *c.firm_limits, c.level_step]))
         kernels.stand(of_map, *stance, spec, box, *cells)
+        level.evidence[beyond_low_edges(level)] = kernels.UNKNOWN
         if len(self.levels) == count and not is_first:  # that is on the level from which the robot comes, too
             self._leave_to_others(level, _inside(box), was_unknown)
         self.version += int(changed > 0)

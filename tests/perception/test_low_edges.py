@@ -1,0 +1,89 @@
+"""Kerbs that are seen from afar go on where nothing is seen; walls, heaps and what ends in sight do not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ambler.core.grid import GridSpec
+from ambler.kernels.ground_map import ASSUMED, UNKNOWN
+from ambler.perception.ground_level import Level
+from ambler.perception.low_edges import beyond_low_edges
+
+R = 0.1
+
+
+def around_a_start(slope: float = 0.0) -> Level:
+    """Ground of 24 x 24 m around a robot in the middle, that within 5 m is only assumed."""
+    level = Level.empty(GridSpec(R, 240, 240, -12.0, -12.0))
+    x, y = places(level)
+    level.evidence[:] = np.where(np.hypot(x, y) < 5.0, ASSUMED, 4)
+    level.heights[:] = slope * x
+    return level
+
+
+def places(level: Level) -> tuple[np.ndarray, np.ndarray]:
+    iy, ix = np.mgrid[: level.spec.height, : level.spec.width]
+    return -12.0 + (ix + 0.5) * R, -12.0 + (iy + 0.5) * R
+
+
+def put(level: Level, angle: float, beside: float, top: float, reach: tuple[float, float] = (0.0, 11.0)) -> None:
+    """Put a straight thing 0.2 m wide, in a direction and beside the robot; where ground is assumed it was not seen."""
+    x, y = places(level)
+    along, across = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+    there = (np.abs(across - beside) < 0.1) & (along > reach[0]) & (along < reach[1]) & (level.evidence != ASSUMED)
+    level.evidence[there], level.reaches[there] = -6, level.heights[there] + top
+
+
+def doubted(level: Level, angle: float, beside: float, along: float) -> bool:
+    x, y = (f(angle) * along + g * beside for f, g in ((math.cos, -math.sin(angle)), (math.sin, math.cos(angle))))
+    return bool(beyond_low_edges(level)[level.spec.cell_of(x, y)])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 2.0, 4.0, -1.2])
+@pytest.mark.parametrize("slope", [0.0, 0.2])
+def test_a_kerb_goes_on_beside_the_robot_as_far_as_it_was_seen(angle: float, slope: float) -> None:
+    level = around_a_start(slope)
+    put(level, angle, 2.0, 0.12)
+    for along in (4.0, 2.0, 0.0):
+        assert doubted(level, angle, 2.0, along)
+        assert not doubted(level, angle, 0.5, along), "the robot's own way stays open"
+    assert not doubted(level, angle, 2.0, -3.2), "six metres were seen"
+    found = beyond_low_edges(level)
+    assert (level.evidence[found] == ASSUMED).all()
+
+
+def test_a_short_piece_goes_on_for_as_short_a_way() -> None:
+    level = around_a_start()
+    put(level, 0.0, 0.0, 0.12, (5.0, 7.0))
+    assert doubted(level, 0.0, 0.0, 4.0)
+    assert not doubted(level, 0.0, 0.0, 2.5)
+
+
+@pytest.mark.parametrize("top", [0.5, 2.0])
+def test_what_shows_itself_from_near_does_not_go_on(top: float) -> None:
+    level = around_a_start()
+    put(level, 0.0, 2.0, top)
+    assert not beyond_low_edges(level).any()
+
+
+def test_heaps_and_stones_do_not_go_on() -> None:
+    level = around_a_start()
+    x, y = places(level)
+    for a, b, size in ((7.0, 1.0, 1.0), (-6.0, 2.0, 0.3)):
+        heap = (np.abs(x - a) < size) & (np.abs(y - b) < size)
+        level.evidence[heap], level.reaches[heap] = -6, 0.2
+    assert not beyond_low_edges(level).any()
+
+
+def test_a_kerb_that_ends_in_sight_does_not_go_on() -> None:
+    level = around_a_start()
+    put(level, 0.0, 2.0, 0.12, (6.0, 11.0))
+    assert not beyond_low_edges(level).any()
+
+
+def test_nothing_assumed_nothing_doubted() -> None:
+    level = around_a_start()
+    put(level, 0.0, 2.0, 0.12)
+    level.evidence[level.evidence == ASSUMED] = UNKNOWN
+    assert not beyond_low_edges(level).any()
