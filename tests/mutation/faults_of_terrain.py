@@ -826,4 +826,32 @@ TERRAIN = (
         "pass",
         ("tests/perception/test_ground_map.py::test_what_was_in_the_way_is_forgotten_with_its_height",),
     ),
+    PlantedFault(
+        "kerbs end where nothing is seen",
+        "perception/ground_map.py",
+        "level.evidence[beyond_low_edges(level)] = kernels.UNKNOWN",
+        "pass",
+        ("tests/perception/test_ground_map.py",),
+    ),
+    PlantedFault(
+        "cars and walls go on where nothing is seen",
+        "perception/low_edges.py",
+        "(np.abs(reaches - ground) < LOW)",
+        "(np.abs(reaches - ground) < 9.0)",
+        ("tests/perception/test_low_edges.py",),
+    ),
+    PlantedFault(
+        "a kerb that ends in sight goes on behind its end",
+        "perception/low_edges.py",
+        "if known >= ENDS:",
+        "if known >= 99.0:",
+        ("tests/perception/test_low_edges.py",),
+    ),
+    PlantedFault(
+        "heaps go on",
+        "perception/low_edges.py",
+        "away > STRAIGHT",
+        "away > 99.0",
+        ("tests/perception/test_low_edges.py",),
+    ),
 )

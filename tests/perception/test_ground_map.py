@@ -106,6 +106,25 @@ def test_what_is_lower_than_a_level_lidar_sees_there_stays_until_it_is_seen_from
     assert at(ground, 1.05, 1.05) == OCC_FREE
 
 
+def test_where_a_kerb_would_go_on_beside_the_robot_nothing_is_assumed():
+    """A level LiDAR sees it from 5 m on."""
+    ground = GroundMap()
+    kerb = [(2.05, float(y)) for y in np.arange(4.5, 8.5, 0.1)]
+    seen = window(-9.0, 9.0, -9.0, 9.0, 0.0, kerb)
+    seen.tops[np.isfinite(seen.tops)] = 0.12
+    x, y = (
+        seen.origin_x + (np.arange(seen.kinds.shape[1]) + 0.5) * CELL,
+        seen.origin_y + (np.arange(seen.kinds.shape[0]) + 0.5) * CELL,
+    )
+    seen.kinds[np.hypot(x[None, :], y[:, None]) < 4.8] = 0
+    for _ in range(3):
+        feed(ground, seen, None, MID_360)
+    assert at(ground, 2.05, 8.0) == OCC_OCCUPIED
+    assert at(ground, 2.05, 2.5) == OCC_UNKNOWN
+    assert at(ground, 0.55, 2.5) == OCC_ASSUMED
+    assert at(ground, 2.05, -2.0) == OCC_ASSUMED
+
+
 def test_a_tilted_lidar_sees_the_floor_before_it_and_not_behind_it():
     looks = SE3.from_rpy((0.0, 0.0, 0.62), 0.0, math.radians(28.0), 0.0)
     for x, is_kept in ((2.05, False), (-2.05, True)):

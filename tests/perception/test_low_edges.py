@@ -70,15 +70,15 @@ def test_what_shows_itself_from_near_does_not_go_on(top: float) -> None:
 def test_heaps_and_stones_do_not_go_on() -> None:
     level = around_a_start()
     x, y = places(level)
-    for a, b, size in ((7.0, 1.0, 1.0), (-6.0, 2.0, 0.3)):
-        heap = (np.abs(x - a) < size) & (np.abs(y - b) < size)
+    for a, b, size in ((6.3, 0.0, 1.5), (-5.0, 1.0, 0.3)):
+        heap = (np.abs(x - a) < size) & (np.abs(y - b) < 0.6 * size) & (level.evidence != ASSUMED)
         level.evidence[heap], level.reaches[heap] = -6, 0.2
     assert not beyond_low_edges(level).any()
 
 
 def test_a_kerb_that_ends_in_sight_does_not_go_on() -> None:
     level = around_a_start()
-    put(level, 0.0, 2.0, 0.12, (6.0, 11.0))
+    put(level, 0.0, 2.0, 0.12, (7.5, 11.0))
     assert not beyond_low_edges(level).any()
 
 

@@ -24,7 +24,7 @@ LEAST, STRAIGHT = 1.5, 0.15  # metres: how long it is at least, and how far from
 TAIL = 3.0  # metres of its end that say where it goes on
 MOST = 6.0  # metres that it goes on at most
 HALF, SPREAD = 0.3, 0.1  # metres to either side, and more for each metre on
-ENDS = 0.4  # metres of known ground that end it
+ENDS = 1.5  # metres of known ground that end it: a level LiDAR takes the edge of a kerb for ground in the last metre in which it sees that and no floor
 STEP = 0.1
 BORDER = 8.0  # metres around what is assumed in which such things are looked for
 
