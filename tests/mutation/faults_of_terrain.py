@@ -836,8 +836,8 @@ TERRAIN = (
     PlantedFault(
         "cars and walls go on where nothing is seen",
         "perception/low_edges.py",
-        "(np.abs(reaches - ground) < LOW)",
-        "(np.abs(reaches - ground) < 9.0)",
+        "(reaches - ground >= LOW)",
+        "(reaches - ground >= 9.0)",
         ("tests/perception/test_low_edges.py",),
     ),
     PlantedFault(

@@ -19,8 +19,9 @@ from ambler.perception.ground_level import FAR, Level
 F64 = NDArray[np.float64]
 LOW = 0.3  # metres over the ground around it: what is higher shows itself from near, too
 AROUND = 0.5  # metres within which that ground is looked for
+BESIDE = 0.4  # metres: the foot of something high is no low thing
 GAP = 0.3  # metres between pieces of one thing
-LEAST, STRAIGHT = 1.5, 0.15  # metres: how long it is at least, and how far from a line (RMS) at most
+LEAST, STRAIGHT = 1.5, 0.25  # metres: how long it is at least, and how far from a line (RMS) at most
 TAIL = 3.0  # metres of its end that say where it goes on
 MOST = 6.0  # metres that it goes on at most
 HALF, SPREAD = 0.3, 0.1  # metres to either side, and more for each metre on
@@ -55,7 +56,10 @@ def _things(
     wide = 2 * round(AROUND / resolution) + 1
     is_ground = (evidence > 0) & (evidence != ASSUMED) & np.isfinite(heights)
     ground = cv2.erode(np.where(is_ground, heights, FAR).astype(np.float32), np.ones((wide, wide), np.uint8))
-    low = (evidence <= 0) & (evidence != UNKNOWN) & np.isfinite(reaches) & (np.abs(reaches - ground) < LOW)
+    known = (evidence <= 0) & (evidence != UNKNOWN)
+    high = known & (reaches - ground >= LOW)
+    beside = 2 * round(BESIDE / resolution) + 1
+    low = known & (cv2.dilate(high.astype(np.uint8), np.ones((beside, beside), np.uint8)) == 0)
     gap = 2 * round(0.5 * GAP / resolution) + 1
     labels, count = ndimage.label(cv2.dilate(low.astype(np.uint8), np.ones((gap, gap), np.uint8)), np.ones((3, 3)))
     labels[~low] = 0
