@@ -829,7 +829,7 @@ TERRAIN = (
     PlantedFault(
         "kerbs end where nothing is seen",
         "perception/ground_map.py",
-        "level.evidence[beyond_low_edges(level)] = kernels.UNKNOWN",
+        "level.evidence[doubted] = kernels.UNKNOWN",
         "pass",
         ("tests/perception/test_ground_map.py",),
     ),

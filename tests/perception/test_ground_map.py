@@ -119,6 +119,9 @@ def test_where_a_kerb_would_go_on_beside_the_robot_nothing_is_assumed():
     seen.kinds[np.hypot(x[None, :], y[:, None]) < 4.8] = 0
     for _ in range(3):
         feed(ground, seen, None, MID_360)
+    version = ground.version
+    feed(ground, seen, None, MID_360)
+    assert ground.version == version, "the same again tells nothing new"
     assert at(ground, 2.05, 8.0) == OCC_OCCUPIED
     assert at(ground, 2.05, 2.5) == OCC_UNKNOWN
     assert at(ground, 0.55, 2.5) == OCC_ASSUMED

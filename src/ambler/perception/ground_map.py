@@ -183,7 +183,10 @@ class GroundMap:
         yaw = map_from_base.to_se2().yaw
         stance = (np.array([math.cos(yaw), math.sin(yaw)]), np.array([self._stance, *c.firm_limits, c.level_step]))
         kernels.stand(of_map, *stance, spec, box, *cells)
-        level.evidence[beyond_low_edges(level)] = kernels.UNKNOWN
+        doubted = beyond_low_edges(level)
+        level.evidence[doubted] = kernels.UNKNOWN
+        undone = np.count_nonzero(doubted[_inside(box)] & was_unknown)
+        changed += np.count_nonzero(doubted) - 2 * undone
         if len(self.levels) == count and not is_first:  # that is on the level from which the robot comes, too
             self._leave_to_others(level, _inside(box), was_unknown)
         self.version += int(changed > 0)
