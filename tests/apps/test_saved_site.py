@@ -143,12 +143,12 @@ def test_explored_saved_found_again_and_replayed(tmp_path):
     Told nothing, it would not move: half of the yard looks like the other half turned about."""
     common = ["--world", "ramp", "--robot", "mecanum", "--kinematic", "--exit", "--no-view"]
     common += ["--set", "global_planner=visibility_graph"]
-    main(["demo", *common, "--time-limit", "14", "--out", str(tmp_path / "first")])
+    main(["demo", *common, "--time-limit", "16", "--out", str(tmp_path / "first")])
     (first,) = (tmp_path / "first").glob("2*")
     assert {"map.yaml", "map.levels.npz", "map.cloud.pcd", "map.vgraph"} <= {file.name for file in first.iterdir()}
     result = tmp_path / "result.json"
     words = ["navigate", *common, "--map", str(first), "--start=0.6,0.4,25", "--seed", "3"]
-    words += ["--time-limit", "60", "--out", str(tmp_path / "second"), "--json", str(result), "--", "1.5,-0.2@0"]
+    words += ["--time-limit", "60", "--out", str(tmp_path / "second"), "--json", str(result), "--", "-0.6,-0.8@0"]
     assert main(words) == 0
     told = json.loads(result.read_text())
     assert (told["ended"], told["goals_reached"], told["collisions"]) == ("succeeded", 1, 0)
