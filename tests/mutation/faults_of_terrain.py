@@ -836,8 +836,8 @@ TERRAIN = (
     PlantedFault(
         "cars and walls go on where nothing is seen",
         "perception/low_edges.py",
-        "(reaches - ground >= LOW)",
-        "(reaches - ground >= 9.0)",
+        "(reaches - ground < LOW)",
+        "(reaches - ground < 9.0)",
         ("tests/perception/test_low_edges.py",),
     ),
     PlantedFault(
@@ -852,6 +852,13 @@ TERRAIN = (
         "perception/low_edges.py",
         "away > STRAIGHT",
         "away > 99.0",
+        ("tests/perception/test_low_edges.py",),
+    ),
+    PlantedFault(
+        "a wall without ground in sight before it counts as low",
+        "perception/low_edges.py",
+        "(ground < FAR)",
+        "(ground <= FAR)",
         ("tests/perception/test_low_edges.py",),
     ),
 )

@@ -67,6 +67,15 @@ def test_what_shows_itself_from_near_does_not_go_on(top: float) -> None:
     assert not beyond_low_edges(level).any()
 
 
+def test_a_wall_beside_the_robot_leaves_its_doorway_open() -> None:
+    """It stands where no floor is seen, so that nothing tells how high it is over the ground."""
+    level = around_a_start()
+    x, y = places(level)
+    wall = (np.abs(y - 3.0) < 0.1) & (np.abs(x) < 3.5) & (np.abs(x) > 0.5)
+    level.evidence[wall], level.reaches[wall] = -6, 2.5
+    assert not beyond_low_edges(level).any()
+
+
 def test_heaps_and_stones_do_not_go_on() -> None:
     level = around_a_start()
     x, y = places(level)

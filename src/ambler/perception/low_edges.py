@@ -57,7 +57,7 @@ def _things(
     is_ground = (evidence > 0) & (evidence != ASSUMED) & np.isfinite(heights)
     ground = cv2.erode(np.where(is_ground, heights, FAR).astype(np.float32), np.ones((wide, wide), np.uint8))
     known = (evidence <= 0) & (evidence != UNKNOWN)
-    high = known & (reaches - ground >= LOW)
+    high = known & ~((reaches - ground < LOW) & (ground < FAR))  # where no ground is seen, nothing tells that it is low
     beside = 2 * round(BESIDE / resolution) + 1
     low = known & (cv2.dilate(high.astype(np.uint8), np.ones((beside, beside), np.uint8)) == 0)
     gap = 2 * round(0.5 * GAP / resolution) + 1
