@@ -829,7 +829,7 @@ TERRAIN = (
     PlantedFault(
         "kerbs end where nothing is seen",
         "perception/ground_map.py",
-        "level.evidence[doubted] = kernels.UNKNOWN",
+        "level.evidence[doubted], level.firm[doubted] = kernels.UNKNOWN, 0",
         "pass",
         ("tests/perception/test_ground_map.py",),
     ),
@@ -860,5 +860,26 @@ TERRAIN = (
         "(ground < FAR)",
         "(ground <= FAR)",
         ("tests/perception/test_low_edges.py",),
+    ),
+    PlantedFault(
+        "a ring of returns on a kerb is ground",
+        "perception/low_edges.py",
+        "near &= is_rim & (evidence > 0)",
+        "near &= assumed[inner] & (evidence > 0)",
+        ("tests/perception/test_low_edges.py",),
+    ),
+    PlantedFault(
+        "ground on which the robot has stood is doubted",
+        "perception/low_edges.py",
+        "(level.firm[inner] != STOOD)",
+        "(level.firm[inner] != 99)",
+        ("tests/perception/test_low_edges.py",),
+    ),
+    PlantedFault(
+        "where a robot has stood is no more than beside it",
+        "kernels/ground_map.py",
+        "firm[iy, ix] = STOOD",
+        "firm[iy, ix] = 1",
+        ("tests/perception/test_ground_map.py",),
     ),
 )

@@ -455,6 +455,9 @@ def test_where_a_robot_has_stood_there_is_ground_whatever_the_terrain_says_later
     for _ in range(9):
         feed(ground, of_kind(kind, -3.0, 3.0, -3.0, 3.0), SE3((3.0, 0.0, 0.0)))
     assert at(ground, 0.0, 0.0) == OCC_FREE, "below the robot"
+    level = ground.level
+    assert level.firm[level.spec.cell_of(0.0, 0.0)] == kernels.STOOD
+    assert level.firm[level.spec.cell_of(0.0, 1.5)] == 1
     assert at(ground, 0.0, 1.5) == OCC_FREE, "beside it, in the plane of its wheels"
     assert at(ground, 1.5, 0.0) == OCC_OCCUPIED, "there it has not been"
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ambler.core.grid import GridSpec
-from ambler.kernels.ground_map import ASSUMED, UNKNOWN
+from ambler.kernels.ground_map import ASSUMED, STOOD, UNKNOWN
 from ambler.perception.ground_level import Level
-from ambler.perception.low_edges import beyond_low_edges
+from ambler.perception.low_edges import RIM, beyond_low_edges
 
 R = 0.1
 
@@ -49,8 +49,11 @@ def test_a_kerb_goes_on_beside_the_robot_as_far_as_it_was_seen(angle: float, slo
         assert doubted(level, angle, 2.0, along)
         assert not doubted(level, angle, 0.5, along), "the robot's own way stays open"
     assert not doubted(level, angle, 2.0, -3.2), "six metres were seen"
+    x, y = places(level)
     found = beyond_low_edges(level)
-    assert (level.evidence[found] == ASSUMED).all()
+    assert (np.hypot(x, y)[found] < 5.0 + math.sqrt(2.0) * RIM).all(), (
+        "where floor is seen before them, things show themselves"
+    )
 
 
 def test_a_short_piece_goes_on_for_as_short_a_way() -> None:
@@ -96,3 +99,18 @@ def test_nothing_assumed_nothing_doubted() -> None:
     put(level, 0.0, 2.0, 0.12)
     level.evidence[level.evidence == ASSUMED] = UNKNOWN
     assert not beyond_low_edges(level).any()
+
+
+def test_a_ring_of_returns_on_a_kerb_is_no_ground_beside_what_is_assumed() -> None:
+    """It lies 0.3 m before the end of what is seen of the kerb; there is no floor before it. Ground before which floor is seen stays, and where the robot has stood."""
+    level = around_a_start()
+    put(level, 0.0, 2.0, 0.12)
+    x, y = places(level)
+    ring = (np.abs(y - 2.0) < 0.2) & (x > 4.2) & (x < 4.6)
+    level.evidence[ring], level.firm[ring] = 4, 1
+    assert doubted(level, 0.0, 2.0, 4.4)
+    level.firm[ring] = STOOD
+    assert not doubted(level, 0.0, 2.0, 4.4)
+    level.firm[ring] = 0
+    level.evidence[(x > 3.4) & (x < 5.0) & (y > 0.0)] = 4
+    assert not doubted(level, 0.0, 2.0, 4.4), "floor is seen all about it"

@@ -15,6 +15,7 @@ GROUND = 1  # the kind of a window's cell that can be crossed
 BLIND = 255  # the kind of a window's cell that the sensor cannot see from where it is
 DROP = 3  # the kind of a window's cell at which ground ends above something lower
 GROUND_MOST, OBSTACLE_MOST = 4, -6
+STOOD = 2  # what `firm` says where the robot has stood; 1 of ground beside it
 BESIDE = 3  # cells to either side that say whether one is alone
 UNDER = 0.05  # metres by which what a ray passes below reaches higher than it
 HIT = 3  # looks at ground that one look at an obstacle outweighs
@@ -267,12 +268,12 @@ def stand(plane, heading, limits, spec, box, evidence, map_heights, firm):
                 continue
             is_in_plane = abs(map_heights[iy, ix] - height) <= off + slope * abs(beside)
             if math.hypot(dx, dy) <= own:
-                firm[iy, ix] = 1
+                firm[iy, ix] = STOOD
                 evidence[iy, ix] = GROUND_MOST
                 if not is_in_plane:
                     map_heights[iy, ix] = height
             elif 0 < evidence[iy, ix] != ASSUMED and is_in_plane:
-                firm[iy, ix] = 1
+                firm[iy, ix] = max(firm[iy, ix], 1)
 
 
 @jit

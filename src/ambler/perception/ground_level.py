@@ -27,7 +27,7 @@ FAR = np.float32(1e6)  # metres: no height
 @dataclass
 class Level:
     """One level: `evidence` int8 [iy, ix] of kernels.ground_map, `heights` float32 [iy, ix] of the ground in the map frame, NaN where not known,
-    `reaches` float32 how high (m, in the map frame) reaches what is in the way there, -inf where nothing stands, and `firm` uint8 [iy, ix], 1 where the robot has stood, and beside it where the ground lay in the plane of its wheels."""
+    `reaches` float32 how high (m, in the map frame) reaches what is in the way there, -inf where nothing stands, and `firm` uint8 [iy, ix], `STOOD` where the robot has stood, and 1 beside it where the ground lay in the plane of its wheels."""
 
     spec: GridSpec
     evidence: NDArray[np.int8] = field(repr=False)

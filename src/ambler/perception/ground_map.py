@@ -184,7 +184,7 @@ class GroundMap:
         stance = (np.array([math.cos(yaw), math.sin(yaw)]), np.array([self._stance, *c.firm_limits, c.level_step]))
         kernels.stand(of_map, *stance, spec, box, *cells)
         doubted = beyond_low_edges(level)
-        level.evidence[doubted] = kernels.UNKNOWN
+        level.evidence[doubted], level.firm[doubted] = kernels.UNKNOWN, 0
         undone = np.count_nonzero(doubted[_inside(box)] & was_unknown)
         changed += np.count_nonzero(doubted) - 2 * undone
         if len(self.levels) == count and not is_first:  # that is on the level from which the robot comes, too

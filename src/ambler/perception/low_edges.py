@@ -1,7 +1,7 @@
 """Where a kerb may go on that is seen only from afar: a level LiDAR sees a row of stones 5 m away, and nothing of it beside the robot.
 
-Ground that cannot be seen is assumed to go on as the robot stands; so is what is seen at the edge of it. A low thing that is long and straight, and ends where ground is only
-assumed, goes on there as far as it was seen, as a rule.
+Ground that cannot be seen is assumed to go on as the robot stands. A low thing that is long and straight, and ends where ground is only assumed, goes on there as far as it
+was seen, as a rule; and what is told as ground there, at the edge of what can be seen, may be its top: a single ring of returns, with no floor before it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambler.kernels.ground_map import ASSUMED, UNKNOWN
+from ambler.kernels.ground_map import ASSUMED, STOOD, UNKNOWN
 from ambler.perception.ground_level import FAR, Level
 
 F64 = NDArray[np.float64]
@@ -26,12 +26,13 @@ TAIL = 3.0  # metres of its end that say where it goes on
 MOST = 6.0  # metres that it goes on at most
 HALF, SPREAD = 0.3, 0.1  # metres to either side, and more for each metre on
 ENDS = 1.5  # metres of known ground that end it: a level LiDAR takes the edge of a kerb for ground in the last metre in which it sees that and no floor
+RIM = 0.5  # metres beside ground that is only assumed in which what is seen has no floor before it
 STEP = 0.1
 BORDER = 8.0  # metres around what is assumed in which such things are looked for
 
 
 def beyond_low_edges(level: Level) -> NDArray[np.bool_]:
-    """Return the cells (bool [iy, ix]) of ground that is only assumed onto which a long low thing may go on."""
+    """Return the cells (bool [iy, ix]) of ground that is only assumed, or was seen beside such, onto which a long low thing may go on."""
     out = np.zeros(level.spec.shape, np.bool_)
     assumed = level.evidence == ASSUMED
     rows, columns = (np.flatnonzero(assumed.any(axis=axis)) for axis in (1, 0))
@@ -45,7 +46,9 @@ def beyond_low_edges(level: Level) -> NDArray[np.bool_]:
     for thing in _things(evidence, level.heights[inner], level.reaches[inner], r):
         for end, ahead, length in _ends(thing):
             _draw(near, evidence, r, end, ahead, min(length, MOST))
-    near &= assumed[inner]
+    rim = 2 * round(RIM / r) + 1
+    is_rim = cv2.dilate(assumed[inner].astype(np.uint8), np.ones((rim, rim), np.uint8)) > 0
+    near &= is_rim & (evidence > 0) & (level.firm[inner] != STOOD)
     return out
 
 
