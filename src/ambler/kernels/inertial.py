@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit, jit_fused, read_only
+from ambler.kernels.jit import jit, jit_fused, jit_short, read_only
 
 POSITION, ROTATION, VELOCITY, GYRO_BIAS, ACCEL_BIAS, GRAVITY, EXTRA = 0, 3, 6, 9, 12, 15, 17
 # Columns of a trajectory float64 (K, KNOT): time, position, velocity, acceleration in the map, angular rate in the body from here to the next
@@ -88,7 +88,7 @@ def _carry_covariance(f, covariance, moved):
             covariance[r, c] = covariance[c, r] = total
 
 
-@jit
+@jit_short
 def propagate(samples, position, rotation, velocity, gyro_bias, accel_bias, gravity, covariance, densities, knots):
     """Carry the state through IMU samples float64 (K, 7) of (time, rate, specific force), K >= 2, from the first one's time to the last one's.
 
