@@ -491,9 +491,30 @@ def test_the_way_home_is_tried_again_after_a_while_because_people_move_on() -> N
     raise AssertionError("the mission does not end")
 
 
+@pytest.mark.parametrize(("is_about", "least", "most"), [(False, 100.0, 140.0), (True, 400.0, 460.0)])
+def test_the_way_home_is_tried_for_longer_while_people_are_about(is_about: bool, least: float, most: float) -> None:
+    play = Play(return_pause=8.0, return_time=100.0, company_patience=4.0, company_looks=0)
+    play.step()
+    drives: list[float] = []
+    for _ in range(1200):
+        play.mission.meet(play.now_ns, is_here=is_about)
+        for command in play.step():
+            match command:
+                case Ended():
+                    assert command.code == "RETURN_FAILED"
+                    assert least <= play.now_ns / S - drives[0] <= most
+                    return
+                case DriveTo() if play.mission.state is ExploreState.RETURNING:
+                    drives.append(play.now_ns / S)
+                    play.mission.drive_ended(command.drive, "NO_VALID_PATH", "somebody stands there")
+                case DriveTo() | TurnAround():
+                    play.mission.drive_ended(command.drive, "SUCCEEDED", "")
+    raise AssertionError("the mission does not end")
+
+
 def test_the_time_that_looking_past_people_takes_is_none_of_the_way_home() -> None:
     shut = replace(frontier(16, 10, math.inf), goal=None, state=FrontierState.UNREACHABLE, reason="no way")
-    play = Play(shut, return_time=100.0, company_looks=1)
+    play = Play(shut, return_time=100.0, company_looks=1, company_patience=1.0)
     homeward: list[float] = []
     for _ in range(600):
         for command in play.step():

@@ -47,6 +47,13 @@ MOTION = (
         ("tests/control/test_judges.py",),
     ),
     PlantedFault(
+        "the way home is given up while people are about",
+        "missions/explore.py",
+        "self._patience_ns(view, self.config.return_time)",
+        "self.config.return_time * 1e9",
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
         "looking past people is time in which the way home was shut",
         "missions/explore.py",
         "self._is_home, self._shut_ns = False, None",

@@ -106,7 +106,7 @@ class CloseLooks:
             is_over |= (self._surfaces[at] & sides) > 0
         return is_over
 
-    def sides_of(self, occupancy: OccupancyGrid, groups: FrontierGroups) -> NDArray[np.uint8]:
+    def free_sides(self, occupancy: OccupancyGrid, groups: FrontierGroups) -> NDArray[np.uint8]:
         """Return the side on which the free ground of each group of frontier cells lies, a bit of those of `surfaces`; all bits for one as open to all sides."""
         self._move_to(occupancy.spec)
         dy, dx = self._towards_free(occupancy, groups.cells)

@@ -345,7 +345,7 @@ class FrontierSurvey:
         c, resolution = self.config, occupancy.spec.resolution
         worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
         gains, headings = np.empty(len(groups)), np.empty(len(groups))
-        surfaces, sides = self._close.surfaces(occupancy.spec), self._close.sides_of(occupancy, groups)
+        surfaces, sides = self._close.surfaces(occupancy.spec), self._close.free_sides(occupancy, groups)
         rays = (c.free_below, resolution, c.gain_range, c.gain_rays)
         visible_unknown(occupancy.data, surfaces, *rays, worth_it, sides, gains, headings)
         return gains, headings

@@ -358,7 +358,7 @@ class ExploreMission:
             return []
         if self._shut_ns is None:
             self._shut_ns = view.now_ns
-        if view.now_ns - self._shut_ns < self.config.return_time * 1e9:
+        if view.now_ns - self._shut_ns < self._patience_ns(view, self.config.return_time):
             return [ClearCosts(), *self._watch_the_way(view, code)]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
 
@@ -497,8 +497,8 @@ class ExploreMission:
         waits, turns, makes room for people who may wait for it, and tries again; one that fails for long without moving is stuck."""
         c = self.config
         self._failed.add(self._sent, view.map_from_base, view.now_ns)
-        patience = c.stuck_time * (c.company_patience if self._company.is_about(view.now_ns) else 1.0)
-        if self._failed.count >= c.stuck_failures and view.now_ns - self._failed.since_ns >= patience * 1e9:
+        stood_ns = view.now_ns - self._failed.since_ns
+        if self._failed.count >= c.stuck_failures and stood_ns >= self._patience_ns(view, c.stuck_time):
             text = f"{self._failed.count} drives failed at one place, the last one: {reason}"
             return self._end(ExploreState.FAILED, "STUCK", text)
         if self._failed.goals < c.shut_failures:
@@ -509,6 +509,10 @@ class ExploreMission:
         if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):
             return [ClearCosts(), *self._go_and_wait(view, place, f"shut in, making room ({reason})")]
         return [ClearCosts(), *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
+
+    def _patience_ns(self, view: ExploreView, seconds: float) -> float:
+        """How long to try what fails: longer while people are about, who may stand in the way and leave."""
+        return seconds * 1e9 * (self.config.company_patience if self._company.is_about(view.now_ns) else 1.0)
 
     def _turn_and_wait(self, view: ExploreView, text: str) -> list[Command]:
         """Turn once, because a map renews itself only where scans move, and wait for who stands in the way."""

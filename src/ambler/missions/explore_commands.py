@@ -41,7 +41,7 @@ class ExploreConfig:
     shut. After drives to `shut_failures` places that failed from one it waits and turns
     there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched; every second time it makes room, to where it was last `give_way` metres away, for who waits for the robot to leave. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
     `doubt_time` to find itself again before the exploration ends as LOST. Where people were about within `company_time`, nothing is taken to be shut, and no drive to be
-    hopeless, that they may stand in the way of: the robot goes there and looks, up to `company_looks` times in a row that show nothing new, and is stuck after `company_patience` times `stuck_time` only. While it drives through a map of
+    hopeless, that they may stand in the way of: the robot goes there and looks, up to `company_looks` times in a row that show nothing new, and is stuck after `company_patience` times `stuck_time` only, and tries the way home for as many times `return_time`. While it drives through a map of
     n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
 
     start_timeout: float = 60.0
