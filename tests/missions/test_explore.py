@@ -20,6 +20,7 @@ from ambler.missions.explore import ExploreMission
 from ambler.missions.explore_commands import (
     ClearCosts,
     Command,
+    DoubtTerrain,
     Ended,
     ExploreConfig,
     ExploreState,
@@ -403,6 +404,36 @@ def test_a_robot_that_people_shut_in_makes_room_for_them_every_second_time(peopl
     shut_in = [text for text in told if "shut in" in text]
     assert sum("making room" in text for text in shut_in) == (len(shut_in) // 2 if people else 0)
     assert len(shut_in) >= 4
+
+
+def test_a_robot_that_is_shut_in_doubts_the_terrain_around_it_and_not_before() -> None:
+    play = Play(*[frontier(2.0 + 2 * k, 5.0, 3.0 + k) for k in range(4)], goal=ExploreGoal(return_to_start=False))
+    failed, doubts = 0, []
+    while play.now_ns < 60 * S:
+        for command in play.step():
+            if isinstance(command, DoubtTerrain):
+                doubts.append((failed, command.radius))
+            if isinstance(command, DriveTo | TurnAround):
+                failed += isinstance(command, DriveTo)
+                play.mission.drive_ended(command.drive, "RECOVERIES_EXHAUSTED", "")
+    assert doubts[0] == (3, play.mission.config.doubted), "drives to three places failed from here"
+    assert len(doubts) >= 2
+
+
+@pytest.mark.parametrize("code", ["NO_VALID_PATH", "RECOVERIES_EXHAUSTED"])
+def test_who_cannot_move_on_the_way_home_doubts_the_terrain(code: str) -> None:
+    play = Play(return_time=60.0)
+    play.step()
+    doubts = []
+    for _ in range(40):
+        for command in play.step():
+            if isinstance(command, DoubtTerrain):
+                doubts.append(command)
+            if isinstance(command, DriveTo):
+                play.mission.drive_ended(command.drive, code, "")
+            if isinstance(command, TurnAround):
+                play.mission.drive_ended(command.drive, "SUCCEEDED", "")
+    assert bool(doubts) == (code == "RECOVERIES_EXHAUSTED")
 
 
 def test_a_robot_that_was_shut_in_goes_on_when_it_is_let_out_and_blames_no_frontier() -> None:

@@ -30,7 +30,7 @@ from ambler.runtime.tasks import (
     NavigateResult,
     Nothing,
 )
-from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, MAP, STATUS, TRANSFORMS
+from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, MAP, STATUS, TERRAIN_CLEARING, TRANSFORMS
 
 
 def two_rooms() -> GridWorld:
@@ -177,6 +177,39 @@ def test_a_fault_of_the_gate_that_lasts_ends_the_exploration_with_its_reason() -
     assert client.outcome is not None
     assert client.outcome.code == "STUCK"
     assert client.outcome.text.endswith("STALE_POINTS: rear_left")
+
+
+class Stuck(IdealRobot):
+    """Begins no drive after its first: something that it does not see any more shuts it in."""
+
+    def _on_goal(self, handle: GoalHandle[Any, Any, Any]) -> None:
+        handle.fail("RECOVERIES_EXHAUSTED", "every motion collides")
+
+
+class TerrainEar(Node):
+    """Hears what terrain is to be forgotten."""
+
+    name = "ear"
+    inputs = (TERRAIN_CLEARING,)
+
+    def __init__(self) -> None:
+        self.radii: list[float] = []
+
+    def start(self) -> None:
+        self.ctx.subscribe(TERRAIN_CLEARING, lambda radius: self.radii.append(radius.value))
+
+
+def test_who_is_shut_in_tells_to_forget_the_terrain_around() -> None:
+    survey, config = FrontierSurvey(SurveyConfig(), distance_field), ExploreConfig(shut_failures=1)
+    explorer = ExplorerNode(config, survey, strategy_named("tour", distance_field))
+    client, ear = Client(), TerrainEar()
+    executor = LockstepExecutor(Stack([Stuck(two_rooms()), explorer, client, ear]))
+    try:
+        executor.run(20.0)
+    finally:
+        executor.close()
+    assert ear.radii
+    assert set(ear.radii) == {config.doubted}
 
 
 def test_a_paused_gate_is_a_persons_wish() -> None:

@@ -47,6 +47,27 @@ MOTION = (
         ("tests/control/test_judges.py",),
     ),
     PlantedFault(
+        "who is shut in believes the terrain",
+        "missions/explore.py",
+        "doubts = (ClearCosts(), DoubtTerrain(c.doubted))",
+        "doubts = (ClearCosts(),)",
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
+        "who cannot move on the way home believes the terrain",
+        "missions/explore.py",
+        'if code == "RECOVERIES_EXHAUSTED" else []',
+        'if code == "" else []',
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
+        "doubts of the terrain are told to nobody",
+        "nodes/explorer.py",
+        "self.ctx.publish(TERRAIN_CLEARING, Number(self.ctx.now_ns, command.radius))",
+        "pass",
+        ("tests/missions/test_explorer_node.py",),
+    ),
+    PlantedFault(
         "the way home is given up while people are about",
         "missions/explore.py",
         "self._patience_ns(view, self.config.return_time)",

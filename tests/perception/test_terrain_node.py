@@ -19,6 +19,7 @@ from ambler.runtime.topics import (
     MAP_CLEARING,
     ODOMETRY,
     REGISTERED_CLOUD,
+    TERRAIN_CLEARING,
     TERRAIN_MAP,
     TERRAIN_MAP_EXT,
     Topic,
@@ -76,7 +77,9 @@ def test_what_hangs_over_the_robot_is_judged_from_the_base_and_seen_from_the_sen
         assert (about.sum() > 10) == is_obstacle
 
 
-@pytest.mark.parametrize(("topic", "is_wide"), [(MAP_CLEARING, False), (CLOUD_CLEARING, True)])
+@pytest.mark.parametrize(
+    ("topic", "is_wide"), [(MAP_CLEARING, False), (TERRAIN_CLEARING, False), (CLOUD_CLEARING, True)]
+)
 def test_the_near_and_the_wide_terrain_are_forgotten_each_by_its_own_order(
     topic: Topic[Number], is_wide: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

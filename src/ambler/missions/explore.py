@@ -23,6 +23,7 @@ from ambler.missions.explore_commands import (
     ChangeLevel,
     ClearCosts,
     Command,
+    DoubtTerrain,
     Ended,
     ExploreConfig,
     ExploreState,
@@ -359,7 +360,8 @@ class ExploreMission:
         if self._shut_ns is None:
             self._shut_ns = view.now_ns
         if view.now_ns - self._shut_ns < self._patience_ns(view, self.config.return_time):
-            return [ClearCosts(), *self._watch_the_way(view, code)]
+            doubts = [DoubtTerrain(self.config.doubted)] if code == "RECOVERIES_EXHAUSTED" else []
+            return [ClearCosts(), *doubts, *self._watch_the_way(view, code)]
         return self._end(ExploreState.FAILED, "RETURN_FAILED", f"{code}: {self._drive_text}")
 
     def _doubting(self, view: ExploreView) -> list[Command]:
@@ -508,7 +510,8 @@ class ExploreMission:
         place = self._trail.away(view.map_from_base, c.give_way)
         if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):
             return [ClearCosts(), *self._go_and_wait(view, place, f"shut in, making room ({reason})")]
-        return [ClearCosts(), *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
+        doubts = (ClearCosts(), DoubtTerrain(c.doubted))
+        return [*doubts, *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
 
     def _patience_ns(self, view: ExploreView, seconds: float) -> float:
         """How long to try what fails: longer while people are about, who may stand in the way and leave."""

@@ -39,7 +39,7 @@ class ExploreConfig:
     a target that cannot be reached any more once the robot is within `visit_range` of it counts as looked at;
     a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
     shut. After drives to `shut_failures` places that failed from one it waits and turns
-    there before it tries again, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched; every second time it makes room, to where it was last `give_way` metres away, for who waits for the robot to leave. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
+    there before it tries again, doubts the terrain within `doubted` metres, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched; every second time it makes room, to where it was last `give_way` metres away, for who waits for the robot to leave. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
     `doubt_time` to find itself again before the exploration ends as LOST. Where people were about within `company_time`, nothing is taken to be shut, and no drive to be
     hopeless, that they may stand in the way of: the robot goes there and looks, up to `company_looks` times in a row that show nothing new, and is stuck after `company_patience` times `stuck_time` only, and tries the way home for as many times `return_time`. While it drives through a map of
     n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
@@ -56,6 +56,7 @@ class ExploreConfig:
     stuck_failures: int = 8
     stuck_time: float = 120.0
     stuck_distance: float = 0.5
+    doubted: float = 1.5
     min_reachable_area: float = 0.5
     return_time: float = 180.0
     return_pause: float = 8.0
@@ -121,6 +122,13 @@ class ClearCosts:
 
 
 @dataclass(frozen=True, slots=True)
+class DoubtTerrain:
+    """Have the terrain within `radius` metres of the robot forgotten: what shuts it in there it may not see any more, and never have been."""
+
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
 class ChangeLevel:
     """Take this level for the one that the robot is on as soon as what it sees fits it."""
 
@@ -136,4 +144,4 @@ class Ended:
     result: ExploreResult
 
 
-Command = DriveTo | TurnAround | HoldStation | StopDriving | ClearCosts | ChangeLevel | Ended
+Command = DriveTo | TurnAround | HoldStation | StopDriving | ClearCosts | DoubtTerrain | ChangeLevel | Ended

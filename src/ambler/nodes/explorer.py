@@ -14,6 +14,7 @@ from ambler.core.messages import (
     GateState,
     GateStatus,
     GroundLevels,
+    Number,
     OccupancyGrid,
     PointCloud,
     PointStamped,
@@ -31,6 +32,7 @@ from ambler.missions.explore_commands import (
     ChangeLevel,
     ClearCosts,
     Command,
+    DoubtTerrain,
     Ended,
     ExploreConfig,
     ExploreState,
@@ -68,6 +70,7 @@ from ambler.runtime.topics import (
     MAP,
     MOVERS,
     STATUS,
+    TERRAIN_CLEARING,
     TRANSFORMS,
     WAY_POINT,
     Topic,
@@ -86,7 +89,7 @@ class ExplorerNode(Node):
         *(GOAL, GOAL_POINT, WAY_POINT),
     )
     kept_inputs: tuple[Topic[Any], ...] = (TRANSFORMS,)
-    outputs: tuple[Topic[Any], ...] = (FRONTIERS, STATUS)
+    outputs: tuple[Topic[Any], ...] = (FRONTIERS, TERRAIN_CLEARING, STATUS)
     serves: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (EXPLORE,)
     calls: tuple[Service[Any, Any] | Task[Any, Any, Any], ...] = (NAVIGATE, RECOVER, CLEAR_GLOBAL_COSTMAP)
     latency: float = 0.05
@@ -251,6 +254,8 @@ class ExplorerNode(Node):
                     self.ctx.call(CHOOSE_LEVEL, LevelRequest(command.level), self._on_chosen)
                 case ClearCosts():
                     self.ctx.call(CLEAR_GLOBAL_COSTMAP, Nothing(), self._on_cleared)
+                case DoubtTerrain():
+                    self.ctx.publish(TERRAIN_CLEARING, Number(self.ctx.now_ns, command.radius))
                 case Ended():
                     self._end(command)
 

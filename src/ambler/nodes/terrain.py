@@ -20,6 +20,7 @@ from ambler.runtime.topics import (
     MAP_CLEARING,
     ODOMETRY,
     REGISTERED_CLOUD,
+    TERRAIN_CLEARING,
     TERRAIN_MAP,
     TERRAIN_MAP_EXT,
 )
@@ -29,12 +30,12 @@ WIDE_EVERY = 5  # clouds of which the wide window takes one, and tells its terra
 
 
 class TerrainNode(Node):
-    """Runs two `TerrainAnalysis`; a cloud of a moment without odometry is left out. MAP_CLEARING tells within what radius of the robot the near one
+    """Runs two `TerrainAnalysis`; a cloud of a moment without odometry is left out. MAP_CLEARING and TERRAIN_CLEARING tell within what radius of the robot the near one
     shall forget, CLOUD_CLEARING the wide one; FIRM_GROUND what a map of ground holds for sure around the robot."""
 
     name = "terrain"
     inputs: Topics = (REGISTERED_CLOUD, ODOMETRY)
-    optional_inputs: Topics = (FIRM_GROUND, MAP_CLEARING, CLOUD_CLEARING)
+    optional_inputs: Topics = (FIRM_GROUND, MAP_CLEARING, TERRAIN_CLEARING, CLOUD_CLEARING)
     kept_inputs: Topics = (ODOMETRY,)
     outputs: Topics = (TERRAIN_MAP, TERRAIN_MAP_EXT)
     latency = 0.005
@@ -52,7 +53,8 @@ class TerrainNode(Node):
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(REGISTERED_CLOUD, self._on_cloud)
         self.ctx.subscribe(FIRM_GROUND, lambda cloud: self._near.remember(cloud.points))
-        self.ctx.subscribe(MAP_CLEARING, lambda radius: self._forget(self._near, radius))
+        for clearing in (MAP_CLEARING, TERRAIN_CLEARING):
+            self.ctx.subscribe(clearing, lambda radius: self._forget(self._near, radius))
         self.ctx.subscribe(CLOUD_CLEARING, lambda radius: self._forget(self._wide, radius))
 
     def _forget(self, analysis: TerrainAnalysis, radius: Number) -> None:

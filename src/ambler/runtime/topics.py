@@ -76,6 +76,7 @@ REGISTERED_CLOUD = _topic("registered_cloud", m.PointCloud, "/registered_scan", 
 REGISTERED_VIEW = _topic("registered_view", m.PointCloud, "/registered_view", depth=2, max_age=0.5)
 TERRAIN_MAP = _topic("terrain_map", m.PointCloud, "/terrain_map", depth=2, max_age=1.0)
 FIRM_GROUND = _topic("firm_ground", m.PointCloud, "/firm_ground", depth=2)
+TERRAIN_CLEARING = _topic("terrain_clearing", m.Number, "/terrain_clearing", depth=2)
 TERRAIN_MAP_EXT = _topic("terrain_map_ext", m.PointCloud, "/terrain_map_ext", depth=2, max_age=3.0)
 IMAGE = _topic("image", m.Image, "/camera/image", depth=2, max_age=0.5)
 CAMERA_INFO = _topic("camera_info", m.CameraInfo, "/camera/camera_info", "latched", 1)
