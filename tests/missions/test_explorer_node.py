@@ -180,7 +180,7 @@ def test_a_fault_of_the_gate_that_lasts_ends_the_exploration_with_its_reason() -
 
 
 class Stuck(IdealRobot):
-    """Begins no drive after its first: something that it does not see any more shuts it in."""
+    """Fails every drive at once: something that it does not see any more shuts it in."""
 
     def _on_goal(self, handle: GoalHandle[Any, Any, Any]) -> None:
         handle.fail("RECOVERIES_EXHAUSTED", "every motion collides")
