@@ -203,7 +203,7 @@ STUDIES = {
         r"auto-kinematic-\d+: [34] of 4 goals, 0 collisions.*with_voxels.runs +1\n.*without.runs +1\n",
         code=None,
     ),
-    "eval unknown --kinematic --runs 20 --seed draw --json docs/results/unknown.json": Long(
+    "eval unknown --runs 20 --seed draw --json docs/results/unknown.json": Long(
         "--runs 1 --kinds flat",
         r"visibility_graph-any: succeeded, .*grid-any: succeeded, .*ratio_vs_grid +│ [01]\.\d",
         code=None,
