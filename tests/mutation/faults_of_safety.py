@@ -332,4 +332,18 @@ SAFETY = (
         "has_moved = False",
         NUMBERS,
     ),
+    PlantedFault(
+        "what the robot has just stood on may have stood there",
+        "safety/visitors.py",
+        " | self._was_under(places, seconds, travel)",
+        "",
+        ("tests/safety/test_visitors_under.py",),
+    ),
+    PlantedFault(
+        "what touches the outline was under the robot",
+        "safety/visitors.py",
+        "(depth >= margin)",
+        "(depth >= -0.2)",
+        ("tests/safety/test_visitors_under.py",),
+    ),
 )

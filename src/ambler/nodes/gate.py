@@ -135,7 +135,7 @@ class GateNode(Node):
         self._known = (*self._planar, *self._clouds, *self._rangers)
         self._fields: dict[str, FieldOfView] = {}
         self._sees_all_around = False
-        self._rim = rim_of(robot.footprint)
+        self._footprint, self._rim = robot.footprint, rim_of(robot.footprint)
         self._ranges = RangeView(robot)
         self._arcs: dict[str, tuple[int, F64]] = {}
         ring = sorted(self._rangers, key=lambda m: m.base_from_sensor.to_se2().yaw)
@@ -307,7 +307,9 @@ class GateNode(Node):
         normals, offsets = self._edges
         if field.has_all_beyond(float(np.min(offsets - normals @ np.array(base_from_sensor.translation[:2])))):
             return np.empty((0, 3))  # its blind zone lies within the footprint
-        memory = self._memories.setdefault(scan.frame, BlindMemory(self._radius, self._config.memory_travel))
+        memory = self._memories.setdefault(
+            scan.frame, BlindMemory(self._radius, self._config.memory_travel, self._footprint)
+        )
         others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != scan.frame]
         seconds = scan.stamp_ns * 1e-9 if self._sees_all_around else 0.0
         height = odom_from_base.translation[2]

@@ -71,9 +71,9 @@ class FieldOfView:
 
 
 class BlindMemory:
-    """One scanner's memory. A point is forgotten after `max_travel` metres of the robot's outermost corner at `radius`."""
+    """One scanner's memory. A point is forgotten after `max_travel` metres of the robot's outermost corner at `radius`; `footprint` (M, 2): see `Visitors`."""
 
-    def __init__(self, radius: float, max_travel: float) -> None:
+    def __init__(self, radius: float, max_travel: float, footprint: F64 | None = None) -> None:
         self._radius = radius
         self._max_travel = max_travel
         self._means_odom = np.empty((0, 3))
@@ -81,7 +81,7 @@ class BlindMemory:
         self._seen_at = np.empty(0)
         self._came = np.empty(0, np.bool_)
         self._near_at = np.empty(0)
-        self._visitors = Visitors()
+        self._visitors = Visitors(footprint)
         self._travel = 0.0
         self._odom_from_base: SE2 | None = None
 
@@ -107,6 +107,7 @@ class BlindMemory:
         is_fading = ~is_central
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
         odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
+        self._visitors.stand(seconds, self._travel, odom_from_base)
         self._visitors.look(seconds, self._travel, odom_from_sensor, rays[:2], field.azimuth, field.range_min)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))

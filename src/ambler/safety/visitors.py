@@ -26,6 +26,7 @@ SPACING = (0.1, 0.5)  # metres of the outermost corner, and seconds, between two
 DRIVEN = 1.0  # metres of the outermost corner after which odometry has drifted too far for a scan to tell
 AGE = 0.3  # seconds after which a scan tells what was there before
 FAR = 1.5  # metres up to which no thin leg slips through between two beams
+INSIDE = 0.05  # metres within the robot's outline: what odometry may have drifted meanwhile
 NEAR = 0.3  # metres around a remembered point: who stands there is wider than what a scanner cannot see of him
 TOLERANCES = (math.radians(1.0), 0.1, 0.15, NEAR)
 """Of the directions in which all returns must lie behind a place to prove it empty (rad), and by how much (m); around a place of which a scan says nothing
@@ -48,10 +49,20 @@ class _Look:
 
 
 class Visitors:
-    """Keeps some scans of one planar scanner. All places (N, 2) are in the odom frame, m."""
+    """Keeps some scans of one planar scanner, and where the robot's `footprint` (M, 2), convex and counter-clockwise, was then: nothing stood there. All places (N, 2) are in the odom
+    frame, m."""
 
-    def __init__(self) -> None:
+    def __init__(self, footprint: F64 | None = None) -> None:
         self._looks: deque[_Look] = deque(maxlen=LOOKS)
+        self._stood: deque[tuple[float, float, SE2]] = deque(maxlen=LOOKS)
+        self._footprint = np.zeros((0, 2)) if footprint is None else footprint
+
+    def stand(self, seconds: float, travel: float, odom_from_base: SE2) -> None:
+        """Take where the robot is, when that is due."""
+        if not self._stood or (
+            travel - self._stood[-1][1] >= SPACING[0] and seconds - self._stood[-1][0] >= SPACING[1]
+        ):
+            self._stood.append((seconds, travel, odom_from_base.inverse()))
 
     def look(
         self,
@@ -85,7 +96,15 @@ class Visitors:
                     kernels.mark_comers(
                         *(look.azimuth, look.ranges, look.points, look.limits, TOLERANCES, *there, asked, out)
                     )
-        return np.asarray(out == kernels.CAME)
+        return np.asarray(out == kernels.CAME) | self._was_under(places, seconds, travel)
+
+    def _was_under(self, places: F64, seconds: float, travel: float) -> Flags:
+        """Return bool (N,): whether the robot itself stood on a place a moment ago."""
+        out = np.zeros(len(places), np.bool_)
+        for at, way, base_from_odom in self._stood:
+            if len(self._footprint) > 0 and seconds - at >= AGE and travel - way <= DRIVEN:
+                out |= _are_within(base_from_odom.transform(places), self._footprint, INSIDE)
+        return out
 
 
 def rim_of(footprint: F64) -> F64:
@@ -96,6 +115,14 @@ def rim_of(footprint: F64) -> F64:
     sides = (footprint + share * edge + RIM * normals).reshape(-1, 2)
     outward = normals + np.roll(normals, 1, axis=0)
     return np.concatenate((sides, footprint + RIM * outward / np.hypot(*outward.T)[:, None]))
+
+
+def _are_within(points: F64, outline: F64, margin: float) -> Flags:
+    """Return bool (N,): which points (N, 2) lie at least `margin` metres inside a convex, counter-clockwise outline (M, 2)."""
+    edge = np.roll(outline, -1, axis=0) - outline
+    inward = np.column_stack((-edge[:, 1], edge[:, 0])) / np.hypot(*edge.T)[:, None]
+    depth = ((points[:, None] - outline[None]) * inward[None]).sum(axis=2)
+    return np.asarray((depth >= margin).all(axis=1))
 
 
 def is_seen_near(places: F64, returns: F64) -> Flags:
