@@ -445,8 +445,8 @@ MOTION = (
     PlantedFault(
         "who walks past takes the name of who stands",
         "perception/mover_tracker.py",
-        "if places and (has_walked_off or not near.any()):",
-        "if places:",
+        "if nearest <= c.gate and (has_walked_off or not near.any()):",
+        "if nearest <= c.gate:",
         MOVERS,
     ),
     PlantedFault(
@@ -489,6 +489,27 @@ MOTION = (
         "perception/mover_tracker.py",
         "        if map_from_odom is not None:",
         "        if False:",
+        MOVERS,
+    ),
+    PlantedFault(
+        "who walks up to another takes his place",
+        "perception/mover_tracker.py",
+        "return math.inf if is_anothers else away",
+        "return away",
+        MOVERS,
+    ),
+    PlantedFault(
+        "who stopped out of sight is sought where he would be",
+        "perception/mover_tracker.py",
+        "            near = np.hypot(*(came - track.place).T) <= 0.7 * c.gate",
+        "            near = near",
+        MOVERS,
+    ),
+    PlantedFault(
+        "who stopped out of sight walks on",
+        "perception/mover_tracker.py",
+        "                track.halt(now)",
+        "                pass",
         MOVERS,
     ),
     PlantedFault(

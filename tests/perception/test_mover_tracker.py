@@ -274,16 +274,42 @@ def test_two_who_meet_and_stand_before_each_other_stay_two() -> None:
             assert known_at(movers, far, 0.25), f"scan {k}"
 
 
-def test_who_walks_past_does_not_take_the_name_of_who_stands() -> None:
+@pytest.mark.parametrize("begin", [3.0, 2.25])
+def test_who_walks_past_does_not_take_the_name_of_who_stands(begin: float) -> None:
+    """He comes from afar, or out of a door beside who stands."""
     tracker, rng, stands = MoverTracker(), np.random.default_rng(11), (2.0, 0.6)
     for k in range(80):
         here = (3.2 - 0.1 * k, 0.6) if k < 12 else stands
-        other = (3.0 - 0.1 * (k - 25), 0.12)
+        other = (begin - 0.1 * (k - 25), 0.12)
         movers = feed(tracker, k, [here, other] if 25 <= k < 50 else [here], ROOM, SE2(), rng)
         if k >= 14:
             assert known_at(movers, stands), f"scan {k}"
         if 35 <= k < 45:
             assert known_at(movers, other), f"scan {k}"
+
+
+@pytest.mark.parametrize(("y", "gap"), [(1.3, 0.6), (0.9, 0.7)])
+@pytest.mark.parametrize("seed", range(2))
+def test_who_walks_up_to_another_does_not_take_his_place(y: float, gap: float, seed: int) -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(seed)
+    for k in range(70):
+        left = 0.1 * max(0, 30 - k)
+        one, other = (0.7 - 0.5 * gap - left, y), (0.7 + 0.5 * gap + 0.9 * left, y + 0.15)
+        movers = feed(tracker, k, [one, other] if k >= 5 else [], ROOM, SE2(), rng)
+        if k >= 20:
+            assert known_at(movers, one, 0.3), f"scan {k}"
+            assert known_at(movers, other, 0.3), f"scan {k}"
+
+
+@pytest.mark.parametrize("hidden", [5, 6])
+def test_who_stops_while_somebody_hides_him_is_found_where_he_was(hidden: int) -> None:
+    tracker, rng = MoverTracker(), np.random.default_rng(20)
+    for k in range(60):
+        here = (2.0, -2.2 + 0.15 * min(k, 25))
+        before = [(0.5 * here[0], 0.5 * here[1])] if 25 <= k < 25 + hidden else []
+        movers = feed(tracker, k, [here, *before] if k >= 5 else [], ROOM, SE2(), rng)
+        if k > 25 + hidden:
+            assert known_at(movers, here, 0.3), f"scan {k}"
 
 
 def test_who_is_hidden_behind_another_stands_there_still_until_his_place_is_seen_empty() -> None:

@@ -109,6 +109,10 @@ class MoverTrack:
         is_hidden = len(self.surface) > 0 and now - self.seen > HIDDEN
         return np.zeros(2) if is_hidden else self.velocity
 
+    def halt(self, now: float) -> None:
+        """Take him to have stopped where he was last measured."""
+        self.velocity, self.at = np.zeros(2), now
+
     def measure(self, place: F64, now: float, config: MoverConfig, points: F64, starts: F64) -> None:
         """Take a place; `points` (N, 2) are all that the scan hit, from `starts`."""
         self.count += 1

@@ -68,9 +68,10 @@ class MoverTracker:
         is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
         came, is_old, is_new = points[is_here], kinds[is_here] != kernels.MOVING, alone[is_here] == kernels.ALONE
         seen_from = _of_rays(starts, is_here)
+        walkers = np.array([t.predicted(now) for t in self._tracks if t.is_mover]).reshape(-1, 2)
         for track, is_his in zip(self._tracks, self._owned(came, now), strict=True):
             his = came[is_his], _of_rays(seen_from, is_his), is_old[is_his], is_new[is_his]
-            self._follow(track, places, *his, points, starts, now)
+            self._follow(track, places, walkers, *his, points, starts, now)
         self._tracks += [MoverTrack(place, now) for place in places]
         self._tracks = self._one_each([t for t in self._tracks if now - t.seen <= self._config.coast or self._hides(t)])
         came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
@@ -235,6 +236,7 @@ class MoverTracker:
         self,
         track: MoverTrack,
         places: list[F64],
+        walkers: F64,
         came: F64,
         seen_from: F64,
         is_old: NDArray[np.bool_],
@@ -243,24 +245,33 @@ class MoverTracker:
         starts: F64,
         now: float,
     ) -> None:
-        """Give a track what stands where he stood, else the group that is nearest to where he should be, else whatever is there that came
-        later than the room was seen. `came` was seen from `seen_from`; `is_old` says which points of `came` have been where they are for a while, `is_new` in which places nothing
+        """Give a track what stands where he stood, else the group that is nearest to where he should be, and to nobody else of the `walkers` (K, 2), else
+        whatever is there, or where he was last, that came later than the room was seen. `came` was seen from `seen_from`; `is_old` says which points of `came` have been where they are for a while, `is_new` in which places nothing
         has ever stood: a wall beside which he passed is looked through by rays that graze it, and is not he."""
         c, expected = self._config, track.predicted(now)
         may_stand = track.is_mover or track.stands
         near = np.hypot(*(came - expected).T) <= 0.7 * c.gate if may_stand else np.zeros(len(came), np.bool_)
+        away = [self._away(track, expected, place, walkers) for place in places]
+        nearest = min(away, default=math.inf)
+        if may_stand and int(near.sum()) < c.min_points and nearest > c.gate:
+            near = np.hypot(*(came - track.place).T) <= 0.7 * c.gate
+            if int((near & is_new).sum()) >= c.min_points:
+                track.halt(now)
         has_walked_off = math.hypot(*track.velocity) >= c.speed_min or 2 * int((near & is_old).sum()) <= int(near.sum())
-        if places and (has_walked_off or not near.any()):
-            away = [math.dist(expected, place) for place in places]
-            k = int(np.argmin(away))
-            if away[k] <= c.gate:
-                track.surface = NOTHING
-                track.measure(places.pop(k), now, c, points, starts)
-                return
+        if nearest <= c.gate and (has_walked_off or not near.any()):
+            track.surface = NOTHING
+            track.measure(places.pop(away.index(nearest)), now, c, points, starts)
+            return
         if int(near.sum()) >= c.min_points and int((near & is_new).sum()) >= c.new_share * int(near.sum()):
             if math.hypot(*track.velocity) < c.speed_min:
                 track.surface = came[near]
             track.measure(self._middle(came[near], _of_rays(seen_from, near)), now, c, points, starts)
+
+    def _away(self, track: MoverTrack, expected: F64, place: F64, walkers: F64) -> float:
+        """Return how far a group's `place` is from where a track should be; inf if it is nearer to another one of the `walkers` (K, 2)."""
+        away = math.dist(expected, place)
+        is_anothers = track.is_mover and bool((np.hypot(*(walkers - place).T) < away - 1e-9).any())
+        return math.inf if is_anothers else away
 
     def _follow_out_of_sight(
         self, track: MoverTrack, points: F64, kinds: NDArray[np.uint8], starts: F64, now: float
