@@ -49,7 +49,7 @@ class Script:
         self.states: list[str] = []
         self.texts: list[str] = []
         self.base: SE2 | None = None
-        self.is_marked = False
+        self.is_marked = self.has_company = False
         self.blocked: list[Path] = []
         self.held: list[bool] = []
 
@@ -91,6 +91,9 @@ class Script:
         self.blocked.append(path)
         self.held.append(is_held)
         return self.is_marked
+
+    def is_in_company(self) -> bool:
+        return self.has_company
 
     def report(self, state: str, text: str) -> None:
         assert text
@@ -183,6 +186,58 @@ def test_a_patient_drive_waits_for_a_way(script: Script) -> None:
         rest(drive, 3.0)
     script.plans[-1](NoValidPathError("a wall"))
     assert script.ends == [("NO_VALID_PATH", "a wall")]
+
+
+def try_everything(script: Script, drive: Navigation) -> None:
+    """Fail until every recovery was tried in vain, and once more."""
+    for step in DEFAULT_SEQUENCE:
+        fail_follow(script, "NO_VALID_CONTROL")
+        if step.action is RecoveryAction.CLEAR:
+            script.clears[-1]()
+        elif step.action is RecoveryAction.WAIT:
+            rest(drive, step.amount)
+        else:
+            script.recoveries[-1][1]("SUCCEEDED", "")
+        script.plans[-1](plan_to(5.0))
+    fail_follow(script, "NO_VALID_CONTROL")
+
+
+@pytest.mark.parametrize("is_known_way", [True, False])
+def test_among_people_everything_is_tried_again(script: Script, *, is_known_way: bool) -> None:
+    drive = Navigation(NavigationConfig(company_patience=60.0), script, GOAL)
+    script.has_company = True
+    drive.start()
+    if not is_known_way:
+        script.plans[-1](NoValidPathError("somebody stands in the door"))
+        script.clears[-1]()
+        script.plans[-1](NoValidPathError("somebody stands in the door"))
+        rest(drive, 3.0)
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](5.0)
+    try_everything(script, drive)
+    assert script.ends == []
+    rest(drive, 3.0)
+    script.plans[-1](plan_to(5.0))
+    for _ in range(60):
+        drive.tick()
+    script.follows[-1][2](4.4)  # it gets on, so its patience is fresh
+    try_everything(script, drive)
+    assert script.ends == []
+    rest(drive, 3.0)
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](4.0)  # less than half a metre is no progress
+    for _ in range(60):
+        drive.tick()
+    try_everything(script, drive)
+    assert [code for code, _ in script.ends] == ["RECOVERIES_EXHAUSTED"]
+
+
+def test_without_people_nothing_is_tried_again(script: Script) -> None:
+    drive = Navigation(NavigationConfig(company_patience=60.0), script, GOAL)
+    drive.start()
+    script.plans[-1](plan_to(5.0))
+    try_everything(script, drive)
+    assert [code for code, _ in script.ends] == ["RECOVERIES_EXHAUSTED"]
 
 
 def rest(drive: Navigation, seconds: float) -> None:

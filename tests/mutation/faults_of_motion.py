@@ -1065,6 +1065,27 @@ MOTION = (
         ("tests/control/test_unseen_ground.py",),
     ),
     PlantedFault(
+        "a drive among people gives up at once",
+        "missions/navigate.py",
+        "< self._config.company_patience and",
+        "< 0.0 and",
+        ("tests/missions/test_navigate.py",),
+    ),
+    PlantedFault(
+        "who was about an hour ago is waited for",
+        "missions/navigate.py",
+        "and self._driver.is_in_company():",
+        "and True:",
+        ("tests/missions/test_navigate.py",),
+    ),
+    PlantedFault(
+        "a drive that gets on has no patience left",
+        "missions/navigate.py",
+        "self._got_on_at = self._seconds",
+        "pass",
+        ("tests/missions/test_navigate.py",),
+    ),
+    PlantedFault(
         "a robot that is held tries the same way three times",
         "missions/navigate.py",
         "is_held=code == HELD",

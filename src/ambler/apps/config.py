@@ -217,6 +217,9 @@ FLOOR_SEEN = (
 )  # metres beyond where a LiDAR begins to see the floor, and from the robot, where its terrain analysis has enough of it
 WAY_OUT = 4.0  # metres: out of a gap between two parked cars into which a robot went before it saw how narrow it is
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
+COMPANY_PATIENCE = (
+    300.0  # seconds after which a drive for its own sake gives up among people who keep it from getting on
+)
 
 
 def looks_around(robot: RobotModel) -> bool:
@@ -255,6 +258,7 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         global_costmap=GlobalCostmapConfig(inflation=inflation),
         navigation=NavigationConfig(
             blocked_patience=KNOWN_MAP_PATIENCE if has_map else 0.0,
+            company_patience=COMPANY_PATIENCE if has_map else 0.0,
             blocked=BlockedWaysConfig(front=float(robot.footprint[:, 0].max())),
         ),
         rollout=RolloutConfig(padding=PADDING),
@@ -312,7 +316,7 @@ def unknown_ground(config: RobotConfig) -> RobotConfig:
         config,
         planner=replace(config.planner, is_unknown_allowed=True),
         visibility=replace(config.visibility, is_unknown_allowed=True),
-        navigation=replace(config.navigation, blocked_patience=KNOWN_MAP_PATIENCE),
+        navigation=replace(config.navigation, blocked_patience=KNOWN_MAP_PATIENCE, company_patience=COMPANY_PATIENCE),
     )
 
 

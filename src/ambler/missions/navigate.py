@@ -86,6 +86,10 @@ class Driver(Protocol):
         """Take that a path could not be followed from here, `is_held` where something holds the robot; say whether the place is marked now, so that planning goes around it."""
         ...
 
+    def is_in_company(self) -> bool:
+        """Return whether people are about, or were lately."""
+        ...
+
     def report(self, state: str, text: str) -> None: ...
 
     def finish(self, code: str, text: str) -> None: ...
@@ -95,7 +99,8 @@ class Driver(Protocol):
 class NavigationConfig:
     """`keep_path` metres before the goal a path that is still free is kept; `plan_patience` replans in a row may fail while a
     path is followed; after `wait_patience` ticks without pose or input the robot is lost. When nothing leads to the goal and
-    clearing did not help, a way is waited for `blocked_patience` seconds: whoever stands there may leave. The place nearest to a goal
+    clearing did not help, a way is waited for `blocked_patience` seconds: whoever stands there may leave. Where people were about within `company_time` seconds, a drive
+    that has tried everything waits and tries it again, up to `company_patience` seconds after it last got on. The place nearest to a goal
     that cannot be reached counts as reached within `loose_tolerance` metres, at any heading; the drive then ends NEAREST_REACHED. A passage between two levels is tried `level_tries` times in
     one drive; the map is asked for the next level from `level_near` metres before it on; where the robot comes to it and is still on the level before, it turns once, for the map to see."""
 
@@ -103,6 +108,8 @@ class NavigationConfig:
     plan_patience: int = 3
     wait_patience: int = 8
     blocked_patience: float = 0.0
+    company_patience: float = 0.0
+    company_time: float = 60.0
     loose_tolerance: float = 0.35
     level_tries: int = 3
     level_near: float = 0.5
@@ -137,6 +144,8 @@ class Navigation:
         self._waits = 0
         self._rest = 0.0
         self._blocked = 0.0
+        self._seconds = 0.0
+        self._got_on_at = 0.0
         self._path: Path | None = None
         self._arrived_at: Path | None = None
         self._lost_hop = ""
@@ -173,6 +182,7 @@ class Navigation:
     def tick(self) -> None:
         """Replan while driving, unless new costs were planned on since the last tick; try again while waiting."""
         has_seen, self._has_seen = self._has_seen, False
+        self._seconds += TICK_PERIOD
         if self.state is NavigationState.WAITING:
             self._plan()
         elif self.state is NavigationState.RECOVERING and self._rest > 0.0:
@@ -329,7 +339,8 @@ class Navigation:
             self.distance_remaining = distance
             if self._hop is not None and distance <= self._config.level_near:
                 self._ask_for_level(self._hop)
-            self._recoveries.update(distance)
+            if self._recoveries.update(distance):
+                self._got_on_at = self._seconds
 
     def _on_followed(self, code: str, text: str) -> None:
         self._cancel_motion = None
@@ -366,11 +377,14 @@ class Navigation:
             return
         if is_denied and self._blocked < self._config.blocked_patience:
             self._blocked += BLOCKED_REST
-            self._enter(NavigationState.RECOVERING, f"{RecoveryAction.WAIT.value} because of {text}")
-            self._rest = BLOCKED_REST
+            self._rest_because(text)
             return
         if step is None or is_denied:
-            self._fail(code, text)
+            if self._seconds - self._got_on_at < self._config.company_patience and self._driver.is_in_company():
+                self._recoveries.try_again()
+                self._rest_because(text)
+            else:
+                self._fail(code, text)
             return
         self._recoveries.take()
         if step.action is RecoveryAction.CLEAR:
@@ -382,6 +396,10 @@ class Navigation:
         else:
             done = self._guarded(lambda outcome, why: self._on_recovered(outcome, why, code, text))
             self._cancel_motion = self._driver.recover(step, done)
+
+    def _rest_because(self, text: str) -> None:
+        self._enter(NavigationState.RECOVERING, f"{RecoveryAction.WAIT.value} because of {text}")
+        self._rest = BLOCKED_REST
 
     def _clear(self, text: str) -> None:
         self._has_cleared = True

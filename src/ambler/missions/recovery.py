@@ -61,15 +61,21 @@ class RecoverySequence:
         """Give every step once more: the robot drives to another place, or from another one. What was tried stays counted."""
         self._index, self._shortest = 0, math.inf
 
+    def try_again(self) -> None:
+        """Give every step once more from where the robot is: something else may have changed."""
+        self._index = 0
+
     def take(self) -> None:
         """Count the next step as tried."""
         self._index += 1
         self.count += 1
 
-    def update(self, distance_remaining: float) -> None:
-        """Tell how much way is left, metres."""
+    def update(self, distance_remaining: float) -> bool:
+        """Tell how much way is left, metres; return whether the robot has got on."""
         if self._shortest == math.inf:
             self._shortest = distance_remaining
         elif distance_remaining < self._shortest - self._progress:
             self._shortest = distance_remaining
             self._index = 0
+            return True
+        return False

@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import CostGrid, GroundLevels, Path, PointStamped, PoseStamped, Status, Transforms
+from ambler.core.messages import CostGrid, GroundLevels, Path, PointCloud, PointStamped, PoseStamped, Status, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
+from ambler.missions.company import Company
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
 from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, Topics
@@ -43,6 +44,7 @@ from ambler.runtime.topics import (
     GOAL,
     GOAL_POINT,
     GROUND_LEVELS,
+    MOVERS,
     PATH,
     STATUS,
     TRANSFORMS,
@@ -61,8 +63,8 @@ class NavigatorNode(Node):
 
     name = "navigator"
     inputs = (TRANSFORMS,)
-    kept_inputs: Topics = (TRANSFORMS,)
-    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP, GROUND_LEVELS)
+    kept_inputs: Topics = (TRANSFORMS, MOVERS)
+    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP, GROUND_LEVELS, MOVERS)
     outputs = (PATH, STATUS, BLOCKED)
     serves = (NAVIGATE,)
     calls: Offers = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
@@ -78,6 +80,7 @@ class NavigatorNode(Node):
         self._drive: _Drive | None = None
         self._last: Navigation | None = None
         self._levels: GroundLevels | None = None
+        self._company = Company(self._config.company_time, 0)
         self._blocked = {0: BlockedWays(self._config.blocked)}  # by level
         self._marked = 0
 
@@ -86,6 +89,7 @@ class NavigatorNode(Node):
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costmap)
         self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
+        self.ctx.subscribe(MOVERS, self._on_movers)
         self.ctx.subscribe(GOAL, self._on_click)
         for topic in (GOAL_POINT, WAY_POINT):
             self.ctx.subscribe(topic, self._on_point)
@@ -159,6 +163,14 @@ class NavigatorNode(Node):
         self._tell_blocked()
         if self._drive is not None:
             self._drive.navigation.change_level()
+
+    def _on_movers(self, movers: PointCloud) -> None:
+        self._company.meet(self.ctx.now_ns, is_here=len(movers.points) > 0)
+
+    @property
+    def is_in_company(self) -> bool:
+        """Whether people are about, or were lately."""
+        return self._company.is_about(self.ctx.now_ns)
 
     def choose_level(self, level: int) -> None:
         """Have a level taken for the one that the robot is on, as soon as what it sees fits it."""
@@ -268,6 +280,9 @@ class _Drive:
 
     def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
         return self._node.mark_blocked(path, is_held=is_held)
+
+    def is_in_company(self) -> bool:
+        return self._node.is_in_company
 
     def report(self, state: str, text: str) -> None:
         self._node.say(state, text, self.navigation.recoveries)
