@@ -244,8 +244,8 @@ SAFETY = (
     PlantedFault(
         "turning on the spot is no travel to the memory of blind zones",
         "safety/blind_memory.py",
-        "last.distance_to(odom_from_base) + turn * self._radius",
-        "last.distance_to(odom_from_base)",
+        "TO_AND_FRO = 0.1",
+        "TO_AND_FRO = 0.0",
         MEMORY + NUMBERS,
     ),
     PlantedFault(
@@ -331,6 +331,20 @@ SAFETY = (
         "has_moved = self._odom_from_base.distance_to(odom_from_base) > self._travel",
         "has_moved = False",
         NUMBERS,
+    ),
+    PlantedFault(
+        "who turns to and fro forgets",
+        "safety/blind_memory.py",
+        "TO_AND_FRO = 0.1",
+        "TO_AND_FRO = 1.0",
+        NUMBERS,
+    ),
+    PlantedFault(
+        "who turns on never forgets",
+        "safety/blind_memory.py",
+        "way + self._radius * np.abs(turned) <",
+        "way <",
+        ("tests/safety/test_blind_turns.py",),
     ),
     PlantedFault(
         "what the robot has just stood on may have stood there",

@@ -31,6 +31,7 @@ COLUMN = 0.04  # metres; the side of a column of floor, of which one mean point 
 MIN_POINTS = 3  # points of one scan that a column needs: fewer may be noise
 BIN = math.radians(2.0)  # of the image that tells where the scanner looks through
 THROUGH = 0.1  # metres that every return of a bin must lie behind a remembered point to prove it gone
+TO_AND_FRO = 0.1  # of what the outermost corner moves while the robot turns: how much of that counts as way even when it turns back
 SLACK = (0.1, 0.0)  # metres and radians inside the limits where a scanner is not yet sure to see
 CUT = 0.04  # metres beyond the blind side within which noise decides what is measured
 SOON = (
@@ -71,18 +72,19 @@ class FieldOfView:
 
 
 class BlindMemory:
-    """One scanner's memory. A point is forgotten after `max_travel` metres of the robot's outermost corner at `radius`; `footprint` (M, 2): see `Visitors`."""
+    """One scanner's memory. A point is forgotten after `max_travel` metres of way, and of the outermost corner at `radius` where the robot has turned on since: who turns to and fro looks again where he
+    looked before, and odometry with him. `footprint` (M, 2): see `Visitors`."""
 
     def __init__(self, radius: float, max_travel: float, footprint: F64 | None = None) -> None:
         self._radius = radius
         self._max_travel = max_travel
         self._means_odom = np.empty((0, 3))
         self._counts = np.empty(0)
-        self._seen_at = np.empty(0)
+        self._seen_at = np.empty((0, 2))  # `_way` and `_turned` of then
         self._came = np.empty(0, np.bool_)
         self._near_at = np.empty(0)
         self._visitors = Visitors(footprint)
-        self._travel = 0.0
+        self._travel = self._way = self._turned = 0.0
         self._odom_from_base: SE2 | None = None
 
     def update(
@@ -124,14 +126,16 @@ class BlindMemory:
         is_hidden = ~sure.contains(kept_rays)
         points_odom = _moved(odom_from_base, points_base, height)
         is_fading_still = _share_columns(self._means_odom, points_odom, is_fading)
+        here = np.array([self._way, self._turned])
         is_kept = (is_hidden | is_fading_still) & ~_is_seen(kept, others)
         is_kept &= ~(looks_there & _looked_through(kept_rays, rays))
         is_kept &= ~_share_columns(self._means_odom, points_odom, is_central)  # at the rim, few may be left of a thing
-        is_kept &= self._travel - seen_at < self._max_travel
+        way, turned = (here - seen_at).T
+        is_kept &= way + self._radius * np.abs(turned) < self._max_travel
         is_kept &= ~(self._came & (seconds - near_at > GONE))
         if is_floor is not None:
             is_kept &= ~is_floor(kept)
-        seen_at = np.where(is_fading_still, self._travel, seen_at)
+        seen_at = np.where(is_fading_still[:, None], here, seen_at)
         kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
         fading, counts = _column_means(points_odom, rays[0], is_fading, field.range_min + CUT)
         together = np.concatenate((fading, self._means_odom[is_kept]))
@@ -140,7 +144,7 @@ class BlindMemory:
         fullest = np.argsort(-counts, kind="stable")
         chosen = fullest[_first_of_columns(together[fullest])]
         self._means_odom, self._counts = together[chosen], counts[chosen]
-        self._seen_at = np.concatenate((np.full(len(fading), self._travel), seen_at))[chosen]
+        self._seen_at = np.concatenate((np.tile(here, (len(fading), 1)), seen_at))[chosen]
         new = self._visitors.came(fading[:, :2], points_odom[:, :2], seconds, self._travel)
         self._came = np.concatenate((new, came))[chosen]
         self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[chosen]
@@ -149,8 +153,11 @@ class BlindMemory:
     def _advance(self, odom_from_base: SE2) -> None:
         last, self._odom_from_base = self._odom_from_base, odom_from_base
         if last is not None:
-            turn = abs(wrap_angle(odom_from_base.yaw - last.yaw))
-            self._travel += last.distance_to(odom_from_base) + turn * self._radius
+            turn = wrap_angle(odom_from_base.yaw - last.yaw)
+            moved, swung = last.distance_to(odom_from_base), abs(turn) * self._radius
+            self._travel += moved + swung
+            self._way += moved + TO_AND_FRO * swung
+            self._turned += turn
 
 
 def see_all_around(rim: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> bool:

@@ -33,7 +33,7 @@ class GateConfig:
                        from there
     tipped             radians off the vertical from which on a base lies on its side: stairs and ramps stay below 40°
     tipped_time        seconds for which it must, before it is believed
-    memory_travel      metres of the outermost corner after which a point that no scanner can see any more is forgotten
+    memory_travel      metres of the outermost corner after which a point that no scanner can see any more is forgotten; what was turned back counts a tenth
     """
 
     sources: tuple[VelocitySource, ...] = (
