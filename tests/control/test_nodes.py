@@ -205,6 +205,20 @@ def test_a_planner_that_asks_is_refused_what_would_start_a_contact(
     assert any(planner.answers) is is_somebody_there
 
 
+def test_what_the_gate_holds_is_not_asked_for_again_where_the_robot_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the gate knows of what touches the robot's left side: straight on and to the left it may not go, to the right it may."""
+    robot = Robot([(0.6, navigate(3.0))])
+    field = robot.gate.gate._field
+
+    def free_scale(velocity: BodyVelocity, points: np.ndarray) -> float:
+        return 0.0 if robot.base.pose.x < 0.2 and velocity.wz > -1e-3 else 1.0
+
+    monkeypatch.setattr(field, "free_scale", free_scale)
+    robot.run(12.0)
+    assert robot.base.pose.x > 0.5
+    assert robot.codes == ["SUCCEEDED"]
+
+
 def test_where_people_are_is_told_until_nobody_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, told = Robot([]), list[PointCloud]()
     robot.executor.tap(lambda topic, message, *_: told.append(message) if topic is MOVERS else None)

@@ -393,6 +393,18 @@ def test_a_robot_that_may_not_turn_glides_if_it_can(robot) -> None:
     assert (command.vy > 0.1 and abs(command.wz) <= 0.3) if robot is SPOT else command == turn
 
 
+def test_a_robot_that_may_not_turn_where_it_stands_drives_a_bend() -> None:
+    planner = TrajectoryRollout(RolloutConfig(), DIFF)
+    costs, spec = np.zeros((160, 160), np.uint8), GridSpec(0.05, 160, 160, -4.0, -4.0)
+    planner.set_path(line((0.0, 0.0), (1.0, 1.9)))
+    turn = planner.compute_command(costs, spec, SE2(), BodyVelocity())
+    assert (turn.vx, turn.wz > 0.3) == (0.0, True)
+    planner.set_refusal(lambda wanted: abs(wanted.vx) < 0.02)
+    bend = planner.compute_command(costs, spec, SE2(), BodyVelocity())
+    assert bend.vx >= 0.02
+    assert bend.wz > 0.3
+
+
 def test_nobody_near_changes_nothing() -> None:
     yielding = Yielding(YieldConfig(), SPOT)
     yielding.set_movers(walker(9.0, 0.0, -1.0, 0.0), SE2(), BodyVelocity())

@@ -139,6 +139,7 @@ class TrajectoryRollout:
             turn = self._turn_to(start, velocity, start.yaw + error, "path", self._config.turn_end)
             if turn is not None and self._is_refused(turn):
                 aside = self._glide(start, velocity, left)
+                aside = aside if aside is not None else self._best_command(start, velocity, left)
                 turn = turn if aside is None or self._is_refused(aside) else aside
             if turn is not None:
                 return turn

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ambler.control.checkers import GoalChecker, ProgressChecker, StallChecker
+from ambler.control.held_motions import HeldMotions
 from ambler.control.local_window import LocalWindow
 from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
 from ambler.control.unseen_ground import UnseenGround, UnseenGroundConfig
@@ -147,7 +148,8 @@ class ControllerNode(Node):
         self._yield_config = yielding if yielding is not None else YieldConfig()
         self._yielding = Yielding(self._yield_config, robot)
         if isinstance(planner, TakesNo):
-            planner.set_refusal(self._yielding.refuses)
+            planner.set_refusal(lambda v: self._held_motions.refuses(v) or self._yielding.refuses(v))
+        self._held_motions, self._wanted = HeldMotions(), BodyVelocity()
         self._yields_since_ns: int | None = None
         self._window = LocalWindow(robot, RECOVERY_PADDING)
         self._layer_inputs = (*usual_inputs(costmap.layers, needs_echoes=bool(robot.rangers)), *layer_inputs)
@@ -400,6 +402,8 @@ class ControllerNode(Node):
             odom_from_base, velocity = self._view.now(self.ctx.now_ns)
             if not (self._recover is not None and isinstance(self._motion, BackUp)):
                 self._way_back.add(odom_from_base)
+            is_held = self._protective_since_ns is not None
+            self._held_motions.update(self.ctx.now_ns * 1e-9, odom_from_base, self._wanted, is_held=is_held)
             movers = self._view.movers(self.ctx.now_ns)
             self._yielding.set_movers(movers, odom_from_base, velocity)
             if self._mover_aware is not None:
@@ -497,6 +501,7 @@ class ControllerNode(Node):
     def _drive(self, wanted: BodyVelocity, most: float = math.inf) -> None:
         """Send as much of a velocity, at most so fast (m/s), as starts no contact with anybody who moves or may set out; a robot that has to stand gets out of his way
         if it can, and else creeps."""
+        self._wanted = wanted
         allowed = _slowed(wanted, min(self._speed_most, most))
         passed = self._yielding.limited(allowed)
         if not self._yielding.is_waiting(passed):
