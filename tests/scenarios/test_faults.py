@@ -128,7 +128,8 @@ def test_a_door_that_closes_leaves_a_room_out_and_the_end_is_proved(tmp_path: Pa
 
 @pytest.mark.slow
 def test_a_door_that_closes_behind_the_robot_is_a_named_end(tmp_path: Path) -> None:
-    demo = run(tmp_path, ("door:30",), "diff")
+    """What moved by a metre may be somebody for a minute, and people are waited for until a minute after that."""
+    demo = run(tmp_path, ("door:30",), "diff", time_limit=300.0)
     fields = judge(demo).fields
     seconds, x = x_over_time(demo)
     assert x[seconds >= 30.0].min() > DOOR + 0.25, "it was in the second room and did not force the door"
