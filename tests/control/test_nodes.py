@@ -13,7 +13,7 @@ from ambler.control.motion_primitives import MotionPrimitives
 from ambler.control.primitives_config import PrimitivesConfig
 from ambler.control.trajectory_rollout import TrajectoryRollout
 from ambler.control.unseen_ground import UnseenGroundConfig
-from ambler.core.errors import NoValidPathError
+from ambler.core.errors import NoValidControlError, NoValidPathError
 from ambler.core.grid import OCC_ASSUMED, GridSpec
 from ambler.core.messages import GateState, OccupancyGrid, PointCloud, PoseStamped, VelocityCommand
 from ambler.core.movers import NOBODY, Movers
@@ -217,6 +217,26 @@ def test_what_the_gate_holds_is_not_asked_for_again_where_the_robot_stands(monke
     robot.run(12.0)
     assert robot.base.pose.x > 0.5
     assert robot.codes == ["SUCCEEDED"]
+
+
+def test_a_robot_that_finds_no_motion_is_told_to_have_wanted_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it wanted last is not to blame for a stop that lasts while it wants nothing."""
+    robot, told = Robot([(0.6, follow(3.0))]), list[BodyVelocity]()
+    robot.run(1.5)
+    update = robot.controller._held_motions.update
+    monkeypatch.setattr(
+        robot.controller._held_motions,
+        "update",
+        lambda s, h, v, is_held: (told.append(v), update(s, h, v, is_held=is_held)),
+    )
+
+    def finds_none(*args: object) -> BodyVelocity:
+        raise NoValidControlError("everything collides")
+
+    monkeypatch.setattr(robot.controller._planner, "compute_command", finds_none)
+    robot.run(0.5)
+    assert told[0].vx > 0.1, "it was driving"
+    assert set(told[2:]) == {STILL}
 
 
 def test_where_people_are_is_told_until_nobody_is_there(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1093,6 +1093,13 @@ MOTION = (
         ("tests/control/test_nodes.py",),
     ),
     PlantedFault(
+        "what was wanted before is blamed while nothing is wanted",
+        "nodes/controller.py",
+        "            self._wanted = BodyVelocity()  # until",
+        "            pass  # until",
+        ("tests/control/test_nodes.py",),
+    ),
+    PlantedFault(
         "a stop that lasts blames all that is wanted meanwhile",
         "control/held_motions.py",
         "(not self._was_held or seconds - self._wanted_since > c.delay)",

@@ -217,9 +217,7 @@ FLOOR_SEEN = (
 )  # metres beyond where a LiDAR begins to see the floor, and from the robot, where its terrain analysis has enough of it
 WAY_OUT = 4.0  # metres: out of a gap between two parked cars into which a robot went before it saw how narrow it is
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
-COMPANY_PATIENCE = (
-    300.0  # seconds after which a drive for its own sake gives up among people who keep it from getting on
-)
+COMPANY_PATIENCE = 300.0  # seconds after which a drive for its own sake gives up among people who hold it up
 
 
 def looks_around(robot: RobotModel) -> bool:

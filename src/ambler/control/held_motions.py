@@ -17,7 +17,7 @@ Kind = tuple[int, int, int]
 @dataclass(frozen=True, slots=True)
 class HeldMotionsConfig:
     """Numbers, SI. `held`: seconds that a kind of motion is held before it is refused, for `refused` seconds and while the robot stays within `away` metres and `turned` radians.
-    A stop holds whatever is wanted for `delay` seconds after what it began with, so another motion is blamed only when that has passed. Less than `still` m/s or `straight` rad/s
+    A stop holds whatever is wanted for `delay` seconds after what it began with (`gate.resume_delay` and a little), so another motion is blamed only when that has passed. Less than `still` m/s or `straight` rad/s
     is no motion."""
 
     held: float = 0.6

@@ -404,6 +404,7 @@ class ControllerNode(Node):
                 self._way_back.add(odom_from_base)
             is_held = self._protective_since_ns is not None
             self._held_motions.update(self.ctx.now_ns * 1e-9, odom_from_base, self._wanted, is_held=is_held)
+            self._wanted = BodyVelocity()  # until `_drive` is asked for something
             movers = self._view.movers(self.ctx.now_ns)
             self._yielding.set_movers(movers, odom_from_base, velocity)
             if self._mover_aware is not None:
