@@ -131,11 +131,37 @@ def test_what_is_only_assumed_is_driven_through_and_still_to_be_seen() -> None:
     assert survey.known_area < 20 * 62 * R * R
 
 
-def from_afar(occupancy: NDArray[np.int8], *, is_overlooked: bool = True) -> FrontierSurvey:
-    """A survey for a scanner that sees the floor from 5.2 m on; what is unknown of a map was near it once, and only assumed."""
-    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+def test_what_was_assumed_once_calls_nobody_back_until_nothing_else_is_left() -> None:
+    occupancy = corridor()
+    occupancy[10:30, 70] = 100
+    near, away = occupancy.copy(), occupancy.copy()
+    near[10:30, 25:45], away[10:30, 25:45] = OCC_ASSUMED, -1
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED), path_distances)
+    assert surveyor.update(*grids(near), SE2(2.0, 2.0)).frontiers == ()
+    assert surveyor.update(*grids(away), SE2(6.0, 2.0)).frontiers == (), "the robot was there"
+    beyond = away.copy()
+    beyond[10:30, 50:60] = -1
+    (new,) = (f for f in surveyor.update(*grids(beyond), SE2(4.7, 2.0)).frontiers if f.state is FrontierState.OPEN)
+    assert new.centroid[0] == pytest.approx(4.95), "nothing was ever assumed there"
+    surveyor.is_strict = True
+    survey = surveyor.update(*grids(beyond), SE2(4.7, 2.0))
+    assert {round(f.centroid[0], 2) for f in survey.frontiers if f.state is FrontierState.OPEN} >= {4.55, 4.95}
+
+
+def from_afar(
+    occupancy: NDArray[np.int8],
+    *,
+    is_overlooked: bool = True,
+    place: tuple[float, float] = (6.0, 2.0),
+    pocket_most: float = 12.0,
+) -> FrontierSurvey:
+    """A survey for a scanner that sees the floor from 5.2 m on; what is unknown of a map was only assumed when the robot was at `place`."""
+    surveyor = FrontierSurvey(
+        SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2), pocket_most=pocket_most), path_distances
+    )
     before = np.where(occupancy < 0, OCC_ASSUMED, occupancy).astype(np.int8) if is_overlooked else occupancy
-    surveyor.update(*grids(before), SE2(6.0, 2.0))
+    surveyor.update(*grids(before), SE2(*place))
+    surveyor.is_strict = True
     return surveyor
 
 
@@ -214,6 +240,41 @@ def test_what_did_not_show_itself_from_afar_is_gone_to() -> None:
     assert ways[1] < 1.1
 
 
+def test_what_did_not_show_itself_from_afar_nor_from_near_is_left_alone() -> None:
+    """Ground in a hollow: the robot was beside it, and looked once from where it sees the floor."""
+    surveyor = from_afar(bay(), place=(6.0, 6.0))
+    (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
+    assert frontier.state is FrontierState.OPEN
+    assert frontier.goal is not None
+    assert math.hypot(frontier.goal[0] - frontier.centroid[0], frontier.goal[1] - frontier.centroid[1]) > 5.0
+    surveyor.memory.refuse(frontier, "nothing changed", grids(bay())[0], has_looked=True)
+    survey = surveyor.update(*grids(bay()), SE2(6.0, 2.0))
+    (again,) = (f for f in survey.frontiers if f.goal is not None)
+    assert again.state is FrontierState.UNREACHABLE
+    assert "was near it" in again.reason
+    assert survey.shut == (), "nobody stands in the way of it"
+
+
+def test_what_hides_much_is_gone_to_though_the_robot_was_near() -> None:
+    surveyor = from_afar(bay(), place=(6.0, 6.0), pocket_most=1.0)
+    (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
+    surveyor.memory.refuse(frontier, "nothing changed", grids(bay())[0], has_looked=True)
+    (again,) = (f for f in surveyor.update(*grids(bay()), SE2(6.0, 2.0)).frontiers if f.goal is not None)
+    assert again.state is FrontierState.OPEN
+
+
+def test_where_the_robot_was_near_and_no_place_shows_the_floor_nobody_goes_again() -> None:
+    occupancy = bay()
+    occupancy[5:25] = 100
+    occupancy[25:65, 5:45] = occupancy[25:65, 75:115] = 100
+    surveyor = from_afar(occupancy, place=(6.0, 6.0))
+    survey = surveyor.update(*grids(occupancy), SE2(6.0, 4.0))
+    assert survey.open == ()
+    assert any("was near it" in f.reason for f in survey.frontiers)
+    surveyor.is_strict = False
+    assert surveyor.update(*grids(occupancy), SE2(6.0, 4.0)).open == ()
+
+
 def test_what_the_robot_has_not_been_near_is_gone_to() -> None:
     surveyor = from_afar(bay(), is_overlooked=False)
     (frontier,) = (f for f in surveyor.update(*grids(bay()), SE2(0.8, 6.2)).frontiers if f.goal is not None)
@@ -255,7 +316,6 @@ def test_a_ring_of_frontier_around_the_robot_is_gone_to() -> None:
     away = np.hypot(x - 80.0, y - 80.0)
     occupancy = np.where(away < 50.0, OCC_ASSUMED, np.where(away < 65.0, 0, 100)).astype(np.int8)
     surveyor = from_afar(occupancy)
-    surveyor.is_strict = True
     survey = surveyor.update(*grids(occupancy), SE2(8.0, 8.0))
     (ring,) = survey.open
     goal = survey.frontiers[ring].goal

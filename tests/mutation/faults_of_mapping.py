@@ -21,6 +21,41 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "the gate sees no panes in clouds",
+        "nodes/gate.py",
+        "            lambda _: self._panes_of_cloud(cloud),\n",
+        "            lambda _: np.empty((0, 3)),\n",
+        ("tests/safety/test_ranges.py",),
+    ),
+    PlantedFault(
+        "glass is not mapped from clouds",
+        "nodes/glass_mapper.py",
+        "self._cloud_topics = () if scans else clouds",
+        "self._cloud_topics = ()",
+        ("tests/perception/test_glass_mapper_node.py",),
+    ),
+    PlantedFault(
+        "what a pane shows a scanner of many rings walks",
+        "nodes/local_view.py",
+        "is_solid = ~self._panes.include(hits, scan.stamp_ns)",
+        "is_solid = ~self._panes.include(hits, scan.stamp_ns) if scan.falls is None else np.full(len(hits), True)",
+        ("tests/perception/test_pane_returns.py",),
+    ),
+    PlantedFault(
+        "the level ring forgets that the scanner moves",
+        "kernels/level_ring.py",
+        "m = sweep[int(times[i] / last * (count - 1) + 0.5)]",
+        "m = sweep[0]",
+        ("tests/perception/test_level_ring.py",),
+    ),
+    PlantedFault(
+        "the last return of a beam counts, not the most level one",
+        "kernels/level_ring.py",
+        "        if steep < level[k]:\n",
+        "        if True:\n",
+        ("tests/perception/test_level_ring.py",),
+    ),
+    PlantedFault(
         "intensities of any unit are measured by white paint",
         "perception/glass.py",
         "BRIGHT_MOST = 0.4",

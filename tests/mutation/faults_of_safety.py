@@ -160,7 +160,7 @@ SAFETY = (
     PlantedFault(
         "panes of glass end where their light ends",
         "nodes/gate.py",
-        "in self._panes.look(scan, odom_from_base, mount, self._twist):",
+        "in self._panes.look(scan, odom_from_base, base_from_sensor, self._twist):",
         "in ():",
         ("tests/safety/test_ranges.py",),
     ),

@@ -88,6 +88,8 @@ def drive(robot: str) -> Context:
             context.hear("odometry", odometry)
         for scan in out.scans:
             context.hear(scans, scan)
+        for cloud in out.clouds:
+            context.hear("cloud", cloud)
         for measured in out.ranges:
             context.hear("ranges", measured)
         if k % 5 == 4:
@@ -95,7 +97,7 @@ def drive(robot: str) -> Context:
     return context
 
 
-@pytest.mark.parametrize("robot", ["diff", "diff+ultrasonic", "amr_omni+ultrasonic"])
+@pytest.mark.parametrize("robot", ["diff", "diff+ultrasonic", "amr_omni+ultrasonic", "spot", "mecanum"])
 def test_the_pane_is_told_where_it_stands(robot: str, tmp_path: Path) -> None:
     context = drive(robot)
     last = context.glass[-1]
@@ -115,8 +117,9 @@ def test_the_pane_is_told_where_it_stands(robot: str, tmp_path: Path) -> None:
     assert saved.seen_through_m2 == pytest.approx(5.2 * 2.4, rel=0.1)
 
 
-def test_without_glass_nothing_is_told() -> None:
-    model = robot_named("diff+ultrasonic")
+@pytest.mark.parametrize("robot", ["diff+ultrasonic", "spot", "go2"])
+def test_without_glass_nothing_is_told(robot: str) -> None:
+    model = robot_named(robot)
     context = Context(GlassMapperNode(model.model), EchoNode(model.model) if model.model.rangers else None)
     simulation = Simulation(WorldSpec("w", WALLS, SE2()), model, SimulationConfig(4, physics="kinematic"))
     context.callbacks["transforms"](m.Transforms(0, (m.TransformStamped(0, "map", "odom", SE3()),)))
@@ -127,6 +130,8 @@ def test_without_glass_nothing_is_told() -> None:
             context.hear("odometry", odometry)
         for scan in out.scans:
             context.hear("scan", scan)
+        for cloud in out.clouds:
+            context.hear("cloud", cloud)
         for measured in out.ranges:
             context.hear("ranges", measured)
         context.tell()

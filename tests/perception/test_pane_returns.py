@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 from ambler.core.messages import LaserScan, Odometry
+from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.costmap.local_costmap import LocalCostmap, LocalCostmapConfig
 from ambler.nodes.local_view import LocalView
 from ambler.perception.pane_returns import PaneReturns
 from ambler.robots.catalog import robot_model
+from ambler.sim.robots import robot_named
+from ambler.sim.simulation import Simulation, SimulationConfig
+from ambler.sim.solids import Shape, Solid, WorldSpec
 from tests.perception.test_near_panes import scan_at
 
 HERE = SE2(3.0, -2.0, 0.7)
@@ -72,3 +76,27 @@ def walkers_beside(*, tells_intensities: bool) -> int:
 def test_the_light_of_a_pane_that_keeps_step_with_the_robot_is_nobody() -> None:
     assert walkers_beside(tells_intensities=False) > 20
     assert walkers_beside(tells_intensities=True) == 0
+
+
+def walkers_beside_of_cloud(*, tells_intensities: bool) -> int:
+    """Drive `spot` 3 m along a pane at 0.5 m/s; in how many clouds the controller's view knows somebody who walks there."""
+    robot, met = robot_named("spot"), 0
+    pane = Solid("pane", Shape.BOX, SE2(2.0, 1.2, 0.0), 9.0, 0.02, 0.0, 2.2, is_glass=True)
+    walls = tuple(Solid(f"wall_{y}", Shape.BOX, SE2(2.0, y, 0.0), 12.0, 0.2, 0.0, 2.5) for y in (-2.0, 4.0))
+    simulation = Simulation(WorldSpec("w", (pane, *walls), SE2()), robot, SimulationConfig(4, physics="kinematic"))
+    view = LocalView(robot.model, LocalCostmap(LocalCostmapConfig(), robot.model))
+    for k in range(60):
+        simulation.command(BodyVelocity(0.5, 0.0, 0.0))
+        out = simulation.step((k + 1) * 100_000_000)
+        for odometry in out.odometry:
+            view.add_odometry(odometry)
+        for cloud in out.clouds:
+            told = cloud if tells_intensities else replace(cloud, intensity=np.full_like(cloud.intensity, 0.5))
+            view.add_cloud(told)
+            met += len(view.tracked) > 0
+    return met
+
+
+def test_nor_is_that_of_a_pane_that_a_scanner_of_many_rings_sees() -> None:
+    assert walkers_beside_of_cloud(tells_intensities=False) > 20
+    assert walkers_beside_of_cloud(tells_intensities=True) == 0

@@ -72,7 +72,8 @@ class Drive:
         for _ in range(round(seconds / 0.02)):
             out = self.simulation.step(self.now_ns)
             self.contacts += out.contacts
-            for name, messages in (("odometry", out.odometry), (self.topic, out.scans), ("ranges", out.ranges)):
+            heard = (("odometry", out.odometry), (self.topic, out.scans), ("cloud", out.clouds), ("ranges", out.ranges))
+            for name, messages in heard:
                 for message in messages:
                     if name in self.callbacks:
                         self.callbacks[name](message)
@@ -96,7 +97,7 @@ def test_it_stops_before_glass_at_any_angle(robot: str, turn_deg: int) -> None:
 
 @pytest.mark.parametrize("speed", [0.3, 0.8])
 @pytest.mark.parametrize("turn_deg", [0, 20, 40, 65])
-@pytest.mark.parametrize("robot", ["diff", "amr_omni"])
+@pytest.mark.parametrize("robot", ["diff", "amr_omni", "spot", "mecanum", "go2"])
 def test_without_a_ring_it_stops_before_glass_that_shines_where_it_is_met_squarely(
     robot: str, turn_deg: int, speed: float
 ) -> None:
@@ -117,7 +118,7 @@ def test_of_a_scanner_that_tells_no_intensities_it_touches_glass_that_stands_asl
     assert drive.contacts[0].other_geom == "pane"
 
 
-@pytest.mark.parametrize("robot", ["diff", "amr_omni"])
+@pytest.mark.parametrize("robot", ["diff", "amr_omni", "spot", "mecanum", "go2"])
 def test_a_robot_without_a_ring_turns_beside_glass_without_touching_it(robot: str) -> None:
     """Its corner comes to where no beam returns from."""
     model = robot_named(robot).model
@@ -132,7 +133,7 @@ def test_a_robot_without_a_ring_turns_beside_glass_without_touching_it(robot: st
     assert not drive.contacts
 
 
-@pytest.mark.parametrize(("robot", "width"), [("diff", 0.9), ("amr_omni", 1.3)])
+@pytest.mark.parametrize(("robot", "width"), [("diff", 0.9), ("amr_omni", 1.3), ("spot", 1.0)])
 def test_a_doorway_between_panes_lets_the_robot_pass(robot: str, width: float) -> None:
     panes = [
         Solid(f"pane_{k}", Shape.BOX, SE2(2.5, k * (0.5 * width + 2.1), 0.0), 0.02, 4.0, 0.0, 2.2, is_glass=True)

@@ -119,8 +119,8 @@ class RobotConfig:
     glass_map: GlassMapConfig = field(default_factory=GlassMapConfig)
 
     def maps_glass(self, robot: RobotModel) -> bool:
-        """Say whether glass is looked for: only planar scanners, alone or with transducers, show it."""
-        return bool(robot.scanners) and self.glass != "off"
+        """Say whether glass is looked for: scanners of all kinds show it, planar ones also with transducers; a map of ground has no place for it."""
+        return bool(robot.scanners or robot.clouds) and self.glass != "off" and self.mapping == "scans"
 
     def uses_terrain(self, robot: RobotModel) -> bool:
         """Say whether the ground is analysed: `auto` means on robots whose odometry registers clouds."""

@@ -16,7 +16,7 @@ def add_parser(subparsers: Any) -> None:
         "glass", help="contacts with glass, with an ultrasonic ring and without"
     )
     parser.add_argument("--world", default="glass", help="a world with panes of glass (default: glass)")
-    parser.add_argument("--robots", default="diff,amr_omni", help="comma-separated (default: diff,amr_omni)")
+    parser.add_argument("--robots", default="diff,amr_omni,spot", help="comma-separated (default: diff,amr_omni,spot)")
     parser.add_argument("--only", choices=("ring", "light"), help="one of the two variants")
     parser.add_argument("--time-limit", type=float, default=600.0, help="simulated seconds per run (default: 600)")
     parser.add_argument("--kinematic", action="store_true", help="no contact physics (faster)")

@@ -19,6 +19,7 @@ from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
 from ambler.exploration.overlooked import Overlooked, is_hidden
+from ambler.exploration.pockets import are_in_pockets
 from ambler.exploration.specks import Specks, SpecksConfig
 from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
@@ -27,6 +28,7 @@ from ambler.kernels.frontier_value import viewpoints, visible_unknown
 ELSEWHERE = (
     1.5  # goal reaches: no goal of the same cell of a frontier lies so far from another one, not even diagonally
 )
+HIDDEN = "the robot was near it, and the floor behind it shows itself from no place that it can reach"
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
 """(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable.
 A PlanningError says that no path can start there."""
@@ -37,7 +39,7 @@ class SurveyConfig:
     """`min_size` (m of frontier cells) and `min_gain` (m² of unknown visible from the goal within `gain_range`) keep dust out;
     a goal lies at most `goal_reach` (m along free cells) away from its frontier, where the cost is at most `roomy_cost` if there
     is such a place: there the robot can turn. In grids of more than `wide_cells` cells (39 m square) distances are those of cells of
-    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: a strict look takes them for unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks from that far away, where there is such a place, at what was only assumed when it was near."""
+    `wide_cell` (m), so that a look costs no more than in an office. `assumed` is what a map of ground says of cells that are free and that nobody has seen: a strict look takes them for unknown (None: a map has none). A scanner that sees the floor from `sees_floor[0]` to `sees_floor[1]` metres only looks from that far away, where there is such a place, at what was only assumed when it was near; what hides less than `pocket_most` m² and shows itself neither from there nor from near is left alone."""
 
     min_size: float = 0.5
     min_gain: float = 0.25
@@ -50,6 +52,7 @@ class SurveyConfig:
     wide_cell: float = 0.2
     assumed: int | None = None
     sees_floor: tuple[float, float] = (0.0, 0.0)
+    pocket_most: float = 12.0
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     close: CloseLookConfig = field(default_factory=CloseLookConfig)
     fence: FenceConfig = field(default_factory=FenceConfig)
@@ -126,7 +129,7 @@ class FrontierSurvey:
         """
         self._close.add(occupancy, map_from_base)
         if self._overlooked is not None:
-            self._overlooked.add(occupancy)
+            self._overlooked.add(occupancy, map_from_base)
         drivable, occupancy = occupancy, self._seen(occupancy)
         found = self._search(occupancy)
         self._fence.update(occupancy, map_from_base, boundary)
@@ -167,7 +170,7 @@ class FrontierSurvey:
         goals = self._goals(drivable, groups, costs, distance, is_last_resort=is_last_resort)
         elsewhere = self._look_from_elsewhere(drivable, groups, costs, distance, goals)
         gains, headings = self._gains(seen, groups, goals)
-        self._step_back(maps, groups, costs, distance, map_from_base, goals, headings)
+        no_use = self._step_back(maps, groups, costs, distance, map_from_base, goals, headings)
         diy, dix = seen.spec.offset_in(costs.spec)
         frontiers = []
         for g, (cells, centroid) in enumerate(groups.split()):
@@ -177,7 +180,10 @@ class FrontierSurvey:
                 goal = (*seen.spec.center_of(iy, ix), float(headings[g]))
                 path_distance = float(distance[iy + diy, ix + dix])
             frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
-            frontiers.append(self._judge(frontier, float(gains[g]), seen, is_elsewhere=g in elsewhere))
+            if no_use[g]:
+                frontiers.append(_refused(frontier, FrontierState.UNREACHABLE, HIDDEN))
+            else:
+                frontiers.append(self._judge(frontier, float(gains[g]), seen, is_elsewhere=g in elsewhere))
         return frontiers, gains
 
     def _look_from_elsewhere(
@@ -225,9 +231,12 @@ class FrontierSurvey:
         return self._specks.look(survey.costs, specks, reached, could & ~reached, wanted, self.config.goal_reach, robot)
 
     def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
-        """Return the map, for a strict look one in which nothing is assumed."""
-        if self.config.assumed is None or not self.is_strict:
+        """Return the map: for a strict look one in which nothing is assumed; for any other one in which what was assumed once stays so. Else frontiers around ground that shows
+        itself from no place nearby close when the robot comes, open when it leaves, and call it back."""
+        if self._overlooked is None:
             return occupancy
+        if not self.is_strict:
+            return self._overlooked.taken_for_known(occupancy)
         data = np.where(occupancy.data == self.config.assumed, np.int8(OCC_UNKNOWN), occupancy.data)
         return replace(occupancy, data=data)
 
@@ -240,19 +249,24 @@ class FrontierSurvey:
         map_from_base: SE2,
         goals: NDArray[np.int64],
         headings: NDArray[np.float64],
-    ) -> None:
+    ) -> NDArray[np.bool_]:
         """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier: once, then it goes near, as one must
-        where ground falls away behind a crest. `maps`: what was seen, and with what is assumed to be free."""
+        where ground falls away behind a crest. Returns which groups (N,) are of no more use: the robot was near, no place is left to look from, and what they hide is small. `maps`: what was seen, and with
+        what is assumed to be free."""
         (seen, drivable), c = maps, self.config
         spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
         if not c.looks_from_afar or self._overlooked is None:
-            return
+            return np.zeros(len(groups), np.bool_)
         shift, base = _cell_shift(spec, costs.spec), spec.cell_of(map_from_base.x, map_from_base.y)
-        worth_it = (groups.sizes * resolution >= c.min_size) & self._overlooked.are_of(groups)
+        is_long = groups.sizes * resolution >= c.min_size
+        was_near = is_long & self._overlooked.are_of(groups, ELSEWHERE * c.goal_reach)
+        is_small = are_in_pockets(groups, seen, c.pocket_most) if self.is_strict else np.zeros(len(groups), np.bool_)
+        worth_it = is_long & self._overlooked.are_of(groups)
         for g, (cells, centroid) in enumerate(groups.split()):
             worth_it[g] &= self.memory.find(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN)) is None
         roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
+        before = goals.copy()
         viewpoints(
             seen.data,
             drivable.data,
@@ -262,11 +276,13 @@ class FrontierSurvey:
             groups.cells,
             groups.starts,
             worth_it,
+            ~(was_near & is_small),
             base,
             (near, far),
             goals,
             headings,
         )
+        return np.asarray(was_near & is_small & (goals == before) & (goals >= 0), np.bool_)
 
     def _left_out(self, found: FrontierGroups, sides: NDArray[np.uint8]) -> list[Frontier]:
         """The frontiers beyond the fence, each with its reason."""
@@ -370,7 +386,7 @@ class FrontierSurvey:
         return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
 
     def _is_shut(self, frontier: Frontier) -> bool:
-        if frontier.state is not FrontierState.UNREACHABLE:
+        if frontier.state is not FrontierState.UNREACHABLE or frontier.reason == HIDDEN:
             return False
         refusal = self.memory.find(frontier)
         return refusal is None or refusal.looks < self.config.memory.max_looks

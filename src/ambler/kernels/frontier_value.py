@@ -119,6 +119,7 @@ def viewpoints(
     cells: I64,
     starts: I64,
     worth_it: NDArray[np.bool_],
+    recedes: NDArray[np.bool_],
     base: tuple[int, int],
     reach: tuple[int, int],
     goals: I64,
@@ -126,7 +127,7 @@ def viewpoints(
 ) -> None:
     """Move the goal of each group that is worth it and has one to the nearest place, in metres of `distance` (indexed [iy + diy, ix + dix]), from where `reach` (cells, from and to) away half of its
     cells and unknown ones behind them are in sight, with the heading to it; groups without such a place keep their goal,
-    and those that are in sight of the robot's cell `base` (iy, ix) from there or farther away: it drives towards them, and they recede.
+    and those that `recede` and are in sight of the robot's cell `base` (iy, ix) from there or farther away: it drives towards them.
 
     `drivable` is `occupancy` with what is only assumed to be free: a look passes there. Group g is cells[starts[g]:starts[g + 1]]; `SAMPLES` of its cells around its middle stand for all, and places are tried every `EVERY` cells.
     """
@@ -137,7 +138,8 @@ def viewpoints(
         if goals[g] < 0 or not worth_it[g]:
             continue
         count = _samples_around_middle(cells, starts[g], starts[g + 1], width, samples)
-        if 2 * _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (near, BEYOND)) >= count:
+        now = _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (near, BEYOND))
+        if recedes[g] and 2 * now >= count:
             continue
         my, mx = samples[0] // width, samples[0] % width
         best = np.float32(np.inf)
@@ -221,23 +223,7 @@ def warm_up() -> None:
     one = (np.zeros(1, np.int64), np.zeros(1, np.uint8))
     for seen in (occupancy, occupancy.copy()):  # inside of a boundary it is a copy
         visible_unknown(seen, np.zeros((4, 4), np.uint8), 50, 0.1, 0.4, 8, *one, np.empty(1), np.empty(1))
-    starts, sight = np.array([0, 1], np.int64), (1, 2)
-    distance, is_worth = np.zeros((4, 4), np.float32), np.ones(1, np.bool_)
-    viewpoints(
-        occupancy,
-        occupancy,
-        50,
-        distance,
-        0,
-        0,
-        np.zeros(1, np.int64),
-        starts,
-        is_worth,
-        (3, 3),
-        sight,
-        np.zeros(1, np.int64),
-        np.empty(1),
-    )
-    for told in (costs, costs.copy()):
-        shrink_costs(told, 2, np.empty((2, 2), np.uint8))
-    spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))
+    starts, sight, is_so = np.array([0, 1], np.int64), (1, 2), np.ones(1, np.bool_)
+    distance, of_one = np.zeros((4, 4), np.float32), (np.zeros(1, np.int64), np.empty(1))
+    cells = (np.zeros(1, np.int64), starts, is_so, is_so)
+    viewpoints(occupancy.copy(), occupancy, 50, distance, 0, 0, *cells, (3, 3), sight, *of_one)

@@ -31,6 +31,7 @@ from ambler.nodes.devices.table import topics_of_kind
 from ambler.nodes.range_view import RangeView
 from ambler.perception.echoes import link
 from ambler.perception.glass import SpecularConfig
+from ambler.perception.level_ring import level_ring, sweep_stamps
 from ambler.perception.near_panes import NearPanes
 from ambler.runtime.node import Node, Topics
 from ambler.runtime.tasks import (
@@ -80,7 +81,6 @@ STATUS_PERIOD_NS = 1_000_000_000
 NEVER_NS = -(1 << 62)
 # Metres by which what a cloud showed before may be nearer than it is remembered: at an edge half a column of the memory, and a walking body sways.
 UNSEEN_NEARER = 0.02
-SWEEP_STEP_NS = 10_000_000  # between two leans of a body within a turn of its scanner
 PANE_NEAR, PANE_BESIDE = (
     1.0,
     0.25,
@@ -208,17 +208,22 @@ class GateNode(Node):
             low, high = max(low, window[0]), min(high, window[1])
         field = FieldOfView(scan.range_min, (low, high))
         self._know(scan.frame, field)
-        self._take_points(scan, field, partial(self._points_of_scan, scan))
+        mount = self._mounts[scan.frame].base_from_sensor
+        panes = partial(self._panes_of_scan, scan, mount)
+        self._take_points(scan, field, lambda there: points_of_scan(scan, there, self._twist), panes)
 
-    def _points_of_scan(self, scan: LaserScan, level_from_sensor: SE3) -> F64:
-        """The returns, and panes of glass close by as far as the robot could touch them: they reflect where they are met squarely only."""
-        points = [points_of_scan(scan, level_from_sensor, self._twist)]
-        odom_from_base, mount = self._motion.pose_at(scan.stamp_ns).to_se2(), self._mounts[scan.frame].base_from_sensor
-        for seconds, flat in self._panes.look(scan, odom_from_base, mount, self._twist):
+    def _panes_of_scan(self, scan: LaserScan, base_from_sensor: SE3, level_from_sensor: SE3) -> F64:
+        """Panes of glass close by as far as the robot could touch them, points (N, 3) in the level base: they reflect where they are met squarely only."""
+        odom_from_base, points = self._motion.planar_at(scan.stamp_ns), [np.empty((0, 3))]
+        for seconds, flat in self._panes.look(scan, odom_from_base, base_from_sensor, self._twist):
             pane = level_from_sensor.transform(np.column_stack((flat, np.zeros(len(flat)))))
-            carried = carried_to_stamp(pane, np.full(len(pane), seconds), self._twist)
-            points += [carried] * self._config.min_points
+            points.append(carried_to_stamp(pane, np.full(len(pane), seconds), self._twist))
         return np.concatenate(points)
+
+    def _panes_of_cloud(self, cloud: PointCloud) -> F64:
+        """The same, from what a scanner of many rings sees at its own height."""
+        ring, base_from_ring = level_ring(cloud, self._mounts[cloud.frame].base_from_sensor, self._motion)
+        return self._panes_of_scan(ring, base_from_ring, base_from_ring)
 
     def _know(self, frame: str, field: FieldOfView) -> None:
         """Remember where a scanner looks, and find out when that has changed whether they look all around."""
@@ -240,6 +245,7 @@ class GateNode(Node):
             cloud,
             field,
             lambda _: points_of_cloud(cloud, sweep, *around, floor, mount.elevation[0]),
+            lambda _: self._panes_of_cloud(cloud),
             None if floor is None else lambda points: floor.holds(points, self._z_band[0]),
         )
 
@@ -257,11 +263,8 @@ class GateNode(Node):
 
     def _sweep_of(self, cloud: PointCloud) -> list[SE3]:
         """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile. Raises StaleInputError."""
-        duration_ns = round(float(cloud.time.max(initial=0.0)) * 1e9)
-        parts = max(1, math.ceil(duration_ns / SWEEP_STEP_NS))
         mount = self._mounts[cloud.frame].base_from_sensor
-        stamps = [cloud.stamp_ns + duration_ns * k // parts for k in range(parts + 1)]
-        return [_level_from_base(self._motion.pose_at(stamp_ns)) @ mount for stamp_ns in stamps]
+        return [_level_from_base(self._motion.pose_at(stamp_ns)) @ mount for stamp_ns in sweep_stamps(cloud)]
 
     def _on_host_time(self, message: Stamped) -> Stamped:
         """A sensor's message with the stamp that its clock would have given if it went right."""
@@ -273,6 +276,7 @@ class GateNode(Node):
         scan: LaserScan | PointCloud,
         field: FieldOfView,
         points_of: Callable[[SE3], F64],
+        panes_of: Callable[[SE3], F64],
         is_floor: IsFloor | None = None,
     ) -> None:
         try:
@@ -282,12 +286,14 @@ class GateNode(Node):
         if self._is_stuck(scan, odom_from_base.to_se2()):
             return  # its last points grow stale, and the robot stops
         level_from_sensor = _level_from_base(odom_from_base) @ self._mounts[scan.frame].base_from_sensor
-        points = points_of(level_from_sensor)
-        unseen = self._unseen(scan, points, odom_from_base, level_from_sensor, field, is_floor)
+        points, panes = points_of(level_from_sensor), panes_of(level_from_sensor)
+        seen = np.concatenate((points, panes))
+        unseen = self._unseen(scan, seen, odom_from_base, level_from_sensor, field, is_floor)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
             unseen = pulled_nearer(bridged(unseen, points), UNSEEN_NEARER, *self._edges)
-        together = np.concatenate((points, *[unseen] * self._config.min_points))[:, :2]  # a mean stands for many points
+        told = (panes, unseen)  # each of these points stands for many
+        together = np.concatenate((points, *told * self._config.min_points))[:, :2]
         self.gate.update_points(scan.frame, scan.stamp_ns, together, odom_from_base.to_se2())
         if self._rangers and isinstance(scan, LaserScan):
             self._ranges.add_scan(scan)

@@ -1,22 +1,25 @@
-"""Glass on the bus: raw scans and judged echoes in, segments of glass out; saves them beside the map."""
+"""Glass on the bus: raw scans, or clouds, and judged echoes in, segments of glass out; saves them beside the map."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ambler.core.errors import TransformError
-from ambler.core.messages import GlassWalls, JudgedEcho, LaserScan, OccupancyGrid, Odometry, Transforms
-from ambler.core.robot import RobotModel
+from ambler.core.base_motion import BaseMotion
+from ambler.core.errors import StaleInputError
+from ambler.core.messages import GlassWalls, JudgedEcho, LaserScan, OccupancyGrid, Odometry, PointCloud, Transforms
+from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
-from ambler.core.transforms import TransformTree
+from ambler.nodes.devices.table import topics_of_kind
 from ambler.perception.glass import SpecularConfig, SpecularDetector, upright
 from ambler.perception.glass_map import GlassMap, GlassMapConfig, seen_through_glass, twist_of_sensor
+from ambler.perception.level_ring import level_ring
 from ambler.runtime.node import Node, Service, Task
 from ambler.runtime.tasks import SAVE_GLASS, Nothing, SaveMapRequest
-from ambler.runtime.topics import ECHOES, GLASS, MAP, ODOMETRY, SCAN, SCANNERS, TRANSFORMS, Topic
+from ambler.runtime.topics import ECHOES, GLASS, MAP, ODOMETRY, SCAN, TRANSFORMS, Topic
 from ambler.wire.glass_files import GlassFile, save_glass
 
 PERIOD = 0.5
@@ -37,7 +40,7 @@ class GlassMapperNode(Node):
     ) -> None:
         self._spatial_mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self._mounts = {frame: mount.to_se2() for frame, mount in self._spatial_mounts.items()}
-        self._poses = TransformTree(history=2.0)
+        self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._detector = SpecularDetector(specular)
         self.glass = GlassMap(config)
@@ -45,13 +48,18 @@ class GlassMapperNode(Node):
         self._map: OccupancyGrid | None = None
         self._told: GlassWalls | None = None
         self._newest_ns = 0
-        self._scan_topic = SCAN if len(robot.scanners) <= 1 else SCANNERS
+        scans, clouds = (topics_of_kind(robot, kind) for kind in (SensorKind.SCAN, SensorKind.CLOUD))
+        self._scan_topics = scans
+        self._cloud_topics = () if scans else clouds
         echoes = (ECHOES,) if robot.rangers else ()
-        self.inputs = (self._scan_topic, ODOMETRY, TRANSFORMS, *echoes)
+        self.inputs = (*self._scan_topics, *self._cloud_topics, ODOMETRY, TRANSFORMS, *echoes)
 
     def start(self) -> None:
         """Subscribe, serve, and tell twice a second what changed."""
-        self.ctx.subscribe(self._scan_topic, self._on_scan)
+        for topic in self._scan_topics:
+            self.ctx.subscribe(topic, self._on_scan)
+        for topic in self._cloud_topics:
+            self.ctx.subscribe(topic, self._on_cloud)
         self.ctx.subscribe(ODOMETRY, self._on_odometry)
         self.ctx.subscribe(TRANSFORMS, self._on_transforms)
         self.ctx.subscribe(MAP, self._on_map)
@@ -61,7 +69,7 @@ class GlassMapperNode(Node):
         self.ctx.timer(PERIOD, self._tell)
 
     def _on_odometry(self, odometry: Odometry) -> None:
-        self._poses.set("odom", "base", odometry.stamp_ns, odometry.pose)
+        self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
 
     def _on_transforms(self, transforms: Transforms) -> None:
@@ -73,25 +81,35 @@ class GlassMapperNode(Node):
         self._map = grid
 
     def _on_scan(self, scan: LaserScan) -> None:
-        self._newest_ns = max(self._newest_ns, scan.stamp_ns)
         scan = upright(scan, self._spatial_mounts[scan.frame])
+        self._take(scan, self._mounts[scan.frame])
+
+    def _on_cloud(self, cloud: PointCloud) -> None:
+        """Take what a scanner of many rings sees at its own height."""
+        with suppress(StaleInputError):
+            ring, base_from_ring = level_ring(cloud, self._spatial_mounts[cloud.frame], self._motion)
+            self._take(ring, base_from_ring.to_se2())
+
+    def _take(self, scan: LaserScan, base_from_scanner: SE2) -> None:
+        if self._map_from_odom is None:
+            return
+        self._newest_ns = max(self._newest_ns, scan.stamp_ns)
+        twist = twist_of_sensor(base_from_scanner, self._twist)
         try:
-            twist = twist_of_sensor(self._mounts[scan.frame], self._twist)
-            self.glass.add_scan(scan, self._map_from_sensor(scan.frame, scan.stamp_ns), twist)
+            self.glass.add_scan(scan, self._map_from_base(scan.stamp_ns) @ base_from_scanner, twist)
             for peak in self._detector.detect(scan):
                 at_ns = scan.stamp_ns + round(peak.beam * scan.time_increment * 1e9)
-                self.glass.add_peak(peak, self._map_from_sensor(scan.frame, at_ns))
-        except TransformError:
+                self.glass.add_peak(peak, self._map_from_base(at_ns) @ base_from_scanner)
+        except StaleInputError:
             return  # a scan of a moment without a pose cannot be placed
 
     def _on_echo(self, echo: JudgedEcho) -> None:
         if self._map_from_odom is not None:
             self.glass.add_echo(echo, self._map_from_odom @ echo.pose.to_se2())
 
-    def _map_from_sensor(self, frame: str, stamp_ns: int) -> SE2:
-        if self._map_from_odom is None:
-            raise TransformError("map_from_odom: nobody has told it yet")
-        return self._map_from_odom @ self._poses.lookup("odom", "base", stamp_ns).to_se2() @ self._mounts[frame]
+    def _map_from_base(self, stamp_ns: int) -> SE2:
+        assert self._map_from_odom is not None
+        return self._map_from_odom @ self._motion.planar_at(stamp_ns)
 
     def _tell(self) -> None:
         segments, confidence = self.glass.segments()

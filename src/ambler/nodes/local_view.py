@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.glass import SpecularConfig, upright
 from ambler.perception.ground_below import LEVEL_GROUND, GroundBelow
 from ambler.perception.level_mount import Mount, level_mount
+from ambler.perception.level_ring import level_ring
 from ambler.perception.mover_track import NOTHING, MoverConfig
 from ambler.perception.mover_tracker import MoverTracker
 from ambler.perception.pane_returns import PaneReturns
@@ -134,6 +136,9 @@ class LocalView:
         ground = LEVEL_GROUND
         with suppress(StaleInputError):
             ground = self._ground.under(self._motion.pose_at(cloud.stamp_ns))
+        with suppress(StaleInputError):
+            ring, base_from_ring = level_ring(cloud, self._mounts[cloud.frame], self._motion)
+            self._panes.look(ring, lambda stamp_ns: self._motion.planar_at(stamp_ns) @ base_from_ring.to_se2())
         scan = cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar, ground=ground)
         self._mark(scan, self._silent(cloud))
 
@@ -213,9 +218,10 @@ class LocalView:
         free_ends = odom_from_base.transform(scan.free_points)
         map_from_odom = None if self._odom_from_map is None else self._odom_from_map.inverse()
         hidden = odom_from_base.transform(silent)
-        is_solid = ~self._panes.include(hits, scan.stamp_ns) if scan.falls is None else np.full(len(hits), True)
+        is_solid = ~self._panes.include(hits, scan.stamp_ns)
         solid_starts = starts[is_solid] if len(starts) == len(hits) else starts
-        self._tracker.update(scan, hits[is_solid], free_ends, solid_starts, free_starts, hidden, map_from_odom)
+        solid = scan if scan.falls is None else replace(scan, falls=scan.falls.of(is_solid))
+        self._tracker.update(solid, hits[is_solid], free_ends, solid_starts, free_starts, hidden, map_from_odom)
         if self._obstacles is not None:
             origin = odom_from_base.transform(np.array([scan.origin]))[0]
             place = (float(origin[0]), float(origin[1]))

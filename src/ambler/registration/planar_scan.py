@@ -37,6 +37,10 @@ class RayFalls:
     free_sinks: F32
     tops: F32
 
+    def of(self, hits: NDArray[np.bool_]) -> RayFalls:
+        """Return this for some of the N returns only, bool (N,)."""
+        return replace(self, sinks=self.sinks[hits], tops=self.tops[hits])
+
     def below(self, height: float) -> tuple[F64, F64]:
         """Return from which distance (m) on rays are lower than a height, float64 (N,) and (M,); inf for those that never are."""
         return _below(self.height - height, self.sinks), _below(self.height - height, self.free_sinks)
