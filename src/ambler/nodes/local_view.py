@@ -136,9 +136,10 @@ class LocalView:
         ground = LEVEL_GROUND
         with suppress(StaleInputError):
             ground = self._ground.under(self._motion.pose_at(cloud.stamp_ns))
-        with suppress(StaleInputError):
-            ring, base_from_ring = level_ring(cloud, self._mounts[cloud.frame], self._motion)
-            self._panes.look(ring, lambda stamp_ns: self._motion.planar_at(stamp_ns) @ base_from_ring.to_se2())
+        if self._panes.may_shine(cloud.intensity):
+            with suppress(StaleInputError):
+                ring, base_from_ring = level_ring(cloud, self._mounts[cloud.frame], self._motion)
+                self._panes.look(ring, lambda stamp_ns: self._motion.planar_at(stamp_ns) @ base_from_ring.to_se2())
         scan = cloud_to_points(cloud, self._mount(cloud), self._sweep(cloud), self._planar, ground=ground)
         self._mark(scan, self._silent(cloud))
 

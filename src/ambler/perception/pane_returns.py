@@ -26,6 +26,10 @@ class PaneReturns:
         self._detector = SpecularDetector(config)
         self._seen: dict[str, tuple[int, F64]] = {}
 
+    def may_shine(self, intensity: NDArray[np.floating]) -> bool:
+        """Say whether any return, (N,), is bright enough to be one of a pane."""
+        return bool(np.any(intensity >= self._detector.config.intensity_min))
+
     def look(self, scan: LaserScan, odom_from_sensor_at: Callable[[int], SE2]) -> None:
         """Take a raw scan, and where its scanner was at a stamp (ns). Raises what that raises."""
         pieces = []
