@@ -44,7 +44,7 @@ MAPPING = (
     PlantedFault(
         "the level ring forgets that the scanner moves",
         "kernels/level_ring.py",
-        "m = sweep[int(times[i] / last * (count - 1) + 0.5)]",
+        "m = sweep[max(0, min(int(times[i] / last * (count - 1) + 0.5), count - 1))]",
         "m = sweep[0]",
         ("tests/perception/test_level_ring.py",),
     ),

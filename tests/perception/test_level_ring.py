@@ -104,3 +104,22 @@ def test_an_empty_cloud_is_an_empty_scan() -> None:
     empty = PointCloud(0, "lidar", np.zeros((0, 3), np.float32), nothing, nothing, np.zeros(0, np.uint16))
     scan, _ = level_ring(empty, MOUNT, motion())
     assert np.isnan(scan.ranges).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_numbers_that_are_none_are_left_out(seed: int) -> None:
+    """Of points, and times that lie before the stamp; what is sound counts as before."""
+    rng, good = np.random.default_rng(seed), cloud(4)
+    n, wrong = len(good.points), np.array([np.nan, np.inf, -np.inf], np.float32)
+    points, times = np.array(good.points), np.array(good.time)
+    hit = rng.choice(n, n // 3, replace=False)
+    points[hit] = rng.choice(wrong, (len(hit), 3))
+    times[hit] = rng.choice(np.array([-1e30, -5.0, -np.inf], np.float32), len(hit))
+    broken = PointCloud(0, "lidar", points, np.array(good.intensity), times, np.array(good.ring))
+    scan, _ = level_ring(broken, MOUNT, motion())
+    keep = np.delete(np.arange(n), hit)
+    of_kept = PointCloud(0, "lidar", points[keep], good.intensity[keep], times[keep], good.ring[keep])
+    expected, _ = level_ring(of_kept, MOUNT, motion())
+    both = np.isfinite(scan.ranges) & np.isfinite(expected.ranges)
+    assert both.sum() > 0.9 * np.isfinite(expected.ranges).sum()
+    assert scan.ranges[both] == pytest.approx(expected.ranges[both], abs=0.02)

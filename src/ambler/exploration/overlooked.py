@@ -27,9 +27,8 @@ class Overlooked:
     def __init__(self, assumed: int) -> None:
         self._assumed = assumed
         self._spec: GridSpec | None = None
-        self._nearness: NDArray[np.uint8] = np.zeros(
-            (0, 0), np.uint8
-        )  # `MOST` beside the robot, less by one for each `STEP`; 0: never assumed
+        # `MOST` beside the robot, less by one for each `STEP`; 0: never assumed.
+        self._nearness: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
 
     def add(self, occupancy: OccupancyGrid, map_from_base: SE2) -> None:
         """Take down what is only assumed now, around a robot at `map_from_base`."""

@@ -227,3 +227,6 @@ def warm_up() -> None:
     distance, of_one = np.zeros((4, 4), np.float32), (np.zeros(1, np.int64), np.empty(1))
     cells = (np.zeros(1, np.int64), starts, is_so, is_so)
     viewpoints(occupancy.copy(), occupancy, 50, distance, 0, 0, *cells, (3, 3), sight, *of_one)
+    for told in (costs, costs.copy()):
+        shrink_costs(told, 2, np.empty((2, 2), np.uint8))
+    spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))

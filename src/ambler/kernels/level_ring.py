@@ -23,7 +23,7 @@ def level_ring(points, intensity, times, sweep, slope, ranges, intensities):
         last = max(last, times[i])
     x0, y0 = sweep[0, 0, 3], sweep[0, 1, 3]
     for i in range(len(points)):
-        m = sweep[int(times[i] / last * (count - 1) + 0.5)]
+        m = sweep[max(0, min(int(times[i] / last * (count - 1) + 0.5), count - 1))]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         rise = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz
         way = math.sqrt(max(px * px + py * py + pz * pz - rise * rise, 1e-12))
