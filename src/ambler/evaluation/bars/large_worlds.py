@@ -28,6 +28,11 @@ def _explored_briefly(world: str, robots: Sequence[str] = ("amr_omni", "diff")) 
     return "; ".join(parts)
 
 
+_GLASS_ROBOTS = ("diff", "amr_omni", "spot")
+_GLASS_RUNS = ", ".join(
+    f"{{{{{robot}_{{variant}}_finished}}}} of {{{{{robot}_{{variant}}_runs}}}} with {{{{{robot}_{{variant}}_contacts}}}} contacts"
+    for robot in _GLASS_ROBOTS
+)
 _WIDE_BAR = "≥ 98 % of the reachable floor, 0 collisions, proof, ≤ 0.05 m"
 
 
@@ -73,16 +78,15 @@ ROWS: Sequence[Row] = (
         every("", "passed"),
     ),
     Row(
-        "explore among glass (the built-in world), `diff` and `amr_omni`, with an ultrasonic ring and by light alone, drawn seeds",
+        "explore among glass (the built-in world), `diff`, `amr_omni` and `spot`, with an ultrasonic ring and by light alone, drawn seeds",
         "all finished, 0 contacts",
         "glass.json",
-        "with a ring {diff_ring_finished} of {diff_ring_runs} and {amr_omni_ring_finished} of {amr_omni_ring_runs}, {diff_ring_contacts} and {amr_omni_ring_contacts} contacts; by light alone "
-        "{diff_light_finished} of {diff_light_runs} and {amr_omni_light_finished} of {amr_omni_light_runs}, {diff_light_contacts} and {amr_omni_light_contacts}; coverage worst "
+        f"with a ring {_GLASS_RUNS.format(variant='ring')}; by light alone {_GLASS_RUNS.format(variant='light')}; coverage worst "
         "{amr_omni_light_coverage_ratio_worst:.1%}",
         all_of(
             *(
                 every(f"{robot}_{variant}_", "finished", of=3, collisions="contacts")
-                for robot in ("diff", "amr_omni")
+                for robot in _GLASS_ROBOTS
                 for variant in ("ring", "light")
             )
         ),
