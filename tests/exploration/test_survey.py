@@ -148,6 +148,17 @@ def test_what_was_assumed_once_calls_nobody_back_until_nothing_else_is_left() ->
     assert {round(f.centroid[0], 2) for f in survey.frontiers if f.state is FrontierState.OPEN} >= {4.55, 4.95}
 
 
+def test_what_goes_on_beyond_the_map_calls_back_at_once() -> None:
+    """A landing at the top of a ramp: assumed from there, and unknown again when the robot has gone."""
+    near, away = corridor(), corridor()
+    near[10:30, 50:70], away[10:30, 50:70] = OCC_ASSUMED, -1
+    near[10:30, 70:], away[10:30, 70:] = -1, -1
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED), path_distances)
+    surveyor.update(*grids(near), SE2(4.5, 2.0))
+    (edge,) = (f for f in surveyor.update(*grids(away), SE2(2.0, 2.0)).frontiers if f.state is FrontierState.OPEN)
+    assert edge.centroid[0] == pytest.approx(4.95)
+
+
 def from_afar(
     occupancy: NDArray[np.int8],
     *,

@@ -367,8 +367,8 @@ TERRAIN = (
     PlantedFault(
         "what was assumed once calls the robot back",
         "exploration/overlooked.py",
-        "is_lost = (occupancy.data < 0) & (self._nearness > 0)",
-        "is_lost = (occupancy.data < 0) & (self._nearness > MOST)",
+        "is_lost = (self._nearness > 0) & (occupancy.data < 0)",
+        "is_lost = (self._nearness > MOST) & (occupancy.data < 0)",
         ("tests/exploration/test_survey.py",),
     ),
     PlantedFault(
@@ -395,9 +395,16 @@ TERRAIN = (
     PlantedFault(
         "what is outside of a map is a pocket",
         "exploration/pockets.py",
-        "    is_large[patches[0, 0]] = True\n",
+        "    areas[patches[0, 0]] = math.inf\n",
         "",
         ("tests/exploration/test_pockets.py",),
+    ),
+    PlantedFault(
+        "a landing that was assumed from the top of a ramp is left for later",
+        "exploration/overlooked.py",
+        "        is_lost &= np.isfinite(patch_areas(occupancy))\n",
+        "",
+        ("tests/exploration/test_survey.py",),
     ),
     PlantedFault(
         "everything is looked at from afar",

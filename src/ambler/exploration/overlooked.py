@@ -14,6 +14,7 @@ from ambler.core.messages import Frontier, OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.exploration.frontier_map import FrontierGroups
 from ambler.exploration.lattice import carried
+from ambler.exploration.pockets import patch_areas
 
 BESIDE = 2  # cells around what was assumed
 STEP = 0.1  # metres by which it is told apart how near the robot was
@@ -41,8 +42,10 @@ class Overlooked:
         self._nearness[iy, ix] = np.maximum(self._nearness[iy, ix], now)
 
     def taken_for_known(self, occupancy: OccupancyGrid) -> OccupancyGrid:
-        """Return the map that was added last with what was once assumed and is unknown again as if it were assumed still."""
-        is_lost = (occupancy.data < 0) & (self._nearness > 0)
+        """Return the map that was added last with what was once assumed and is unknown again as if it were assumed still, where known cells enclose it. What
+        goes on beyond the map may be a landing that is seen from the top of a ramp only: nobody should leave before it was looked at."""
+        is_lost = (self._nearness > 0) & (occupancy.data < 0)
+        is_lost &= np.isfinite(patch_areas(occupancy))
         return replace(occupancy, data=np.where(is_lost, np.int8(self._assumed), occupancy.data))
 
     def are_of(self, groups: FrontierGroups, within: float = math.inf) -> NDArray[np.bool_]:

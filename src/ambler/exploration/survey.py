@@ -231,7 +231,7 @@ class FrontierSurvey:
         return self._specks.look(survey.costs, specks, reached, could & ~reached, wanted, self.config.goal_reach, robot)
 
     def _seen(self, occupancy: OccupancyGrid) -> OccupancyGrid:
-        """Return the map: for a strict look one in which nothing is assumed; for any other one in which what was assumed once stays so. Else frontiers around ground that shows
+        """Return the map: for a strict look one in which nothing is assumed; for any other one in which what was assumed once and is enclosed stays so. Else frontiers around ground that shows
         itself from no place nearby close when the robot comes, open when it leaves, and call it back."""
         if self._overlooked is None:
             return occupancy
