@@ -138,9 +138,10 @@ def viewpoints(
         if goals[g] < 0 or not worth_it[g]:
             continue
         count = _samples_around_middle(cells, starts[g], starts[g + 1], width, samples)
-        now = _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (near, BEYOND))
-        if recedes[g] and 2 * now >= count:
-            continue
+        if recedes[g]:
+            now = _in_sight(occupancy, drivable, free_below, base[0], base[1], samples[:count], (near, BEYOND))
+            if 2 * now >= count:
+                continue
         my, mx = samples[0] // width, samples[0] % width
         best = np.float32(np.inf)
         for iy in range(max(0, my - far), min(height, my + far + 1), EVERY):
