@@ -215,8 +215,8 @@ def test_who_does_not_see_the_floor_beside_himself_is_not_sent_to_where_it_is_on
     band[band == 0] = OCC_ASSUMED
     config = SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(nearest, 6.2))
     surveyor = FrontierSurvey(config, path_distances)
-    for _ in range(2):  # the first look at it may be from afar
-        survey = surveyor.update(*grids(occupancy), SE2(6.0, 2.0))
+    for _ in range(2):  # the first look at it may be from afar; from beside the bay nobody sees into it
+        survey = surveyor.update(*grids(occupancy), SE2(0.8, 6.2))
         (frontier,) = (f for f in survey.frontiers if f.centroid[1] > 6.5)
         surveyor.memory.refuse(frontier, "nothing changed", grids(occupancy)[0], has_looked=True)
     assert (frontier.goal is not None) == is_goal
@@ -302,6 +302,35 @@ def test_where_there_is_no_such_place_the_goal_is_near() -> None:
     (frontier,) = (f for f in blind.frontiers if f.state is FrontierState.OPEN)
     assert frontier.goal is not None
     assert math.hypot(frontier.goal[0] - frontier.centroid[0], frontier.goal[1] - frontier.centroid[1]) < 1.1
+
+
+def ramp_top(*, is_in_sight: bool) -> NDArray[np.int8]:
+    """Seen floor with a bay that is open, and a way of which the ground is only assumed up to 6 m from (1.5, 5): straight on, or round a corner."""
+    occupancy = np.full((100, 120), 100, np.int8)
+    occupancy[40:64, 5:20] = 0
+    occupancy[64:80, 5:20] = -1
+    occupancy[40:60, 20 : 75 if is_in_sight else 40] = OCC_ASSUMED
+    if is_in_sight:
+        occupancy[40:60, 75:115] = -1
+    else:
+        occupancy[10:60, 40:60] = OCC_ASSUMED
+        occupancy[10:30, 60:115] = -1
+    return occupancy
+
+
+@pytest.mark.parametrize("is_in_sight", [True, False])
+def test_ground_that_falls_away_in_open_sight_is_gone_to_over_what_is_assumed(is_in_sight: bool) -> None:
+    """At the top of a ramp the scanner looks over the landing; round a corner a kerb may hide."""
+    surveyor = FrontierSurvey(SurveyConfig(assumed=OCC_ASSUMED, sees_floor=(5.2, 6.2)), path_distances)
+    told, place = grids(ramp_top(is_in_sight=is_in_sight)), SE2(1.5, 5.0)
+    survey = surveyor.update(*told, place)
+    assert not any(survey.frontiers[k].centroid[0] > 5.5 for k in survey.open), "nobody has looked yet"
+    (end,) = (f for f in survey.frontiers if f.centroid[0] > 5.5)
+    surveyor.memory.refuse(end, "its ground is only assumed", told[0], has_looked=True)
+    survey = surveyor.update(*told, place)
+    goals = [survey.frontiers[k].goal for k in survey.open]
+    assert any(goal is not None and goal[1] > 5.5 and goal[0] < 2.5 for goal in goals), "the bay is open all the time"
+    assert any(goal is not None and goal[0] > 5.5 for goal in goals) == is_in_sight
 
 
 def test_what_recedes_before_the_robot_is_driven_towards() -> None:

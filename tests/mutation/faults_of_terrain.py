@@ -407,6 +407,20 @@ TERRAIN = (
         ("tests/exploration/test_survey.py",),
     ),
     PlantedFault(
+        "nobody goes on at the top of a ramp while anything else is open",
+        "exploration/survey.py",
+        "if not c.looks_from_afar or self.is_strict or len(groups) == 0:",
+        "if True:",
+        ("tests/exploration/test_survey.py",),
+    ),
+    PlantedFault(
+        "what is only assumed is gone to round corners",
+        "exploration/survey.py",
+        "        in_sight_from(seen.data, drivable.data, c.free_below, groups.cells, base, round(near), is_end)\n",
+        "        is_end[:] = True\n",
+        ("tests/exploration/test_survey.py",),
+    ),
+    PlantedFault(
         "everything is looked at from afar",
         "exploration/overlooked.py",
         "return np.asarray(hits >= SHARE * groups.sizes, np.bool_)",

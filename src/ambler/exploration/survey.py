@@ -23,12 +23,13 @@ from ambler.exploration.pockets import are_in_pockets
 from ambler.exploration.specks import Specks, SpecksConfig
 from ambler.exploration.wide import joined, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
-from ambler.kernels.frontier_value import viewpoints, visible_unknown
+from ambler.kernels.frontier_value import in_sight_from, viewpoints, visible_unknown
 
 ELSEWHERE = (
     1.5  # goal reaches: no goal of the same cell of a frontier lies so far from another one, not even diagonally
 )
 HIDDEN = "the robot was near it, and the floor behind it shows itself from no place that it can reach"
+END = 0.9  # of the distance from which on a scanner sees the floor: there ends what is assumed, where no floor is seen
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
 """(costs uint8 [iy, ix], spec, map_from_base) -> path distance from there in metres, float32 [iy, ix], inf where unreachable.
 A PlanningError says that no path can start there."""
@@ -170,7 +171,10 @@ class FrontierSurvey:
         goals = self._goals(drivable, groups, costs, distance, is_last_resort=is_last_resort)
         elsewhere = self._look_from_elsewhere(drivable, groups, costs, distance, goals)
         gains, headings = self._gains(seen, groups, goals)
-        no_use = self._step_back(maps, groups, costs, distance, map_from_base, goals, headings)
+        goes_on = self._go_on(maps, groups, costs, distance, map_from_base, goals, gains)
+        if goes_on.any():
+            gains, headings = self._gains(seen, groups, goals)
+        no_use = self._step_back(maps, groups, costs, distance, map_from_base, goals, headings, goes_on)
         diy, dix = seen.spec.offset_in(costs.spec)
         frontiers = []
         for g, (cells, centroid) in enumerate(groups.split()):
@@ -183,7 +187,9 @@ class FrontierSurvey:
             if no_use[g]:
                 frontiers.append(_refused(frontier, FrontierState.UNREACHABLE, HIDDEN))
             else:
-                frontiers.append(self._judge(frontier, float(gains[g]), seen, is_elsewhere=g in elsewhere))
+                frontiers.append(
+                    self._judge(frontier, float(gains[g]), seen, is_elsewhere=g in elsewhere or bool(goes_on[g]))
+                )
         return frontiers, gains
 
     def _look_from_elsewhere(
@@ -249,10 +255,11 @@ class FrontierSurvey:
         map_from_base: SE2,
         goals: NDArray[np.int64],
         headings: NDArray[np.float64],
+        goes_on: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
         """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier: once, then it goes near, as one must
         where ground falls away behind a crest. Returns which groups (N,) are of no more use: the robot was near, no place is left to look from, and what they hide is small. `maps`: what was seen, and with
-        what is assumed to be free."""
+        what is assumed to be free. Groups that the robot `goes_on` to keep their goals."""
         (seen, drivable), c = maps, self.config
         spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
@@ -262,7 +269,7 @@ class FrontierSurvey:
         is_long = groups.sizes * resolution >= c.min_size
         was_near = is_long & self._overlooked.are_of(groups, ELSEWHERE * c.goal_reach)
         is_small = are_in_pockets(groups, seen, c.pocket_most) if self.is_strict else np.zeros(len(groups), np.bool_)
-        worth_it = is_long & self._overlooked.are_of(groups)
+        worth_it = is_long & self._overlooked.are_of(groups) & ~goes_on
         for g, (cells, centroid) in enumerate(groups.split()):
             worth_it[g] &= self.memory.find(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN)) is None
         roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
@@ -283,6 +290,40 @@ class FrontierSurvey:
             headings,
         )
         return np.asarray(was_near & is_small & (goals == before) & (goals >= 0), np.bool_)
+
+    def _go_on(
+        self,
+        maps: tuple[OccupancyGrid, OccupancyGrid],
+        groups: FrontierGroups,
+        costs: CostGrid,
+        distance: NDArray[np.float32],
+        map_from_base: SE2,
+        goals: NDArray[np.int64],
+        gains: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:
+        """Give groups that were looked at in vain, and that nobody would go to now, goals at the end of ground that is only assumed, where that lies in open sight as far away as the scanner would
+        see a level floor behind it, and sees none: the landing at the top of a ramp, which shows itself to who stands on it. Returns which groups (N,) those are. `maps`: what was seen, and
+        with what is assumed to be free."""
+        (seen, drivable), c = maps, self.config
+        goes_on = np.zeros(len(groups), np.bool_)
+        if not c.looks_from_afar or self.is_strict or len(groups) == 0:
+            return goes_on
+        is_end = np.empty(len(groups.cells), np.bool_)
+        base, near = seen.spec.cell_of(map_from_base.x, map_from_base.y), END * c.sees_floor[0] / seen.spec.resolution
+        in_sight_from(seen.data, drivable.data, c.free_below, groups.cells, base, round(near), is_end)
+        is_end &= seen.data.ravel()[groups.cells] == c.assumed
+        for g, (places, centroid) in enumerate(groups.split()):
+            of_group = slice(groups.starts[g], groups.starts[g + 1])
+            cells = groups.cells[of_group][is_end[of_group]]
+            frontier = Frontier(places, centroid, None, math.inf, FrontierState.OPEN)
+            if len(cells) * seen.spec.resolution < c.min_size or self.memory.find(frontier) is None:
+                continue
+            if goals[g] < 0 or gains[g] < c.min_gain or self.memory.reason_against(frontier, seen):
+                end = FrontierGroups(seen.spec, cells, np.array([0, len(cells)]))
+                goal = int(self._goals(drivable, end, costs, distance, is_last_resort=True)[0])
+                if goal >= 0:
+                    goals[g], goes_on[g] = goal, True
+        return goes_on
 
     def _left_out(self, found: FrontierGroups, sides: NDArray[np.uint8]) -> list[Frontier]:
         """The frontiers beyond the fence, each with its reason."""

@@ -158,6 +158,14 @@ def viewpoints(
 
 
 @jit
+def in_sight_from(occupancy, drivable, free_below, cells, base, near, out):
+    """Say of each cell of a frontier (flat indices), in `out` bool (N,), whether it and unknown ones behind it are in sight from the cell `base` (iy, ix), `near` cells away or farther."""
+    for i in range(len(cells)):
+        behind = _unknown_behind(occupancy, drivable, free_below, base[0], base[1], cells[i], (near, BEYOND))
+        out[i] = behind >= BEHIND // 2
+
+
+@jit
 def _samples_around_middle(cells, first, end, width, samples):
     """Write the cell of a group (cells[first:end], flat indices) that lies next to its mean, and others within `SPREAD` cells of it, into `samples`; returns how many."""
     my, mx = 0.0, 0.0
@@ -228,6 +236,7 @@ def warm_up() -> None:
     distance, of_one = np.zeros((4, 4), np.float32), (np.zeros(1, np.int64), np.empty(1))
     cells = (np.zeros(1, np.int64), starts, is_so, is_so)
     viewpoints(occupancy.copy(), occupancy, 50, distance, 0, 0, *cells, (3, 3), sight, *of_one)
+    in_sight_from(occupancy.copy(), occupancy, 50, np.zeros(1, np.int64), (3, 3), 1, is_so)
     for told in (costs, costs.copy()):
         shrink_costs(told, 2, np.empty((2, 2), np.uint8))
     spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))
