@@ -694,7 +694,7 @@ MOTION = (
     PlantedFault(
         "a frontier that showed nothing through a slit is never looked at from its other end",
         "exploration/survey.py",
-        "is_elsewhere=g in elsewhere",
+        "is_elsewhere=bool(elsewhere[g])",
         "is_elsewhere=False",
         SURVEY,
     ),

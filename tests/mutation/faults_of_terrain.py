@@ -416,7 +416,7 @@ TERRAIN = (
     PlantedFault(
         "what is only assumed is gone to round corners",
         "exploration/survey.py",
-        "        in_sight_from(seen.data, drivable.data, c.free_below, groups.cells, base, round(near), is_end)\n",
+        "        in_sight_from(seen.data, view.drivable.data, c.free_below, groups.cells, base, round(near), is_end)\n",
         "        is_end[:] = True\n",
         ("tests/exploration/test_survey.py",),
     ),

@@ -89,6 +89,19 @@ class Survey:
     shut: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """What frontiers are judged by: the map as it was `seen`, and as it is `drivable`, with what is assumed to be free; groups (N,) of frontier cells; costs, and the path distance (m) to each of their
+    cells; and where the robot is."""
+
+    seen: OccupancyGrid
+    drivable: OccupancyGrid
+    groups: FrontierGroups
+    costs: CostGrid
+    distance: NDArray[np.float32]
+    map_from_base: SE2
+
+
 class FrontierSurvey:
     """Finds the frontiers of a map that changes, and judges them. What is only assumed to be free lies around the robot and mostly shows itself when it moves on; `is_strict` for who wants to
     know what is left."""
@@ -141,10 +154,10 @@ class FrontierSurvey:
         groups, over = (group(found.spec, np.sort(found.cells[k & is_inside])) for k in (~is_over, is_over))
         self._specks.pass_by(costs, (map_from_base.x, map_from_base.y))
         distance = self._distances(costs, map_from_base)
-        maps = (occupancy, drivable)
-        frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base)
+        view = _View(occupancy, drivable, groups, costs, distance, map_from_base)
+        frontiers, gains = self._judged(view)
         if self.config.looks_from_afar and not any(each.state is FrontierState.OPEN for each in frontiers):
-            frontiers, gains = self._judged(maps, groups, costs, distance, map_from_base, is_last_resort=True)
+            frontiers, gains = self._judged(view, is_last_resort=True)
         shut = tuple(k for k, f in enumerate(frontiers) if self._is_shut(f))
         frontiers += [self._judge_over(*looked_at, occupancy.spec.resolution) for looked_at in over.split()]
         frontiers += self._left_out(found, sides)
@@ -156,53 +169,36 @@ class FrontierSurvey:
         left_out = float(np.count_nonzero(sides)) * occupancy.spec.resolution
         return Survey(tuple(frontiers), gains, is_open, known, reachable, costs, left_out, shut)
 
-    def _judged(
-        self,
-        maps: tuple[OccupancyGrid, OccupancyGrid],
-        groups: FrontierGroups,
-        costs: CostGrid,
-        distance: NDArray[np.float32],
-        map_from_base: SE2,
-        *,
-        is_last_resort: bool = False,
-    ) -> tuple[list[Frontier], NDArray[np.float64]]:
-        """Return the frontiers of groups (N,) with their goals, judged, and what their goals let see. `maps`: what was seen, and with what is assumed to be free."""
-        seen, drivable = maps
-        goals = self._goals(drivable, groups, costs, distance, is_last_resort=is_last_resort)
-        elsewhere = self._look_from_elsewhere(drivable, groups, costs, distance, goals)
+    def _judged(self, view: _View, *, is_last_resort: bool = False) -> tuple[list[Frontier], NDArray[np.float64]]:
+        """Return the frontiers of the groups with their goals, judged, and what their goals let see."""
+        seen, groups = view.seen, view.groups
+        goals = self._goals(view, is_last_resort=is_last_resort)
+        elsewhere = self._look_from_elsewhere(view, goals)
         gains, headings = self._gains(seen, groups, goals)
-        goes_on = self._go_on(maps, groups, costs, distance, map_from_base, goals, gains)
+        goes_on = self._go_on(view, goals, gains)
         if goes_on.any():
             gains, headings = self._gains(seen, groups, goals)
-        no_use = self._step_back(maps, groups, costs, distance, map_from_base, goals, headings, goes_on)
-        diy, dix = seen.spec.offset_in(costs.spec)
+        no_use = self._step_back(view, goals, headings, goes_on)
+        elsewhere |= goes_on
+        diy, dix = seen.spec.offset_in(view.costs.spec)
         frontiers = []
         for g, (cells, centroid) in enumerate(groups.split()):
             goal, path_distance = None, math.inf
             if goals[g] >= 0:
                 iy, ix = divmod(int(goals[g]), seen.spec.width)
                 goal = (*seen.spec.center_of(iy, ix), float(headings[g]))
-                path_distance = float(distance[iy + diy, ix + dix])
+                path_distance = float(view.distance[iy + diy, ix + dix])
             frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
             if no_use[g]:
                 frontiers.append(_refused(frontier, FrontierState.UNREACHABLE, HIDDEN))
             else:
-                frontiers.append(
-                    self._judge(frontier, float(gains[g]), seen, is_elsewhere=g in elsewhere or bool(goes_on[g]))
-                )
+                frontiers.append(self._judge(frontier, float(gains[g]), seen, is_elsewhere=bool(elsewhere[g])))
         return frontiers, gains
 
-    def _look_from_elsewhere(
-        self,
-        occupancy: OccupancyGrid,
-        groups: FrontierGroups,
-        costs: CostGrid,
-        distance: NDArray[np.float32],
-        goals: NDArray[np.int64],
-    ) -> set[int]:
+    def _look_from_elsewhere(self, view: _View, goals: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Give groups that were looked at in vain goals away from the places of those looks, where there are such; return which groups. A wide
         frontier may be seen through a slit, from where nothing more can be seen, and lie open at its other end."""
-        spec, moved = occupancy.spec, set[int]()
+        spec, groups, moved = view.seen.spec, view.groups, np.zeros(len(view.groups), np.bool_)
         if len(self.memory) == 0 or self.config.assumed is not None:
             return moved
         for g, (cells, centroid) in enumerate(groups.split()):
@@ -212,11 +208,10 @@ class FrontierSurvey:
             if not places:
                 continue
             one = FrontierGroups(spec, groups.cells[groups.starts[g] : groups.starts[g + 1]], np.array([0, len(cells)]))
-            away = _without_discs(distance, costs.spec, places, ELSEWHERE * self.config.goal_reach)
-            goal = int(self._goals(occupancy, one, costs, away, is_last_resort=True)[0])
+            away = _without_discs(view.distance, view.costs.spec, places, ELSEWHERE * self.config.goal_reach)
+            goal = int(self._goals(replace(view, groups=one, distance=away), is_last_resort=True)[0])
             if goal >= 0:
-                goals[g] = goal
-                moved.add(g)
+                goals[g], moved[g] = goal, True
         return moved
 
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
@@ -247,32 +242,24 @@ class FrontierSurvey:
         return replace(occupancy, data=data)
 
     def _step_back(
-        self,
-        maps: tuple[OccupancyGrid, OccupancyGrid],
-        groups: FrontierGroups,
-        costs: CostGrid,
-        distance: NDArray[np.float32],
-        map_from_base: SE2,
-        goals: NDArray[np.int64],
-        headings: NDArray[np.float64],
-        goes_on: NDArray[np.bool_],
+        self, view: _View, goals: NDArray[np.int64], headings: NDArray[np.float64], goes_on: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Move the goals of a scanner that does not see the floor beside itself to where it sees what lies behind the frontier: once, then it goes near, as one must
-        where ground falls away behind a crest. Returns which groups (N,) are of no more use: the robot was near, no place is left to look from, and what they hide is small. `maps`: what was seen, and with
-        what is assumed to be free. Groups that the robot `goes_on` to keep their goals."""
-        (seen, drivable), c = maps, self.config
+        where ground falls away behind a crest. Returns which groups (N,) are of no more use: the robot was near, no place is left to look from, and what they hide is small. Groups that
+        the robot `goes_on` to keep their goals."""
+        seen, drivable, groups, costs, c = view.seen, view.drivable, view.groups, view.costs, self.config
         spec, resolution = seen.spec, seen.spec.resolution
         near, far = (round(reach / resolution) for reach in c.sees_floor)
         if not c.looks_from_afar or self._overlooked is None:
             return np.zeros(len(groups), np.bool_)
-        shift, base = _cell_shift(spec, costs.spec), spec.cell_of(map_from_base.x, map_from_base.y)
+        shift, base = _cell_shift(spec, costs.spec), spec.cell_of(view.map_from_base.x, view.map_from_base.y)
         is_long = groups.sizes * resolution >= c.min_size
         was_near = is_long & self._overlooked.are_of(groups, ELSEWHERE * c.goal_reach)
         is_small = are_in_pockets(groups, seen, c.pocket_most) if self.is_strict else np.zeros(len(groups), np.bool_)
         worth_it = is_long & self._overlooked.are_of(groups) & ~goes_on
         for g, (cells, centroid) in enumerate(groups.split()):
             worth_it[g] &= self.memory.find(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN)) is None
-        roomy = np.where(costs.data <= c.roomy_cost, distance, np.float32(np.inf))
+        roomy = np.where(costs.data <= c.roomy_cost, view.distance, np.float32(np.inf))
         before = goals.copy()
         viewpoints(
             seen.data,
@@ -291,26 +278,17 @@ class FrontierSurvey:
         )
         return np.asarray(was_near & is_small & (goals == before) & (goals >= 0), np.bool_)
 
-    def _go_on(
-        self,
-        maps: tuple[OccupancyGrid, OccupancyGrid],
-        groups: FrontierGroups,
-        costs: CostGrid,
-        distance: NDArray[np.float32],
-        map_from_base: SE2,
-        goals: NDArray[np.int64],
-        gains: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
+    def _go_on(self, view: _View, goals: NDArray[np.int64], gains: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Give groups that were looked at in vain, and that nobody would go to now, goals at the end of ground that is only assumed, where that lies in open sight as far away as the scanner would
-        see a level floor behind it, and sees none: the landing at the top of a ramp, which shows itself to who stands on it. Returns which groups (N,) those are. `maps`: what was seen, and
-        with what is assumed to be free."""
-        (seen, drivable), c = maps, self.config
+        see a level floor behind it, and sees none: the landing at the top of a ramp, which shows itself to who stands on it. Returns which groups (N,) those are."""
+        seen, groups, c = view.seen, view.groups, self.config
         goes_on = np.zeros(len(groups), np.bool_)
         if not c.looks_from_afar or self.is_strict or len(groups) == 0:
             return goes_on
         is_end = np.empty(len(groups.cells), np.bool_)
-        base, near = seen.spec.cell_of(map_from_base.x, map_from_base.y), END * c.sees_floor[0] / seen.spec.resolution
-        in_sight_from(seen.data, drivable.data, c.free_below, groups.cells, base, round(near), is_end)
+        base = seen.spec.cell_of(view.map_from_base.x, view.map_from_base.y)
+        near = END * c.sees_floor[0] / seen.spec.resolution
+        in_sight_from(seen.data, view.drivable.data, c.free_below, groups.cells, base, round(near), is_end)
         is_end &= seen.data.ravel()[groups.cells] == c.assumed
         for g, (places, centroid) in enumerate(groups.split()):
             of_group = slice(groups.starts[g], groups.starts[g + 1])
@@ -320,7 +298,7 @@ class FrontierSurvey:
                 continue
             if goals[g] < 0 or gains[g] < c.min_gain or self.memory.reason_against(frontier, seen):
                 end = FrontierGroups(seen.spec, cells, np.array([0, len(cells)]))
-                goal = int(self._goals(drivable, end, costs, distance, is_last_resort=True)[0])
+                goal = int(self._goals(replace(view, groups=end), is_last_resort=True)[0])
                 if goal >= 0:
                     goals[g], goes_on[g] = goal, True
         return goes_on
@@ -358,17 +336,10 @@ class FrontierSurvey:
         changed = changed_box(last.data, occupancy.data) or Box(0, 0, 0, 0)
         return self._frontier_map.update(occupancy.spec, occupancy.data, changed)
 
-    def _goals(
-        self,
-        occupancy: OccupancyGrid,
-        groups: FrontierGroups,
-        costs: CostGrid,
-        distance: NDArray[np.float32],
-        *,
-        is_last_resort: bool,
-    ) -> NDArray[np.int64]:
+    def _goals(self, view: _View, *, is_last_resort: bool) -> NDArray[np.int64]:
         """Return the goal of each group, a flat index or -1: where the robot can turn, or else anywhere that it can reach. A scanner that does not see the floor beside itself is led
         to ground that was seen: what is only assumed is passed over on the way to it, and no goal, because a kerb may hide there; unless nothing else is left to look at (`is_last_resort`): on the last metres of a ramp it looks over the landing's floor."""
+        occupancy, groups, costs, distance = view.drivable, view.groups, view.costs, view.distance
         shift = _cell_shift(occupancy.spec, costs.spec)
         if self.config.looks_from_afar and not is_last_resort:
             iy, ix = np.nonzero(occupancy.data == self.config.assumed) + np.array(shift)[:, None]
