@@ -98,3 +98,28 @@ def test_a_lidar_that_follows_one_turn_late_has_no_wrong_clock() -> None:
     assert told.shift == pytest.approx(0.15, abs=0.02)
     assert pulses(0.0, 0.0, 0.05).troubles == ()
     assert pulses(0.0, 0.3, 0.05).troubles == ()
+
+
+def rocking(turn_seen: float, rock_seen: float, mount: SE3) -> Diagnosis:
+    """A body that turns slowly while it rocks about its other axes, of which turning and rocking a LiDAR alone sees such shares (with noise)."""
+    rng = np.random.default_rng(4)
+    at, times = np.arange(-0.5, 6.5, 0.005), np.arange(0.0, 6.0, 0.1)
+    growing = np.clip(0.15 * at, 0.0, None)
+    turns = np.column_stack(
+        [0.3 * growing * np.sin(9.0 * at), 0.3 * growing * np.cos(9.0 * at), growing * np.sin(1.7 * at)]
+    )
+    middles = times[1:] - 0.05
+    seen = np.column_stack([np.interp(middles, at, turns[:, j]) for j in range(3)])
+    seen *= (rock_seen, rock_seen, turn_seen)
+    told = turns @ mount.matrix()[:3, :3].T
+    return compare_turns(seen + rng.normal(0.0, 0.01, seen.shape), times, np.column_stack([at, told]), SE3())
+
+
+def test_rocking_that_a_lidar_hardly_sees_accuses_nobody() -> None:
+    upright, lying = SE3(), SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.5 * np.pi, 0.0)
+    assert rocking(1.0, 1.0, upright).troubles == ()
+    in_the_open = rocking(1.0, 0.05, upright)
+    assert in_the_open.troubles == ()
+    assert in_the_open.rate_ratio == pytest.approx(1.0, abs=0.1)
+    assert "0.60 times as fast" in rocking(0.6, 0.03, upright).troubles[0]
+    assert "other axes" in rocking(1.0, 0.05, lying).troubles[0]

@@ -136,6 +136,13 @@ LIO = (
         DOCTOR,
     ),
     PlantedFault(
+        "a LiDAR alone accuses a gyroscope of what it hardly sees itself",
+        "lio/doctor.py",
+        "axes[:, variances >= SEEN * variances[-1]]",
+        "axes",
+        DOCTOR,
+    ),
+    PlantedFault(
         "an error of attitude moves nothing that comes after it",
         "lio/drift.py",
         "carried[:3, 3:] = -skew(step)",

@@ -27,6 +27,8 @@ PAIRS_LEAST = 15
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
 SURE = 0.85  # correlation from which on a moderate difference in size counts: a LiDAR alone that follows quick turns in the open badly accuses nobody
+SAME_AXES = 0.6  # agreement below which they are others
+SEEN = 0.1  # share of the greatest variance of the LiDAR's turns from which on it follows turns about an axis at all
 CLEARER = 2.0  # how much worse the turns must fit as they are told than when they are shifted: a LiDAR alone follows quick turns late
 SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
 
@@ -113,10 +115,11 @@ def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Dia
     lidar = np.linalg.norm(turns, axis=1)
     fits = [_correlation(np.linalg.norm(gyro(shift), axis=1), lidar) for shift in SHIFTS]
     shift = float(SHIFTS[int(np.argmax(fits))])
-    rates = gyro(shift)
+    seen = _axes_seen(turns)
+    turned, rates = turns @ seen, gyro(shift) @ seen
     measured = np.linalg.norm(rates, axis=1)
-    ratio = float((lidar * measured).sum() / max((measured**2).sum(), 1e-12))
-    agreement = float((turns * rates).sum() / np.sqrt((turns**2).sum() * max((rates**2).sum(), 1e-12)))
+    ratio = float((np.linalg.norm(turned, axis=1) * measured).sum() / max((measured**2).sum(), 1e-12))
+    agreement = float((turned * rates).sum() / np.sqrt((turned**2).sum() * max((rates**2).sum(), 1e-12)))
     troubles = []
     if max(fits) > 0.5 and 1.0 / 80.0 < ratio < 1.0 / 40.0:
         troubles.append(
@@ -124,18 +127,25 @@ def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Dia
         )
     elif max(fits) > 0.5 and 40.0 < ratio < 80.0:
         troubles.append("the gyroscope's rates are too small by a factor of 57: degrees were turned into radians twice")
-    elif max(fits) > SURE and not 0.7 < ratio < 1.4:
+    elif max(fits) > SURE and agreement >= SAME_AXES and not 0.7 < ratio < 1.4:
         troubles.append(
             f"the LiDAR turns {ratio:.2f} times as fast as the gyroscope says: a wrong unit, or other sensors"
         )
     as_told = max(fit for fit, at in zip(fits, SHIFTS, strict=True) if abs(at) <= SHIFT_MOST)
     if max(fits) > 0.8 and 1.0 - as_told > CLEARER * (1.0 - max(fits)):
         troubles.append(f"the clocks differ by {shift:+.2f} s: set lidar_clock={shift:.2f}, or correct the stamps")
-    if max(fits) > 0.6 and agreement < 0.6:
+    if max(fits) > 0.6 and agreement < SAME_AXES:
         troubles.append(
             f"LiDAR and gyroscope turn about other axes (agreement {agreement:.2f}): the IMU's mount in the LiDAR's frame is wrong"
         )
     return Diagnosis(tuple(troubles), ratio, shift, agreement)
+
+
+def _axes_seen(turns: F64) -> F64:
+    """Return the axes, float64 (3, K) in columns, about which a LiDAR alone says that it turned, by its turn rates (N, 3). In the open few rings hardly
+    show how a body rocks, which the gyroscope measures well: about such axes neither accuses the other."""
+    variances, axes = np.linalg.eigh(turns.T @ turns)
+    return np.asarray(axes[:, variances >= SEEN * variances[-1]])
 
 
 def _correlation(a: F64, b: F64) -> float:
