@@ -16,6 +16,20 @@ BELOW = ("tests/perception/test_ground_below.py",)
 
 TERRAIN = (
     PlantedFault(
+        "home stays on the level from which the ground below it was taken away",
+        "perception/ground_map.py",
+        "if self._start is not None and new.is_ground(self._start) and not level.is_ground(self._start):",
+        "if False:",
+        ("tests/perception/test_ground_map.py",),
+    ),
+    PlantedFault(
+        "a passage on ground that was taken away leads nowhere",
+        "perception/ground_map.py",
+        "self._renumber({old: to}, lambda place: new.is_ground(place) and not level.is_ground(place))",
+        "pass",
+        ("tests/perception/test_ground_map.py",),
+    ),
+    PlantedFault(
         "a step of which half is seen is none any more",
         "kernels/terrain_steps.py",
         "if before > step and HOLD * step < most:",

@@ -552,6 +552,25 @@ def test_a_new_level_takes_along_islands_of_it_and_leaves_what_goes_on_below():
     assert lower.heights[lower.spec.cell_of(8.5, 6.0)] == pytest.approx(3.5), "a hill is no deck"
 
 
+def test_the_level_on_which_a_robot_began_keeps_its_number_whatever_was_drawn_into_it():
+    """What was seen from a ramp stands above the lower deck: that becomes a level of its own, and home with it."""
+    ground = GroundMap(GroundMapConfig(level_cells=100))
+    for x in np.arange(0.0, 20.0, 1.0):
+        feed(ground, window(x - 6.0, x + 6.0, -2.0, 2.0), SE3((x, 0.0, 0.0)))
+    lower = ground.levels[0]
+    (y0, x0), (y1, x1) = lower.spec.cell_of(10.0, 2.2), lower.spec.cell_of(13.0, 4.0)
+    lower.evidence[y0:y1, x0:x1], lower.heights[y0:y1, x0:x1] = 4, 3.5
+    ground.passages = [Passage(0, 7, SE2(5.0, 0.0, 0.0)), Passage(7, 0, SE2(11.5, 3.0, 0.0))]
+    feed(ground, window(6.0, 18.0, -2.0, 4.0), SE3((11.5, 1.0, 0.0)))
+    assert (len(ground.levels), ground.active) == (2, 0)
+    began, above = ground.levels
+    assert began.is_ground(SE2())
+    assert not above.is_ground(SE2())
+    assert above.heights[above.spec.cell_of(11.5, 3.0)] == pytest.approx(3.5)
+    ways = [(p.of_level, p.to_level) for p in ground.passages]
+    assert ways == [(0, 7), (7, 1), (1, 0), (0, 1)]
+
+
 def test_where_two_levels_meet_is_remembered_as_a_passage():
     ground = GroundMap(GroundMapConfig(level_cells=100))
     up_a_ramp(ground)

@@ -114,7 +114,12 @@ def label_return(cells, frame, x, y, dx, dy, r, slack):
 
 @jit
 def label_returns(cells, frame, points, pose, slack, labels):
-    """Write `labels` int8 (N,) as `label_return` gives them, of returns float32 (N, 2) seen from one pose float64 (3,); -1 at the sensor itself."""
+    """Write `labels` int8 (N,) as `label_return` gives them, of returns float32 (N, 2) seen from one pose float64 (3,).
+
+    -1, which says nothing: at the sensor itself, and too near where the map does not know whether anything stands.
+    """
+    height, width = cells.shape
+    inverse = 1.0 / frame[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for b in range(points.shape[0]):
         px, py = points[b, 0], points[b, 1]
@@ -124,6 +129,12 @@ def label_returns(cells, frame, points, pose, slack, labels):
             continue
         dx, dy = (c * px - s * py) / r, (s * px + c * py) / r
         labels[b] = label_return(cells, frame, pose[0], pose[1], dx, dy, r, slack)
+        if labels[b] != 2:
+            continue
+        ix = int(math.floor((pose[0] + r * dx - frame[1]) * inverse))
+        iy = int(math.floor((pose[1] + r * dy - frame[2]) * inverse))
+        if ix < 0 or iy < 0 or ix >= width or iy >= height or cells[iy, ix] < 0:
+            labels[b] = -1
 
 
 @jit

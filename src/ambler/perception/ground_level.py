@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambler.core.grid import OCC_ASSUMED, OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import ground_map as kernels
 
@@ -111,6 +112,11 @@ class Level:
         wide = np.ones((2 * round(HOLE / self.spec.resolution) + 1,) * 2, np.uint8)
         labels, count = ndimage.label(cv2.dilate(cells.astype(np.uint8), wide), np.ones((3, 3)))
         return labels, int(count)
+
+    def is_ground(self, place: SE2) -> bool:
+        """Say whether there is ground at a place."""
+        iy, ix = self.spec.cell_of(place.x, place.y)
+        return self.spec.contains_cell(iy, ix) and bool(self.evidence[iy, ix] > 0)
 
     @property
     def is_begun(self) -> bool:

@@ -1,6 +1,6 @@
 """A map of the ground that a robot can cross, out of the terrain around it, level by level.
 
-A level is a sheet of ground without anything of it above or below itself: it may rise and fall as it likes. Where a window of terrain
+A level is a sheet of ground without anything of it above or below itself: it may rise and fall as it likes. The first is that on which the robot began. Where a window of terrain
 contradicts the heights of the level that it is drawn into (the upper deck of a car park above the lower one), it belongs to another level,
 or begins one; the ramp between two is on both, and is how one comes from one to the other.
 """
@@ -8,6 +8,7 @@ or begins one; the ramp between two is on both, and is how one comes from one to
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -131,6 +132,7 @@ class GroundMap:
         self.version = 0
         self.wanted: int | None = None
         self._looks = 0
+        self._start: SE2 | None = None
         self._way: list[SE3] = []  # map_from_base on the present level, every `stride` metres
 
     @property
@@ -163,9 +165,10 @@ class GroundMap:
         flat = map_from_odom.to_se2()
         rise = float((map_from_odom @ odom_from_base).translation[2] - odom_from_base.translation[2])
         count = len(self.levels)
+        map_from_base = map_from_odom @ odom_from_base
         if count == 0:
             self._begin(window, flat)
-        map_from_base = map_from_odom @ odom_from_base
+            self._start = map_from_base.to_se2()
         self._choose(window, flat, rise, map_from_base)
         level = self._grown(window, flat)
         box, spec = _box(level.spec, flat.transform(window.corners())), _spec(level.spec)
@@ -343,7 +346,8 @@ class GroundMap:
 
     def _found_level(self, window: TerrainWindow, map_from_odom: SE2, height: float, base: SE3) -> None:
         """Begin another level at `height` with what the present one already holds of it, islands too: they were seen from here and are joined to nothing of the present one. The last place of the way that lies
-        lower or higher is on both, as is the way from there; the present level keeps the ground around that place as far as the robot must stand on it, but nothing as high as the new one."""
+        lower or higher is on both, as is the way from there; the present level keeps the ground around that place as far as the robot must stand on it, but nothing as high as the new one.
+        Of the two that on which the robot began, however much was drawn into it since, has its number from then on, so that home stays on it."""
         c, old, level = self.config, self.active, self.level
         step, at, new = 0.5 * c.level_step, base.translation, Level.empty(level.spec)
         of_new = level.joined(height, step, at[0], at[1], c.level_reach) | level.islands(height, step, c.level_step)
@@ -355,9 +359,22 @@ class GroundMap:
         for p in on_both:
             level.share(level.around(p, c.level_reach, c.level_step), new)
         self.levels.append(new)
-        place, to = on_both[0].to_se2(), len(self.levels) - 1
+        to = len(self.levels) - 1
+        self._renumber({old: to}, lambda place: new.is_ground(place) and not level.is_ground(place))
+        if self._start is not None and new.is_ground(self._start) and not level.is_ground(self._start):
+            self.levels[old], self.levels[to] = new, level
+            self._renumber({old: to, to: old})
+            old, to = to, old
+        place = on_both[0].to_se2()
         self.passages += [Passage(old, to, place), Passage(to, old, place)]
         self._go_to(to)
+
+    def _renumber(self, number: dict[int, int], is_meant: Callable[[SE2], bool] = lambda _: True) -> None:
+        """Give the passages that are meant the new numbers of their levels."""
+        for k, p in enumerate(self.passages):
+            if is_meant(p.map_from_base):
+                of_level, to_level = number.get(p.of_level, p.of_level), number.get(p.to_level, p.to_level)
+                self.passages[k] = Passage(of_level, to_level, p.map_from_base)
 
     def _go_to(self, level: int) -> None:
         """Take another level for the one that the robot is on."""
