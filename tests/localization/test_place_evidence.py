@@ -114,7 +114,7 @@ def test_a_place_that_leads_is_not_believed_against_several_things(things: int, 
     assert relocalizer._is_alone() == is_believed
 
 
-def test_what_is_seen_where_the_map_knows_nothing_is_contradicted_at_spots() -> None:
+def test_what_is_contradicted_is_counted_by_spots() -> None:
     spots = [(1.1 + k, 1.1) for k in range(10)]
     mixed = evidence(view(spots[:6], EXPLAINED), view(spots[6:9], TOO_NEAR), view(spots[9:], TOO_FAR, 3))
     assert mixed.contradicted == pytest.approx(0.4)
@@ -122,6 +122,20 @@ def test_what_is_seen_where_the_map_knows_nothing_is_contradicted_at_spots() -> 
     assert person.contradicted == pytest.approx(0.1), "however many beams meet her"
     assert evidence(view(spots[:6], EXPLAINED), view(spots[6:], TOO_NEAR, 2)).contradicted == 0.0
     assert PlaceEvidence().contradicted == 0.0
+
+
+@pytest.mark.parametrize(("known", "is_contradicted"), [(-1, False), (0, True)])
+def test_what_stands_where_the_map_knows_nothing_contradicts_no_place(known: int, is_contradicted: bool) -> None:
+    """Half of the room lay behind furniture on the day of its map; or the map says that half of it is free floor, and its walls stand on that."""
+    room = rooms.Room("half", (12.0, 4.0), ())
+    cells, spec = room.occupancy()
+    cells[:, spec.cell_of(6.5, 2.0)[1] :] = known
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(cells, spec), RelocalizerConfig())
+    start = SE2(5.0, 2.0, 0.1)
+    seen = Observation(S, SE2(), room.scan(start, np.random.default_rng(4), reach=20.0))
+    here = relocalizer._with_view(Hypothesis(start, np.eye(3), 0.8), seen)
+    assert (here.evidence.counts[:, EXPLAINED] > 0).sum() > 20
+    assert here.evidence.contradicted == 0.0 if not is_contradicted else here.evidence.contradicted > 0.3
 
 
 @pytest.mark.parametrize(("wrong", "is_believed"), [(2, True), (4, False)])

@@ -28,6 +28,13 @@ LOCALIZATION = (
         ("tests/localization/test_place_evidence.py",),
     ),
     PlantedFault(
+        "what stands where the map knows nothing contradicts it",
+        "kernels/likelihood_field.py",
+        "cells[iy, ix] < 0:",
+        "False:",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
         "what confirmed one place confirms every other",
         "localization/relocalizer.py",
         "is_confirmed = best.confirmations >= times",
