@@ -217,6 +217,17 @@ def test_a_motion_that_does_not_move_times_out(motion: RecoveryMotion) -> None:
 @pytest.mark.parametrize("acceleration", [0.05, 0.2, 1.2])
 def test_a_heavy_base_that_obeys_slowly_is_not_stuck_and_one_that_stands_is(acceleration: float) -> None:
     heavy, stuck = StallChecker(acceleration), StallChecker(acceleration)
-    told = [(k * 50_000_000, 0.8) for k in range(1, 160)]
-    assert all(heavy.update(ns, speed, min(speed, acceleration * ns * 1e-9)) for ns, speed in told)
-    assert not all(stuck.update(ns, speed, 0.0) for ns, speed in told[:45])
+    told = [(k * 50_000_000, BodyVelocity(0.8)) for k in range(1, 160)]
+    assert all(heavy.update(ns, v, BodyVelocity(min(v.vx, acceleration * ns * 1e-9))) for ns, v in told)
+    assert not all(stuck.update(ns, v, BodyVelocity()) for ns, v in told[:45])
+
+
+@pytest.mark.parametrize("told", [BodyVelocity(0.4), BodyVelocity(0.24, -0.32)])
+def test_a_base_that_trembles_or_slides_to_the_side_does_not_obey(told: BodyVelocity) -> None:
+    """At a kerb its wheels slip: it sways by more than a fifth of what it is told, and does not get on."""
+    trembling, sliding, obeying = (StallChecker(1.0) for _ in range(3))
+    ns = [k * 50_000_000 for k in range(1, 60)]
+    sways = [BodyVelocity(s * told.vx, s * told.vy) for s in (0.4, -0.4)]
+    assert not all(trembling.update(t, told, sways[k % 2]) for k, t in enumerate(ns))
+    assert not all(sliding.update(t, told, BodyVelocity(-told.vy, told.vx)) for t in ns)
+    assert all(obeying.update(t, told, BodyVelocity(0.4 * told.vx, 0.4 * told.vy)) for t in ns)

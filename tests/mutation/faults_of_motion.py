@@ -881,6 +881,13 @@ MOTION = (
         JUDGES,
     ),
     PlantedFault(
+        "whatever trembles obeys",
+        "control/checkers.py",
+        "self._moved + (has.vx * told.vx + has.vy * told.vy) / speed * since,",
+        "self._moved + math.hypot(has.vx, has.vy) * since,",
+        JUDGES,
+    ),
+    PlantedFault(
         "a robot pushes what it does not see",
         "control/checkers.py",
         "obeys = self._moved >= self._share * self._told",

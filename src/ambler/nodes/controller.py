@@ -548,8 +548,7 @@ class ControllerNode(Node):
     def _obeys(self, velocity: BodyVelocity) -> bool:
         """Whether the base moves as it is told, where the gate passes on what it is asked for as it is."""
         is_let_through = self._gate is not None and self._gate.state is GateState.ARMED and not self._gate.reason
-        told = math.hypot(self._sent.vx, self._sent.vy) if is_let_through else 0.0
-        return self._stall.update(self.ctx.now_ns, told, math.hypot(velocity.vx, velocity.vy))
+        return self._stall.update(self.ctx.now_ns, self._sent if is_let_through else BodyVelocity(), velocity)
 
     def _send(self, v: BodyVelocity) -> None:
         self._sent = v
