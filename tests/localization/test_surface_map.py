@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.localization.matcher import MatcherConfig, ScanMatcher
-from ambler.localization.surface_map import SurfaceMap
+from ambler.localization.surface_map import SurfaceMap, without_slivers
 
 SPEC = GridSpec(0.05, 500, 500, -12.5, -12.5)
 HALF = 1.2  # metres from the middle of the corridor to its walls
@@ -84,3 +84,26 @@ def test_the_end_of_a_wall_still_tells_of_the_place_along_it(yaw: float) -> None
         match = matcher.match(points, begin.as_array()[None] @ np.eye(3, 4), 0.01)
         assert match.determined == 3
         assert math.hypot(match.state[0], match.state[1]) < 0.06
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.32, 0.78, 1.9])
+def test_a_wall_that_was_mapped_from_one_side_has_no_face_towards_the_other(yaw: float) -> None:
+    """Noise leaves free cells behind it; a robot in the room behind would take the wall for as thin as that."""
+    cells = made_corridor(yaw, 5)
+    surfaces = SurfaceMap.from_occupancy(cells, SPEC).surfaces
+    u = math.cos(yaw) * surfaces[:, 0] + math.sin(yaw) * surfaces[:, 1]
+    v = -math.sin(yaw) * surfaces[:, 0] + math.cos(yaw) * surfaces[:, 1]
+    inwards = -np.sign(v) * (-math.sin(yaw) * surfaces[:, 2] + math.cos(yaw) * surfaces[:, 3])
+    of_walls = (np.abs(u) < 9.0) & (np.abs(v) > 1.0)
+    assert (inwards[of_walls] > 0.0).mean() > 0.99
+    assert of_walls.sum() > 2 * 18.0 / SPEC.resolution, "each step of both walls has its face"
+
+
+def test_floor_between_things_that_stand_close_is_no_face_and_a_niche_is() -> None:
+    cells = np.zeros((60, 60), np.int8)
+    cells[20:40, 20:30] = cells[20:40, 32:42] = 100  # two boxes, a gap of 0.1 m between them
+    cells[5:12, 0:25] = 100
+    cells[8:12, 10:14] = 0  # a niche of 0.2 m, 0.2 m deep
+    free = without_slivers(cells, 50, 3)
+    assert (free[24:36, 30:32] == -1).all()
+    assert (free[8:12, 10:14] == 0).all()

@@ -49,6 +49,13 @@ LOCALIZATION = (
         ("tests/localization/test_place_evidence.py",),
     ),
     PlantedFault(
+        "the noise behind a wall is the wall's other face",
+        "localization/surface_map.py",
+        "seen = without_slivers(cells, occupied_from, max(2, round(SLIVER / spec.resolution)))",
+        "seen = cells",
+        ("tests/localization/test_surface_map.py",),
+    ),
+    PlantedFault(
         "steps of walls at an angle are surfaces of their own",
         "kernels/surfaces.py",
         "if not (left and right):",
