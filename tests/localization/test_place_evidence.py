@@ -148,6 +148,37 @@ def test_no_place_is_believed_of_which_much_is_contradicted(wrong: int, is_belie
     assert (relocalizer._answer(S).state is RelocalizationState.FOUND) == is_believed
 
 
+@pytest.mark.parametrize(("elsewhere", "is_believed"), [(0, True), (2, True), (6, False)])
+def test_no_place_is_believed_to_which_the_way_does_not_lead(elsewhere: int, is_believed: bool) -> None:
+    """The robot stands where the map does not know, and all that it sees looks like a place of the map; on most of its way there nothing did."""
+    room, other, rng = (
+        alike(),
+        rooms.Room("other", (5.0, 3.0), (rooms.box(2.0, 2.5, 0.5, 0.5),)),
+        np.random.default_rng(4),
+    )
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*room.occupancy()), RelocalizerConfig())
+    begin, odoms = SE2(2.0, 2.0, 0.0), [SE2(0.8 * k, 0.0, 0.0) for k in range(9)]
+    for k, odom in enumerate(odoms):
+        there = (other, SE2(1.0 + 0.3 * k, 1.0, 0.0)) if k < elsewhere else (room, begin @ odom)
+        looked = Observation(k * S, odom, there[0].scan(there[1], rng, reach=20.0))
+        relocalizer._past, relocalizer._odom_of_viewpoint = relocalizer._with_past(looked), odom
+    seen = evidence(view([(1.1 + 5.0 * k, 1.1) for k in range(10)], EXPLAINED))
+    relocalizer._hypotheses = (Hypothesis(begin @ odoms[-1], np.eye(3), 0.85, seen, 4, 3),)
+    state = relocalizer._answer(9 * S).state
+    assert state is (RelocalizationState.FOUND if is_believed else RelocalizationState.NOT_FOUND)
+
+
+def test_only_the_last_metres_of_the_way_are_remembered() -> None:
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*alike().occupancy()), RelocalizerConfig())
+    for k in range(60):
+        nothing = Observation(k * S, SE2(0.5 * (k // 2), 0.0, 0.0), np.zeros((0, 2), np.float32))
+        relocalizer._past = relocalizer._with_past(nothing)
+    places = [view.odom_from_base.x for view in relocalizer._past]
+    assert places[-1] == pytest.approx(14.5)
+    assert places[0] == pytest.approx(14.5 - RelocalizerConfig().past_way)
+    assert len(places) == len(set(places)), "a place is one viewpoint"
+
+
 def test_a_place_that_comes_up_late_is_not_confirmed_by_what_confirmed_another() -> None:
     relocalizer = Relocalizer(SurfaceMap.from_occupancy(*alike().occupancy()), RelocalizerConfig())
     spots = evidence(view([(1.1 + 5.0 * k, 1.1) for k in range(10)], EXPLAINED))

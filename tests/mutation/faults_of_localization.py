@@ -28,6 +28,13 @@ LOCALIZATION = (
         ("tests/localization/test_place_evidence.py",),
     ),
     PlantedFault(
+        "a place is believed to which the way does not lead",
+        "localization/relocalizer.py",
+        "if not self._may_have_come_to(best):",
+        "if False:",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
         "what stands where the map knows nothing contradicts it",
         "kernels/likelihood_field.py",
         "cells[iy, ix] < 0:",
@@ -127,7 +134,7 @@ LOCALIZATION = (
     ),
     PlantedFault(
         "floor that the map does not know is a place of the map",
-        "studies/made_lost.py",
+        "studies/made_map.py",
         "int(cells[iy, ix]) >= 0",
         "int(cells[iy, ix]) >= -1",
         MADE_STUDY,

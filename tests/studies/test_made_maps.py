@@ -18,7 +18,7 @@ from ambler.sim.solids import Shape, Solid
 from ambler.sim.world import BodySpec, SimulationConfig, World
 from ambler.sim.world_file import load_world
 from ambler.studies.made_drives import MADE_METHODS, judged, nees, people_fault, rms
-from ambler.studies.made_lost import is_mapped
+from ambler.studies.made_map import is_mapped
 from ambler.studies.made_maps_study import summarize
 from ambler.studies.random_drives import DriveCase, start_of
 

@@ -34,7 +34,7 @@ class RelocalizerConfig:
     that comes nearer (`place_evidence`), and against which no place speaks by more than `moved_things`; in an old or crowded map it must lead as much and new searches
     of the whole map must come back to it `confirmations` times. Where no other place comes within `rival` of it, `confirmations_alone` are
     enough, or one for a pose of `sure_alone`. No place is believed that more than the share `contradicted_most` of what is seen, spot by spot, contradicts: then the
-    map does not hold where the robot is. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
+    map does not hold where the robot is; nor one from which, back along the last `past_way` metres, more than `past_contradicted_most` of what was seen on them is. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -57,6 +57,8 @@ class RelocalizerConfig:
     sure_alone: float = 0.7
     confirmations_alone: int = 2
     contradicted_most: float = 0.27
+    past_way: float = 8.0
+    past_contradicted_most: float = 0.33
     retry_after: float = 0.5
     slack: float = 0.12
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
@@ -120,13 +122,18 @@ class Relocalizer:
         self._viewpoints = 0
         self._odom_of_viewpoint = SE2()
         self._next_search_ns: int | None = None
+        self._past: tuple[Observation, ...] = ()
         self._slack = max(config.slack, 1.5 * spec.resolution)
 
     def reset(self) -> None:
-        """Forget all hypotheses."""
+        """Forget all hypotheses, and what was seen on the way."""
+        self._give_up(None)
+        self._past = ()
+
+    def _give_up(self, next_search_ns: int | None) -> None:
         self._hypotheses = ()
         self._viewpoints = 0
-        self._next_search_ns = None
+        self._next_search_ns = next_search_ns
 
     def fork(self) -> Relocalizer:
         """Return one with the same map and hypotheses and its own scratch memory, to search on another thread."""
@@ -149,6 +156,7 @@ class Relocalizer:
             if self._viewpoints == 0:
                 return Relocalization(observation.stamp_ns, RelocalizationState.NOT_FOUND, (), 0)
             return self._answer(observation.stamp_ns)
+        self._past = self._with_past(observation)
         if self._viewpoints == 0:
             self._hypotheses = self.search(observation.points_base)
             if self._hypotheses:
@@ -238,12 +246,44 @@ class Relocalizer:
 
     def _with_view(self, hypothesis: Hypothesis, observation: Observation) -> Hypothesis:
         """Add what a view says of a place, at the pose that is its own there."""
+        return replace(hypothesis, evidence=self._seen_from(hypothesis.map_from_base, observation, hypothesis.evidence))
+
+    def _seen_from(self, pose: SE2, observation: Observation, evidence: PlaceEvidence) -> PlaceEvidence:
+        """Return the evidence with that of a view from a pose."""
         seen = observation.points_base
         points = np.array(seen[np.isfinite(seen).all(axis=1)], np.float32, order="C")
-        labels, pose = np.empty(len(points), np.int8), hypothesis.map_from_base.as_array()
-        field_kernel.label_returns(self.map.cells, self.map.frame, points, pose, self._slack, labels)
-        there = observation.odom_from_base.transform(points)
-        return replace(hypothesis, evidence=hypothesis.evidence.with_view(there, labels))
+        labels = np.empty(len(points), np.int8)
+        field_kernel.label_returns(self.map.cells, self.map.frame, points, pose.as_array(), self._slack, labels)
+        return evidence.with_view(observation.odom_from_base.transform(points), labels)
+
+    def _with_past(self, observation: Observation) -> tuple[Observation, ...]:
+        """Return the views of the last `past_way` metres, the oldest first, with a new one if it is of a new viewpoint."""
+        c, views = self.config, list(self._past)
+        if views:
+            motion = views[-1].odom_from_base.inverse() @ observation.odom_from_base
+            if math.hypot(motion.x, motion.y) < c.viewpoint_way and abs(motion.yaw) < c.viewpoint_turn:
+                return self._past
+        views.append(observation)
+        way = 0.0
+        for k in range(len(views) - 1, 0, -1):
+            way += views[k].odom_from_base.distance_to(views[k - 1].odom_from_base)
+            if way > c.past_way:
+                return tuple(views[k:])
+        return tuple(views)
+
+    def _may_have_come_to(self, place: Hypothesis) -> bool:
+        """Say whether what was seen on the way to a place fits the map along it. A robot that the map does not hold sees, sooner or later, something that looks like a part of it
+        for a few views; it did not look so before, on the way by which it would have come."""
+        past, evidence = self._past, PlaceEvidence()
+        here, odom = place.map_from_base, self._odom_of_viewpoint
+        for view in reversed(past):
+            here = here @ (odom.inverse() @ view.odom_from_base)
+            odom = view.odom_from_base
+            judged = self._judge(self._matcher.thin(view.points_base), here)
+            if judged is not None and is_same_place(here, judged.map_from_base, 0.2, 0.1):
+                here = judged.map_from_base
+            evidence = self._seen_from(here, view, evidence)
+        return evidence.contradicted <= self.config.past_contradicted_most
 
     def _is_alone(self) -> bool:
         """Say whether each other place comes much less near than the best and explains no several things instead, or explains several less; what speaks
@@ -270,8 +310,7 @@ class Relocalizer:
         config = self.config
         hypotheses, viewpoints = self._hypotheses, self._viewpoints
         if not hypotheses or hypotheses[0].quality < config.accept:
-            self.reset()
-            self._next_search_ns = stamp_ns + int(config.retry_after * 1e9)
+            self._give_up(stamp_ns + int(config.retry_after * 1e9))
             return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
         best = hypotheses[0]
         lead = best.quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
@@ -282,6 +321,9 @@ class Relocalizer:
         is_confirmed = best.confirmations >= times
         is_here = best.evidence.contradicted <= config.contradicted_most
         if is_here and (is_sure or is_confirmed) and self._is_alone():
+            if not self._may_have_come_to(best):
+                self._give_up(stamp_ns + int(config.retry_after * 1e9))
+                return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
             state = RelocalizationState.FOUND
         elif lead < config.margin:
             state = RelocalizationState.AMBIGUOUS

@@ -34,7 +34,7 @@ from ambler.sim.solids import WorldSpec
 from ambler.sim.world import SimulationConfig
 from ambler.sim.world_file import load_world
 from ambler.studies.localization_study import METHODS, Method, localize, told_config
-from ambler.studies.made_map import made_truth, true_poses
+from ambler.studies.made_map import is_mapped, made_truth, true_poses
 from ambler.studies.rail import SENSING, record_drive
 from ambler.studies.study import Study
 from ambler.studies.study_settings import DEFAULTS, StudySettings
@@ -46,6 +46,7 @@ from ambler.wire.mcap_reader import read_recording
 F64 = NDArray[np.float64]
 SPEED, REST = 0.6, 6.0  # m/s; seconds at rest before and after the drive
 GOALS = 3
+DRAWS = 200  # places, of which those count that are in the map at all
 LONGEST = 90.0  # seconds of driving
 ERROR_MOST, NEES_LEAST, NEES_MOST = 0.015, 0.5, 2.0  # metres per determined direction
 STILL = 0.01  # m/s and rad/s below which the robot is at rest
@@ -153,11 +154,17 @@ def judged(
 
 
 def record_made_drive(case: MadeDriveCase, folder: Path) -> float:
-    """Record the drive; returns its length in metres."""
+    """Record the drive between places that the map knows; returns its length in metres. Raises BadInputError where there is none."""
     world, robot = load_world(case.world), robot_named(case.robot)
     rng = np.random.default_rng([case.seed, case.number, *case.world.encode()])
     routes = PlaceRoutes(world, robot)
-    points = routes.along(routes.drawn_places(GOALS + 1, rng))
+    truth, (spec, cells) = (
+        made_truth(case.made.keyframes_file, case.made.truth_file),
+        load_map(Path(case.made.map_file)),
+    )
+    drawn = [SE2(*place, 0.0) for place in routes.drawn_places(DRAWS, rng)]
+    known = [place for place in drawn if is_mapped(cells, spec, truth.pose(world.start @ place))]
+    points = routes.along([(place.x, place.y) for place in known[: GOALS + 1]]) if known else np.empty((0, 2))
     if len(points) < 2:
         raise BadInputError(f"{case.label}: no way between the places that were drawn")
     start = SE2(float(points[0, 0]), float(points[0, 1]), float(rng.uniform(-math.pi, math.pi)))

@@ -8,17 +8,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambler.apps.scene import with_map_bend
-from ambler.core.grid import GridSpec
-from ambler.core.se2 import SE2
 from ambler.sim.world_file import load_world
 from ambler.studies.lost_robot import relocalize
 from ambler.studies.lost_robot_study import lost_config
 from ambler.studies.made_drives import MadeMap, people_fault
-from ambler.studies.made_map import made_truth
+from ambler.studies.made_map import is_mapped, made_truth
 from ambler.studies.random_drives import DRIVE_TIME, DriveCase, record_random_drive, start_of
 from ambler.studies.study import Study
 from ambler.wire.map_files import load_map
@@ -59,13 +54,6 @@ def run_lost(case: MadeLostCase, folder: Path) -> dict[str, Any]:
     found = relocalize(recorded, robot, config, (spec, cells), DRIVE_TIME)
     shutil.rmtree(recording)
     return {"world": drive.world, "is_mapped": is_mapped(cells, spec, recorded.truth.pose(start)), **asdict(found)}
-
-
-def is_mapped(cells: NDArray[np.int8], spec: GridSpec, map_from_base: SE2) -> bool:
-    """Say whether a place is in a map, int8 [iy, ix], at all. Floor that could not be reached on the day of the map, behind furniture that stands
-    elsewhere since, is not: what is unknown there is no place that anybody could recognize."""
-    iy, ix = spec.cell_of(map_from_base.x, map_from_base.y)
-    return spec.contains_cell(iy, ix) and int(cells[iy, ix]) >= 0
 
 
 def _line(result: dict[str, Any]) -> str:

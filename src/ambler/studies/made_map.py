@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.apps.config import robot_config
+from ambler.core.grid import GridSpec
 from ambler.core.messages import Odometry
 from ambler.core.se2 import SE2
 from ambler.evaluation.made_map_truth import MadeMapTruth
@@ -90,6 +92,13 @@ def make_map(case: MapCase, folder: Path) -> dict[str, Any]:
 def made_truth(keyframes_file: str, truth_file: str) -> MadeMapTruth:
     """Return the truth in a map that was kept with its keyframes."""
     return _read_truth(keyframes_file, truth_file)
+
+
+def is_mapped(cells: NDArray[np.int8], spec: GridSpec, map_from_base: SE2) -> bool:
+    """Say whether a place is in a map, int8 [iy, ix], at all. Floor that could not be reached on the day of the map, behind furniture that stands
+    elsewhere since, is not: what is unknown there is no place that anybody could recognize."""
+    iy, ix = spec.cell_of(map_from_base.x, map_from_base.y)
+    return spec.contains_cell(iy, ix) and int(cells[iy, ix]) >= 0
 
 
 def true_poses(recording: Path) -> tuple[np.ndarray[Any, np.dtype[np.int64]], np.ndarray[Any, np.dtype[np.float64]]]:
