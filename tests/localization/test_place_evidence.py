@@ -168,6 +168,22 @@ def test_no_place_is_believed_to_which_the_way_does_not_lead(elsewhere: int, is_
     assert state is (RelocalizationState.FOUND if is_believed else RelocalizationState.NOT_FOUND)
 
 
+def test_a_robot_that_was_carried_while_it_was_lost_is_found_all_the_same() -> None:
+    """Its way does not lead to where it is: after some refusals that counts no more."""
+    other, rng = rooms.Room("other", (8.0, 3.0), (rooms.box(2.0, 2.5, 0.5, 0.5),)), np.random.default_rng(4)
+    room = hallway("hallway")
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*room.occupancy()), RelocalizerConfig())
+    states, odoms = [], [SE2(0.35 * k, 0.0, 0.05 * (-1) ** k) for k in range(30)]
+    for k, odom in enumerate(odoms):
+        if k < 12:
+            points = other.scan(SE2(1.0, 1.0, 0.0) @ odom, rng, reach=20.0)
+        else:
+            points = room.scan(SE2(10.5, 1.2, 0.1) @ odoms[12].inverse() @ odom, rng, reach=6.0)
+        states.append(relocalizer.update(Observation(k * S, odom, points)).state)
+    assert RelocalizationState.FOUND not in states[:15], "else it was not lost, or its way led there"
+    assert RelocalizationState.FOUND in states[15:]
+
+
 def test_only_the_last_metres_of_the_way_are_remembered() -> None:
     relocalizer = Relocalizer(SurfaceMap.from_occupancy(*alike().occupancy()), RelocalizerConfig())
     for k in range(60):

@@ -35,6 +35,13 @@ LOCALIZATION = (
         ("tests/localization/test_place_evidence.py",),
     ),
     PlantedFault(
+        "a robot that was carried while it was lost is never believed",
+        "localization/relocalizer.py",
+        "self._past = self._past[(len(self._past) + 1) // 2 :]",
+        "self._past = self._past[0:]",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
         "what stands where the map knows nothing contradicts it",
         "kernels/likelihood_field.py",
         "cells[iy, ix] < 0:",

@@ -274,9 +274,9 @@ class Relocalizer:
     def _may_have_come_to(self, place: Hypothesis) -> bool:
         """Say whether what was seen on the way to a place fits the map along it. A robot that the map does not hold sees, sooner or later, something that looks like a part of it
         for a few views; it did not look so before, on the way by which it would have come."""
-        past, evidence = self._past, PlaceEvidence()
+        evidence = PlaceEvidence()
         here, odom = place.map_from_base, self._odom_of_viewpoint
-        for view in reversed(past):
+        for view in reversed(self._past):
             here = here @ (odom.inverse() @ view.odom_from_base)
             odom = view.odom_from_base
             judged = self._judge(self._matcher.thin(view.points_base), here)
@@ -322,6 +322,7 @@ class Relocalizer:
         is_here = best.evidence.contradicted <= config.contradicted_most
         if is_here and (is_sure or is_confirmed) and self._is_alone():
             if not self._may_have_come_to(best):
+                self._past = self._past[(len(self._past) + 1) // 2 :]  # it may have been carried
                 self._give_up(stamp_ns + int(config.retry_after * 1e9))
                 return Relocalization(stamp_ns, RelocalizationState.NOT_FOUND, hypotheses, viewpoints)
             state = RelocalizationState.FOUND
