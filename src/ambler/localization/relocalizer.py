@@ -34,7 +34,7 @@ class RelocalizerConfig:
     that comes nearer (`place_evidence`), and against which no place speaks by more than `moved_things`; in an old or crowded map it must lead as much and new searches
     of the whole map must come back to it `confirmations` times. Where no other place comes within `rival` of it, `confirmations_alone` are
     enough, or one for a pose of `sure_alone`. No place is believed that more than the share `contradicted_most` of what is seen, spot by spot, contradicts: then the
-    map does not hold where the robot is; nor one from which, back along the last `past_way` metres, more than `past_contradicted_most` of what was seen on them is. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
+    map does not hold where the robot is; nor one from which, back along the last `past_way` metres, what was seen on them does not fit in the mean. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -58,7 +58,6 @@ class RelocalizerConfig:
     confirmations_alone: int = 2
     contradicted_most: float = 0.27
     past_way: float = 8.0
-    past_contradicted_most: float = 0.33
     retry_after: float = 0.5
     slack: float = 0.12
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
@@ -274,16 +273,15 @@ class Relocalizer:
     def _may_have_come_to(self, place: Hypothesis) -> bool:
         """Say whether what was seen on the way to a place fits the map along it. A robot that the map does not hold sees, sooner or later, something that looks like a part of it
         for a few views; it did not look so before, on the way by which it would have come."""
-        evidence = PlaceEvidence()
-        here, odom = place.map_from_base, self._odom_of_viewpoint
+        here, odom, qualities = place.map_from_base, self._odom_of_viewpoint, [place.quality]
         for view in reversed(self._past):
             here = here @ (odom.inverse() @ view.odom_from_base)
             odom = view.odom_from_base
             judged = self._judge(self._matcher.thin(view.points_base), here)
+            qualities.append(0.0 if judged is None else judged.quality)
             if judged is not None and is_same_place(here, judged.map_from_base, 0.2, 0.1):
                 here = judged.map_from_base
-            evidence = self._seen_from(here, view, evidence)
-        return evidence.contradicted <= self.config.past_contradicted_most
+        return float(np.mean(qualities)) >= self.config.accept - 0.1
 
     def _is_alone(self) -> bool:
         """Say whether each other place comes much less near than the best and explains no several things instead, or explains several less; what speaks
