@@ -158,10 +158,8 @@ def record_made_drive(case: MadeDriveCase, folder: Path) -> float:
     world, robot = load_world(case.world), robot_named(case.robot)
     rng = np.random.default_rng([case.seed, case.number, *case.world.encode()])
     routes = PlaceRoutes(world, robot)
-    truth, (spec, cells) = (
-        made_truth(case.made.keyframes_file, case.made.truth_file),
-        load_map(Path(case.made.map_file)),
-    )
+    truth = made_truth(case.made.keyframes_file, case.made.truth_file)
+    spec, cells = load_map(Path(case.made.map_file))
     drawn = [SE2(*place, 0.0) for place in routes.drawn_places(DRAWS, rng)]
     known = [place for place in drawn if is_mapped(cells, spec, truth.pose(world.start @ place))]
     points = routes.along([(place.x, place.y) for place in known[: GOALS + 1]]) if known else np.empty((0, 2))
