@@ -224,6 +224,13 @@ MAPPING = (
         ("tests/slam2d/test_loop_searcher.py",),
     ),
     PlantedFault(
+        "where no lines are known a loop is closed by a scan that fits anywhere along a corridor",
+        "slam2d/loop_closure.py",
+        "match.degeneracy < match.weak_ratio if told is None",
+        "False if told is None",
+        ("tests/slam2d/test_loop_searcher.py",),
+    ),
+    PlantedFault(
         "a way that was driven is shut by a wall that grows by a cell",
         "costmap/global_costmap.py",
         "if len(opened):",
@@ -432,6 +439,13 @@ MAPPING = (
         "return RevisitErrors(np.hypot(off[:, 0], off[:, 1]))",
         "return RevisitErrors(0.0 * np.hypot(off[:, 0], off[:, 1]))",
         ("tests/evaluation/test_revisits.py",),
+    ),
+    PlantedFault(
+        "a loop closure that is false along an alley stays in the graph",
+        "slam2d/config.py",
+        "reject_width: float = 5.0",
+        "reject_width: float = 8.0",
+        GRAPH,
     ),
     PlantedFault(
         "loop closures far beyond their sigma stay in the graph",

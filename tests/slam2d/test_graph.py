@@ -79,11 +79,23 @@ def test_a_wrong_loop_closure_is_thrown_out_and_bends_nothing() -> None:
 def test_a_loop_closure_that_disagrees_twice_as_much_does_not_bend_twice_as_much() -> None:
     """Within the width of rejection the robust kernel holds it; by least squares its pull would grow with its error."""
     graph, truth = ring(noise=0.0)
-    right = [closing(truth, k, 39 - k) for k in range(4)]
-    base = optimize(graph.snapshot(), right, GraphConfig()).poses
+    right, held = [closing(truth, k, 39 - k) for k in range(4)], GraphConfig(reject_width=8.0)
+    base = optimize(graph.snapshot(), right, held).poses
     bends = []
-    for error in (0.12, 0.24):  # 6 and 12 sigma
-        solved = optimize(graph.snapshot(), [*right, closing(truth, 10, 12, SE2(error, 0.0, 0.0))], GraphConfig())
+    for error in (0.12, 0.24):  # 6 and 12 sigma of the closure, before anything gives way
+        solved = optimize(graph.snapshot(), [*right, closing(truth, 10, 12, SE2(error, 0.0, 0.0))], held)
         assert solved.rejected == ()
         bends.append(float(np.hypot(*(solved.poses - base)[:, :2].T).max()))
     assert 0.01 < bends[0] < bends[1] < 1.3 * bends[0]
+
+
+def test_a_loop_closure_that_is_false_only_where_it_claims_little_is_thrown_out() -> None:
+    """Along an alley, in which it trusts itself to 0.1 m and is 0.65 m off, it bends nothing and must not stay as if it were true."""
+    graph, truth = ring(noise=0.0)
+    right = [closing(truth, k, 39 - k) for k in range(4)]
+    away = truth[10].inverse() @ truth[12]
+    information = diagonal_information((0.02, math.radians(0.2)))
+    information[0, 0] = 0.1**-2
+    for off, is_false in ((0.2, False), (0.65, True)):
+        edge = Edge(10, 12, away @ SE2(off, 0.0, 0.0), information, EdgeKind.INTER)
+        assert optimize(graph.snapshot(), [*right, edge], GraphConfig()).rejected == (((10, 12),) if is_false else ())

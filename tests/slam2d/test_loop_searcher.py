@@ -134,3 +134,18 @@ def test_between_smooth_walls_that_tell_nothing_of_the_place_along_them_no_loop_
         else:
             assert closure is not None
             assert closure.edge.from_from_to.distance_to(truth) < 0.04
+
+
+def test_where_no_lines_are_known_cells_that_hold_a_scan_weakly_close_no_loop() -> None:
+    """Two scans leave too few returns for lines; the cells of smooth walls still seem to tell a little along them, those of a room tell enough."""
+    truth, believed = SE2(1.1, 0.1, 0.05), SE2(1.6, 0.0, 0.0)
+    for walls, views, reach in ((CORRIDOR, ALONG, 8.0), (WALLS, VIEWS, 30.0)):
+        scan = scan_at(truth, walls=walls, rng=np.random.default_rng(3), range_max=reach)
+        where = submap(views[:2], walls, reach)
+        assert where.lines.fit_telling(filter_voxels_adaptively(scan.points, 0.3, 200), (0.0, 0.0), truth)[1] is None
+        closure = Search(usual=0.55, inliers=0.5).of(scan, believed, where)
+        if walls is CORRIDOR:
+            assert closure is None
+        else:
+            assert closure is not None
+            assert closure.edge.from_from_to.distance_to(truth) < 0.05

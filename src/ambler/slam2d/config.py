@@ -77,7 +77,8 @@ class LoopConfig:
 
     A window is `window_base`, `angle_base` and three standard deviations of the drift between the two. A score counts relative to what
     local matches usually reach, but at most `min_score` is asked. A scan of which the lines of the submap hold along one direction less than
-    `telling` of what they hold across fits as well further along its corridor, and closes nothing.
+    `telling` of what they hold across fits as well further along its corridor, and closes nothing; nor does one of which they hold too little to tell and the
+    cells weakly (`RefineConfig.weak_ratio`): clutter fits clutter anywhere.
 
     A closure that moves its node by more than `surprise` (m) must be confirmed: by `confirmations` closures of several nodes, which all
     move the map in the same way, spread over a way of `spread_ratio` times what they move it, within `spread` (m). Two closures move it the
@@ -132,7 +133,7 @@ class GraphConfig:
     odometry_sigma: tuple[float, float] = (0.05, math.radians(2.0))
     odometry_gain: float = 0.2
     robust_width: float = 2.0
-    reject_width: float = 8.0
+    reject_width: float = 5.0
     nodes_between: int = 90
     max_iterations: int = 50
 

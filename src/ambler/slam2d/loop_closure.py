@@ -66,7 +66,8 @@ class LoopSearcher:
         if match.score < min_score or match.inlier_ratio < config.min_inlier_ratio_of_usual * usual.inlier_ratio:
             return None
         pose, told = submap.lines.fit_telling(node.match_points, node.origin, match.grid_from_base)
-        if told is not None and degeneracy_of(told) < config.telling:
+        is_loose = match.degeneracy < match.weak_ratio if told is None else degeneracy_of(told) < config.telling
+        if is_loose:
             return None
         covariance = match.covariance(self._point_sigma, (0.0, 0.0))
         information = information_of(covariance, pose.yaw, self._graph.inter_sigma)
