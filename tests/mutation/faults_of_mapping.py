@@ -560,6 +560,20 @@ MAPPING = (
         CORRELATE,
     ),
     PlantedFault(
+        "branch and bound gives up a place that can still become the best",
+        "kernels/branch_bound.py",
+        "total + (n - end) * 255 <= enough",
+        "total + (n - end) * 100 <= enough",
+        BOUND,
+    ),
+    PlantedFault(
+        "branch and bound reads beside the row that a scan leaves",
+        "kernels/branch_bound.py",
+        "columns - 1 - pad - cells_x[a].max()",
+        "2 * columns - pad - cells_x[a].max()",
+        BOUND,
+    ),
+    PlantedFault(
         "branch and bound accepts what lies below the least score",
         "registration/branch_bound.py",
         "min_sum = math.floor((min_score - 0.1) / 0.8 * 255.0 * len(points))",

@@ -38,14 +38,15 @@ def brute_force(
     return sums
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6))
 def test_branch_and_bound_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     h, w = (int(v) for v in rng.integers(6, 40, 2))
     cells = (rng.integers(0, 32768, (h, w)) * (rng.random((h, w)) < rng.choice([0.05, 0.5]))).astype(np.uint16)
     frame = np.array([0.1, *rng.uniform(-3.0, 1.0, 2)])
-    points = rng.uniform(-2.0, 2.0, (int(rng.integers(1, 30)), 2)).astype(np.float32)
+    reach = rng.choice([0.3, 2.0])  # within the grid, and beyond it
+    points = rng.uniform(-reach, reach, (int(rng.integers(1, 100)), 2)).astype(np.float32)
     center, half, half_angles, step = rng.uniform(-1.0, 1.0, 3), int(rng.integers(0, 11)), int(rng.integers(0, 3)), 0.07
     depth = int(rng.integers(1, 6))
     pad = (1 << (depth - 1)) - 1

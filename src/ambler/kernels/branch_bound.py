@@ -10,6 +10,8 @@ import numpy as np
 
 from ambler.kernels.jit import jit
 
+BLOCK = 32  # points after which a sum asks whether it can still become large enough
+
 
 @jit
 def build_stack(cells, stack):
@@ -50,6 +52,20 @@ def sum_at(grid, pad, cells_x, cells_y, dx, dy):
 
 
 @jit
+def sum_within(cells, places, offset, enough):
+    """Sum the flat grid `cells` over the `places` (N,) of a scan, all of them moved by `offset` and within the grid. As soon as it is known that the sum is
+    at most `enough`, what was summed so far is returned, which is less."""
+    n, total = places.shape[0], 0
+    for start in range(0, n, BLOCK):
+        end = min(start + BLOCK, n)
+        for i in range(start, end):
+            total += cells[places[i] + offset]
+        if total + (n - end) * 255 <= enough:
+            break
+    return total
+
+
+@jit
 def search(stack, frame, points, center, window, min_sum, best):
     """Find the best translation and rotation in a window; exact over the discretized candidates.
 
@@ -61,9 +77,13 @@ def search(stack, frame, points, center, window, min_sum, best):
     n = points.shape[0]
     half, half_angles, step, top = int(window[0]), int(window[1]), window[2], int(window[3])
     pad = (1 << (stack.shape[0] - 1)) - 1
+    rows, columns = stack.shape[1], stack.shape[2]
+    flat = stack.reshape(stack.shape[0], rows * columns)
     angles = 2 * half_angles + 1
     cells_x = np.empty((angles, n), np.int32)
     cells_y = np.empty((angles, n), np.int32)
+    places = np.empty((angles, n), np.int64)
+    room = np.empty((angles, 4), np.int64)  # which (dx, dy) keep the whole scan within the grid: from, to
     inverse = 1.0 / frame[0]
     for a in range(angles):
         yaw = center[2] + (a - half_angles) * step
@@ -71,6 +91,9 @@ def search(stack, frame, points, center, window, min_sum, best):
         for i in range(n):
             cells_x[a, i] = int(math.floor((c * points[i, 0] - s * points[i, 1] + center[0] - frame[1]) * inverse))
             cells_y[a, i] = int(math.floor((s * points[i, 0] + c * points[i, 1] + center[1] - frame[2]) * inverse))
+            places[a, i] = (cells_y[a, i] + pad) * columns + cells_x[a, i] + pad
+        room[a, 0], room[a, 1] = -pad - cells_x[a].min(), columns - 1 - pad - cells_x[a].max()
+        room[a, 2], room[a, 3] = -pad - cells_y[a].min(), rows - 1 - pad - cells_y[a].max()
     stride = 1 << top
     per_side = (2 * half) // stride + 1
     roots = angles * per_side * per_side
@@ -82,7 +105,10 @@ def search(stack, frame, points, center, window, min_sum, best):
         a = k // (per_side * per_side)
         dy = (k // per_side) % per_side * stride - half
         dx = k % per_side * stride - half
-        total = sum_at(stack[top], pad, cells_x[a], cells_y[a], dx, dy)
+        if room[a, 0] <= dx <= room[a, 1] and room[a, 2] <= dy <= room[a, 3]:
+            total = sum_within(flat[top], places[a], dy * columns + dx, min_sum)
+        else:
+            total = sum_at(stack[top], pad, cells_x[a], cells_y[a], dx, dy)
         root_sum[k] = total
         if total > min_sum:
             kept[n_kept] = k
@@ -125,7 +151,10 @@ def search(stack, frame, points, center, window, min_sum, best):
                 cx, cy = x + (s if j & 1 else 0), y + (s if j & 2 else 0)
                 if cx > half or cy > half:
                     continue
-                value = sum_at(stack[level - 1], pad, cells_x[a], cells_y[a], cx, cy)
+                if room[a, 0] <= cx <= room[a, 1] and room[a, 2] <= cy <= room[a, 3]:
+                    value = sum_within(flat[level - 1], places[a], cy * columns + cx, best_sum)
+                else:
+                    value = sum_at(stack[level - 1], pad, cells_x[a], cells_y[a], cx, cy)
                 scored += 1
                 m = count
                 while m > 0 and child_sum[m - 1] > value:
