@@ -25,6 +25,13 @@ def survey(occupancy: NDArray[np.int8], fence: FenceConfig, boundary: Boundary =
     return surveyor.update(*grids(occupancy), at, boundary)
 
 
+def test_a_radius_is_about_the_start_on_every_level() -> None:
+    """Not about where the robot came to the next one."""
+    surveyor = FrontierSurvey(SurveyConfig(fence=FenceConfig(radius=4.0)), path_distances)
+    surveyor.update(*grids(corridor()), START)
+    assert not surveyor.another().update(*grids(corridor()), SE2(5.5, 2.0)).open
+
+
 FAR = FenceConfig(structure_reach=15.0, open_reach=100.0)
 
 

@@ -11,6 +11,7 @@ from ambler.core.grid import COST_INSCRIBED
 from ambler.core.se2 import SE2
 from ambler.exploration.specks import Specks
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
+from ambler.planning.distance import distance_field
 from tests.exploration.test_survey import R, corridor, grids, path_distances
 
 HERE = SE2(1.4, 2.0)  # farther from the door than a look that counts
@@ -150,3 +151,10 @@ def test_forgotten_with_the_map() -> None:
         survey = surveyor.update(*grids(with_door(SPECK), RADIUS_CELLS), HERE)
         assert sum(surveyor.look_at_speck(survey, HERE) is not None for _ in range(3)) == 2
         surveyor.reset()
+
+
+@pytest.mark.parametrize("beside", [(-0.3, 2.0), (2.0, -0.3), (12.3, 2.0), (2.0, 4.3)])
+def test_a_robot_beside_the_map_looks_at_nothing(beside: tuple[float, float]) -> None:
+    """A correction of its pose may lead there until the next map comes."""
+    surveyor = FrontierSurvey(CONFIG, distance_field)
+    assert surveyor.update(*grids(with_door(SPECK), RADIUS_CELLS), SE2(*beside)).reachable_area == 0.0

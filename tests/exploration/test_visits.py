@@ -122,3 +122,11 @@ def test_a_frontier_is_hidden_by_ground_that_is_assumed_beside_most_of_it() -> N
     assert not is_hidden(along(40.0, 5.0, 42.0, 5.0), at(0.0, data), ASSUMED), "outside of the map"
     edge = along(9.8, 5.0, 9.99, 5.0)
     assert is_hidden(edge, at(0.0, data), ASSUMED)
+
+
+@pytest.mark.parametrize("day", [0.0, 1.8e9])
+def test_a_look_counts_once_in_its_time_whatever_the_clock_says(day: float) -> None:
+    visits = Visits(VisitsConfig())
+    for seconds in (0.0, 4.0, 15.0, 30.0):
+        visits.add(along(4.0, 5.0, 6.0, 5.0), at(day + seconds))
+    assert visits.at(along(4.0, 5.0, 6.0, 5.0), SPEC) == 3

@@ -18,6 +18,7 @@ JUDGES = ("tests/control/test_judges.py",)
 TRACKER = ("tests/docking/test_tracker.py",)
 DOCK = ("tests/missions/test_dock.py",)
 YIELDING = ("tests/control/test_yielding.py",)
+OTHERS = ("tests/missions/test_explorer_and_others.py",)
 MOVERS = ("tests/perception/test_mover_tracker.py",)
 DATABASE = ("tests/docking/test_database.py",)
 DETECTORS = ("tests/docking/test_detectors.py",)
@@ -252,6 +253,62 @@ MOTION = (
         "if steered is not None:\n                self._steer_step",
         "if steered is not None and self._follow is None:\n                self._steer_step",
         ("tests/control/test_nodes.py::test_a_path_waits_while_a_person_steers_and_goes_on_afterwards",),
+    ),
+    PlantedFault(
+        "an exploration that a person pauses gives up what it drives to",
+        "missions/explore.py",
+        "if self._is_paused:",
+        "if False:",
+        OTHERS,
+    ),
+    PlantedFault(
+        "an exploration takes the robot from another program",
+        "missions/explore.py",
+        "        if self._is_taken:",
+        "        if False:",
+        OTHERS,
+    ),
+    PlantedFault(
+        "an exploration turns away from a clicked goal while it looks around",
+        "nodes/explorer.py",
+        "if not self._mission.is_active or goal.frame",
+        "if self._mission.state is not ExploreState.SCANNING or goal.frame",
+        OTHERS,
+    ),
+    PlantedFault(
+        "a clicked goal that another program displaced is never over",
+        "nodes/navigator.py",
+        "outcome.code != PREEMPTED or number == self._clicks",
+        "outcome.code != PREEMPTED",
+        OTHERS,
+    ),
+    PlantedFault(
+        "patience is over at once by the clock of a real robot",
+        "nodes/operator.py",
+        "self.ctx.now_ns - self._begun_ns > config.patience",
+        "self.ctx.now_ns > config.patience",
+        ("tests/missions/test_operator_patience.py",),
+    ),
+    PlantedFault(
+        "a goal of another frame fills the memory",
+        "planning/unknown.py",
+        "MOST, LONGEST = 40_000_000, 32_000",
+        "MOST, LONGEST = 4_000_000_000, 320_000",
+        ("tests/planning/test_grid_planner.py",),
+    ),
+    PlantedFault(
+        "looks are not told apart by the time of day",
+        "exploration/visits.py",
+        "now = occupancy.stamp_ns * 1e-9",
+        "now = float(np.float32(occupancy.stamp_ns * 1e-9))",
+        ("tests/exploration/test_visits.py",),
+    ),
+    PlantedFault(
+        "the circle of an exploration moves to where the robot comes to a level",
+        "exploration/survey.py",
+        "other._fence = Fence(self.config.fence, self._fence.center)",
+        "other._fence = Fence(self.config.fence)",
+        ("tests/exploration/test_fence.py",),
     ),
     PlantedFault(
         "nobody turns round",

@@ -107,8 +107,8 @@ STATIONS = (
     PlantedFault(
         "a person's goal during a station is displaced when the station ends",
         "nodes/explorer.py",
-        'if self._mission.state is ExploreState.SCANNING and goal.frame == "map"',
-        'if self._mission.state is ExploreState.IDLE and goal.frame == "map"',
+        'if not self._mission.is_active or goal.frame != "map" or self._is_yielding:',
+        "if True:",
         BUS,
     ),
     PlantedFault(

@@ -256,3 +256,11 @@ def test_it_does_not_leave_it_through_what_shuts_it():
     start, goal = SE2(*SPEC.center_of(80, 130)), SE2(*SPEC.center_of(20, 20))
     with pytest.raises(StartOccupiedError):
         GridPlanner(PlannerConfig(escape_radius=0.5, way_out=4.0)).plan(gap(shut=True), SPEC, start, goal)
+
+
+@pytest.mark.parametrize("far", [2e3, 1e5, 5e5, 1e12])
+def test_a_goal_that_is_out_of_reach_of_any_grid_is_outside(far: float) -> None:
+    """One of another frame, say, must not fill the memory with unknown ground."""
+    planner = GridPlanner(PlannerConfig(is_unknown_allowed=True))
+    with pytest.raises(GoalOutsideMapError, match="too far"):
+        planner.plan(np.zeros(SPEC.shape, np.uint8), SPEC, SE2(0.0, 0.0), SE2(far, far))

@@ -58,8 +58,9 @@ class FenceConfig:
 class Fence:
     """Judges the cells of one map; `update` with every new map and ask then. It follows nothing but the map."""
 
-    def __init__(self, config: FenceConfig) -> None:
+    def __init__(self, config: FenceConfig, center: tuple[float, float] | None = None) -> None:
         self.config = config
+        self.center = center  # of the radius, in the map frame; the start, if it is not told
         self._start: SE2 | None = None
         self._sides: U8 | None = None
         self._spec: GridSpec | None = None
@@ -69,6 +70,8 @@ class Fence:
         """Take a map; the first pose is the start. `boundary` goes before that of the configuration."""
         if self._start is None:
             self._start = map_from_base
+        if self.center is None:
+            self.center = (map_from_base.x, map_from_base.y)
         c, spec = self.config, occupancy.spec
         self._spec, self._stride = spec, max(1, round(c.cell / spec.resolution))
         sides = np.full((-(-spec.height // self._stride), -(-spec.width // self._stride)), Side.INSIDE, np.uint8)
@@ -137,13 +140,13 @@ class Fence:
     def _beyond(self, polygon: Boundary, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell which coarse cells [iy, ix] have their middle outside of the polygon or the circle."""
         assert self._spec is not None
-        assert self._start is not None
+        assert self.center is not None
         size = self._stride * self._spec.resolution
         x = self._spec.origin_x + (np.arange(shape[1]) + 0.5) * size
         y = self._spec.origin_y + (np.arange(shape[0]) + 0.5) * size
         is_beyond = np.zeros(shape, np.bool_)
         if self.config.radius > 0.0:
-            is_beyond |= np.hypot(y[:, None] - self._start.y, x[None] - self._start.x) > self.config.radius
+            is_beyond |= np.hypot(y[:, None] - self.center[1], x[None] - self.center[0]) > self.config.radius
         if polygon:
             is_beyond |= ~is_inside(polygon, x[None], y[:, None])
         return is_beyond

@@ -69,6 +69,8 @@ class Specks:
     def pass_by(self, costs: CostGrid, robot: Place) -> None:
         """Count looks at what is seen well from where the robot is now."""
         c, spec = self.config, costs.spec
+        if not spec.contains(*robot):
+            return
         reach = math.ceil((c.farthest + c.again) / spec.resolution)
         row, column = spec.cell_of(*robot)
         top, left = max(0, row - reach), max(0, column - reach)

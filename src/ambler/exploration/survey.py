@@ -119,8 +119,10 @@ class FrontierSurvey:
         self.is_strict = False
 
     def another(self) -> FrontierSurvey:
-        """Return a survey of another place by the same rules."""
-        return FrontierSurvey(self.config, self._distance_field)
+        """Return a survey of another level by the same rules, within the same circle."""
+        other = FrontierSurvey(self.config, self._distance_field)
+        other._fence = Fence(self.config.fence, self._fence.center)
+        return other
 
     def reset(self) -> None:
         """Forget the map and every refusal."""

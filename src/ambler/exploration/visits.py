@@ -30,7 +30,9 @@ class Visits:
         self.config = config
         self._spec: GridSpec | None = None
         self._counts: NDArray[np.uint8] = np.zeros((SIDES, 0, 0), np.uint8)
-        self._last_s: NDArray[np.float32] = np.zeros((SIDES, 0, 0), np.float32)
+        self._last_s: NDArray[np.float64] = np.zeros(
+            (SIDES, 0, 0), np.float64
+        )  # of day: no float32 tells seconds apart
 
     def add(self, frontier: Frontier, occupancy: OccupancyGrid) -> None:
         """Take down that the robot looked at a frontier, at the time of this map."""
@@ -42,7 +44,7 @@ class Visits:
             is_beside[max(0, iy - reach) : max(0, iy + reach + 1), max(0, ix - reach) : max(0, ix + reach + 1)] = True
         rows, columns = np.nonzero(is_beside)
         sides = _sides(spec.centers_of(np.column_stack((rows, columns))), frontier)
-        now = np.float32(occupancy.stamp_ns * 1e-9)
+        now = occupancy.stamp_ns * 1e-9
         for turn in range(SIDES) if frontier.goal is None else (-1, 0, 1):
             cells = ((sides + turn) % SIDES, rows, columns)
             counts, last = self._counts[cells], self._last_s[cells]

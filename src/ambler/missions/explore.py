@@ -36,6 +36,7 @@ from ambler.missions.left_levels import LeftLevels, nearest_level
 from ambler.missions.progress import FailedDrives, Progress
 from ambler.missions.stations import Stations
 from ambler.missions.trail import Trail
+from ambler.runtime.node import PREEMPTED
 from ambler.runtime.tasks import NEAREST_REACHED, ExploreFeedback, ExploreGoal, ExploreResult
 
 _ON_THE_WAY = (ExploreState.DRIVING, ExploreState.RETURNING, ExploreState.CHANGING_LEVEL)
@@ -57,6 +58,7 @@ class ExploreMission:
         self._drive = 0
         self._held = ""
         self._held_ns = 0
+        self._is_paused = self._is_taken = False
         self._doubt = ""
         self._doubt_ns = 0
         self._company = Company(config.company_time, config.company_looks)
@@ -82,6 +84,7 @@ class ExploreMission:
         self._is_home = False
         self._goals_reached = 0
         self._begun_ns = self._held_ns = now_ns
+        self._is_taken = False
         self._look_until_ns = 0
         self._has_turned = False
         self._turns_there = False
@@ -144,6 +147,16 @@ class ExploreMission:
             self.resume(now_ns)
         self._held = reason
 
+    def pause(self, now_ns: int, *, is_paused: bool) -> None:
+        """Take whether a person lets the robot wait: nothing is decided meanwhile, and nobody asks for progress."""
+        if self._is_paused and not is_paused:
+            self.resume(now_ns)
+        self._is_paused = is_paused
+
+    def take_over(self) -> None:
+        """Take that another program drives the robot now: the exploration ends with the next update, and takes it away from nobody."""
+        self._is_taken = True
+
     def doubt(self, reason: str, now_ns: int) -> None:
         """Take why the robot's place in its map is in doubt, empty when it is not any more."""
         if reason and not self._doubt:
@@ -167,6 +180,8 @@ class ExploreMission:
             return []
         if self._drive_code == "LOST" and self.state is not ExploreState.SCANNING:
             return self._end(ExploreState.FAILED, "LOST", self._drive_text)
+        if self._is_taken:
+            return self._end(ExploreState.FAILED, PREEMPTED, "another program drives the robot")
         if self._held and now_ns - self._held_ns > self.config.held_timeout * 1e9:
             text = f"not allowed to move for {self.config.held_timeout:.0f} s: {self._held}"
             return self._end(ExploreState.FAILED, "STUCK", text)
@@ -174,6 +189,8 @@ class ExploreMission:
             if self.state is ExploreState.STARTING and now_ns - self._begun_ns > self.config.start_timeout * 1e9:
                 missing = f"no map, costmap or pose within {self.config.start_timeout:.0f} s"
                 return self._end(ExploreState.FAILED, "STUCK", missing)
+            return []
+        if self._is_paused:
             return []
         if self._home is None:
             self._home, self._home_level = view.map_from_base, view.level

@@ -57,7 +57,7 @@ from ambler.nodes.local_view import LocalView
 from ambler.perception.glass import SpecularConfig
 from ambler.perception.mover_track import MoverConfig
 from ambler.perception.planar import PlanarConfig
-from ambler.runtime.node import GoalHandle, Node, Topics
+from ambler.runtime.node import PREEMPTED, GoalHandle, Node, Topics
 from ambler.runtime.tasks import (
     CLEAR_LOCAL_COSTMAP,
     FOLLOW_PATH,
@@ -307,7 +307,7 @@ class ControllerNode(Node):
     # Goals
 
     def _on_follow(self, handle: FollowHandle) -> None:
-        self._end_recover("PREEMPTED", "a path is to be followed")
+        self._end_recover(PREEMPTED, "a path is to be followed")
         self._follow, self._path = handle, handle.goal.path
         self._goal_checker = GoalChecker(handle.goal.xy_tolerance, handle.goal.yaw_tolerance)
         self._progress, self._stall = ProgressChecker(), StallChecker(self._robot.limits.ax_max)
@@ -319,7 +319,7 @@ class ControllerNode(Node):
             self._send(BodyVelocity())
 
     def _on_recover(self, handle: RecoverHandle) -> None:
-        self._end_follow("PREEMPTED", "a recovery begins")
+        self._end_follow(PREEMPTED, "a recovery begins")
         self._recover_since_ns = self.ctx.now_ns
         kind, amount = handle.goal.kind, handle.goal.amount
         self._recover = handle
@@ -389,7 +389,7 @@ class ControllerNode(Node):
             self._send(BodyVelocity())
             self._progress, self._trouble_since_ns = ProgressChecker(), None
         if steered is not None:
-            self._end_recover("PREEMPTED", "a person steers")
+            self._end_recover(PREEMPTED, "a person steers")
         is_idle = steered is None and self._follow is None and self._recover is None
         if not is_idle:
             self._control(steered)

@@ -41,7 +41,7 @@ from ambler.missions.explore_commands import (
     StopDriving,
     TurnAround,
 )
-from ambler.runtime.node import GoalHandle, GoalTicket, Node, Service, Task, TaskOutcome
+from ambler.runtime.node import PREEMPTED, GoalHandle, GoalTicket, Node, Service, Task, TaskOutcome
 from ambler.runtime.tasks import (
     CHOOSE_LEVEL,
     CLEAR_GLOBAL_COSTMAP,
@@ -152,27 +152,34 @@ class ExplorerNode(Node):
             self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
 
     def _on_status(self, message: Status) -> None:
-        """Hear from SLAM whether the map is in doubt. When a person's own goal is over, go on with the drive that it displaced."""
+        """Hear from SLAM whether the map is in doubt. When a person's own goal is over, go on with the drive that it displaced, unless another program
+        drives by now."""
         if message.code in ("SLAM_GOOD", "SLAM_DEGRADED", "SLAM_LOST"):
             self._mission.doubt("" if message.code == "SLAM_GOOD" else message.text, self.ctx.now_ns)
         if self._is_yielding and message.code == CLICKED_GOAL_OVER:
             self._is_yielding = False
             self._mission.resume(self.ctx.now_ns)
-            if self._mission.is_active and self._drive is not None:
+            if message.text.startswith(PREEMPTED):
+                self._mission.take_over()
+                self._update()
+            elif self._mission.is_active and self._drive is not None:
                 self._carry_out([self._drive])
 
     def _on_movers(self, movers: PointCloud) -> None:
         self._mission.meet(self.ctx.now_ns, is_here=len(movers.points) > 0)
 
     def _on_click(self, goal: PoseStamped | PointStamped) -> None:
-        """A person's own goal during a station, which displaces no drive of the exploration: break it off, and go on when the goal is over."""
-        if self._mission.state is ExploreState.SCANNING and goal.frame == "map" and not self._is_yielding:
-            self._is_yielding = True
-            self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
+        """A person's own goal: the robot is his until it is over. It displaces a drive; a station is broken off."""
+        if not self._mission.is_active or goal.frame != "map" or self._is_yielding:
+            return
+        self._is_yielding = True
+        self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
+        if self._mission.state is ExploreState.SCANNING:
             self._carry_out([StopDriving()])
 
     def _on_gate(self, gate: GateStatus) -> None:
         self._mission.hold(gate.reason if gate.state is GateState.FAULT else "", self.ctx.now_ns)
+        self._mission.pause(self.ctx.now_ns, is_paused=gate.state in (GateState.PAUSED, GateState.EMERGENCY_STOP))
 
     def _on_goal(self, handle: Handle) -> None:
         self._handle = handle
@@ -261,10 +268,14 @@ class ExplorerNode(Node):
 
     def _reporter(self, drive: int) -> Any:
         def report(outcome: TaskOutcome[Any]) -> None:
-            if outcome.code == "PREEMPTED" and self._drive is not None and self._drive.drive == drive:
-                self._is_yielding = True
-                self.ctx.log("YIELDING", "a person drives; exploration goes on afterwards")
-                return
+            is_last = self._drive is not None and self._drive.drive == drive
+            if outcome.code == PREEMPTED and is_last:
+                if self._is_yielding:
+                    return  # to a person, whose goal displaced it: it is driven again afterwards
+                if isinstance(self._drive, DriveTo):
+                    self._mission.take_over()
+            if is_last:
+                self._drive = None
             if self._mission.drive_ended(drive, outcome.code, outcome.text):
                 self._update()
 

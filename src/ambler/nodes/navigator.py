@@ -17,7 +17,7 @@ from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.company import Company
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.node import GoalHandle, Node, Offers, TaskOutcome, Topics
+from ambler.runtime.node import PREEMPTED, GoalHandle, Node, Offers, TaskOutcome, Topics
 from ambler.runtime.tasks import (
     CHOOSE_LEVEL,
     CLEAR_GLOBAL_COSTMAP,
@@ -79,6 +79,7 @@ class NavigatorNode(Node):
         self._costmap: CostGrid | None = None
         self._drive: _Drive | None = None
         self._last: Navigation | None = None
+        self._clicks = 0
         self._levels: GroundLevels | None = None
         self._company = Company(self._config.company_time, 0)
         self._blocked = {0: BlockedWays(self._config.blocked)}  # by level
@@ -194,8 +195,11 @@ class NavigatorNode(Node):
             self.say("GOAL_REFUSED", f"a goal must be told in the frame map, not in {frame!r}")
             return
 
+        self._clicks += 1
+        number = self._clicks
+
         def over(outcome: TaskOutcome[NavigateResult]) -> None:
-            if outcome.code != "PREEMPTED":
+            if outcome.code != PREEMPTED or number == self._clicks:  # else the person's next goal displaced it
                 self.say(CLICKED_GOAL_OVER, f"{outcome.code}: {outcome.text}" if outcome.text else outcome.code)
 
         level = None if self._levels is None else self._levels.active

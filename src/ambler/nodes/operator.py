@@ -140,6 +140,7 @@ class OperatorNode(Node):
         elif self._makes_map:
             self._next()
         else:
+            self._begun_ns = self.ctx.now_ns
             self._wait_for_pose()
 
     def _wait_for_pose(self) -> None:
@@ -152,7 +153,7 @@ class OperatorNode(Node):
             x, y, yaw = self._where.as_array()
             self._say("LOCALIZED", f"the robot stands at {x:.2f}, {y:.2f} m, {yaw:.2f} rad in the map")
             self._next()
-        elif self.ctx.now_ns > config.patience * 1e9:
+        elif self.ctx.now_ns - self._begun_ns > config.patience * 1e9:
             self._finish("NOT_LOCALIZED", f"the robot did not find out within {config.patience:g} s where it is")
         elif config.may_turn:
             self.ctx.send_goal(RECOVER, RecoverGoal(RecoveryKind.ROTATE, config.turn), lambda _: self._look_again())

@@ -7,16 +7,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.errors import GoalOutsideMapError
 from ambler.core.grid import COST_UNKNOWN, GridSpec
 
 BLOCK = 64  # cells; the grid grows by whole blocks, so that it does not change with every step of the robot
+MOST, LONGEST = 40_000_000, 32_000  # cells, in all and along a side: about 300 x 300 m in cells of 0.05 m
 
 
 def with_surroundings(
     costs: NDArray[np.uint8], spec: GridSpec, points: list[tuple[float, float]], margin: float
 ) -> tuple[NDArray[np.uint8], GridSpec]:
     """Return costs uint8 [iy, ix] of a grid that reaches `margin` metres beyond the given one and beyond each of `points` (x, y), unknown where the
-    given one does not reach, and its geometry."""
+    given one does not reach, and its geometry. Raises GoalOutsideMapError where that takes more than `MOST` cells."""
     step = BLOCK * spec.resolution
     far = [(spec.origin_x, spec.origin_y)]
     far.append((spec.origin_x + spec.width * spec.resolution, spec.origin_y + spec.height * spec.resolution))
@@ -26,6 +28,9 @@ def with_surroundings(
     left, down = (math.ceil((o - v) / step) * BLOCK for o, v in zip((spec.origin_x, spec.origin_y), low, strict=True))
     width = left + math.ceil((high[0] - spec.origin_x) / step) * BLOCK
     height = down + math.ceil((high[1] - spec.origin_y) / step) * BLOCK
+    if width * height > MOST or max(width, height) > LONGEST:
+        size = f"{width * spec.resolution:.0f} x {height * spec.resolution:.0f} m"
+        raise GoalOutsideMapError(f"the goal is too far away: no plan is made in unknown ground of {size}")
     wide = GridSpec(
         *(spec.resolution, width, height),
         *(spec.origin_x - left * spec.resolution, spec.origin_y - down * spec.resolution),

@@ -18,6 +18,7 @@ from ambler.runtime.topics import Topic
 from ambler.wire import ros_services
 
 __all__ = [
+    "PREEMPTED",
     "Context",
     "GoalHandle",
     "GoalTicket",
@@ -29,6 +30,8 @@ __all__ = [
     "Topics",
     "WorkKind",
 ]
+
+PREEMPTED = "PREEMPTED"  # a task that ended because somebody else took what it needs
 
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
@@ -146,7 +149,7 @@ class GoalHandle(Generic[G, F, R]):
     def cancelled(self, result: R | None = None) -> None:
         """End the goal because its client cancelled it, or because a newer goal took its place."""
         if self.is_preempted:
-            self.end(TaskOutcome("PREEMPTED", "a newer goal took its place", result))
+            self.end(TaskOutcome(PREEMPTED, "a newer goal took its place", result))
         else:
             self.end(TaskOutcome("CANCELLED", "cancelled on request", result))
 

@@ -1,0 +1,49 @@
+"""How long a program waits for the robot to find out where it is, whatever the clock says when it begins."""
+
+from __future__ import annotations
+
+import pytest
+
+from ambler.core.se2 import SE2
+from ambler.nodes.operator import OperatorConfig, OperatorNode
+from ambler.nodes.steps import NavigateStep, ProgramEnd
+from ambler.runtime.clock import SystemClock
+from ambler.runtime.live import LiveExecutor
+from ambler.runtime.node import Node
+from ambler.runtime.stack import Stack
+from ambler.runtime.tasks import ARM, NAVIGATE, RECOVER, GateReply
+from ambler.runtime.topics import LOCALIZED_POSE
+
+
+class Lost(Node):
+    """Arms, and never says where the robot is."""
+
+    name = "lost"
+    outputs = (LOCALIZED_POSE,)
+    serves = (ARM, NAVIGATE, RECOVER)
+
+    def start(self) -> None:
+        self.ctx.serve(ARM, lambda _: GateReply(True, ""))
+        for task in (NAVIGATE, RECOVER):
+            self.ctx.serve_task(task, lambda _: None, lambda handle: handle.cancelled())
+
+
+@pytest.mark.parametrize("is_from_zero", [True, False])
+def test_it_waits_as_long_as_it_says(is_from_zero: bool) -> None:
+    """Also by the clock of a real robot, which tells the time of day."""
+    config, ends, waited = OperatorConfig(patience=1.5), [], []
+    clock = SystemClock(from_zero=is_from_zero)
+    begun_ns = clock.now_ns
+
+    def over(end: ProgramEnd) -> None:
+        ends.append(end)
+        waited.append((clock.now_ns - begun_ns) * 1e-9)
+        executor.stop()
+
+    executor = LiveExecutor(Stack([Lost(), OperatorNode((NavigateStep(SE2(1.0, 0.0)),), config, over)]), clock=clock)
+    try:
+        executor.run(20.0)
+    finally:
+        executor.close()
+    assert [end.code for end in ends] == ["NOT_LOCALIZED"]
+    assert waited[0] > 1.5
