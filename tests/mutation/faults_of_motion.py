@@ -18,6 +18,7 @@ JUDGES = ("tests/control/test_judges.py",)
 TRACKER = ("tests/docking/test_tracker.py",)
 DOCK = ("tests/missions/test_dock.py",)
 YIELDING = ("tests/control/test_yielding.py",)
+DOUBTS = ("tests/safety/test_gate_doubts.py",)
 OTHERS = ("tests/missions/test_explorer_and_others.py",)
 MOVERS = ("tests/perception/test_mover_tracker.py",)
 DATABASE = ("tests/docking/test_database.py",)
@@ -309,6 +310,34 @@ MOTION = (
         "other._fence = Fence(self.config.fence, self._fence.center)",
         "other._fence = Fence(self.config.fence)",
         ("tests/exploration/test_fence.py",),
+    ),
+    PlantedFault(
+        "odometry whose velocity is no number blinds the gate",
+        "nodes/gate.py",
+        "if not all(map(math.isfinite, told)):",
+        "if False:",
+        DOUBTS,
+    ),
+    PlantedFault(
+        "one pose from the future locks the gate",
+        "safety/gate.py",
+        "or self._is_ahead(self._odometry[0]):",
+        "or False:",
+        DOUBTS,
+    ),
+    PlantedFault(
+        "the gate looks as far for a fast robot as for a slow one",
+        "nodes/gate.py",
+        "max(3.0, self._way_to_stand(robot))",
+        "3.0",
+        DOUBTS,
+    ),
+    PlantedFault(
+        "arcs of a scanner are compared as plain numbers",
+        "safety/blind_memory.py",
+        "shift = 2.0 * math.pi * round((sum(sector) - sum(window)) / (4.0 * math.pi))",
+        "shift = 0.0",
+        DOUBTS,
     ),
     PlantedFault(
         "nobody turns round",

@@ -736,6 +736,16 @@ def input_from_the_future_is_stale(m: ModuleType) -> None:
     assert b.tick().state == GateState.FAULT
 
 
+def a_pose_from_the_future_is_replaced(m: ModuleType) -> None:
+    b = Bench(m)
+    b.tick(10)
+    b.gate.update_odometry(b.now_ns - TICK_NS, SE2(5.0, 0.0))
+    assert b.gate._odometry == (b.now_ns, b.pose), "one that is merely older is not taken"
+    b.gate.update_odometry(b.now_ns + 10**12, SE2(5.0, 0.0))
+    assert b.tick(60, (0.5, 0.0, 0.0)).velocity.vx > 0.0
+    assert b.gate._odometry[0] == b.now_ns
+
+
 def a_starved_gate_stops(m: ModuleType) -> None:
     b = Bench(m)
     b.tick(60, (0.5, 0.0, 0.0))
@@ -882,6 +892,7 @@ CHECKS = {
         a_base_on_its_side_does_not_move,
         stale_input_stops,
         input_from_the_future_is_stale,
+        a_pose_from_the_future_is_replaced,
         a_starved_gate_stops,
         it_never_touches_a_wall,
         it_brakes_gently_and_backs_off_at_once,

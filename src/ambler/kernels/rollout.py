@@ -80,7 +80,7 @@ def locate_on_path(gx, gy, guide, resolution, out):
         for p in range(max(0, at - 1), min(count - 2, at) + 1):
             dx, dy = path[p + 1, 0] - path[p, 0], path[p + 1, 1] - path[p, 1]
             length = dx * dx + dy * dy
-            u = ((gx - path[p, 0]) * dx + (gy - path[p, 1]) * dy) / length
+            u = ((gx - path[p, 0]) * dx + (gy - path[p, 1]) * dy) / max(length, 1e-12)
             u = min(1.0, max(0.0, u))
             d = (path[p, 0] + u * dx - gx) ** 2 + (path[p, 1] + u * dy - gy) ** 2
             if d < best:

@@ -58,7 +58,7 @@ from ambler.runtime.topics import (
     VELOCITY_REQUEST,
 )
 from ambler.safety.approach_permit import ApproachPermit
-from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, see_all_around
+from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, overlap, see_all_around
 from ambler.safety.config import GateConfig
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
@@ -144,12 +144,21 @@ class GateNode(Node):
         self.inputs = (VELOCITY_REQUEST, ODOMETRY, *self._scan_topics, *self._cloud_topics, *ranges)
         tops = [m.base_from_sensor.translation[2] for m in robot.sensors]
         self._z_band = z_band if z_band is not None else (0.15, max(robot.body_height, *tops) + 0.1)
-        self._reach = robot.circumscribed_radius + 3.0
+        self._reach = robot.circumscribed_radius + max(3.0, self._way_to_stand(robot))
         self._floor_memory = FloorMemory(self._reach, self._config.memory_travel)
         self._motion = BaseMotion()
         self._twist = np.zeros(3)
         self._status: GateStep | None = None
         self._status_ns = self._step_ns = 0
+
+    def _way_to_stand(self, robot: RobotModel) -> float:
+        """How far ahead of its sensor a robot at its fastest must see what it shall not touch, metres: its way until it stands, and what of itself is ahead."""
+        limits = robot.limits
+        ahead = max(limits.vx_max, -limits.vx_min)
+        way = ahead * (self._config.reaction_time + 0.5 * ahead / limits.ax_brake)
+        if limits.vy_max > 0.0:
+            way = max(way, limits.vy_max * (self._config.reaction_time + 0.5 * limits.vy_max / limits.ay_brake))
+        return way + robot.circumscribed_radius + self._config.margin
 
     def start(self) -> None:
         self.ctx.subscribe(VELOCITY_REQUEST, partial(self._on_request, "navigation"))
@@ -192,6 +201,10 @@ class GateNode(Node):
         self.gate.order_stop(order.value)
 
     def _on_odometry(self, odometry: Odometry) -> None:
+        told = (*odometry.pose.translation, *odometry.pose.rotation, *odometry.linear, *odometry.angular)
+        if not all(map(math.isfinite, told)):
+            self.gate.fault_odometry()
+            return
         self._motion.add(odometry)
         self._twist = np.array([odometry.linear[0], odometry.linear[1], odometry.angular[2]])
         if self._rangers:
@@ -203,10 +216,10 @@ class GateNode(Node):
     def _on_scan(self, scan: LaserScan) -> None:
         scan = self._on_host_time(scan)
         ends = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
-        low, high, window = min(ends), max(ends), self._mounts[scan.frame].azimuth
-        if window[1] - window[0] < 2.0 * math.pi:  # what the mount cuts off is measured, and thrown away
-            low, high = max(low, window[0]), min(high, window[1])
-        field = FieldOfView(scan.range_min, (low, high))
+        seen = overlap(
+            (min(ends), max(ends)), self._mounts[scan.frame].azimuth
+        )  # the rest is measured, and thrown away
+        field = FieldOfView(scan.range_min, seen)
         self._know(scan.frame, field)
         mount = self._mounts[scan.frame].base_from_sensor
         panes = partial(self._panes_of_scan, scan, mount)

@@ -71,6 +71,18 @@ class FieldOfView:
         return out
 
 
+def overlap(sector: tuple[float, float], window: tuple[float, float]) -> tuple[float, float]:
+    """Return what two arcs (from, to; rad, counter-clockwise, each told in any turn) have in common, in the turn of the first one: all of the window where the
+    first goes all around; an empty arc where they have nothing in common."""
+    if window[1] - window[0] >= 2.0 * math.pi:
+        return sector
+    if sector[1] - sector[0] >= 2.0 * math.pi - 2.0 * BIN:
+        return window
+    shift = 2.0 * math.pi * round((sum(sector) - sum(window)) / (4.0 * math.pi))
+    low, high = max(sector[0], window[0] + shift), min(sector[1], window[1] + shift)
+    return low, max(low, high)
+
+
 class BlindMemory:
     """One scanner's memory. A point is forgotten after `max_travel` metres of way, and of the outermost corner at `radius` where the robot has turned on since: who turns to and fro looks again where he
     looked before, and odometry with him. `footprint` (M, 2): see `Visitors`."""

@@ -77,11 +77,20 @@ class VelocityGate:
         self._selector.take(source, VelocityRequest(stamp_ns, velocity))
 
     def update_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
-        """Take the newest pose of the base; one that is no number latches a fault, one older than the last is ignored."""
+        """Take the newest pose of the base; one that is no number latches a fault, one older than the last is ignored, unless that came from the future."""
         if not np.isfinite(odom_from_base.as_array()).all():
-            self._latch.fault("NOT_FINITE: the odometry is no number")
-        elif self._odometry is None or stamp_ns >= self._odometry[0]:
+            self.fault_odometry()
+        elif self._odometry is None or stamp_ns >= self._odometry[0] or self._is_ahead(self._odometry[0]):
             self._odometry = (stamp_ns, odom_from_base)
+
+    def fault_odometry(self) -> None:
+        """Latch a fault: odometry told something that is no number."""
+        self._latch.fault("NOT_FINITE: the odometry is no number")
+
+    def _is_ahead(self, stamp_ns: int) -> bool:
+        """Whether a stamp lies further ahead of the last step than any right one does."""
+        most = (self._config.max_future + self._config.max_step_gap) * 1e9
+        return stamp_ns - (self._last_step_ns or 0) > most
 
     def update_lean(self, stamp_ns: int, lean: float) -> None:
         """Take how far (rad) the base leans off the vertical. One that lies on its side latches a fault, and again after a reset until somebody has put it up: what
