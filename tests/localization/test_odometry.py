@@ -118,6 +118,24 @@ def test_it_stays_at_the_present_and_does_not_lag_by_a_period() -> None:
     assert last_pose(updates).x == pytest.approx(base.truth.x, abs=0.002)  # half a period would be 10 mm
 
 
+def test_wheels_that_arrive_late_are_told_at_their_own_instant() -> None:
+    """A gyroscope that is 60 ms ahead of the wheels does not carry the pose there under the wheels' stamp."""
+    estimator, base = WheelInertialOdometry(), Base(turn_error=0.0, bias=0.0)
+    late: list[tuple[Odometry, SE2]] = []
+    for turns, wheels in base.drive(4.0, (0.5, 0.0, 1.0)):
+        for stamp, rate in turns:
+            estimator.add_imu(stamp, (0.0, 0.0, rate))
+        late.append((wheels, base.truth))
+        if len(late) > 3:
+            message, truth = late.pop(0)
+            told = estimator.update(message).odometry
+            assert told is not None
+            assert told.stamp_ns == message.stamp_ns
+    off = truth.inverse() @ told.pose.to_se2()
+    assert math.hypot(off.x, off.y) < 0.005, "of the 30 mm that it drives meanwhile"
+    assert abs(off.yaw) < 0.01, "of the 0.06 rad that it turns meanwhile"
+
+
 def test_height_lean_and_sway_of_a_walking_body_pass_through_but_not_into_the_velocity() -> None:
     estimator, planar = WheelInertialOdometry(), SE2()
     for k in range(200):

@@ -228,6 +228,13 @@ LOCALIZATION = (
         ("tests/localization/test_planar_ekf_noise.py::test_a_known_bias_of_the_gyroscope_is_no_slip",),
     ),
     PlantedFault(
+        "the newest pose is told under an older stamp",
+        "localization/planar_ekf.py",
+        "at = len(self._stamps) - 1 if stamp_ns is None else max(0, bisect_right(self._stamps, stamp_ns) - 1)",
+        "at = len(self._stamps) - 1",
+        ODOMETRY,
+    ),
+    PlantedFault(
         "late measurements are put at the end",
         "localization/planar_ekf.py",
         "at = bisect_right(stamps, stamp_ns)",

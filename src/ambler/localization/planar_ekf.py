@@ -130,12 +130,13 @@ class PlanarEkf:
         self._stamps.clear()
 
     def estimate(self, stamp_ns: int | None = None) -> EkfEstimate | None:
-        """Return the newest estimate, or carried on (never back) to an instant; None before the first measurement."""
+        """Return the newest estimate, or that of an instant, carried on from the last measurement before it (never back from the oldest that is
+        kept); None before the first measurement."""
         if not self._stamps:
             return None
-        last = self._entries[len(self._stamps) - 1]
+        at = len(self._stamps) - 1 if stamp_ns is None else max(0, bisect_right(self._stamps, stamp_ns) - 1)
+        last, last_ns = self._entries[at], self._stamps[at]
         x, p = last["x"].copy(), last["p"].copy()
-        last_ns = self._stamps[-1]
         stamp = last_ns if stamp_ns is None else max(stamp_ns, last_ns)
         if stamp > last_ns:
             density = self._rules[0]["density"]
