@@ -143,6 +143,23 @@ class Unreachable(Site):
         return False
 
 
+class Full(Site):
+    """A battery that is full says so everywhere."""
+
+    @property
+    def is_touching(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("contacts", [Contacts.CHARGE, Contacts.SWITCH])
+def test_contact_that_is_told_away_from_the_dock_is_none(contacts: Contacts) -> None:
+    """A robot whose battery tells contact all the time goes on to the docked pose."""
+    site = Full(dock=replace(DOCK, contacts=contacts))
+    assert site.run().code == "SUCCEEDED"
+    assert abs(site.dock_from_base.x) < 0.012
+    assert abs(site.dock_from_base.y) < 0.005
+
+
 def test_outside_the_limits_it_backs_out_and_tries_again() -> None:
     """Somebody pushes the robot aside shortly before the contact, once."""
     site = Site()

@@ -26,6 +26,7 @@ from ambler.core.messages import (
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.docking.database import DockDatabase
+from ambler.nodes.dock_state import RobotState
 from ambler.nodes.docking import DockingNode
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.node import GoalHandle, GoalTicket, Node, TaskOutcome
@@ -320,3 +321,14 @@ def test_odometry_that_is_no_number_ends_the_docking(tmp_path: Path) -> None:
     client, _, _ = play(tmp_path, peers, [(0.5, DockGoal("strips"))], 6.0)
     assert codes(client) == ["STALE_INPUT"]
     assert (peers.command.vx, peers.command.vy, peers.command.wz) == (0.0, 0.0, 0.0)
+
+
+def test_what_a_battery_told_long_ago_is_no_contact() -> None:
+    """Contact and charge are unknown before the first word of a battery, and two seconds after its last."""
+    state, now_ns = RobotState(), 10_000_000_000
+    assert (state.has_contact(now_ns), state.is_charging(now_ns)) == (None, None)
+    state.take_battery(BatteryState(now_ns, "base", 53.0, 2.0, 0.9, PowerSupply.CHARGING))
+    assert (state.has_contact(now_ns + 1_000_000_000), state.is_charging(now_ns + 1_000_000_000)) == (True, True)
+    assert (state.has_contact(now_ns + 3_000_000_000), state.is_charging(now_ns + 3_000_000_000)) == (None, None)
+    state.take_battery(BatteryState(now_ns, "base", 53.0, 0.0, 0.9, PowerSupply.NOT_CHARGING))
+    assert (state.has_contact(now_ns), state.is_charging(now_ns)) == (True, False)

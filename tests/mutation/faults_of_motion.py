@@ -1051,6 +1051,27 @@ MOTION = (
         DATABASE,
     ),
     PlantedFault(
+        "contact is believed anywhere",
+        "missions/dock.py",
+        "self._now.is_contact_void = is_told and (is_away or self._now.is_contact_void)",
+        "self._now.is_contact_void = False",
+        DOCK,
+    ),
+    PlantedFault(
+        "contact that was told on the way is believed just before the dock",
+        "missions/dock.py",
+        "is_told and (is_away or self._now.is_contact_void)",
+        "is_told and is_away",
+        DOCK,
+    ),
+    PlantedFault(
+        "a battery is believed for ever",
+        "nodes/dock_state.py",
+        "now_ns - battery.stamp_ns <= BATTERY.max_age * 1e9",
+        "battery.stamp_ns <= now_ns",
+        ("tests/missions/test_docking_node.py::test_what_a_battery_told_long_ago_is_no_contact",),
+    ),
+    PlantedFault(
         "a robot that does not charge is docked",
         "missions/dock.py",
         "            return bool(view.is_charging)\n        return bool(view.has_contact)",
@@ -1130,7 +1151,7 @@ MOTION = (
     PlantedFault(
         "a dock that somebody hid counts as lost",
         "missions/dock.py",
-        "        if track is None and self._now.waited_seconds > 0.0 and self._is_outside(view):\n            return self._search(view, HIDDEN)\n",
+        "        if track is None and was_hidden:\n            return self._search(view, HIDDEN)\n",
         "",
         DOCK,
     ),

@@ -173,10 +173,11 @@ class DockMission:
     def _approaching(self, view: DockView) -> list[DockCommand]:
         """Go in, until contacts meet or the pose is reached."""
         c, track = self.config, view.track
-        if self._is_contacting(view):
+        if self._is_contact_made(view):
             self._enter(DockState.CONFIRMING, "contact")
             return self._confirming(view)
-        if track is None and self._now.waited_seconds > 0.0 and self._is_outside(view):
+        was_hidden = self._now.waited_seconds > 0.0 and self._is_outside(view, c.blind_distance)
+        if track is None and was_hidden:
             return self._search(view, HIDDEN)
         if track is None:
             return self._attempt_failed(view, "DOCK_LOST", "the dock vanished during the final approach")
@@ -184,7 +185,7 @@ class DockMission:
         left = -dock.inverse().x
         is_waiting = view.is_held and self._now.held_seconds <= c.wait_time
         is_old = track.travel > c.lost_travel or (track.age > c.lost_age and not is_waiting)
-        if is_old and track.travel <= c.lost_travel and self._now.waited_seconds > 0.0 and self._is_outside(view):
+        if is_old and track.travel <= c.lost_travel and was_hidden:
             return self._search(view, HIDDEN)
         if is_old and (left > c.blind_distance or track.travel > c.blind_push):
             return self._attempt_failed(
@@ -294,10 +295,10 @@ class DockMission:
         c = self.config
         return [DriveTo(self._drive, self._now.dock.map_from_staging, c.staging_xy, c.staging_yaw)]
 
-    def _is_outside(self, view: DockView) -> bool:
-        """Whether the robot is still so far before the dock that it may turn and look for it."""
+    def _is_outside(self, view: DockView, left: float) -> bool:
+        """Whether the robot is still more than `left` metres before the dock's pose."""
         dock = self._now.dock_odom
-        return dock is not None and (dock.inverse() @ view.odom_from_base).x < -self.config.blind_distance
+        return dock is not None and (dock.inverse() @ view.odom_from_base).x < -left
 
     def _fresh_track(self, view: DockView) -> DockTrack | None:
         """Return the dock if it was seen lately."""
@@ -335,10 +336,12 @@ class DockMission:
             base_from_target, view.velocity, self._now.dt, None if can_turn else _never, speed_share
         )
 
-    def _is_contacting(self, view: DockView) -> bool:
-        if self._now.dock.contacts is Contacts.NONE:
-            return False
-        return bool(view.has_contact) or bool(view.is_charging)
+    def _is_contact_made(self, view: DockView) -> bool:
+        """Whether contacts met where they can: a battery that is full says "full" on the way, too."""
+        is_told = bool(view.has_contact) or bool(view.is_charging)
+        is_away = self._is_outside(view, self.config.contact_at)
+        self._now.is_contact_void = is_told and (is_away or self._now.is_contact_void)
+        return is_told and not self._now.is_contact_void and self._now.dock.contacts is not Contacts.NONE
 
     def _is_confirmed(self, view: DockView) -> bool:
         if self._now.dock.contacts is Contacts.CHARGE:

@@ -47,6 +47,7 @@ class DockConfig:
     align_*            how exactly the robot must stand before the dock at the approach distance before it goes in
     lost_travel, blind_push   way without a detection at which the approach is given up, and near the dock is not
     limit_y, limit_yaw where the robot must be when `limit_at` metres are left, else it backs out
+    contact_at         how many metres before the docked pose contacts may meet; contact that is told from farther away is none
     overrun            how far beyond the taught pose it pushes while it waits for the contact
     settle_*           what counts as docked where the dock has no contacts
     confirm_time       how long contact or charge may take to come; `contact_time` how long it must last
@@ -77,6 +78,7 @@ class DockConfig:
     limit_at: float = 0.25
     limit_y: float = 0.02
     limit_yaw: float = math.radians(2.0)
+    contact_at: float = 0.05
     overrun: float = 0.008
     settle_xy: float = 0.003
     settle_yaw: float = math.radians(0.15)

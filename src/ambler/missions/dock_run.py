@@ -32,6 +32,8 @@ class DockRun:
     """Seconds of the present state in which the gate held the robot."""
     settled_seconds: float = 0.0
     contact_seconds: float = 0.0
+    is_contact_void: bool = False
+    """Whether contact has been told without a break since where there can be none."""
     reason: str = ""
     reason_text: str = ""
     is_hopeless: bool = False

@@ -9,6 +9,7 @@ from ambler.core.errors import TransformError
 from ambler.core.messages import BatteryState, CameraInfo, GateState, GateStatus, PowerSupply, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
+from ambler.runtime.topics import BATTERY
 
 MAP_AGE_NS = 1_500_000_000
 
@@ -18,24 +19,20 @@ class RobotState:
 
     def __init__(self) -> None:
         self.camera: CameraModel | None = None
-        self.supply: PowerSupply | None = None
+        self._battery: BatteryState | None = None
         self.is_held = False
         self._tree = TransformTree(history=2.0)
         self._map_ns: int | None = None
 
-    @property
-    def has_contact(self) -> bool | None:
-        """Whether the contacts of a charger are closed."""
-        if self.supply in (None, PowerSupply.UNKNOWN):
-            return None
-        return self.supply is not PowerSupply.DISCHARGING
+    def has_contact(self, now_ns: int) -> bool | None:
+        """Whether the contacts of a charger are closed, None while nobody tells."""
+        supply = self._supply(now_ns)
+        return None if supply is None else supply is not PowerSupply.DISCHARGING
 
-    @property
-    def is_charging(self) -> bool | None:
-        """Whether current flows in, or the battery is full."""
-        if self.supply in (None, PowerSupply.UNKNOWN):
-            return None
-        return self.supply in (PowerSupply.CHARGING, PowerSupply.FULL)
+    def is_charging(self, now_ns: int) -> bool | None:
+        """Whether current flows in, or the battery is full; None while nobody tells."""
+        supply = self._supply(now_ns)
+        return None if supply is None else supply in (PowerSupply.CHARGING, PowerSupply.FULL)
 
     def take_transforms(self, message: Transforms) -> None:
         for edge in message.transforms:
@@ -47,7 +44,7 @@ class RobotState:
         self.camera = info.model
 
     def take_battery(self, battery: BatteryState) -> None:
-        self.supply = battery.supply
+        self._battery = battery
 
     def take_gate(self, status: GateStatus) -> None:
         self.is_held = status.state is not GateState.ARMED
@@ -61,3 +58,10 @@ class RobotState:
         except TransformError:
             return None
         return pose if np.isfinite(pose.as_array()).all() else None
+
+    def _supply(self, now_ns: int) -> PowerSupply | None:
+        """What feeds the battery, None when that is unknown or was told too long ago."""
+        battery = self._battery
+        if battery is None or battery.supply is PowerSupply.UNKNOWN:
+            return None
+        return battery.supply if BATTERY.max_age is None or now_ns - battery.stamp_ns <= BATTERY.max_age * 1e9 else None

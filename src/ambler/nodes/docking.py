@@ -193,7 +193,9 @@ class DockingNode(Node):
         if dock is None:
             return
         here = self._state.map_from_base(self.ctx.now_ns)
-        if not self._state.has_contact and (here is None or here.distance_to(dock.map_from_dock) > FROM_DOCK):
+        if not self._state.has_contact(self.ctx.now_ns) and (
+            here is None or here.distance_to(dock.map_from_dock) > FROM_DOCK
+        ):
             self._refuse(handle, "NOT_DOCKED", f"the robot does not stand in dock {dock.name}")
             return
         self._handle, self._dock = handle, dock
@@ -284,8 +286,8 @@ class DockingNode(Node):
             self._sight.velocity,
             state.map_from_base(now_ns),
             self._sight.track(now_ns),
-            state.has_contact,
-            state.is_charging,
+            state.has_contact(now_ns),
+            state.is_charging(now_ns),
             state.is_held,
             self._is_fresh(),
         )
