@@ -90,6 +90,18 @@ def test_a_dock_that_is_not_seen_is_forgotten_by_time_and_by_way() -> None:
     assert tracker.expected(SE2()) is None
 
 
+def test_a_sighting_elsewhere_takes_the_place_of_a_forgotten_one() -> None:
+    """A false sighting of long ago refuses no true one."""
+    tracker, here, pose = DockTracker(TrackerConfig(max_age=2.0)), SE2(), SE2(1.0, 0.0, 0.0)
+    tracker.update(sighting(0, SE2(1.0, 0.6, 0.0)), here, 0)
+    assert not tracker.update(sighting(S, pose), here, S)
+    assert tracker.update(sighting(3 * S, pose), here, 3 * S)
+    assert tracker.update(sighting(3 * S + 1, pose), here, 3 * S + 1)
+    track = tracker.track(3 * S + 1, here)
+    assert track is not None
+    assert track.base_from_dock.distance_to(pose) < 1e-9
+
+
 def test_uncertainty_grows_with_the_way_not_with_the_calls() -> None:
     def spread(steps: int) -> np.ndarray:
         tracker = DockTracker()

@@ -10,6 +10,7 @@ import pytest
 from ambler.core.messages import LaserScan, Odometry, PointCloud
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.docking.detection import DockDetection
 from ambler.docking.dock import Dock
 from ambler.nodes.dock_sight import DockSight, detector_of
 from ambler.sim.robots import robot_named
@@ -89,3 +90,15 @@ def test_once_seen_the_dock_is_expected_where_it_was() -> None:
     assert found is not None
     assert sight.take(found, STAMP + 50_000_000)
     assert sight.look_at_cloud(cloud_of(points, bright), None) is not None, "the filter is the prior, not the map"
+
+
+def test_one_false_sighting_does_not_take_the_place_of_the_map() -> None:
+    """Until a second sighting agrees, the dock is looked for where the map has it."""
+    sight, (points, bright) = sight_of(NOTCH), seen_points(NOTCH)
+    false = DockDetection(STAMP - 50_000_000, "test", TRUTH @ SE2(0.0, 0.9, 0.0), np.eye(3) * 1e-6, 1)
+    assert sight.take(false, STAMP)
+    look = sight.look_at_cloud(cloud_of(points, bright), TRUTH @ SE2(0.02, 0.02, 0.02))
+    assert look is not None
+    found = look()
+    assert found is not None
+    assert found.base_from_dock.distance_to(TRUTH) < 0.02

@@ -1023,6 +1023,20 @@ MOTION = (
         TRACKER,
     ),
     PlantedFault(
+        "a dock that was seen long ago refuses what is seen now",
+        "docking/tracker.py",
+        "is_forgotten = self._is_forgotten((stamp_ns - self._stamp_ns) * 1e-9)",
+        "is_forgotten = False",
+        TRACKER,
+    ),
+    PlantedFault(
+        "one sighting of a dock takes the place of the map",
+        "nodes/dock_sight.py",
+        "expected if is_told or map_prior is None else map_prior",
+        "expected if expected is not None else map_prior",
+        ("tests/missions/test_dock_sight.py",),
+    ),
+    PlantedFault(
         "odometry's drift does not reach the dock's pose",
         "docking/tracker.py",
         "self._covariance = self._covariance + lever @ growth @ lever.T",

@@ -2,7 +2,7 @@
 
 The state is `odom_from_dock`. It stands still, except that odometry drifts: its covariance grows with the way driven. A detection farther
 off than the gate allows is an outlier; when several outliers agree with one another, the filter was wrong and starts again
-there. What was not seen for a while, or over some way, is told no more.
+there. What was not seen for a while, or over some way, is told no more, and the next sighting that is elsewhere takes its place.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class DockTracker:
             return None
         self._drift(odom_from_base)
         age = (now_ns - self._stamp_ns) * 1e-9
-        if age > self.config.max_age or self._travel > self.config.max_travel:
+        if self._is_forgotten(age):
             return None
         pose = odom_from_base.inverse() @ self._odom_from_dock
         return DockTrack(pose, self._covariance.copy(), age, self._travel, self._count)
@@ -122,11 +122,15 @@ class DockTracker:
         self._odom_from_dock, self._covariance, self._stamp_ns = odom_from_dock, covariance, stamp_ns
         self._travel, self._count, self._outliers = 0.0, 1, []
 
+    def _is_forgotten(self, age: float) -> bool:
+        return age > self.config.max_age or self._travel > self.config.max_travel
+
     def _doubt(self, seen: SE2, noise: F64, stamp_ns: int) -> bool:
         self.rejected += 1
         agree = [o for o in self._outliers if o.distance_to(seen) < 0.05 and abs(wrap_angle(o.yaw - seen.yaw)) < 0.1]
         self._outliers = [*agree, seen]
-        if len(self._outliers) < self.config.restart:
+        is_forgotten = self._is_forgotten((stamp_ns - self._stamp_ns) * 1e-9)
+        if len(self._outliers) < self.config.restart and not is_forgotten:
             return False
         self._begin(seen, noise, stamp_ns)
         return True

@@ -117,7 +117,7 @@ class DockSight:
 
     def look_at_picture(self, image: Image, map_prior: SE2 | None) -> Look | None:
         """Return pure work that finds the dock in a picture, or None when nobody looks. `map_prior` is the dock in the base frame by
-        the map, for as long as it was not seen."""
+        the map, for as long as it is not tracked."""
         if self._detector is None or self._kind is not DockKind.MARKERS:
             return None
         return self._look(self._detector, DockObservation(image.stamp_ns, image.grey), map_prior)
@@ -160,7 +160,9 @@ class DockSight:
             expected = self._tracker.expected(self._motion.planar_at(observation.stamp_ns))
         except StaleInputError:
             return None
-        prior = expected if expected is not None else map_prior
+        # A single sighting may be an error, and what was seen long ago may be gone: it takes the map's place only while it is told.
+        is_told = self.track(observation.stamp_ns) is not None
+        prior = expected if is_told or map_prior is None else map_prior
         if prior is None and self.wants_scans:
             return None
         return lambda: detector.detect(observation, prior)
