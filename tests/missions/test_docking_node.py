@@ -15,6 +15,7 @@ from ambler.core.camera import CameraModel
 from ambler.core.messages import (
     BatteryState,
     CameraInfo,
+    Image,
     LaserScan,
     Odometry,
     PointCloud,
@@ -50,7 +51,7 @@ from ambler.runtime.tasks import (
     TeachDockGoal,
     UndockGoal,
 )
-from ambler.runtime.topics import BATTERY, CAMERA_INFO, DOCKING_REQUEST, MERGED_CLOUD, ODOMETRY, SCAN, TRANSFORMS
+from ambler.runtime.topics import BATTERY, CAMERA_INFO, DOCKING_REQUEST, IMAGE, MERGED_CLOUD, ODOMETRY, SCAN, TRANSFORMS
 from ambler.sim.robots import robot_named
 from tests.docking.docks import MARKER_DOCK, REFLECTORS
 
@@ -308,6 +309,27 @@ def test_a_dock_is_not_taught_by_a_robot_that_is_lost_sees_nothing_or_moves(tmp_
     )
     assert codes(client) == ["PREEMPTED"]
     assert not (tmp_path / "docks.yaml").exists(), "nothing was changed"
+
+
+class Halved(Peers):
+    """A camera that sends pictures of half its size for a while."""
+
+    outputs = (*Peers.outputs, IMAGE)
+
+    def _tick(self) -> None:
+        super()._tick()
+        if self.ctx.now_ns < 1_500_000_000:
+            self.ctx.publish(IMAGE, Image(self.ctx.now_ns, "camera", np.zeros((240, 320), np.uint8)))
+
+
+def test_pictures_that_are_not_as_calibrated_end_a_lesson_and_nothing_later(tmp_path: Path) -> None:
+    """The lesson says so; a docking after the camera was put right ends as it ends."""
+    peers = Halved(MARKER_DOCK.map_from_dock)
+    peers.camera = CameraModel("camera", 640, 480, 554.0, 554.0, 319.5, 239.5)
+    asks = [(0.5, TeachDockGoal("charger")), (2.0, DockGoal("charger")), (3.0, "cancel")]
+    client, _, _ = play(tmp_path, peers, asks, 4.0)
+    assert codes(client) == ["NOT_CALIBRATED", "CANCELLED"]
+    assert client.outcomes[0].text == "pictures are 320 x 240, calibrated were 640 x 480"
 
 
 def test_odometry_that_is_no_number_ends_the_docking(tmp_path: Path) -> None:

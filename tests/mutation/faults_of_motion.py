@@ -1030,6 +1030,13 @@ MOTION = (
         TRACKER,
     ),
     PlantedFault(
+        "pictures that misfit while a dock is taught spoil the next docking",
+        "nodes/docking.py",
+        "taught = self._teacher.stop()",
+        "taught = None",
+        ("tests/missions/test_docking_node.py",),
+    ),
+    PlantedFault(
         "one sighting of a dock takes the place of the map",
         "nodes/dock_sight.py",
         "expected if is_told or map_prior is None else map_prior",

@@ -129,10 +129,19 @@ class DockingNode(Node):
         camera = self._state.camera
         if self._sight.wants_pictures and camera is not None and image.data.shape != (camera.height, camera.width):
             height, width = image.data.shape
-            self._misfit = f"pictures are {width} x {height}, calibrated were {camera.width} x {camera.height}"
-            self._client.do(self.mission.cancel())
+            self._refuse_pictures(f"pictures are {width} x {height}, calibrated were {camera.width} x {camera.height}")
             return
         self._look(self._sight.look_at_picture(image, self._base_from_dock()))
+
+    def _refuse_pictures(self, text: str) -> None:
+        """End whatever looks at pictures that the calibration does not fit."""
+        taught = self._teacher.stop()
+        if taught is not None:
+            self._sight.end()
+            self._refuse(taught, "NOT_CALIBRATED", text)
+            return
+        self._misfit = text
+        self._client.do(self.mission.cancel())
 
     def _on_scan(self, scan: LaserScan) -> None:
         """Take the scan of a single scanner; several are looked at as their merged cloud."""
@@ -209,6 +218,7 @@ class DockingNode(Node):
         if self._handle is not None:
             self._handle.is_preempted = True
             self._client.do(self.mission.cancel())
+        self._misfit = None
         try:
             dock = self._database.dock(name)
         except BadInputError as error:
