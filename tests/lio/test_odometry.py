@@ -75,6 +75,26 @@ def test_wheels_that_spin_carry_nobody_away(every: int) -> None:
     assert error_of(results, recorded) < 0.02
 
 
+def test_wheels_that_tell_no_number_or_are_not_used_change_nothing() -> None:
+    """One velocity that is no number gives way to the one before it; with `wheels.is_used` off, none counts."""
+    rig, recorded = walk()
+    good = [wheels_of(rig, scan.end_ns, 0.0) for scan in recorded[:60]]
+    bad = [replace(wheels, linear=(np.nan, 0.0, 0.0)) for wheels in good]
+    scans = scans_of(recorded[:60])
+
+    def way(config: LioConfig, wheels: list[tuple[Odometry, ...]]) -> list[SE3]:
+        odometry = LidarInertialOdometry(config, rig.told_mount, SE3())
+        fed = [replace(scan, odometry=told) for scan, told in zip(scans, wheels, strict=True)]
+        return [r.map_from_imu for scan in fed if (r := odometry.update(scan)) is not None]
+
+    both = way(LioConfig(), list(zip(good, bad, strict=True)))
+    assert both == way(LioConfig(), [(wheels,) for wheels in good])
+    none = way(LioConfig(), [()] * 60)
+    assert way(LioConfig(), [(wheels,) for wheels in bad]) == none
+    assert way(LioConfig(wheels=WheelConfig(is_used=False)), [(wheels,) for wheels in good]) == none
+    assert both != none
+
+
 def test_wheels_within_their_noise_count_fully_and_those_that_spin_hardly_at_all() -> None:
     rig, recorded = walk()
     pulled = []

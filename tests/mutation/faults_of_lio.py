@@ -31,6 +31,20 @@ LIO = (
         ("tests/lio/test_cloud_localization.py",),
     ),
     PlantedFault(
+        "velocities of wheels that are no numbers are used",
+        "lio/odometry.py",
+        "told = [message for message in scan.odometry if all(map(math.isfinite, message.linear))]",
+        "told = list(scan.odometry)",
+        ("tests/lio/test_odometry.py::test_wheels_that_tell_no_number_or_are_not_used_change_nothing",),
+    ),
+    PlantedFault(
+        "wheels count although they are not to be used",
+        "lio/odometry.py",
+        "imu_from_base if self.config.wheels.is_used else None, air",
+        "imu_from_base, air",
+        ("tests/lio/test_odometry.py::test_wheels_that_tell_no_number_or_are_not_used_change_nothing",),
+    ),
+    PlantedFault(
         "scans of the place where it stands turn the beginning",
         "lio/odometry.py",
         "        if self._is_unmoved:  # its scans only build the map",

@@ -56,8 +56,7 @@ class BaseOdometry:
         airs: tuple[CloudFilter, CloudFilter] | None = None,
     ) -> None:
         self.config = config
-        wheels = imu_from_base if config.wheels.is_used else None
-        self._filter = LidarInertialOdometry(config, imu_from_lidar, wheels, airs[0] if airs else None)
+        self._filter = LidarInertialOdometry(config, imu_from_lidar, imu_from_base, airs[0] if airs else None)
         self._air = airs[1] if airs else None
         self._joiner = ScanJoiner(waits_for_odometry=False, held_most=HELD_MOST)
         self._carried = CarriedState(config.imu)

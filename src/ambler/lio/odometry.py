@@ -56,7 +56,7 @@ class LidarInertialOdometry:
         self.covariance = np.zeros((k.EXTRA + self.config.extras,) * 2)
         self.map = VoxelMap(self.config.map)
         self.start: Start | None = None
-        self._imu_from_base, self._air = imu_from_base, air
+        self._imu_from_base, self._air = imu_from_base if self.config.wheels.is_used else None, air
         self._false_ratio = 0.0
         self._imu = InertialBuffer()
         self._time = 0.0
@@ -360,7 +360,8 @@ class LidarInertialOdometry:
         if rest is not None:
             self._measure(rest)
         if self._imu_from_base is not None:
-            for message in scan.odometry[-1:]:
+            told = [message for message in scan.odometry if all(map(math.isfinite, message.linear))]
+            for message in told[-1:]:
                 rate = self._knots[-1, k.W : k.W + 3]
                 velocity = wheel_velocity(self.state, rate, message, self._imu_from_base, c.wheels)
                 self._measure(velocity, doubted_from=c.wheels.slip)
