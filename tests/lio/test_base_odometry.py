@@ -12,6 +12,7 @@ import pytest
 from ambler.core.messages import Odometry
 from ambler.core.se3 import SE3
 from ambler.lio.base_odometry import BaseOdometry
+from ambler.lio.carry import CarriedState
 from ambler.lio.config import LioConfig, WheelConfig
 from ambler.lio.odometry import LidarInertialOdometry
 from tests.lio.carried import scans_of, walk
@@ -132,6 +133,37 @@ def test_a_correction_of_the_map_moves_what_is_told_in_odom_as_it_moves_the_map(
 def test_before_the_start_it_says_nothing() -> None:
     _, recorded = walk()
     assert (told()[0].stamp_ns - recorded[0].cloud.stamp_ns) * 1e-9 > 0.9  # a second of rest
+
+
+def test_a_minute_without_clouds_is_digested_as_it_comes() -> None:
+    """No scan then holds more than ten seconds of measurements, and where the robot stood is told on."""
+    rig, recorded = walk()
+    odometry = BaseOdometry(NO_WHEELS, rig.told_mount, IMU_FROM_BASE)
+    rest, spans, out = recorded[:18], [], []
+    for turn in range(36):
+        for scan in rest:
+            shift = turn * 1_800_000_000
+            if turn in (0, 1, 34, 35):
+                odometry.add(replace(scan.cloud, stamp_ns=scan.cloud.stamp_ns + shift))
+            for sample in scan.imu:
+                out.append(odometry.add(replace(sample, stamp_ns=sample.stamp_ns + shift)))
+                for ready in odometry.scans():
+                    spans.append(1e-9 * (ready.imu[-1].stamp_ns - ready.imu[0].stamp_ns))
+                    registered = odometry.register(ready)
+                    if registered is not None:
+                        odometry.take(registered)
+    assert len(spans) > 4 * 18 - 2 + 8
+    assert max(spans) < 10.1
+    assert out[-1] is not None
+    assert np.linalg.norm(out[-1].pose.translation) < 0.01
+
+
+def test_measurements_wait_for_a_scan_for_ten_seconds_at_most() -> None:
+    _, recorded = walk()
+    carried = CarriedState(NO_WHEELS.imu)
+    for k in range(4000):
+        carried.add(replace(recorded[0].imu[0], stamp_ns=k * 5_000_000))
+    assert len(carried) == pytest.approx(2000, abs=2)
 
 
 def test_nothing_is_told_of_poses_whose_inertial_measurements_are_no_numbers() -> None:

@@ -12,7 +12,7 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.kernels import inertial as kernels
-from ambler.lio.config import LioConfig, WheelConfig
+from ambler.lio.config import LioConfig, RestConfig, WheelConfig
 from ambler.lio.health import LioResult
 from ambler.lio.measurements import wheel_velocity
 from ambler.lio.odometry import LidarInertialOdometry
@@ -199,6 +199,48 @@ def test_at_rest_nothing_moves_and_the_map_does_not_grow() -> None:
     for scan in first:
         odometry.update(_later(scan, 12 * 1_800_000_000))
     assert len(odometry.map.points()) == points
+
+
+def _outage(first: list[CloudScan], turns: int) -> tuple[tuple[Imu, ...], int]:
+    """The inertial measurements of scans at rest, `turns` times on end, and how much later they end."""
+    shifts = [turn * 1_800_000_000 for turn in range(1, turns + 1)]
+    return tuple(i for shift in shifts for scan in first for i in _later(scan, shift).imu), shifts[-1]
+
+
+@pytest.mark.parametrize("rest", [RestConfig(), RestConfig(way_most=0.0)], ids=["where it began", "elsewhere"])
+def test_who_stands_through_a_minute_without_clouds_is_where_he_was(rest: RestConfig) -> None:
+    """The inertial measurements of the outage tell that it stands, although the speed that a minute of them adds up to does not."""
+    _, recorded = walk()
+    first = scans_of(recorded)[:18]
+    odometry, results = carried(first, LioConfig(rest=rest))
+    imu, shift = _outage(first, 33)
+    again = [_later(scan, shift + 1_800_000_000) for scan in first]
+    again[0] = replace(again[0], imu=imu + again[0].imu)
+    later = [r for scan in again if (r := odometry.update(scan)) is not None]
+    assert len(later) == len(again)
+    assert not any(r.health.is_lost for r in later)
+    start = np.array(results[-1].map_from_imu.translation)
+    assert max(float(np.linalg.norm(np.array(r.map_from_imu.translation) - start)) for r in later) < 0.01
+
+
+def test_after_an_outage_what_fits_nowhere_begins_no_other_map() -> None:
+    """Scans of another place are lost until one fits again, and then it is where it was."""
+    _, recorded = walk()
+    first = scans_of(recorded)[:18]
+    odometry, results = carried([*first, *(_later(scan, 1_800_000_000) for scan in first)], LioConfig(insert_m=0.0))
+    imu, shift = _outage(first, 4)
+    again = [_later(scan, shift + 1_800_000_000) for scan in first]
+    again[0] = replace(again[0], imu=imu + again[0].imu)
+    for k in range(4):
+        away = again[k].cloud.points + np.float32([0.0, 0.0, 60.0])
+        again[k] = replace(again[k], cloud=replace(again[k].cloud, points=away))
+    points = len(odometry.map.points())
+    later = [r for scan in again[:4] if (r := odometry.update(scan)) is not None]
+    assert len(odometry.map.points()) == points
+    later += [r for scan in again[4:] if (r := odometry.update(scan)) is not None]
+    assert [r.health.is_lost for r in later] == [True] * 4 + [False] * 14
+    off = np.subtract(later[-1].map_from_imu.translation, results[-1].map_from_imu.translation)
+    assert float(np.linalg.norm(off)) < 0.01
 
 
 def test_points_that_are_none_and_gaps_in_the_imu_do_no_harm() -> None:

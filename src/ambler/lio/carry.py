@@ -14,6 +14,7 @@ from ambler.lio.inertial_buffer import InertialBuffer
 from ambler.lio.state import FilterState
 
 F64 = NDArray[np.float64]
+KEPT = 10.0  # s of measurements that are kept to walk through them again; registration is never that late
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +44,12 @@ class CarriedState:
         """Take a measurement; tells whether the state moved to its time (not before a restart, nor for samples that are refused)."""
         refused = self._buffer.refused
         self._buffer.add((sample,))
+        self._buffer.forget(self._buffer.last - KEPT)
         return self._buffer.refused == refused and self._move()
+
+    def __len__(self) -> int:
+        """How many measurements are kept."""
+        return len(self._buffer)
 
     def restart(self, estimate: FilterEstimate) -> None:
         """Begin at what the filter found, and walk again through the measurements since."""

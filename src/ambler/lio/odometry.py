@@ -31,6 +31,9 @@ from ambler.recordings.cloud_scan import CloudScan
 
 F64 = NDArray[np.float64]
 CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement from which on they are of two clocks
+OUTAGE = 0.5  # s without scans from which on the state is walked on in steps of `STEP` s, short enough to notice that it stands
+STEP = 0.1
+BEFORE_START = 10.0  # s of inertial measurements that are kept while no cloud has come
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
@@ -67,6 +70,9 @@ class LidarInertialOdometry:
         self._inserts = 0
         self._stands = False
         self._is_unmoved = True
+        self._is_adrift = (
+            False  # after a time without scans until one fits: elsewhere than thought, a map would begin anew
+        )
         self._origin = FilterState()
         imu = self.config.imu
         alone = self.config.alone
@@ -86,14 +92,20 @@ class LidarInertialOdometry:
         c = self.config
         self._take(scan)
         end = self._imu.seconds(scan.end_ns) + self.state.clock
+        is_empty = len(scan.cloud.points) == 0
+        if self.start is None and is_empty:
+            self._imu.forget(self._imu.last - BEFORE_START)
+            return None
         if self.start is None and not self._begin(scan):
             return None
-        if end <= self._time or len(scan.cloud.points) == 0:
+        came_from = self.state.position
+        self._walk_on(end if is_empty else self._beginning(scan.cloud))
+        if end <= self._time or is_empty:
             return None
         samples = self._samples(end)
         before = self.covariance.copy()
         prior = self._propagate(samples)  # eqs. (5)-(8)
-        self._is_unmoved = self._is_unmoved and self._is_quiet(prior, samples)
+        self._is_unmoved = self._is_unmoved and self._standstill(prior, samples) is not None
         if self._is_unmoved:  # as far as the IMU notices
             self.covariance[:6, :6] += np.diag(np.repeat(np.square([c.rest.way_most, c.rest.turn_most]), 3))
         points, ranges, times = self._thin_out(scan.cloud, prior)
@@ -104,12 +116,14 @@ class LidarInertialOdometry:
             state, self.covariance = self.state.copy(), before
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
-        self._drift.move(state.position - self.state.position, weak.translation)
+        self._drift.move(state.position - came_from, weak.translation)
         self._drift.leave(float(np.linalg.norm(state.position - self._origin.position)))
         points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
-        self._insert(points_imu)
+        self._is_adrift = self._is_adrift and health.is_lost
+        if not self._is_adrift:
+            self._insert(points_imu)
         self._imu.forget(self._time)
         up, up_sigma = self._up() if self.config.has_imu else (None, 0.0)
         begin = start_from_map(self._origin, self.state)
@@ -155,6 +169,29 @@ class LidarInertialOdometry:
         jacobian[:, k.ROTATION : k.VELOCITY] = skew(up)
         jacobian[:, k.GRAVITY : k.EXTRA] = back @ skew(gravity) @ gravity_basis(gravity)
         return up, float(np.sqrt(np.linalg.eigvalsh(jacobian @ self.covariance @ jacobian.T)[-1]))
+
+    def _beginning(self, cloud: PointCloud) -> float:
+        """Return when the first point was taken."""
+        first = float(np.min(cloud.time, initial=0.0, where=np.isfinite(cloud.time)))
+        return self._imu.seconds(cloud.stamp_ns) + first + self.state.clock
+
+    def _walk_on(self, until: float) -> None:
+        """Carry the state through a time without scans by the inertial measurements alone, which tell where it stands meanwhile."""
+        if not self.config.has_imu or until - self._time <= OUTAGE:
+            return
+        while self._time + STEP < min(until, self._imu.last):
+            samples, before = self._samples(self._time + STEP), self.covariance.copy()
+            prior = self._propagate(samples)
+            rest = self._standstill(prior, samples)
+            self._is_unmoved = self._is_unmoved and rest is not None
+            if self._is_unmoved:
+                self.covariance = before
+            else:
+                self.state = prior
+                if rest is not None:
+                    self._measure(rest)
+            self._time, self._is_adrift = self._time + STEP, True
+            self._imu.forget(self._time)
 
     def _take(self, scan: CloudScan) -> None:
         if self.config.has_imu:
@@ -318,10 +355,10 @@ class LidarInertialOdometry:
         state.rotation = _orthonormal(state.rotation)
         return state, weak, moments, iteration
 
-    def _is_quiet(self, prior: FilterState, samples: F64) -> bool:
+    def _standstill(self, state: FilterState, samples: F64) -> Measurement | None:
         assert self.start is not None
         c = self.config
-        return c.rest.is_used and c.has_imu and standstill(prior, samples, self.start, c.rest) is not None
+        return standstill(state, samples, self.start, c.rest) if c.rest.is_used and c.has_imu else None
 
     def _is_at_origin(self, state: FilterState) -> bool:
         """Say whether a state that a scan found is where the map began, as near as planes through the rings of one place can tell."""
@@ -353,9 +390,7 @@ class LidarInertialOdometry:
     def _update_other(self, health: Health, samples: F64, scan: CloudScan) -> Health:
         """Use what else is known: stillness, the wheels, the level ground."""
         c = self.config
-        assert self.start is not None
-        is_tried = c.rest.is_used and c.has_imu
-        rest = standstill(self.state, samples, self.start, c.rest) if is_tried else None
+        rest = self._standstill(self.state, samples)
         self._stands = rest is not None
         if rest is not None:
             self._measure(rest)

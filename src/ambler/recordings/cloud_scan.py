@@ -10,6 +10,7 @@ import numpy as np
 
 from ambler.core.messages import Imu, Odometry, PointCloud
 
+OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
 HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
 
 
@@ -17,7 +18,7 @@ HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundr
 class CloudScan:
     """A cloud of returns only, its points in the order of their times, and what else is new since the cloud before: measurements up to
     its last point and one more, to interpolate, if the recording goes on. Stamps of clouds strictly increase, so do those of
-    measurements, over the whole recording; each is given once."""
+    measurements, over the whole recording; each is given once. Where clouds are missing, an empty one may come with what is new."""
 
     cloud: PointCloud
     imu: tuple[Imu, ...]
@@ -50,13 +51,26 @@ class _Stream:
                 break
         return out
 
+    def span_ns(self) -> int:
+        """Return how long a time waits."""
+        return self.waiting[-1].stamp_ns - self.waiting[0].stamp_ns if self.waiting else 0
+
 
 class ScanJoiner:
-    """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out."""
+    """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out.
+
+    With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
+    """
 
     def __init__(
-        self, *, waits_for_imu: bool = True, waits_for_odometry: bool = True, held_most: int = HELD_MAX
+        self,
+        *,
+        waits_for_imu: bool = True,
+        waits_for_odometry: bool = True,
+        held_most: int = HELD_MAX,
+        has_outages: bool = False,
     ) -> None:
+        self._has_outages = has_outages
         self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
         self._imu, self._odometry = _Stream(), _Stream()
         self._clouds: deque[PointCloud] = deque()
@@ -76,6 +90,9 @@ class ScanJoiner:
         """Remove and yield what is complete, and what has waited for too long."""
         while self._clouds and (len(self._clouds) > self._held_most or self._is_covered(_end_ns(self._clouds[0]))):
             yield self._next()
+        longest = max(self._imu, self._odometry, key=_Stream.span_ns)
+        if self._has_outages and not self._clouds and longest.span_ns() > OUTAGE_NS:
+            yield self._with_measurements(_nothing(longest.last_ns - OUTAGE_NS // 2))
 
     def rest(self) -> Iterator[CloudScan]:
         """Remove and yield everything: nothing more will come."""
@@ -87,7 +104,9 @@ class ScanJoiner:
         return all(not is_waited_for or stream.last_ns >= end_ns for is_waited_for, stream in needed)
 
     def _next(self) -> CloudScan:
-        cloud = self._clouds.popleft()
+        return self._with_measurements(self._clouds.popleft())
+
+    def _with_measurements(self, cloud: PointCloud) -> CloudScan:
         end_ns = _end_ns(cloud)
         imu = tuple(m for m in self._imu.take(end_ns) if isinstance(m, Imu))
         odometry = tuple(m for m in self._odometry.take(end_ns) if isinstance(m, Odometry))
@@ -106,6 +125,12 @@ def returns_in_order(cloud: PointCloud) -> PointCloud:
         time=cloud.time[kept],
         ring=cloud.ring[kept],
     )
+
+
+def _nothing(stamp_ns: int) -> PointCloud:
+    """Return a cloud of no points."""
+    none = np.empty(0, np.float32)
+    return PointCloud(stamp_ns, "", np.empty((0, 3), np.float32), none, none, np.empty(0, np.uint16))
 
 
 def _end_ns(cloud: PointCloud) -> int:
