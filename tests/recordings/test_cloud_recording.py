@@ -15,6 +15,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording
 from ambler.recordings.cloud_scan import returns_in_order
+from ambler.wire.cloud_columns import point_times
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_sensors import cloud_from_ros
 from ambler.wire.ros_types import STORE, record_class
@@ -65,6 +66,40 @@ def test_the_times_of_points_are_read_whatever_their_unit(driver: str) -> None:
     cloud = cloud_from_ros(cloud2({**XYZ, name: values}))
     assert cloud.time.dtype == np.float32
     np.testing.assert_allclose(cloud.time, LATE, atol=5e-7)
+
+
+SWEEP = np.linspace(0.0, 0.0999, 400)
+UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("kind", ["f4", "f8", "u4", "epoch", "boot"])
+def test_the_unit_of_times_is_that_in_which_they_are_of_a_sweep_or_near_the_stamp(unit: str, kind: str) -> None:
+    """After the stamp, or of its clock: since the epoch, or since the robot was switched on."""
+    if kind == "u4" and unit == "s":
+        return  # whole seconds tell nothing
+    stamp_ns = 1_000_000_000_000 if kind == "boot" else START_NS
+    told = (SWEEP if kind in ("f4", "f8", "u4") else stamp_ns * 1e-9 + SWEEP) * UNITS[unit]
+    packed = np.zeros(400, [("time", kind if kind in ("f4", "f8", "u4") else "f8")])
+    packed["time"] = told
+    late = point_times(packed, stamp_ns)
+    np.testing.assert_allclose(late, SWEEP, atol=1e-3 if (kind, unit) == ("u4", "ms") else 2e-6)
+
+
+def test_times_of_no_sweep_are_refused_by_name_and_those_of_an_instant_are_not() -> None:
+    """Times since the epoch under a stamp of another clock say nothing; points that were taken at once do."""
+    packed = np.zeros(400, [("timestamp", "f8")])
+    packed["timestamp"] = START_NS * 1e-9 + SWEEP
+    with pytest.raises(BadInputError, match="the column 'timestamp' tells times from"):
+        point_times(packed, 5_000_000_000)
+    packed["timestamp"][::2] = 0.0
+    np.testing.assert_allclose(point_times(packed, START_NS)[1::2], SWEEP[1::2], atol=1e-6)
+    packed["timestamp"] = START_NS * 1e-9
+    assert np.abs(point_times(packed, START_NS)).max() < 1e-6
+    assert point_times(packed, 5_000_000_000).tolist() == [0.0] * 400
+    few = np.zeros(5, [("t", "u4")])
+    few["t"] = [100_000, 110_000, 120_000, 130_000, 140_000]
+    assert point_times(few, START_NS)[0] == pytest.approx(1e-4), "a few of the first returns of an Ouster"
 
 
 def test_a_stamp_at_the_end_of_the_sweep_gives_times_before_it() -> None:

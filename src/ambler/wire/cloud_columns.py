@@ -1,7 +1,8 @@
 """What drivers call the columns of a PointCloud2 besides x, y, z, and in which unit they tell the time of every point.
 
 Velodyne `time` (float32, s after the stamp), Ouster `t` and Livox `offset_time` (uint32, ns after the stamp), Hesai and RoboSense
-`timestamp` (float64, s since the epoch), Livox's PointCloud2 `timestamp` (float64, ns since the epoch).
+`timestamp` (float64, s since the epoch), Livox's PointCloud2 `timestamp` (float64, ns since the epoch). Others count ms or µs: times that the
+stamp explains are of its clock, in the unit in which they are near it; all others come after the stamp, in the unit in which a sweep is as long as sweeps are.
 """
 
 from __future__ import annotations
@@ -11,10 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.errors import BadInputError
+
 TIME = ("time", "t", "timestamp", "offset_time", "time_offset")
 RING = ("ring", "line", "channel")
 INTENSITY = ("intensity", "reflectivity")
 EPOCH_S, EPOCH_NS = 1e8, 1e17  # from here on a time is counted since the epoch (1973), in s or ns
+UNITS_NS = (1_000_000_000, 1_000_000, 1000, 1)
+SWEEP_MOST = 2.0  # s; the longest sweep, and a thousand times the shortest: each number of a sweep has one unit
+SPAN_LEAST = 1e-4  # of the last point's time after the stamp; times of another clock hardly differ
+FEW = 100  # so few points may be from any part of a sweep, and tell no unit
 
 
 def column(packed: NDArray[np.void], names: tuple[str, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -26,17 +33,57 @@ def column(packed: NDArray[np.void], names: tuple[str, ...], dtype: np.dtype[Any
 
 
 def point_times(packed: NDArray[np.void], stamp_ns: int) -> NDArray[np.float32]:
-    """Return the seconds after the stamp at which every point was taken, float32 (N,); zeros when nothing tells."""
+    """Return the seconds after the stamp at which every point was taken, float32 (N,); zeros when nothing tells.
+
+    Raises BadInputError for times that in no unit are of a sweep.
+    """
     name = next((name for name in TIME if name in (packed.dtype.names or ())), None)
     if name is None or len(packed) == 0:
         return np.zeros(len(packed), np.float32)
     told = packed[name]
-    if told.dtype.kind in "iu":
-        ns = told.astype(np.int64)
-        return np.asarray((ns - stamp_ns if ns.max() > EPOCH_NS else ns) * 1e-9, np.float32)
-    if told.dtype.itemsize < 8:
-        return np.array(told, np.float32)  # too coarse for times since the epoch
-    largest = np.nanmax(told) if np.isfinite(told).any() else 0.0
-    if largest > EPOCH_NS:
-        return np.asarray((told - float(stamp_ns)) * 1e-9, np.float32)
-    return np.asarray(told - stamp_ns * 1e-9 if largest > EPOCH_S else told, np.float32)
+    counted = told[np.isfinite(told) & (told != 0)]  # points that are none are often all zeros
+    if len(counted) == 0:
+        return np.array(told, np.float32)
+    low, high = float(counted.min()), float(counted.max())
+    is_whole = told.dtype.kind in "iu"
+    is_coarse = not is_whole and told.dtype.itemsize < 8  # for times since the epoch
+    unit_ns = None if is_coarse else _unit_of_clock(low, high, stamp_ns, is_whole=is_whole)
+    if unit_ns is not None and is_whole:
+        return np.asarray((told.astype(np.int64) * unit_ns - stamp_ns) * 1e-9, np.float32)
+    if unit_ns is not None:
+        return np.asarray((told - stamp_ns / unit_ns) * (1e-9 * unit_ns), np.float32)
+    unit_ns = _unit_of_sweep(low, high, len(counted), is_whole=is_whole)
+    if unit_ns is not None:
+        return np.asarray(told.astype(np.float64) * (1e-9 * unit_ns), np.float32)
+    if low == high:
+        return np.zeros(len(packed), np.float32)
+    raise BadInputError(
+        f"the column {name!r} tells times from {low:g} to {high:g}: in s, ms, µs or ns, after the stamp of the cloud "
+        f"({stamp_ns * 1e-9:.3f} s) or of its clock, no sweep is like that"
+    )
+
+
+def _unit_of_clock(low: float, high: float, stamp_ns: int, *, is_whole: bool) -> int | None:
+    """Return the unit (ns) in which times are of the stamp's clock, None when they are not."""
+    stamp = 1e-9 * stamp_ns
+    near = 0.5 * stamp if stamp > EPOCH_S else SWEEP_MOST
+    for unit_ns in UNITS_NS[1:] if is_whole else UNITS_NS:
+        unit = 1e-9 * unit_ns
+        is_sweep = (high - low) * unit <= SWEEP_MOST
+        if stamp > 5.0 * SWEEP_MOST and is_sweep and abs(high * unit - stamp) < near:
+            return unit_ns
+    return None
+
+
+def _unit_of_sweep(low: float, high: float, count: int, *, is_whole: bool) -> int | None:
+    """Return the unit (ns) in which times after the stamp are those of a sweep; None: there is none."""
+    largest, usual = max(abs(low), abs(high)), 1 if is_whole else UNITS_NS[0]
+    is_usual = largest * usual * 1e-9 <= SWEEP_MOST
+    if count < FEW:
+        return usual
+    if low == high:
+        return usual if is_usual else None
+    if high - low < SPAN_LEAST * largest:
+        return None
+    fits = (unit_ns for unit_ns in UNITS_NS if 1e-3 * SWEEP_MOST < largest * unit_ns * 1e-9 <= SWEEP_MOST)
+    return next(fits, usual if is_usual else None)
