@@ -12,6 +12,13 @@ POINTS = ("tests/safety/test_gate_points.py",)
 
 SAFETY = (
     PlantedFault(
+        "a scanner that measures nothing has seen that nothing is there",
+        "nodes/gate.py",
+        "if not has_measured(scan):",
+        "if False:",
+        ("tests/safety/test_gate_node.py::test_a_scanner_that_measures_nothing_stops_the_robot_until_it_does",),
+    ),
+    PlantedFault(
         "a base that lies on its side walks on",
         "nodes/gate.py",
         "math.acos(min(max(up, -1.0), 1.0))",

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambler.core.messages import GateState, LaserScan, Odometry, PointCloud, VelocityCommand
+from ambler.core.robot import SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
@@ -79,6 +80,42 @@ def test_a_base_that_lies_on_its_side_is_stopped_whoever_pushed_it_over() -> Non
         assert (status.state is GateState.FAULT and "TIPPED_OVER" in status.reason) == is_stopped, status.reason
 
 
+@pytest.mark.parametrize("blind", ["nan", "empty", "too near"])
+@pytest.mark.parametrize("mount", [AHEAD[0], PUCK], ids=["scan", "cloud"])
+def test_a_scanner_that_measures_nothing_stops_the_robot_until_it_does(mount: SensorMount, blind: str) -> None:
+    rig = Rig(mount)
+    for _ in range(50):
+        command = rig.tick(-0.2)
+    assert command.vx == pytest.approx(-0.2)
+    for _ in range(50):
+        command = rig.tick(-0.2, silent=(mount.frame,))
+        now_ns, nothing = rig.context.now_ns, np.zeros(0, np.float32)
+        if mount.kind == "cloud":
+            points = np.full((0 if blind == "empty" else 5, 3), np.nan, np.float32)
+            zeros = np.zeros(len(points), np.float32)
+            rings = np.zeros(len(points), np.uint16)
+            rig.context.callbacks["cloud"](PointCloud(now_ns, mount.frame, points, zeros, zeros, rings))
+        else:
+            ranges = np.full(0 if blind == "empty" else 361, 0.01 if blind == "too near" else np.nan, np.float32)
+            shape = (-1.57, math.radians(0.5), 0.0, 0.08, 0.05, 40.0)
+            rig.context.callbacks["scan"](LaserScan(now_ns, mount.frame, *shape, ranges, nothing))
+    assert command.vx == 0.0
+    assert f"STALE_POINTS: no fresh scan or cloud from {mount.frame}" in rig.context.last["gate_status"].reason
+    for _ in range(100):
+        command = rig.tick(-0.2)
+    assert command.vx == pytest.approx(-0.2)
+
+
+def test_a_scan_that_finds_nothing_within_its_range_is_a_measurement() -> None:
+    rig = Rig(AHEAD[0])
+    for _ in range(100):
+        command = rig.tick(-0.2, silent=("left",))
+        shape = (-1.57, math.radians(0.5), 0.0, 0.08, 0.05, 40.0)
+        ranges = np.full(361, np.inf, np.float32)
+        rig.context.callbacks["scan"](LaserScan(rig.context.now_ns, "left", *shape, ranges, ranges[:0]))
+    assert command.vx == pytest.approx(-0.2)
+
+
 def speed_before(rig: Rig, points_base: np.ndarray, pitch: float = 0.0) -> float:
     """Drive with 0.5 m/s at points of a cloud (N, 3), told in the level base frame, with a body that leans forward; return the speed."""
     tilt = SE3((0.0, 0.0, 0.0), (math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0))
@@ -108,10 +145,11 @@ def remembered(y: np.ndarray, begin: float) -> np.ndarray:
         local = (pose @ ringed.base_from_sensor).inverse().transform(box)
         seen = local[np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) > ringed.elevation[0]]
         rig.context.now_ns += 100_000_000
-        now_ns, zeros = rig.context.now_ns, np.zeros(len(seen), np.float32)
-        rings = np.zeros(len(seen), np.uint16)
+        told = np.append(seen, [[30.0, 0.0, 0.0]], axis=0).astype(np.float32)  # and something far away
+        now_ns, zeros = rig.context.now_ns, np.zeros(len(told), np.float32)
+        rings = np.zeros(len(told), np.uint16)
         rig.context.callbacks["odometry"](odometry(now_ns, pose, 0.0))
-        rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", seen.astype(np.float32), zeros, zeros, rings))
+        rig.context.callbacks["cloud"](PointCloud(now_ns, "puck", told, zeros, zeros, rings))
     assert len(seen) == 0, "from near"
     return taken[-1]
 

@@ -67,6 +67,7 @@ from ambler.safety.points import (
     Floor,
     bridged,
     carried_to_stamp,
+    has_measured,
     patch_means,
     points_of_cloud,
     points_of_scan,
@@ -292,6 +293,8 @@ class GateNode(Node):
         panes_of: Callable[[SE3], F64],
         is_floor: IsFloor | None = None,
     ) -> None:
+        if not has_measured(scan):
+            return  # as if it had not come; if that lasts, its points are stale
         try:
             odom_from_base = self._motion.pose_at(scan.stamp_ns)
         except StaleInputError:

@@ -64,6 +64,13 @@ class Floor:
         return np.asarray(np.abs(self.heights(points)) < within)
 
 
+def has_measured(scan: LaserScan | PointCloud) -> bool:
+    """Whether a scanner tells anything, if only that nothing is near: no returns but NaN, or none at all, say nothing about what stands there."""
+    if isinstance(scan, PointCloud):
+        return bool(np.isfinite(scan.points).any())
+    return bool((scan.ranges >= scan.range_min).any())  # also inf; NaN is not
+
+
 def points_of_scan(scan: LaserScan, base_from_sensor: SE3, twist: F64) -> F64:
     """Return the returns of a planar scan in the base frame of its stamp, float64 (N, 3); `twist` (vx, vy, wz) of the base."""
     ranges = scan.ranges.astype(np.float64)
