@@ -90,6 +90,22 @@ def test_what_is_due_still_goes_before_what_wakes() -> None:
     assert box.take(3) == ["step", "cloud", "odometry"]
 
 
+def test_a_timer_that_is_always_late_leaves_every_other_turn_to_the_queue() -> None:
+    """One slow driver must not make its node deaf, least of all to a stop."""
+    box = Box()
+    for k in range(3):
+        box.put(box.urgent, f"message {k}")
+    box.box.put_call(lambda: box.taken.append("stop"))
+
+    def late() -> None:
+        box.taken.append("beat")
+        box.box.put_timer(50, late)
+
+    box.box.put_timer(50, late)
+    wanted = ["beat", "message 0", "beat", "message 1", "beat", "message 2", "beat", "stop", "beat", "beat"]
+    assert box.take(10) == wanted
+
+
 @pytest.mark.parametrize("robot", ["go2", "diff", "spot", "amr_omni"])
 def test_nodes_keep_only_what_they_read(robot: str) -> None:
     nodes = robot_nodes(robot_named(robot).model, RobotConfig(), Site())

@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ambler.core.errors import BadInputError
 from ambler.core.messages import GateState, Odometry
 from ambler.core.robot import SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.robots.catalog import robot_model, robot_names
 from ambler.safety.blind_memory import overlap
+from ambler.safety.config import GateConfig
 from tests.safety.test_gaps import AHEAD, PUCK, Rig
 
 STILL = np.zeros((6, 6))
@@ -104,3 +106,21 @@ def test_what_a_mount_lets_through_of_a_scan_is_told_in_any_turn(
 def test_arcs_that_have_nothing_in_common_leave_nothing() -> None:
     low, high = overlap((0.0, 1.0), (2.0, 3.0))
     assert low == high
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("margin", -0.5),
+        ("reaction_time", -3.0),
+        ("reaction_time", 0.0),
+        ("points_timeout", 0.0),
+        ("min_points", 0),
+        ("min_points", 1000),
+        ("stop_scale", 0.5),
+        ("resume_scale", 1.5),
+    ],
+)
+def test_numbers_that_would_switch_protection_off_are_refused(name: str, value: float) -> None:
+    with pytest.raises(BadInputError, match=name):
+        replace(GateConfig(), **{name: value})

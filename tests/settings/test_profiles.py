@@ -83,3 +83,34 @@ def test_broken_files_give_one_clear_error(tmp_path: Path, text: str, message: s
         load_profile(path)
     with pytest.raises(BadInputError, match="cannot read"):
         load_profile(tmp_path / "absent.yaml")
+
+
+@dataclass(frozen=True)
+class Several:
+    """Sections that may be missing, and in a row."""
+
+    start: Inner | None = None
+    steps: tuple[Inner, ...] = ()
+
+
+def test_degrees_become_radians_in_sections_that_may_be_missing_and_in_rows() -> None:
+    built = build(Several, {"start": {"window_deg": 90}, "steps": [{"speed": 2}, {"window_deg": 180}]})
+    assert built.start is not None
+    assert built.start.window == pytest.approx(0.5 * math.pi)
+    assert [step.window for step in built.steps] == pytest.approx([0.1, math.pi])
+    assert build(Several, {"start": None}) == Several()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"start": {"sped": 1}}, r"start\.sped: no such name"),
+        ({"steps": [{}, {"sped": 1}]}, r"steps\.1\.sped: no such name"),
+        ({"start": {"speed": True}}, r"start\.speed: must be a number, not True"),
+        ({1: 2}, "1: a name is a word"),
+        ({False: 2}, "False: a name is a word"),
+    ],
+)
+def test_mistakes_in_them_name_the_key(values: dict[str, object], message: str) -> None:
+    with pytest.raises(BadInputError, match=message):
+        build(Several, values)

@@ -13,7 +13,11 @@ from ambler.core.se2 import SE2, wrap_angle
 F64 = NDArray[np.float64]
 
 SPACING = 0.05
-SAME_GOAL = 0.3
+SAME_GOAL = (
+    0.1,
+    0.3,
+)  # metres and radians that corrections of the map move a goal by; one that is farther away is to be driven to
+SAME_SHAPE = 0.3  # metres
 TURN_BACK = 2.0  # radians of turning after which a path counts as leading back
 TURN_BACK_MIN = 0.5  # metres of path that are always seen
 
@@ -43,12 +47,12 @@ class PathTracker:
             raise InvalidPathError("the path holds values that are no numbers")
         self._given = path_odom.copy()
         goal = SE2.from_array(path_odom[-1])
-        is_same = len(self.points) > 0 and goal.distance_to(self.goal) < SAME_GOAL
-        is_same = is_same and abs(wrap_angle(goal.yaw - self.goal.yaw)) < SAME_GOAL
+        is_same = len(self.points) > 0 and goal.distance_to(self.goal) < SAME_GOAL[0]
+        is_same = is_same and abs(wrap_angle(goal.yaw - self.goal.yaw)) < SAME_GOAL[1]
         points = _evenly_spaced(path_odom)
         is_same_shape = is_same and len(points) == len(self.points)
         if is_same_shape:
-            is_same_shape = bool(np.all(np.hypot(*(points - self.points)[:, :2].T) < SAME_GOAL))
+            is_same_shape = bool(np.all(np.hypot(*(points - self.points)[:, :2].T) < SAME_SHAPE))
         self.points, self.goal = points, goal
         self._is_located = self._is_located and is_same_shape
         return is_same

@@ -61,6 +61,8 @@ class NodeContext:
         return message
 
     def timer(self, period: float, callback: Callable[[], None], *, phase: float = 0.0) -> None:
+        if period <= 0.0:
+            raise StackError(f"node {self.name}: a timer's period must be positive, not {period} s")
         self.timers += 1
         self.executor.add_timer(self, round(period * 1e9), round(phase * 1e9), callback, self.timers)
 

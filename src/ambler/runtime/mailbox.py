@@ -41,6 +41,7 @@ class Mailbox:
         self._timers: list[tuple[int, int, Callable[[], None]]] = []
         self._sequence = 0
         self._kept = 0
+        self._was_timer = False
         self._is_closed = False
 
     def put_message(self, subscription: Subscription, topic: Topic[Any], message: Message, writer: int) -> None:
@@ -87,7 +88,8 @@ class Mailbox:
             self._condition.notify_all()
 
     def take(self, now_ns: Callable[[], int]) -> Callable[[], None] | None:
-        """Wait for what is to be done next and return it: messages that could wait and are first in the queue, what is due, then the queue in order. None after `close`."""
+        """Wait for what is to be done next and return it: messages that could wait and are first in the queue, what is due, then the queue in order. A timer that takes longer
+        than its period is always due: between two timers something of the queue has its turn. None after `close`."""
         with self._condition:
             while not self._is_closed:
                 self._kept = 0
@@ -96,8 +98,10 @@ class Mailbox:
                 wait = _IDLE
                 if self._timers:
                     wait = min(wait, (self._timers[0][0] - now_ns()) * 1e-9)
-                    if wait <= 0.0:
+                    if wait <= 0.0 and not (self._was_timer and self._queue):
+                        self._was_timer = True
                         return heapq.heappop(self._timers)[2]
+                self._was_timer = False
                 if self._queue:
                     return self._open_letter(self._queue.popleft())
                 self._condition.wait(wait)

@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ambler.core.errors import BadInputError
+
+MIN_POINTS_MOST = 10  # a leg is not many more: the gate would look through it
+
 
 @dataclass(frozen=True, slots=True)
 class VelocitySource:
@@ -57,3 +61,16 @@ class GateConfig:
     tipped: float = math.radians(50.0)
     tipped_time: float = 0.3
     memory_travel: float = 12.0
+
+    def __post_init__(self) -> None:
+        times = ("reaction_time", "resume_delay", "stale_delay", "points_timeout", "odometry_timeout", "max_step_gap")
+        for name in (*times, "tipped", "tipped_time"):
+            if getattr(self, name) <= 0.0:
+                raise BadInputError(f"gate.{name} must be positive, not {getattr(self, name):g}")
+        for name in ("margin", "max_future", "self_depth", "slope", "memory_travel"):
+            if getattr(self, name) < 0.0:
+                raise BadInputError(f"gate.{name} must not be negative, and is {getattr(self, name):g}")
+        if not 1 <= self.min_points <= MIN_POINTS_MOST:
+            raise BadInputError(f"gate.min_points must be 1 to {MIN_POINTS_MOST}, not {self.min_points}")
+        if not 0.0 < self.stop_scale <= self.resume_scale <= 1.0:
+            raise BadInputError("gate.stop_scale and resume_scale must rise within 0 … 1")

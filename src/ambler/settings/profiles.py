@@ -11,7 +11,8 @@ import enum
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
@@ -119,25 +120,37 @@ def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]
     hints = get_type_hints(kind)
     out: dict[str, Any] = {}
     for key, value in values.items():
+        if not isinstance(key, str):
+            raise BadInputError(f"configuration {where}{key}: a name is a word; there are {', '.join(sorted(fields))}")
         plain = key.removesuffix("_deg")
         if key not in fields and key != plain and plain in fields:
-            if not isinstance(value, (int, float)):
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise BadInputError(f"configuration {where}{key}: degrees must be a number")
             out[plain] = math.radians(value)
         elif key not in fields:
             raise BadInputError(f"configuration {where}{key}: no such name; there are {', '.join(sorted(fields))}")
-        elif dataclasses.is_dataclass(hints[key]) and isinstance(value, Mapping):
-            out[key] = _radians(hints[key], value, f"{where}{key}.")
-        elif isinstance(value, Mapping) and (member := _member_kind(hints[key])) is not None:
-            out[key] = {
-                name: _radians(member, inner, f"{where}{key}.{name}.") if isinstance(inner, Mapping) else inner
-                for name, inner in value.items()
-            }
-        elif isinstance(value, bool) and {"on", "off"} <= set(get_args(hints[key])):
-            out[key] = "on" if value else "off"  # YAML reads these words as booleans
         else:
-            out[key] = value
+            out[key] = _checked(hints[key], value, f"{where}{key}")
     return out
+
+
+def _checked(hint: Any, value: Any, where: str) -> Any:
+    """Do the same for what a value holds: a section that may be missing, some of them in a row, or by name."""
+    arguments = get_args(hint)
+    if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
+        return _radians(hint, value, f"{where}.")
+    if get_origin(hint) in (Union, UnionType):
+        sections = [kind for kind in arguments if dataclasses.is_dataclass(kind)]
+        return _checked(sections[0], value, where) if len(sections) == 1 else value
+    if get_origin(hint) is tuple and arguments[-1] is Ellipsis and isinstance(value, list | tuple):
+        return [_checked(arguments[0], inner, f"{where}.{k}") for k, inner in enumerate(value)]
+    if isinstance(value, Mapping) and (member := _member_kind(hint)) is not None:
+        return {name: _checked(member, inner, f"{where}.{name}") for name, inner in value.items()}
+    if isinstance(value, bool) and {"on", "off"} <= set(arguments):
+        return "on" if value else "off"  # YAML reads these words as booleans
+    if isinstance(value, bool) and hint in (int, float):
+        raise BadInputError(f"configuration {where}: must be a number, not {value}")
+    return value
 
 
 def _member_kind(hint: Any) -> Any:
