@@ -368,6 +368,13 @@ MOTION = (
         ("tests/control/test_next_goal.py",),
     ),
     PlantedFault(
+        "looks of a hanging scanner are mirrored",
+        "safety/blind_memory.py",
+        "if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:",
+        "if False:",
+        ("tests/safety/test_visitors_under.py",),
+    ),
+    PlantedFault(
         "nobody turns round",
         "control/yielding.py",
         "ways = [(vx, vy), (-vx, -vy)] if is_walking",

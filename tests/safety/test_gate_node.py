@@ -145,7 +145,7 @@ def remembered(y: np.ndarray, begin: float) -> np.ndarray:
         local = (pose @ ringed.base_from_sensor).inverse().transform(box)
         seen = local[np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1])) > ringed.elevation[0]]
         rig.context.now_ns += 100_000_000
-        told = np.append(seen, [[30.0, 0.0, 0.0]], axis=0).astype(np.float32)  # and something far away
+        told = np.append(seen, [[30.0, 0.001 * k, 0.0]], axis=0).astype(np.float32)  # and something far away
         now_ns, zeros = rig.context.now_ns, np.zeros(len(told), np.float32)
         rings = np.zeros(len(told), np.uint16)
         rig.context.callbacks["odometry"](odometry(now_ns, pose, 0.0))

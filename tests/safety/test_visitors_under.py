@@ -1,9 +1,13 @@
 """Where the robot itself stood a moment ago nothing else stood: who is there now came by himself."""
 
+import math
+
 import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.safety.blind_memory import BlindMemory, FieldOfView
 from ambler.safety.visitors import AGE, DRIVEN, INSIDE, Visitors
 
 FOOTPRINT = np.array([[0.6, -0.4], [0.6, 0.4], [-0.6, 0.4], [-0.6, -0.4]])
@@ -28,3 +32,23 @@ def test_without_a_footprint_nothing_is_told() -> None:
     visitors = Visitors()
     visitors.stand(1.0, 0.0, SE2())
     assert not visitors.came(PLACES, NOBODY, 2.0, 0.3).any()
+
+
+def test_a_hanging_scanner_takes_nobody_for_a_visitor_that_a_standing_one_does_not() -> None:
+    """What stands at the robot's left did not come to where its mirror image was seen free."""
+    kept = []
+    for roll in (0.0, math.pi):
+        mount = SE3((0.0, 0.0, 0.3), (math.cos(0.5 * roll), math.sin(0.5 * roll), 0.0, 0.0))
+        memory, field, left = BlindMemory(0.3, 12.0), FieldOfView(0.3), 0
+        for k in range(160):
+            pose = SE2(min(1.0, 0.01 * k), 0.0)
+            around = np.linspace(-math.pi, math.pi, 720, endpoint=False)
+            place = np.array([1.02, 0.25]) - (pose.x, pose.y)  # a post, that the robot comes to stand beside
+            off = np.abs((around - math.atan2(place[1], place[0]) + math.pi) % (2.0 * math.pi) - math.pi)
+            ranges = np.where(off < math.atan2(0.06, math.hypot(*place)), math.hypot(*place) - 0.06, 4.0)
+            is_seen = ranges >= field.range_min
+            points = (ranges[:, None] * np.column_stack((np.cos(around), np.sin(around))))[is_seen]
+            level = np.column_stack((points, np.full(len(points), 0.3)))
+            left = len(memory.update(level, pose, mount, field, seconds=0.1 * k))
+        kept.append(left)
+    assert min(kept) > 0

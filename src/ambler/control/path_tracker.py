@@ -13,10 +13,7 @@ from ambler.core.se2 import SE2, wrap_angle
 F64 = NDArray[np.float64]
 
 SPACING = 0.05
-SAME_GOAL = (
-    0.1,
-    0.3,
-)  # metres and radians that corrections of the map move a goal by; one that is farther away is to be driven to
+SAME_GOAL = (0.1, 0.3)  # metres and radians that a correction of the map moves a goal by; one farther away is another
 SAME_SHAPE = 0.3  # metres
 TURN_BACK = 2.0  # radians of turning after which a path counts as leading back
 TURN_BACK_MIN = 0.5  # metres of path that are always seen

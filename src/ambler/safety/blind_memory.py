@@ -122,7 +122,10 @@ class BlindMemory:
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
         odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
         self._visitors.stand(seconds, self._travel, odom_from_base)
-        self._visitors.look(seconds, self._travel, odom_from_sensor, rays[:2], field.azimuth, field.range_min)
+        polar, sector = rays[:2], field.azimuth
+        if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:  # it hangs: in the plane its azimuths run the other way
+            polar, sector = (polar[0], -polar[1]), (-sector[1], -sector[0])
+        self._visitors.look(seconds, self._travel, odom_from_sensor, polar, sector, field.range_min)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom, -height), self._seen_at

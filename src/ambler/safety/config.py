@@ -63,11 +63,11 @@ class GateConfig:
     memory_travel: float = 12.0
 
     def __post_init__(self) -> None:
-        times = ("reaction_time", "resume_delay", "stale_delay", "points_timeout", "odometry_timeout", "max_step_gap")
+        times = ("reaction_time", "points_timeout", "odometry_timeout", "max_step_gap")
         for name in (*times, "tipped", "tipped_time"):
             if getattr(self, name) <= 0.0:
                 raise BadInputError(f"gate.{name} must be positive, not {getattr(self, name):g}")
-        for name in ("margin", "max_future", "self_depth", "slope", "memory_travel"):
+        for name in ("margin", "resume_delay", "stale_delay", "max_future", "self_depth", "slope", "memory_travel"):
             if getattr(self, name) < 0.0:
                 raise BadInputError(f"gate.{name} must not be negative, and is {getattr(self, name):g}")
         if not 1 <= self.min_points <= MIN_POINTS_MOST:
