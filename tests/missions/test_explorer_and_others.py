@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -28,7 +26,7 @@ from ambler.nodes.explorer import ExplorerNode
 from ambler.nodes.navigator import NavigatorNode
 from ambler.planning.distance import distance_field
 from ambler.runtime.lockstep import LockstepExecutor
-from ambler.runtime.node import GoalHandle, Node
+from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
 from ambler.runtime.tasks import (
     CLEAR_GLOBAL_COSTMAP,
@@ -45,14 +43,9 @@ from tests.missions.test_explorer_node import Client, IdealRobot, two_rooms
 
 
 class Steered(IdealRobot):
-    """Stands while the gate does not let it move; a newer goal displaces the last one."""
+    """Stands while the gate does not let it move."""
 
     may_move = True
-
-    def _on_goal(self, handle: GoalHandle[Any, Any, Any]) -> None:
-        if self.handle is not None and self.handle.is_active:
-            self.handle.fail("PREEMPTED", "a newer goal took its place")
-        super()._on_goal(handle)
 
     def _tick(self) -> None:
         handle = self.handle
@@ -113,16 +106,19 @@ class Program(Node):
         self.ctx.after(self.at, lambda: self.ctx.send_goal(NAVIGATE, goal, lambda _: None))
 
 
-def explored(seconds: float, robot: Steered, *others: Node) -> Client:
-    """Explore both rooms for some seconds among others."""
-    survey = FrontierSurvey(SurveyConfig(), distance_field)
-    client = Client()
-    explorer = ExplorerNode(ExploreConfig(), survey, strategy_named("tour", distance_field))
-    executor = LockstepExecutor(Stack([robot, explorer, client, *others]))
+def run(seconds: float, *nodes: Node) -> None:
+    """Run nodes for some seconds."""
+    executor = LockstepExecutor(Stack(nodes))
     try:
         executor.run(seconds)
     finally:
         executor.close()
+
+
+def explored(seconds: float, robot: Steered, *others: Node) -> Client:
+    """Explore both rooms for some seconds among others."""
+    client, survey = Client(), FrontierSurvey(SurveyConfig(), distance_field)
+    run(seconds, robot, ExplorerNode(ExploreConfig(), survey, strategy_named("tour", distance_field)), client, *others)
     return client
 
 
@@ -208,11 +204,7 @@ class Listener(Node):
 def test_a_clicked_goal_is_over_when_a_program_displaces_it_not_when_the_next_click_does(is_click: bool) -> None:
     client = Client()
     others = (Clicker("", 2.0, 4.0),) if is_click else (Clicker("", 2.0), Program(4.0))
-    executor = LockstepExecutor(Stack([Roads(), NavigatorNode(), Listener(client), *others]))
-    try:
-        executor.run(10.0)
-    finally:
-        executor.close()
+    run(10.0, Roads(), NavigatorNode(), Listener(client), *others)
     said = [s.text for s in client.status if s.node == "navigator" and s.code == CLICKED_GOAL_OVER]
     assert bool(said) is not is_click
     assert all(text.startswith("PREEMPTED") for text in said)

@@ -356,7 +356,7 @@ MOTION = (
     PlantedFault(
         "degrees in a section that may be missing are lost",
         "settings/profiles.py",
-        "return _checked(sections[0], value, where) if len(sections) == 1 else value",
+        "return _checked(kinds[0], value, where) if len(kinds) == 1 and value is not None else value",
         "return value",
         ("tests/settings/test_profiles.py",),
     ),

@@ -91,6 +91,7 @@ class Several:
 
     start: Inner | None = None
     steps: tuple[Inner, ...] = ()
+    limit: float | None = None
 
 
 def test_degrees_become_radians_in_sections_that_may_be_missing_and_in_rows() -> None:
@@ -107,6 +108,7 @@ def test_degrees_become_radians_in_sections_that_may_be_missing_and_in_rows() ->
         ({"start": {"sped": 1}}, r"start\.sped: no such name"),
         ({"steps": [{}, {"sped": 1}]}, r"steps\.1\.sped: no such name"),
         ({"start": {"speed": True}}, r"start\.speed: must be a number, not True"),
+        ({"limit": True}, "limit: must be a number, not True"),
         ({1: 2}, "1: a name is a word"),
         ({False: 2}, "False: a name is a word"),
     ],

@@ -30,9 +30,8 @@ class Visits:
         self.config = config
         self._spec: GridSpec | None = None
         self._counts: NDArray[np.uint8] = np.zeros((SIDES, 0, 0), np.uint8)
-        self._last_s: NDArray[np.float64] = np.zeros(
-            (SIDES, 0, 0), np.float64
-        )  # of day: no float32 tells seconds apart
+        # By whatever clock: no float32 tells the seconds of a time of day apart.
+        self._last_s: NDArray[np.float64] = np.zeros((SIDES, 0, 0), np.float64)
 
     def add(self, frontier: Frontier, occupancy: OccupancyGrid) -> None:
         """Take down that the robot looked at a frontier, at the time of this map."""

@@ -70,9 +70,8 @@ class LidarInertialOdometry:
         self._inserts = 0
         self._stands = False
         self._is_unmoved = True
-        self._is_adrift = (
-            False  # after a time without scans until one fits: elsewhere than thought, a map would begin anew
-        )
+        # After a time without scans until one fits: elsewhere than thought, a map would begin anew.
+        self._is_adrift = False
         self._origin = FilterState()
         imu = self.config.imu
         alone = self.config.alone

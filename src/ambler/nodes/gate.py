@@ -217,9 +217,8 @@ class GateNode(Node):
     def _on_scan(self, scan: LaserScan) -> None:
         scan = self._on_host_time(scan)
         ends = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
-        seen = overlap(
-            (min(ends), max(ends)), self._mounts[scan.frame].azimuth
-        )  # the rest is measured, and thrown away
+        # The rest is measured, and thrown away.
+        seen = overlap((min(ends), max(ends)), self._mounts[scan.frame].azimuth)
         field = FieldOfView(scan.range_min, seen)
         self._know(scan.frame, field)
         mount = self._mounts[scan.frame].base_from_sensor

@@ -77,7 +77,6 @@ def _pooled(cells: NDArray[np.uint16], size: int) -> NDArray[np.uint16]:
     h, w = (-(-n // size) for n in cells.shape)
     padded = np.zeros((h * size, w * size), np.uint16)
     padded[: cells.shape[0], : cells.shape[1]] = cells
-    rows = padded.reshape(h, size, w * size).max(
-        axis=1
-    )  # along rows in memory; both axes at once take several times as long
+    # Along rows in memory first: both axes at once take several times as long.
+    rows = padded.reshape(h, size, w * size).max(axis=1)
     return np.ascontiguousarray(np.maximum.reduce([rows[:, k::size] for k in range(size)]))

@@ -140,8 +140,8 @@ def _checked(hint: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
         return _radians(hint, value, f"{where}.")
     if get_origin(hint) in (Union, UnionType):
-        sections = [kind for kind in arguments if dataclasses.is_dataclass(kind)]
-        return _checked(sections[0], value, where) if len(sections) == 1 else value
+        kinds = [kind for kind in arguments if kind is not type(None)]
+        return _checked(kinds[0], value, where) if len(kinds) == 1 and value is not None else value
     if get_origin(hint) is tuple and arguments[-1] is Ellipsis and isinstance(value, list | tuple):
         return [_checked(arguments[0], inner, f"{where}.{k}") for k, inner in enumerate(value)]
     if isinstance(value, Mapping) and (member := _member_kind(hint)) is not None:
