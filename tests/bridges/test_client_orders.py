@@ -71,6 +71,7 @@ def test_json_is_read() -> None:
         (m.Code, CODE, {"data": 3}, "0, 1 or 2"),
         (m.PointStamped, POINT, {"header": {"frame_id": "odom"}, "point": {"x": 1, "y": 2}}, "frame map"),
         (m.PointStamped, POINT, {"header": HEADER, "point": {"x": float("inf"), "y": 2}}, "finite"),
+        (m.PointStamped, POINT, {"header": HEADER, "point": {"x": 1, "y": -1.1e5}}, "100 km"),
         (m.Polygon, "geometry_msgs/PolygonStamped", {"header": HEADER, "polygon": {"points": [{"x": 1, "y": 2}]}}, "corners"),
         (m.PointCloud, "sensor_msgs/PointCloud2", {"header": HEADER}, "must not be encoded"),
     ],

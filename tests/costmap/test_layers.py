@@ -230,6 +230,18 @@ def test_a_boundary_is_closed_whatever_its_sides_lean() -> None:
             assert regions[inside] != regions[0, 0]
 
 
+def test_of_a_huge_boundary_only_what_the_grid_holds_is_drawn() -> None:
+    """A side that begins and ends a million kilometres away is drawn where it crosses the grid, in as many points as that needs."""
+    layer, far = BoundaryLayer(), 1e9
+    layer.set_corners(np.array([[0.33, -far], [far, -far], [far, far], [0.33, far]]))
+    assert layer.update(SPEC, Moment(costmap_from_map=SE2())) is not None
+    line = drawn(layer, SPEC, np.zeros(SPEC.shape, np.uint8)) == 254
+    expected = np.zeros(SPEC.shape, bool)
+    expected[:, SPEC.cell_of(0.33, 0.0)[1]] = True
+    np.testing.assert_array_equal(line, expected)
+    assert len(layer._line) < 1000
+
+
 def test_boxes() -> None:
     assert box_around(np.array([[-0.05, 0.05], [0.36, 0.21]]), SPEC) == (14, 19, 18, 25)
     assert box_around(np.array([[9.0, 9.0]]), SPEC) is None

@@ -152,4 +152,18 @@ DEPTH = (
         "message.value is not None",
         ("tests/bridges/test_client_orders.py",),
     ),
+    PlantedFault(
+        "a boundary's sides are drawn however far they go",
+        "costmap/blocked_layer.py",
+        "        if first <= last:\n            a, b = a + first * (b - a), a + last * (b - a)\n",
+        "        if True:\n",
+        ("tests/costmap/test_layers.py::test_of_a_huge_boundary_only_what_the_grid_holds_is_drawn",),
+    ),
+    PlantedFault(
+        "viewers may tell places beyond every site",
+        "bridges/client_orders.py",
+        "FARTHEST = 1e5",
+        "FARTHEST = 1e8",
+        ("tests/bridges/test_client_orders.py",),
+    ),
 )

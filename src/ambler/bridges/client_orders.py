@@ -17,11 +17,12 @@ from ambler.core.errors import BadInputError
 from ambler.wire.ros_messages import decode, ros_type_of
 
 MAP = "map"
+FARTHEST = 1e5  # metres: no site is larger, and costmaps need not think about what lies beyond
 
 
 def order_from_client(wanted: type[m.Message], encoding: str, schema: str, data: bytes, stamp_ns: int) -> m.Message:
     """Read what a viewer sent as a message of class `wanted`; `stamp_ns` replaces its stamp. Raises BadInputError for another schema or encoding,
-    damaged data, numbers that are not finite, and places that are not told in the frame map."""
+    damaged data, numbers that are not finite, places that are not told in the frame map, and those too far away."""
     if normalized_type(schema) != ros_type_of(wanted):
         raise BadInputError(f"this must be {ros_type_of(wanted)}, not {schema}")
     if encoding == "cdr":
@@ -51,6 +52,8 @@ def _checked(message: Any) -> m.Message:
     points = message.point if isinstance(message, m.PointStamped) else message.points
     if not np.isfinite(np.asarray(points, np.float64)).all():
         raise BadInputError("it holds numbers that are not finite")
+    if np.abs(np.asarray(points, np.float64)).max(initial=0.0) > FARTHEST:
+        raise BadInputError(f"it holds places more than {FARTHEST * 1e-3:g} km from where the map begins")
     if isinstance(message, m.Polygon) and len(points) in (1, 2):
         raise BadInputError(f"a boundary has three corners or more, or none, not {len(points)}")
     return replace(message, frame=frame)  # type: ignore[no-any-return]

@@ -43,9 +43,7 @@ class PlacesLayer:
 
     def draw_into(self, master: U8, spec: GridSpec, box: Box) -> None:
         """Draw the cell of every point."""
-        cells = spec.cells_of(self._drawn)
-        is_inside = (cells >= 0).all(axis=1) & (cells[:, 0] < spec.height) & (cells[:, 1] < spec.width)
-        master[cells[is_inside, 0], cells[is_inside, 1]] = COST_LETHAL
+        _draw(self._drawn, master, spec)
 
     def clear(self) -> None:
         """Do nothing: no sensor saw this, so none can take it back; whoever told it does."""
@@ -60,7 +58,12 @@ class AddedLayer(PlacesLayer):
 
 
 class BoundaryLayer(PlacesLayer):
-    """A closed line that the robot does not cross. Inflation makes it as wide as the robot; a goal beyond it is not reached."""
+    """A closed line that the robot does not cross. Inflation makes it as wide as the robot; a goal beyond it is not reached. Its points are its corners:
+    of its sides, however long, only what lies in the grid is drawn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._line: F64 = np.zeros((0, 2))
 
     def set_corners(self, corners_map: NDArray[np.floating]) -> None:
         """Take the corners (N, 2) of a polygon in the map frame in place of the last ones; none takes the boundary away. Raises BadInputError for one
@@ -68,13 +71,38 @@ class BoundaryLayer(PlacesLayer):
         corners = np.array(corners_map, np.float64).reshape(-1, 2)
         if 0 < len(corners) < 3 or not np.isfinite(corners).all():
             raise BadInputError(f"a boundary has three corners or more, or none, and not {len(corners)}")
-        self.set_points(_closed_line(corners))
+        self.set_points(corners)
+
+    def update(self, spec: GridSpec, moment: Moment) -> Box | None:
+        """Put the sides where the map lies now."""
+        box = super().update(spec, moment)
+        if box is not None:
+            self._line = _closed_line(self._drawn, spec)
+        return box
+
+    def draw_into(self, master: U8, spec: GridSpec, box: Box) -> None:
+        """Draw the cells of all sides."""
+        _draw(self._line, master, spec)
 
 
-def _closed_line(corners: F64) -> F64:
-    """Return points (M, 2) along the sides of a polygon, LINE_STEP apart at most."""
+def _draw(points: F64, master: U8, spec: GridSpec) -> None:
+    cells = spec.cells_of(points)
+    is_inside = (cells >= 0).all(axis=1) & (cells[:, 0] < spec.height) & (cells[:, 1] < spec.width)
+    master[cells[is_inside, 0], cells[is_inside, 1]] = COST_LETHAL
+
+
+def _closed_line(corners: F64, spec: GridSpec) -> F64:
+    """Return points (M, 2) along what a grid holds of a polygon's sides, LINE_STEP apart at most."""
+    low = np.array([spec.origin_x, spec.origin_y])
+    high = low + spec.resolution * np.array([spec.width, spec.height])
     parts = [np.zeros((0, 2))]
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        count = max(2, math.ceil(float(np.hypot(*(b - a))) / LINE_STEP) + 1)
-        parts.append(np.linspace(a, b, count))
+        along = np.where(
+            a == b, 1e-12, b - a
+        )  # shares of the side at which it crosses the grid's edges: Liang and Barsky (1984)
+        shares = np.sort([(low - a) / along, (high - a) / along], axis=0)
+        first, last = max(0.0, float(shares[0].max())), min(1.0, float(shares[1].min()))
+        if first <= last:
+            a, b = a + first * (b - a), a + last * (b - a)
+            parts.append(np.linspace(a, b, max(2, math.ceil(float(np.hypot(*(b - a))) / LINE_STEP) + 1)))
     return np.concatenate(parts)
