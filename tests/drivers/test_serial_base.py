@@ -17,6 +17,7 @@ from ambler.core.messages import Odometry
 from ambler.core.protocols import BodyVelocity
 from ambler.drivers.serial_base import QUEUE, SerialBase, SerialBaseConfig
 from ambler.drivers.serial_emulator import EmulatorConfig, SerialEmulator
+from ambler.drivers.serial_frame import ODOMETRY, Frame, FrameKind
 from tests.devices.fakes import HOST, FakeBase, FakeBattery, Stepper, wait_until
 
 WATCHDOG = 0.2
@@ -161,6 +162,31 @@ def test_a_cable_plugged_in_again_works_after_open(rig: Rig) -> None:
     rig.base.command(BodyVelocity(0.25, 0.0, 0.0))
     wait_until(lambda: rig.body.velocity.vx == 0.25)
     wait_until(lambda: rig.base.battery.read(HOST()))
+
+
+def test_odometry_that_is_turned_by_no_rotation_is_dropped(rig: Rig) -> None:
+    """A frame whose quaternion has not the length 1 makes no pose, and what comes after it is heard."""
+    rig.base.open()
+    rig.collect(3)
+    for rotation in ((0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 0.0)):
+        payload = ODOMETRY.pack(0, 0.0, 0.0, 0.0, *rotation, *6 * (0.0,))
+        with rig.stepper.paused():
+            rig.base._on_odometry(Frame(FrameKind.ODOMETRY, 0, 0, payload), HOST())
+    got = rig.collect(5)
+    assert all(math.hypot(*o.pose.rotation) == pytest.approx(1.0) for o in got)
+    assert rig.base.health().state is DeviceState.OPEN
+
+
+def test_whatever_goes_wrong_on_the_line_fails_the_driver(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread of the line does not end without a word."""
+    rig.base.open()
+
+    def stumble() -> bool:
+        raise ZeroDivisionError("of what came")
+
+    monkeypatch.setattr(rig.base._link, "_turn", stumble)
+    wait_until(lambda: rig.base.health().state is DeviceState.FAILED)
+    assert "cannot be read: ZeroDivisionError" in rig.base.health().text
 
 
 def test_a_line_that_falls_silent_fails(rig: Rig) -> None:

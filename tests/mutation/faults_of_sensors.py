@@ -217,4 +217,18 @@ SENSORS = (
         "            found += []",
         ("tests/sim/test_docks.py",),
     ),
+    PlantedFault(
+        "poses that are turned by no rotation are believed",
+        "drivers/serial_base.py",
+        "if not is_rotation or not all",
+        "if not all",
+        ("tests/drivers/test_serial_base.py::test_odometry_that_is_turned_by_no_rotation_is_dropped",),
+    ),
+    PlantedFault(
+        "what cannot be read ends a connection's thread without a word",
+        "drivers/shared_link.py",
+        "except Exception as error:",
+        "except MemoryError as error:",
+        ("tests/drivers/test_serial_base.py::test_whatever_goes_wrong_on_the_line_fails_the_driver",),
+    ),
 )

@@ -26,6 +26,8 @@ M = TypeVar("M")
 
 QUEUE = 256
 """Messages that wait for a node that is late; then the oldest are lost, and counted."""
+ROTATION_ERROR = 0.01
+"""By how much the length of a quaternion may differ from 1; other frames are dropped."""
 _SUPPLIES = frozenset(int(supply) for supply in m.PowerSupply)
 
 
@@ -119,9 +121,10 @@ class SerialBase:
         if len(frame.payload) != ODOMETRY.size:
             return
         stamp_us, x, y, z, qw, qx, qy, qz, *twist = ODOMETRY.unpack(frame.payload)
-        pose = SE3((x, y, z), (qw, qx, qy, qz))
-        if not all(map(math.isfinite, (x, y, z, qw, qx, qy, qz, *twist))):
+        is_rotation = abs(math.hypot(qw, qx, qy, qz) - 1.0) < ROTATION_ERROR
+        if not is_rotation or not all(map(math.isfinite, (x, y, z, *twist))):
             return
+        pose = SE3((x, y, z), (qw, qx, qy, qz))
         if self._stamps.clock is not self._link.clock:
             self._stamps = DeviceStamps(self._link.clock)
         self._grow(pose)

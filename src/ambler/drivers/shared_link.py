@@ -116,6 +116,8 @@ class SharedLink(abc.ABC):
                     self._heard_ns = self.now_ns()
             except LinkBrokenError as error:
                 self.failure = f"{self.place} broke: {error}"
+            except Exception as error:  # noqa: BLE001  (a thread that ended without a word would leave its devices open, and silent)
+                self.failure = f"what came from {self.place} cannot be read: {error!r}"
             if self._answered.is_set() and self.now_ns() - self._heard_ns > SILENCE_MAX * 1e9:
                 self.failure = self.failure or f"nothing valid came from {self.place} for {SILENCE_MAX:g} s"
 
