@@ -289,6 +289,16 @@ def test_a_dock_is_taught_where_the_robot_stands_and_by_what_it_sees_there(tmp_p
     assert abs(left.yaw) < math.radians(0.1)
 
 
+def test_docks_that_cannot_be_written_are_told_and_end_nothing(tmp_path: Path) -> None:
+    """A full disk, or one that may only be read, ends a lesson by name, and a docking as if it had been written."""
+    (tmp_path / "docks.yaml").mkdir()
+    client, database, node = play(tmp_path, Standing(SE2(2.5, -1.0, 0.3)), [(0.5, TeachDockGoal("strips"))], 9.0)
+    assert codes(client) == ["DOCK_NOT_SAVED"]
+    assert "docks.yaml: cannot be written" in client.outcomes[0].text
+    node._dock = database.dock("strips")
+    node._refine(database.dock("strips").map_from_dock)
+
+
 def test_a_dock_is_not_taught_by_a_robot_that_is_lost_sees_nothing_or_moves(tmp_path: Path) -> None:
     lost = Peers(SE2(2.5, -1.0, 0.3))
     lost.is_located = False

@@ -231,11 +231,11 @@ STATIONS = (
         NODE,
     ),
     PlantedFault(
-        "a full disk takes the node of the stations with it",
-        "nodes/stations.py",
-        "except OSError as error:",
-        "except ZeroDivisionError as error:",
-        NODE,
+        "a full disk takes the node with it that saves",
+        "wire/atomic_file.py",
+        "    except OSError as error:",
+        "    except ZeroDivisionError as error:",
+        (*NODE, "tests/missions/test_docking_node.py", "tests/wire/test_atomic_file.py"),
     ),
     PlantedFault(
         "saved stations lie in the base",

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from ambler.core.errors import NotWrittenError
 from ambler.wire.atomic_file import write_whole
 
 
@@ -20,7 +21,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_rest(tmp_path: Path) -> N
     path = tmp_path / "map.yaml"
     path.mkdir()
     (path / "inside").write_text("kept")
-    with pytest.raises(IsADirectoryError):
+    with pytest.raises(NotWrittenError, match="cannot be written: Is a directory"):
         write_whole(path, "new")
     assert (path / "inside").read_text() == "kept"
     assert list(tmp_path.iterdir()) == [path]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.core.errors import BadInputError
+from ambler.core.errors import BadInputError, NotWrittenError
 from ambler.core.se3 import SE3
 from ambler.wire.cloud_files import read_cloud
 from ambler.wire.station_files import StationCloud, load_stations, save_stations
@@ -52,7 +52,7 @@ def test_no_station_is_an_empty_table(tmp_path: Path) -> None:
 
 def test_the_table_comes_last(tmp_path: Path) -> None:
     (tmp_path / "map.stations.pcd").mkdir()
-    with pytest.raises(OSError, match="stations"):
+    with pytest.raises(NotWrittenError, match="stations"):
         save_stations(tmp_path / "map", stations(), 0.02)
     assert not (tmp_path / "map.stations.json").exists()
 

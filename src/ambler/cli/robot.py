@@ -23,15 +23,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run_export(args: argparse.Namespace) -> int:
     """Write the file."""
-    from ambler.core.errors import BadInputError
     from ambler.sim.robots import robot_named
     from ambler.sim.urdf_writer import save_urdf
 
     robot = robot_named(args.name)
-    try:
-        save_urdf(robot, args.file)
-    except OSError as error:
-        raise BadInputError(f"cannot write {args.file}: {error.strerror}") from error
+    save_urdf(robot, args.file)
     print(f"{robot.model.name} is written to {args.file}")
     return 0
 

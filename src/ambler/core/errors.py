@@ -13,6 +13,12 @@ class BadInputError(AmblerError):
     code = "BAD_INPUT"
 
 
+class NotWrittenError(BadInputError):
+    """A file cannot be written: the disk is full, may only be read, or is gone."""
+
+    code = "NOT_WRITTEN"
+
+
 class TransformError(AmblerError):
     """A transform is missing or out of its time range; the text names the missing edge."""
 

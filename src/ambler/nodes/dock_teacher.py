@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ambler.core.errors import BadInputError
+from ambler.core.errors import BadInputError, NotWrittenError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
@@ -59,6 +59,8 @@ class DockTeacher:
         assert self._dock is not None
         try:
             saved = self._database.teach(replace(self._dock, offset=self._lesson.offset()), self._map_from_base)
+        except NotWrittenError as error:
+            return TaskOutcome("DOCK_NOT_SAVED", str(error), None)
         except BadInputError as error:
             return TaskOutcome("DOCK_NOT_SEEN", str(error), None)
         at, off = saved.map_from_dock, saved.offset

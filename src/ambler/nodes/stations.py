@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ambler.core.errors import BadInputError
 from ambler.core.messages import Odometry, PointCloud, Status, Transforms
 from ambler.core.se3 import SE3
 from ambler.lio.corrections import corrected_pose
@@ -137,10 +136,7 @@ class StationNode(Node):
             )
             for k, s in enumerate(self.clouds.stations)
         ]
-        try:
-            save_stations(Path(request.stem), clouds, self.clouds.cell)
-        except OSError as error:  # dense clouds are what a full disk cannot take first; the rest is saved all the same
-            raise BadInputError(f"{request.stem}: its stations cannot be written: {error.strerror}") from error
+        save_stations(Path(request.stem), clouds, self.clouds.cell)
         return Nothing()
 
     def _map_from_base(self, station: Station) -> SE3:

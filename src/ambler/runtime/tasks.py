@@ -248,7 +248,7 @@ TEACH_DOCK = _task(
     TeachDockGoal,
     DockFeedback,
     TeachDockReport,
-    ("UNKNOWN_DOCK", "NOT_DOCKED", "NOT_CALIBRATED", "DOCK_NOT_SEEN", "STALE_INPUT", "LOST"),
+    ("UNKNOWN_DOCK", "NOT_DOCKED", "NOT_CALIBRATED", "DOCK_NOT_SEEN", "DOCK_NOT_SAVED", "STALE_INPUT", "LOST"),
     "ambler_msgs/action/TeachDock",
     is_outside=True,
 )

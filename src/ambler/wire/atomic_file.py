@@ -6,9 +6,11 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
+from ambler.core.errors import NotWrittenError
+
 
 def write_whole(path: Path, data: bytes | str) -> None:
-    """Write bytes, or text as UTF-8, beside `path`, bring them to the disk, and only then put them in its place; raises OSError.
+    """Write bytes, or text as UTF-8, beside `path`, bring them to the disk, and only then put them in its place; raises NotWrittenError.
 
     When it returns, the name is on the disk, too: the folder is synchronized after the file.
     """
@@ -19,17 +21,18 @@ def write_whole(path: Path, data: bytes | str) -> None:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise NotWrittenError(f"{path}: cannot be written: {error.strerror or error}") from error
     _bring_to_disk(path.parent)
 
 
 def _bring_to_disk(folder: Path) -> None:
     """Synchronize a folder, where its file system can do that."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError):
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
             os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        finally:
+            os.close(descriptor)

@@ -29,7 +29,7 @@ def graph_file(stem: Path) -> Path:
 
 
 def save_graph(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write named arrays of plain numbers to `path`; the file appears at once or not at all. Raises OSError."""
+    """Write named arrays of plain numbers to `path`; the file appears at once or not at all. Raises NotWrittenError."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=3) as archive:
         for name in sorted(arrays):

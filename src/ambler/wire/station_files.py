@@ -40,7 +40,7 @@ class StationCloud:
 
 
 def save_stations(stem: Path, stations: Sequence[StationCloud], cell: float) -> None:
-    """Write the stations of a map; `cell` (m) is the cube of which each holds one point. Raises OSError."""
+    """Write the stations of a map; `cell` (m) is the cube of which each holds one point. Raises NotWrittenError."""
     points, intensity = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.float32)]
     rows, first = [], 0
     for s in stations:
