@@ -231,4 +231,18 @@ SENSORS = (
         "except MemoryError as error:",
         ("tests/drivers/test_serial_base.py::test_whatever_goes_wrong_on_the_line_fails_the_driver",),
     ),
+    PlantedFault(
+        "a drum above the floor is a wheel",
+        "robots/urdf.py",
+        "if link.rolls and _reaches(link, floor)]",
+        "if link.rolls]",
+        ("tests/sim/test_urdf.py",),
+    ),
+    PlantedFault(
+        "casters drive",
+        "robots/urdf.py",
+        "driven = _driven(wheels)",
+        "driven = wheels",
+        ("tests/sim/test_urdf.py",),
+    ),
 )

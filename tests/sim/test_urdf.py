@@ -94,6 +94,43 @@ def test_an_integrators_file_becomes_a_robot(tmp_path: Path) -> None:
     assert np.sum(model.footprint[:, 0] * twice[:, 1] - model.footprint[:, 1] * twice[:, 0]) > 0, "counter-clockwise"
 
 
+def turning(name: str, parent: str, place: str, shape: str, axis: str, kind: str = "continuous") -> str:
+    """Return a link with a shape, and the joint that turns it."""
+    origin = '<origin rpy="1.5707963 0 0"/>' if "cylinder" in shape else ""
+    geometry = f"<collision>{origin}<geometry>{shape}</geometry></collision>" if shape else ""
+    joint = f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
+    return f'<link name="{name}">{geometry}</link><joint name="{name}_joint" type="{kind}">{joint}</joint>'
+
+
+def with_links(folder: Path, *links: str) -> Path:
+    return write(folder, INTEGRATOR.replace("</robot>", "".join(links) + "</robot>"))
+
+
+@pytest.mark.parametrize("kind", ["fixed", "revolute", "continuous"])
+def test_a_mast_is_body_however_it_pans(kind: str, tmp_path: Path) -> None:
+    """What turns without end above the floor is no wheel: neither a mast nor the drum of a scanner."""
+    mast = turning("tower", "base_link", "0 0 0.4", '<box size="0.1 0.1 0.4"/>', "0 0 1", kind)
+    drum = turning("drum", "base_link", "0 0 0.3", '<cylinder radius="0.2" length="0.1"/>', "0 1 0", kind)
+    assert robot_named(str(with_links(tmp_path, drum))).model.body_height == pytest.approx(0.6)
+    robot = robot_named(str(with_links(tmp_path, mast, drum)))
+    assert robot.model.body_height == pytest.approx(0.7)
+    assert (robot.wheel_radius, robot.track) == pytest.approx((0.1, 0.3))
+    assert robot.model.drive is DriveKind.DIFFERENTIAL
+
+
+def test_casters_are_wheels_that_do_not_drive(tmp_path: Path) -> None:
+    """Swivel casters change neither radius nor track, nor how low the body reaches; a tire that is fixed to a hub is its wheel's."""
+    tire = '<cylinder radius="0.03" length="0.02"/>'
+    links = []
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        links.append(turning(f"fork_{side}", "base_link", f"-0.2 {y} 0", "", "0 0 1"))
+        links.append(turning(f"hub_{side}", f"fork_{side}", "-0.03 0 -0.07", "", "0 1 0"))
+        links.append(turning(f"tire_{side}", f"hub_{side}", "0 0 0", tire, "0 0 1", "fixed"))
+    robot = robot_named(str(with_links(tmp_path, *links)))
+    assert (robot.wheel_radius, robot.track, robot.body_bottom) == pytest.approx((0.1, 0.3, 0.1))
+    assert robot.model.drive is DriveKind.DIFFERENTIAL
+
+
 def test_it_drives_and_measures_a_wall(tmp_path: Path, wall_ahead: WorldSpec) -> None:
     simulation = Simulation(wall_ahead, robot_named(str(write(tmp_path))), SimulationConfig(0, True))
     for _ in range(20):

@@ -1,7 +1,7 @@
 """Robots from URDF files. What URDF cannot say stands in an `<ambler>` element of the same file (docs/simulation.md).
 
 The frame `base` is the root link's, moved down to the floor. The body is a prism: the footprint from `body_bottom` to `body_height`,
-by default the convex hull of all shapes but the wheels. Attributes that only a simulator needs are left to `sim.urdf`.
+by default the convex hull of all shapes but the wheels: what rolls on the floor. Attributes that only a simulator needs are left to `sim.urdf`.
 """
 
 from __future__ import annotations
@@ -55,11 +55,12 @@ def read_robot(path: Path) -> UrdfRobot:
     tree = read_tree(path)
     extension = tree.extension if tree.extension is not None else Element("ambler")
     _check(tree, extension)
-    wheels = [link for link in tree.links.values() if link.is_wheel and link.radius > 0]
     floor = _floor(tree, extension)
-    drive = _drive(tree, extension, wheels)
-    geometry = _wheel_geometry(tree, extension, drive, wheels)
-    bottom, height = _body(tree, extension, floor)
+    wheels = [link for link in tree.links.values() if link.rolls and _reaches(link, floor)]
+    driven = _driven(wheels)
+    drive = _drive(tree, extension, driven)
+    geometry = _wheel_geometry(tree, extension, drive, driven)
+    bottom, height = _body(tree, extension, floor, wheels)
     if extension.find("lidar") is None:
         raise BadInputError(f"{path}: <ambler>: a <lidar link=...> is missing; without one no robot can be safe")
     model = RobotModel(
@@ -100,6 +101,21 @@ def _floor(tree: UrdfTree, extension: Element) -> float:
     return scalar(tree, extension, "floor", lowest)
 
 
+def _reaches(link: Link, floor: float) -> bool:
+    """Say whether the shapes of a link reach the floor, but for an eighth of their height."""
+    z = link.points[:, 2]
+    return len(z) > 0 and float(z.min()) - floor <= 0.125 * float(np.ptp(z))
+
+
+def _driven(wheels: list[Link]) -> list[Link]:
+    """Return the largest round wheels of which there are several alike: the others are those of casters."""
+    for largest in sorted((w.radius for w in wheels if w.radius > 0), reverse=True):
+        alike = [w for w in wheels if abs(w.radius - largest) <= 0.1 * largest]
+        if len(alike) > 1:
+            return alike
+    return []
+
+
 def _drive(tree: UrdfTree, extension: Element, wheels: list[Link]) -> DriveKind:
     text = extension.get("drive", "differential" if len(wheels) == 2 else "")
     try:
@@ -112,7 +128,7 @@ def _drive(tree: UrdfTree, extension: Element, wheels: list[Link]) -> DriveKind:
 def _wheel_geometry(
     tree: UrdfTree, extension: Element, drive: DriveKind, wheels: list[Link]
 ) -> tuple[float, float, float]:
-    """Return wheel radius, track and wheel base: from the attributes, else from the links on continuous joints."""
+    """Return wheel radius, track and wheel base: from the attributes, else from the wheels that drive."""
     places = np.array([link.root_from_link.translation for link in wheels]).reshape(-1, 3)
     radius = scalar(tree, extension, "wheel_radius", float(np.median([w.radius for w in wheels])) if wheels else 0.0)
     if radius == 0.0 and drive is DriveKind.OMNI:
@@ -124,14 +140,14 @@ def _wheel_geometry(
     if radius <= 0 or track <= 0 or (drive is DriveKind.OMNI) != (base > 0):
         wanted = "two wheels" if drive is DriveKind.DIFFERENTIAL else "four mecanum wheels, or none"
         raise BadInputError(
-            f"{tree.path}: <ambler>: a {drive.value} drive needs {wanted} (cylinders on continuous joints, or wheel_radius, "
+            f"{tree.path}: <ambler>: a {drive.value} drive needs {wanted} (cylinders on the floor that continuous joints turn about level axes, or wheel_radius, "
             f"track, wheel_base)"
         )
     return (radius, track, base)
 
 
-def _body(tree: UrdfTree, extension: Element, floor: float) -> tuple[float, float]:
-    bodies = [link.points[:, 2] for link in tree.links.values() if not link.is_wheel and len(link.points)]
+def _body(tree: UrdfTree, extension: Element, floor: float, wheels: list[Link]) -> tuple[float, float]:
+    bodies = [link.points[:, 2] for link in tree.links.values() if link not in wheels and len(link.points)]
     low = min((float(z.min()) for z in bodies), default=math.nan) - floor
     high = max((float(z.max()) for z in bodies), default=math.nan) - floor
     bottom = scalar(tree, extension, "body_bottom", max(low, 0.01))

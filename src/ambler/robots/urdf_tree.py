@@ -22,17 +22,19 @@ from ambler.core.se3 import SE3
 
 F64 = NDArray[np.float64]
 ROUND = 32  # points of a circle
+LEVEL = 0.5  # sine up to which the axis of a wheel may lean
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link: its pose in the root, mass, points of its shapes in the root's frame (N, 3); a wheel turns without end."""
+    """A link: its pose in the root, mass, points of its shapes in the root's frame (N, 3), and the radius of the
+    largest round one (else 0). What `rolls` turns without end about a level axis: a wheel, if it reaches the floor."""
 
     name: str
     root_from_link: SE3
     mass: float
     points: F64
-    is_wheel: bool
+    rolls: bool
     radius: float
 
 
@@ -83,8 +85,8 @@ def read_tree(path: Path) -> UrdfTree:
         raise BadInputError(f"{path}: one link must be the root, these have no parent: {', '.join(roots) or 'none'}")
     tree = UrdfTree(path, name_of(path, robot), roots[0], extension=robot.find("ambler"))
     for name, element in links.items():
-        pose, is_wheel = _pose(path, name, joints)
-        tree.links[name] = _link(path, element, pose, is_wheel)
+        pose, rolls = _pose(path, name, joints)
+        tree.links[name] = _link(path, element, pose, rolls)
     return tree
 
 
@@ -132,17 +134,25 @@ def _end(path: Path, joint: Element, tag: str) -> str:
 
 
 def _pose(path: Path, name: str, joints: dict[str, Element]) -> tuple[SE3, bool]:
-    """Follow the joints from a link to the root; returns root_from_link, and whether a wheel's joint is on the way."""
-    pose, is_wheel, seen = SE3(), False, {name}
+    """Follow the joints from a link to the root; returns root_from_link, and whether the first joint that is not fixed rolls."""
+    pose, axis, is_carried, seen = SE3(), (0.0, 0.0, 0.0), True, {name}
     while name in joints:
         joint = joints[name]
+        if is_carried and joint.get("type") == "continuous":
+            axis = pose.inverse().rotate(_axis(path, joint))
+        is_carried &= joint.get("type") == "fixed"
         pose = _origin(path, joint) @ pose
-        is_wheel |= joint.get("type") == "continuous"
         name = _end(path, joint, "parent")
         if name in seen:
             raise BadInputError(f"{path}: {label(joint)}: the joints go in a circle")
         seen.add(name)
-    return pose, is_wheel
+    return pose, abs(pose.rotate(axis)[2]) < LEVEL * math.hypot(*axis)
+
+
+def _axis(path: Path, joint: Element) -> tuple[float, float, float]:
+    axis = joint.find("axis")
+    x, y, z = (1.0, 0.0, 0.0) if axis is None else numbers(path, axis, "xyz", 3, "1 0 0")
+    return x, y, z
 
 
 def _origin(path: Path, element: Element) -> SE3:
@@ -153,7 +163,7 @@ def _origin(path: Path, element: Element) -> SE3:
     return SE3.from_rpy((x, y, z), *numbers(path, origin, "rpy", 3, "0 0 0"))
 
 
-def _link(path: Path, element: Element, pose: SE3, is_wheel: bool) -> Link:
+def _link(path: Path, element: Element, pose: SE3, rolls: bool) -> Link:
     mass = element.find("inertial/mass")
     value = numbers(path, mass, "value", 1)[0] if mass is not None else 0.0
     if value < 0:
@@ -164,7 +174,7 @@ def _link(path: Path, element: Element, pose: SE3, is_wheel: bool) -> Link:
         points, round_radius = _shape_points(path, element, shape)
         parts.append((pose @ _origin(path, shape)).transform(points))
         radius = max(radius, round_radius)
-    return Link(str(element.get("name")), pose, value, np.concatenate(parts), is_wheel, radius)
+    return Link(str(element.get("name")), pose, value, np.concatenate(parts), rolls, radius)
 
 
 def _shape_points(path: Path, link: Element, shape: Element) -> tuple[F64, float]:
