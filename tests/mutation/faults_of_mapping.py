@@ -650,4 +650,11 @@ MAPPING = (
         "is_glass = intensities >= 0.0",
         GLASS,
     ),
+    PlantedFault(
+        "white is 255 whatever a picture's header says",
+        "wire/map_files.py",
+        "return deepest if is_binary or deepest > 255 else None",
+        "return None",
+        ("tests/wire/test_map_files.py",),
+    ),
 )

@@ -84,6 +84,25 @@ def test_netpbm_kinds_with_comments(tmp_path: Path, magic: str) -> None:
     assert (spec.width, spec.height, cells.tolist()) == (3, 1, [[100, 0, -1]])
 
 
+@pytest.mark.parametrize("white", [15, 100, 255, 1023, 4095, 65535])
+@pytest.mark.parametrize("magic", ["P2", "P5", "P6"])
+def test_netpbm_values_are_shares_of_white(tmp_path: Path, magic: str, white: int) -> None:
+    """Whatever number the header calls white, a picture of it means the same."""
+    values = np.repeat(np.rint(white * np.array([0.0, 0.4, 0.81, 1.0])).astype(int), 3 if magic == "P6" else 1)
+    body = values.astype(">u2" if white > 255 else np.uint8).tobytes()
+    if magic == "P2":
+        body = " ".join(map(str, values)).encode() + b"\n"
+    (tmp_path / "m.pgm").write_bytes(f"{magic}\n# by hand\n4 1\n{white}\n".encode() + body)
+    assert load_map(describe(tmp_path, "m.pgm", free_thresh=0.15))[1].tolist() == [[100, -1, -1, 0]]
+
+
+@pytest.mark.parametrize("name", ["@home", "a: b", "- x", "floor #2", "%a", "'q", "größe " * 15])
+def test_a_map_may_have_any_name(tmp_path: Path, name: str) -> None:
+    """Names that YAML would read as something else are quoted."""
+    _, description = save_map(tmp_path / name, SPEC, CELLS)
+    np.testing.assert_array_equal(load_map(description)[1], CELLS)
+
+
 @pytest.mark.parametrize(("name", "shape"), [("depot", (307, 604)), ("ac109_3", None)])
 def test_recorded_maps_load(name: str, shape: tuple[int, int] | None) -> None:
     spec, cells = load_map(public(f"maps/{name}.yaml"))

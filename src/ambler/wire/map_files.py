@@ -46,8 +46,9 @@ def save_map(
     image = stem.with_name(stem.name + ".pgm")
     header = f"P5\n# resolution {spec.resolution:.6g} m\n{spec.width} {spec.height}\n255\n".encode("ascii")
     write_whole(image, header + np.ascontiguousarray(pixels[::-1]).tobytes())
+    named = yaml.safe_dump({"image": image.name}, allow_unicode=True, width=math.inf)  # in quotes where YAML needs them
     text = (
-        f"image: {image.name}\nmode: trinary\nresolution: {spec.resolution!r}\n"
+        f"{named}mode: trinary\nresolution: {spec.resolution!r}\n"
         f"origin: [{spec.origin_x!r}, {spec.origin_y!r}, 0]\nnegate: 0\n"
         f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
     )
@@ -198,25 +199,27 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:
         raise BadInputError(f"{path}: {error.strerror or error}") from error
-    _check_netpbm(path, bytes(data[:4096]), len(data))
+    whitest = _check_netpbm(path, bytes(data[:4096]), len(data))
     try:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     except cv2.error as error:
         raise BadInputError(f"{path}: the image cannot be read") from error
     if image is None:
         raise BadInputError(f"{path}: is no image that can be read")
-    if image.dtype == np.uint16:
-        image = (image // 257).astype(np.uint8)
-    if image.dtype != np.uint8:
+    if image.dtype not in (np.uint8, np.uint16):
         raise BadInputError(f"{path}: pixels of type {image.dtype} are not supported")
+    if image.dtype == np.uint16 or whitest is not None:
+        image = np.minimum(image.astype(np.uint32) * 255 // (whitest or 65535), 255).astype(np.uint8)
     pixels = np.asarray(image, np.uint8)
     return pixels[:, :, None] if pixels.ndim == 2 else pixels
 
 
-def _check_netpbm(path: Path, head: bytes, size: int) -> None:
-    """Refuse a binary netpbm file that is shorter than its header says; a decoder would fill the rest with anything."""
-    if head[:2] not in (b"P5", b"P6"):
-        return
+def _check_netpbm(path: Path, head: bytes, size: int) -> int | None:
+    """Refuse a binary netpbm file that is shorter than its header says; a decoder would fill the rest with anything. Returns the value of white that
+    the decoder does not look at: it only scales texts of small ones."""
+    is_binary = head[:2] in (b"P5", b"P6")
+    if not is_binary and head[:2] not in (b"P2", b"P3"):
+        return None
     words: list[bytes] = []
     position = 2
     while len(words) < 3:
@@ -230,9 +233,10 @@ def _check_netpbm(path: Path, head: bytes, size: int) -> None:
                 end += 1
             words.append(head[position:end])
         position = end
-    if not all(w.isdigit() and int(w) > 0 for w in words):
+    if not all(w.isdigit() and int(w) > 0 for w in words) or int(words[2]) > 65535:
         raise BadInputError(f"{path}: the header of the image is damaged")
     width, height, deepest = (int(w) for w in words)
     needed = position + 1 + width * height * (3 if head[:2] == b"P6" else 1) * (2 if deepest > 255 else 1)
-    if size < needed:
+    if is_binary and size < needed:
         raise BadInputError(f"{path}: the image is cut off after {size} of {needed} bytes")
+    return deepest if is_binary or deepest > 255 else None
