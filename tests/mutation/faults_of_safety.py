@@ -340,6 +340,20 @@ SAFETY = (
         NUMBERS,
     ),
     PlantedFault(
+        "a beam past a thin post's edge proves it gone",
+        "kernels/blind.py",
+        "around = max(1, math.ceil(math.atan2(beside, kept[0][k]) / step))",
+        "around = 0",
+        MEMORY,
+    ),
+    PlantedFault(
+        "what is near is as wide as what is far",
+        "kernels/blind.py",
+        "math.ceil(math.atan2(beside, kept[0][k]) / step)",
+        "1",
+        (*MEMORY, "tests/safety/test_blind_kernels.py"),
+    ),
+    PlantedFault(
         "who turns to and fro forgets",
         "safety/blind_memory.py",
         "TO_AND_FRO = 0.1",

@@ -58,16 +58,23 @@ def test_the_first_of_every_column(rng: np.random.Generator) -> None:
 def test_what_is_looked_through(rng: np.random.Generator) -> None:
     step = math.radians(2.0)
     rays = [
-        (rng.uniform(0.5, 3.0, n), rng.uniform(-math.pi, math.pi, n), rng.uniform(-0.3, 0.3, n)) for n in (400, 3000)
+        (rng.uniform(0.2, 2.0, n), rng.uniform(-math.pi, math.pi, n), rng.uniform(-0.06, 0.06, n)) for n in (400, 5000)
     ]
     kept, seen = rays
+    seen[0][:] += 0.8
     seen[0][::10] = np.nan  # no ray at all
     out = np.empty(400, np.bool_)
-    kernels.look_through(kept, seen, step, 0.1, out)
-    bins = [np.floor(np.column_stack(r[1:]) / step + 0.5).astype(int).tolist() for r in rays]
+    kernels.look_through(kept, seen, step, 0.1, 0.04, out)
+    bins = [np.floor(np.column_stack(r[1:]) / step + 0.5).astype(int) for r in rays]
     for k in range(400):
-        behind = [seen[0][j] for j in range(3000) if bins[1][j] == bins[0][k] and not np.isnan(seen[0][j])]
-        assert out[k] == (len(behind) > 0 and min(behind) > kept[0][k] + 0.1)
+        around = max(1, math.ceil(math.atan(0.04 / kept[0][k]) / step))
+        expected = []
+        for turn in range(-around, around + 1):
+            is_there = (bins[1][:, 0] - bins[0][k, 0] - turn) % 180 == 0
+            behind = seen[0][is_there & (bins[1][:, 1] == bins[0][k, 1])]
+            behind = behind[~np.isnan(behind)]
+            expected.append(len(behind) > 0 and behind.min() > kept[0][k] + 0.1)
+        assert out[k] == all(expected)
     assert 20 < out.sum() < 380
 
 

@@ -91,6 +91,25 @@ def test_returns_behind_a_remembered_point_prove_it_gone() -> None:
     assert len(memory.update(room, near, MOUNT, field)) == 0
 
 
+@pytest.mark.parametrize("radius", [0.015, 0.02, 0.03])
+@pytest.mark.parametrize("shift", [0.0, 0.01, 0.02, 0.03])  # in the columns of the memory
+def test_a_beam_past_the_edge_of_a_thin_post_does_not_prove_it_gone(radius: float, shift: float) -> None:
+    memory, field, rng = BlindMemory(0.3, 4.0), FieldOfView(0.4), np.random.default_rng(0)
+    angles = np.radians(np.arange(-180.0, 180.0, 0.2))
+    post = np.array([shift, 0.3])
+    for x in [*np.arange(-1.0, 0.01, 0.02), *[0.0] * 50]:  # past it, and it stands beside it
+        dx, dy = post - (x, 0.0)
+        along, beside = dx * np.cos(angles) + dy * np.sin(angles), np.abs(dx * np.sin(angles) - dy * np.cos(angles))
+        is_met = (beside < radius) & (along > 0.0)
+        ranges = np.where(is_met, along - np.sqrt(np.maximum(radius**2 - beside**2, 0.0)), 4.0)
+        ranges += rng.normal(0.0, 0.005, len(ranges))
+        room = np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles), np.full(len(angles), 0.8)))
+        kept = memory.update(room[ranges >= field.range_min], SE2(float(x), 0.0), MOUNT, field)
+    assert len(kept) > 0
+    room = np.column_stack((4.0 * np.cos(angles), 4.0 * np.sin(angles), np.full(len(angles), 0.8)))
+    assert len(memory.update(room, SE2(), MOUNT, field)) == 0, "it was taken away"
+
+
 def test_a_sector_scanner_is_blind_beside_its_sector() -> None:
     memory = BlindMemory(0.3, 10.0)
     field = FieldOfView(0.05, azimuth=(-math.radians(135), math.radians(135)))

@@ -34,22 +34,26 @@ def are_inside(ranges, azimuth, elevation, nearest, sector, heights, out):
 
 
 @jit
-def look_through(kept, seen, step, behind, out):
-    """Write into `out` bool (N,) of each kept ray whether there are returns in its direction, and all of them lie more than `behind` metres
-    farther away. `kept` and `seen` are (range, azimuth, elevation), each (N,), (M,); directions are bins of `step` radians."""
-    rows, columns = int(math.pi / step) + 2, int(0.5 * math.pi / step) + 2
-    nearest = np.full((2 * rows, 2 * columns), np.inf)
+def look_through(kept, seen, step, behind, beside, out):
+    """Write into `out` bool (N,) of each kept ray whether there are returns in its direction and in those within `beside` metres of it, at least one
+    on either side, and all of them lie more than `behind` metres farther away: one that passes a thin thing's edge says nothing of the thing. `kept` and `seen`
+    are (range, azimuth, elevation), each (N,), (M,); directions are bins of `step` radians."""
+    rows, columns = int(round(2.0 * math.pi / step)), int(0.5 * math.pi / step) + 2
+    nearest = np.full((rows, 2 * columns), np.inf)
     for k in range(len(seen[0])):
         if not seen[0][k] < math.inf:
             continue
-        row, column = rows + math.floor(seen[1][k] / step + 0.5), columns + math.floor(seen[2][k] / step + 0.5)
+        row, column = math.floor(seen[1][k] / step + 0.5) % rows, columns + math.floor(seen[2][k] / step + 0.5)
         nearest[row, column] = min(nearest[row, column], seen[0][k])
     for k in range(len(kept[0])):
         out[k] = False
         if not kept[0][k] < math.inf:
             continue
-        row, column = rows + math.floor(kept[1][k] / step + 0.5), columns + math.floor(kept[2][k] / step + 0.5)
-        out[k] = math.inf > nearest[row, column] > kept[0][k] + behind
+        row, column = math.floor(kept[1][k] / step + 0.5), columns + math.floor(kept[2][k] / step + 0.5)
+        around = max(1, math.ceil(math.atan2(beside, kept[0][k]) / step))
+        out[k] = True
+        for there in range(row - around, row + around + 1):
+            out[k] &= math.inf > nearest[there % rows, column] > kept[0][k] + behind
 
 
 @jit
@@ -183,7 +187,7 @@ def warm_up() -> None:
     rays = (one, one, one)
     rays_to(np.ascontiguousarray(np.eye(4)[:3]), points, *rays)
     are_inside(*rays, 0.1, (-3.0, 3.0), (-1.0, 1.0), out)
-    look_through(rays, rays, 0.03, 0.1, out)
+    look_through(rays, rays, 0.03, 0.1, 0.04, out)
     are_in_columns(points, points, out, 0.04, out)
     column_means(points, one, out, 0.04, 3, 0.1, np.empty((3, 4)))
     first_of_columns(points, 0.04, np.empty(3, np.int64))

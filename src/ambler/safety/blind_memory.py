@@ -208,9 +208,10 @@ def _is_seen(points_base: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> F
 
 
 def _looked_through(kept: Rays, seen: Rays) -> Flags:
-    """Return bool (N,): whether there are returns in the direction of a kept point, and all of them lie behind it."""
+    """Return bool (N,): whether there are returns in the direction of a kept point and on both sides of it, and all of them lie behind it. What it is the
+    mean of may stand anywhere in its column."""
     out = np.empty(len(kept[0]), np.bool_)
-    kernels.look_through(kept, seen, BIN, THROUGH, out)
+    kernels.look_through(kept, seen, BIN, THROUGH, COLUMN, out)
     return out
 
 
