@@ -31,7 +31,8 @@ def slow_twin(
     for iy, ix in np.ndindex(*spec.shape):
         x, y = spec.center_of(iy, ix)
         d = math.dist((x, y), (x0, y0))
-        off = abs(math.remainder(math.atan2(y - y0, x - x0) - yaw, 2 * math.pi)) / half
+        off = abs(math.remainder(math.atan2(y - y0, x - x0) - yaw, 2 * math.pi))
+        off /= max(half, math.atan(0.75 * spec.resolution / d))
         if off >= 1.0:
             continue
         sure = (1 - off**2) * (1 - (1 + math.tanh((d - far) / fade)) / 2)
@@ -75,6 +76,18 @@ def test_one_echo_does_not_mark_and_the_second_marks_its_arc() -> None:
     assert layer.cells[SPEC.cell_of(0.5, 0.0)] == 0, "before the echo it is free"
     assert layer.cells[SPEC.cell_of(1.3, 0.0)] == 255, "behind it nothing is known"
     assert layer.cells[SPEC.cell_of(-0.3, 0.0)] == 255, "behind the transducer, too"
+
+
+@pytest.mark.parametrize("half", [0.0, 0.005, math.radians(1.0)])
+@pytest.mark.parametrize("y", [0.0, 0.012, 0.025])
+def test_a_cone_narrower_than_a_cell_passes_between_none(half: float, y: float) -> None:
+    layer = RangeLayer(RangeConfig())
+    for k in range(5):
+        say(layer, [RangeCone(0.0, y, 0.0, half, 0.95, 1.02)], 0.1 * k)
+    marked = SPEC.centers_of(np.argwhere(layer.cells == 254))
+    assert 1 <= len(marked) <= 4
+    np.testing.assert_allclose(marked, [[1.02, y]] * len(marked), atol=0.04)
+    assert (layer.cells[SPEC.cell_of(0.5, y)] == 0).all()
 
 
 def test_free_cones_clear_what_echoes_marked() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from ambler.kernels.jit import jit
 
 UNSEEN = -1e30
+LEAST_WIDTH = 0.75  # cells to either side of the axis: a narrower cone would pass between their centres
 
 
 @jit
@@ -40,7 +41,7 @@ def draw_cone(log_odds, touched, origin_x, origin_y, resolution, cone, model, li
             d = math.hypot(dx, dy)
             if along <= 0.0 or d > reach:
                 continue
-            off = abs(math.atan2(across, along)) / half
+            off = abs(math.atan2(across, along)) / max(half, math.atan2(LEAST_WIDTH * resolution, d))
             if off >= 1.0:
                 continue
             sure = (1.0 - off * off) * (0.5 - 0.5 * math.tanh((d - far) / fade))
