@@ -14,7 +14,7 @@ from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording
-from ambler.recordings.cloud_scan import returns_in_order
+from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
 from ambler.wire.cloud_columns import point_times
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_sensors import cloud_from_ros
@@ -176,6 +176,40 @@ def test_each_cloud_comes_with_all_measurements_up_to_its_end_and_one_more(
     assert told == sorted(set(told)), "each once, in order"
     assert told[: len(scans[0].imu)] == [float(k) for k in range(26)], "also what was measured before the first cloud"
     assert [scan.cloud.stamp_ns for scan in recording.scans()] == [scan.cloud.stamp_ns for scan in scans], "again"
+
+
+KINDS = ("cloud", "imu", "odometry")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows(kind: str) -> None:
+    """Nor does a gap leave anything out; what is left out is counted with the next cloud."""
+
+    none, zero = (0.0, 0.0, 0.0), np.zeros((6, 6))
+
+    def given(*wrong: int) -> list[CloudScan]:
+        joiner, out = ScanJoiner(), []
+        for k in range(20):
+            right_ns = START_NS + k * SWEEP_NS + (30_000_000_000 if k >= 12 else 0)
+            ns = {name: right_ns + (10_000_000_000 if k in wrong and name == kind else 0) for name in KINDS}
+            joiner.add(cloud_at(ns["cloud"], float(k)))
+            joiner.add(m.Imu(ns["imu"], "imu", none, none))
+            joiner.add(m.Odometry(ns["odometry"], "odom", "base_link", SE3(), none, none, zero, zero))
+            out += joiner.ready()
+        return [*out, *joiner.rest()]
+
+    def counts(scans: list[CloudScan]) -> dict[str, int]:
+        return {
+            "cloud": len(scans),
+            "imu": sum(len(s.imu) for s in scans),
+            "odometry": sum(len(s.odometry) for s in scans),
+        }
+
+    whole, lone = given(), given(5)
+    assert counts(whole) == dict.fromkeys(KINDS, 20)
+    assert counts(lone) == {name: 20 - (name == kind) for name in KINDS}
+    assert sum(s.left_out for s in whole) == 0
+    assert sum(s.left_out for s in lone) == 1
 
 
 def test_mounts_and_choices_are_told(tmp_path: Path) -> None:

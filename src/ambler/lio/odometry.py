@@ -62,6 +62,8 @@ class LidarInertialOdometry:
         self._imu_from_base, self._air = imu_from_base if self.config.wheels.is_used else None, air
         self._false_ratio = 0.0
         self._imu = InertialBuffer()
+        self.left_out = 0
+        """How many messages were left out before they came here, for their stamps."""
         self._time = 0.0
         self._voxel = self.config.scan.voxel
         self._knots = np.zeros((2, k.KNOT))
@@ -147,12 +149,13 @@ class LidarInertialOdometry:
 
     @property
     def refused_text(self) -> str:
-        """How many inertial measurements were left out, in words; empty for none."""
-        return (
-            f", {self._imu.refused} inertial measurements were refused (not finite, or not in order)"
-            if self._imu.refused
-            else ""
-        )
+        """How much was left out, in words; empty for nothing."""
+        text = ""
+        if self.left_out:
+            text += f", {self.left_out} messages have stamps that are out of order"
+        if self._imu.refused:
+            text += f", {self._imu.refused} inertial measurements were refused (not finite, or not in order)"
+        return text
 
     def registered(self, cloud: PointCloud) -> NDArray[np.float32]:
         """Return all points of the scan that was taken last in the map, each from where the LiDAR was at its time, float32 (N, 3)."""
@@ -193,6 +196,7 @@ class LidarInertialOdometry:
             self._imu.forget(self._time)
 
     def _take(self, scan: CloudScan) -> None:
+        self.left_out += scan.left_out
         if self.config.has_imu:
             self._imu.add(scan.imu)
         elif self._imu.origin_ns is None:

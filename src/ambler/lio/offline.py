@@ -31,7 +31,7 @@ LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
     cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
-    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `false_ratio` the share of the points that floated in the air."""
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `false_ratio` the share of the points that floated in the air."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -58,6 +58,7 @@ class OfflineLio:
     imu_from_lidar: SE3
     cut: str = ""
     false_ratio: float = 0.0
+    left_out: int = 0
 
     @property
     def path_length(self) -> float:
@@ -70,6 +71,8 @@ class OfflineLio:
         out = []
         if self.cut:
             out.append(f"the recording ends early, what came before is mapped: {self.cut}")
+        if self.left_out:
+            out.append(f"{self.left_out} messages were left out: their stamps are out of order")
         if self.skipped:
             out.append(f"{self.skipped} of {self.scans} scans gave no pose (before the start, empty, or out of order)")
         if self.degenerate:
@@ -174,6 +177,7 @@ def run_offline(
         imu_from_lidar=last.imu_from_lidar,
         cut=cut,
         false_ratio=float(np.mean([h.false_ratio for h in health])),
+        left_out=odometry.left_out,
     )
 
 

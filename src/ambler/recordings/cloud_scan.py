@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -12,17 +13,22 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 
 OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
 HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
+JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
+
+M = TypeVar("M", Imu, Odometry, PointCloud)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudScan:
     """A cloud of returns only, its points in the order of their times, and what else is new since the cloud before: measurements up to
     its last point and one more, to interpolate, if the recording goes on. Stamps of clouds strictly increase, so do those of
-    measurements, over the whole recording; each is given once. Where clouds are missing, an empty one may come with what is new."""
+    measurements, over the whole recording; each is given once. Where clouds are missing, an empty one may come with what is new.
+    `left_out`: how many messages were left out before it, for stamps that do not increase or that no other bears out."""
 
     cloud: PointCloud
     imu: tuple[Imu, ...]
     odometry: tuple[Odometry, ...]
+    left_out: int = 0
 
     @property
     def end_ns(self) -> int:
@@ -31,33 +37,63 @@ class CloudScan:
 
 
 @dataclass
-class _Stream:
-    """Measurements that wait for their cloud, in the order of their stamps."""
+class _Stream(Generic[M]):
+    """Messages in the order of their stamps, which wait for their cloud, or as clouds for their measurements.
 
-    waiting: deque[Imu | Odometry] = field(default_factory=deque)
+    One whose stamp jumps ahead is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
+
+    waiting: deque[M] = field(default_factory=deque)
     last_ns: int = -1
+    doubtful: M | None = None
+    left_out: int = 0
 
-    def add(self, message: Imu | Odometry) -> None:
-        if message.stamp_ns > self.last_ns:
-            self.waiting.append(message)
-            self.last_ns = message.stamp_ns
+    def add(self, message: M) -> None:
+        """Take a message, unless its stamp is not after all that are known to be true."""
+        if message.stamp_ns <= self.last_ns:
+            self.left_out += 1
+            return
+        doubtful, self.doubtful = self.doubtful, None
+        if doubtful is not None and doubtful.stamp_ns < message.stamp_ns:
+            self._take_in(doubtful)
+        elif doubtful is not None:
+            self.left_out += 1
+        if 0 <= self.last_ns < message.stamp_ns - JUMP_NS:
+            self.doubtful = message
+        else:
+            self._take_in(message)
 
-    def take(self, until_ns: int) -> list[Imu | Odometry]:
+    def _take_in(self, message: M) -> None:
+        self.waiting.append(message)
+        self.last_ns = message.stamp_ns
+
+    def end(self) -> None:
+        """Take that nothing more will come."""
+        if self.doubtful is not None:
+            self._take_in(self.doubtful)
+            self.doubtful = None
+
+    def take(self, until_ns: int) -> tuple[M, ...]:
         """Remove and return everything up to a time, and one more."""
         out = []
         while self.waiting:
             out.append(self.waiting.popleft())
             if out[-1].stamp_ns >= until_ns:
                 break
-        return out
+        return tuple(out)
 
     def span_ns(self) -> int:
         """Return how long a time waits."""
         return self.waiting[-1].stamp_ns - self.waiting[0].stamp_ns if self.waiting else 0
 
+    def count_left_out(self) -> int:
+        """Return how many were left out since this was asked last."""
+        count, self.left_out = self.left_out, 0
+        return count
+
 
 class ScanJoiner:
-    """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out.
+    """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out, and so is a
+    stamp that lies ahead by more than a second, if the next does not.
 
     With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
     """
@@ -72,15 +108,14 @@ class ScanJoiner:
     ) -> None:
         self._has_outages = has_outages
         self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
-        self._imu, self._odometry = _Stream(), _Stream()
-        self._clouds: deque[PointCloud] = deque()
-        self._last_ns = -1
+        self._imu: _Stream[Imu] = _Stream()
+        self._odometry: _Stream[Odometry] = _Stream()
+        self._clouds: _Stream[PointCloud] = _Stream()
 
     def add(self, message: object) -> None:
         """Take a cloud, a measurement or odometry; anything else is left out."""
-        if isinstance(message, PointCloud) and message.stamp_ns > self._last_ns:
-            self._clouds.append(returns_in_order(message))
-            self._last_ns = message.stamp_ns
+        if isinstance(message, PointCloud):
+            self._clouds.add(returns_in_order(message))
         elif isinstance(message, Imu):
             self._imu.add(message)
         elif isinstance(message, Odometry):
@@ -88,15 +123,18 @@ class ScanJoiner:
 
     def ready(self) -> Iterator[CloudScan]:
         """Remove and yield what is complete, and what has waited for too long."""
-        while self._clouds and (len(self._clouds) > self._held_most or self._is_covered(_end_ns(self._clouds[0]))):
+        clouds = self._clouds.waiting
+        while clouds and (len(clouds) > self._held_most or self._is_covered(_end_ns(clouds[0]))):
             yield self._next()
-        longest = max(self._imu, self._odometry, key=_Stream.span_ns)
-        if self._has_outages and not self._clouds and longest.span_ns() > OUTAGE_NS:
-            yield self._with_measurements(_nothing(longest.last_ns - OUTAGE_NS // 2))
+        longest_ns, last_ns = max((stream.span_ns(), stream.last_ns) for stream in (self._imu, self._odometry))
+        if self._has_outages and not clouds and longest_ns > OUTAGE_NS:
+            yield self._with_measurements(_nothing(last_ns - OUTAGE_NS // 2))
 
     def rest(self) -> Iterator[CloudScan]:
         """Remove and yield everything: nothing more will come."""
-        while self._clouds:
+        for stream in (self._imu, self._odometry, self._clouds):
+            stream.end()
+        while self._clouds.waiting:
             yield self._next()
 
     def _is_covered(self, end_ns: int) -> bool:
@@ -104,13 +142,12 @@ class ScanJoiner:
         return all(not is_waited_for or stream.last_ns >= end_ns for is_waited_for, stream in needed)
 
     def _next(self) -> CloudScan:
-        return self._with_measurements(self._clouds.popleft())
+        return self._with_measurements(self._clouds.waiting.popleft())
 
     def _with_measurements(self, cloud: PointCloud) -> CloudScan:
         end_ns = _end_ns(cloud)
-        imu = tuple(m for m in self._imu.take(end_ns) if isinstance(m, Imu))
-        odometry = tuple(m for m in self._odometry.take(end_ns) if isinstance(m, Odometry))
-        return CloudScan(cloud, imu, odometry)
+        left_out = sum(stream.count_left_out() for stream in (self._imu, self._odometry, self._clouds))
+        return CloudScan(cloud, self._imu.take(end_ns), self._odometry.take(end_ns), left_out)
 
 
 def returns_in_order(cloud: PointCloud) -> PointCloud:
