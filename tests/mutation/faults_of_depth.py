@@ -173,4 +173,11 @@ DEPTH = (
         "if message.stamp_ns < 0:",
         ("tests/recordings/test_cloud_recording.py::test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows",),
     ),
+    PlantedFault(
+        "edges do not know where in the rolled arrays their window begins",
+        "kernels/terrain_edges.py",
+        "cx0, cy0 = (first[0] // 2) % m, (first[1] // 2) % m\n    evidence",
+        "cx0, cy0 = 0, 0\n    evidence",
+        ("tests/perception/test_terrain.py::test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it",),
+    ),
 )

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
@@ -88,14 +89,35 @@ def test_a_window_holds_the_floor_that_a_robot_sees() -> None:
     assert replace(TerrainConfig(), columns=240).for_robot(model).columns == 240
 
 
-def test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it() -> None:
-    """An edge of a kerb along a row with a hole of five cells, seen too little (uneven) or as level ground."""
+def marked(
+    classes: NDArray[np.uint8], excess: NDArray[np.float32], rolled: tuple[int, int]
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return classes and excess after the edges were marked in a window that begins at column and row `rolled`."""
+    x, y = rolled
+    kept, given = (np.roll(cells, (y, x), (0, 1)) for cells in (classes, excess))
+    terrain_edges.mark_edges(np.zeros_like(kept), 6, given, 0.08, np.array([2 * x, 2 * y]), kept)
+    return np.roll(kept, (-y, -x), (0, 1)), np.roll(given, (-y, -x), (0, 1))
+
+
+def test_the_ends_of_a_window_are_not_beside_each_other() -> None:
+    """Edges at its left and right end close no hole between them, however the arrays are rolled."""
+    for rolled in ((0, 0), (10, 0), (17, 3)):
+        classes, excess = np.full((20, 20), ground.GROUND, np.uint8), np.full((20, 20), 0.02, np.float32)
+        classes[10, 2] = classes[10, 18] = ground.OBSTACLE
+        told = classes.copy()
+        classes, _ = marked(classes, excess, rolled)
+        np.testing.assert_array_equal(classes, told)
+
+
+@pytest.mark.parametrize("rolled", [(0, 0), (3, 10), (15, 11), (-25, -9)])
+def test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it(rolled: tuple[int, int]) -> None:
+    """An edge of a kerb along a row with a hole of five cells, seen too little (uneven) or as level ground, wherever in the rolled arrays it lies."""
     for is_level in (False, True):
         classes, excess = np.full((20, 20), ground.GROUND, np.uint8), np.zeros((20, 20), np.float32)
         classes[10, 3:8] = classes[10, 13:18] = ground.OBSTACLE
         excess[10, 3:18] = 0.02  # between a fifth and a third of a step: not level, not joined
         excess[10, 8:12] = 0.0 if is_level else 0.02
-        terrain_edges.mark_edges(np.zeros((20, 20), np.uint8), 6, excess, 0.08, classes)
+        classes, excess = marked(classes, excess, rolled)
         assert (classes[10, 8:13] == (ground.GROUND if is_level else ground.OBSTACLE)).all()
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
         assert (excess < 0.08).all()
@@ -108,7 +130,7 @@ def test_a_step_joins_what_is_uneven_beside_it_but_not_without_end() -> None:
     uneven[10, 2:18], uneven[10, 2] = 0.04, 0.12
     excess, classes = uneven.copy(), np.full((m, m), ground.GROUND, np.uint8)
     classes[10, 2] = ground.OBSTACLE
-    terrain_edges.mark_edges(np.zeros((m, m), np.uint8), 6, excess, 0.08, classes)
+    classes, excess = marked(classes, excess, (0, 0))
     assert (classes[10, 2:6] == ground.OBSTACLE).all()
     assert (classes[10, 6:] == ground.GROUND).all()
     assert (excess == uneven).all()

@@ -168,11 +168,26 @@ def _count_drop(evidence, depths, y, x, depth):
 
 
 @jit_ieee
-def mark_edges(evidence, wanted, excess, step, classes):
+def _laid_out(cells, cx0, cy0):
+    """Return the cells in the order of their places, the window's first one first."""
+    m = cells.shape[0]
+    out = np.empty_like(cells)
+    for y in range(m):
+        row = wrapped(y + cy0, m)
+        out[y, : m - cx0], out[y, m - cx0 :] = cells[row, cx0:], cells[row, :cx0]
+    return out
+
+
+@jit_ieee
+def mark_edges(rolled_evidence, wanted, rolled_excess, step, first, rolled_classes):
     """Mark the cells for whose drop there is enough evidence, and join what belongs to marked edges: beside a drop a third of the evidence is
     enough, beside a step a third of its height. An edge that is marked with holes in it is none for a planner. What is joined keeps its own
-    `excess`: taken for a step, it would stay one and join what lies beside it the next time."""
-    m = evidence.shape[0]
+    `excess`: taken for a step, it would stay one and join what lies beside it the next time. `first` int64 (2,) is the window's first voxel, of which two
+    are a cell: cells at opposite ends of the window are not beside each other, although they may be so in the rolled arrays."""
+    m = rolled_classes.shape[0]
+    cx0, cy0 = (first[0] // 2) % m, (first[1] // 2) % m
+    evidence, excess = _laid_out(rolled_evidence, cx0, cy0), _laid_out(rolled_excess, cx0, cy0)
+    classes = _laid_out(rolled_classes, cx0, cy0)
     for y in range(m):
         for x in range(m):
             if evidence[y, x] >= wanted and classes[y, x] != OBSTACLE:
@@ -199,6 +214,7 @@ def mark_edges(evidence, wanted, excess, step, classes):
                 elif classes[y, x] == JOINED_STEP:
                     classes[y, x] = OBSTACLE
     _close_holes(evidence, excess, step, classes)
+    rolled_classes[:] = _laid_out(classes, (m - cx0) % m, (m - cy0) % m)
 
 
 @jit_ieee
@@ -252,4 +268,4 @@ def warm_up() -> None:
     image = np.full((DIRECTIONS, ROWS, 2), np.inf, np.float32)
     seen = (lows, lows, lows.copy(), state)
     find_drops(*seen, origin, first, 0.1, 0, 0.1, 0.06, 1.5, image, evidence, depths)
-    mark_edges(evidence, 6, excess, 0.08, state)
+    mark_edges(evidence, 6, excess, 0.08, first, state)

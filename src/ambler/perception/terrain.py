@@ -187,7 +187,7 @@ class TerrainAnalysis:
             self._evidence,
             self._depths,
         )
-        terrain_edges.mark_edges(self._evidence, c.evidence, self._excess, c.step, self._classes)
+        terrain_edges.mark_edges(self._evidence, c.evidence, self._excess, c.step, self._first, self._classes)
         terrain_stairs.find_stairs(*seen, *place, self._voxels, self._mask, self._classes)
 
     def terrain(self) -> Terrain:
