@@ -180,4 +180,11 @@ DEPTH = (
         "cx0, cy0 = 0, 0\n    evidence",
         ("tests/perception/test_terrain.py::test_a_hole_in_an_edge_is_closed_unless_level_ground_is_seen_in_it",),
     ),
+    PlantedFault(
+        "each round of a robot adds to the visibility graph",
+        "planning/visibility_graph.py",
+        "AGAIN = 0.3 ",
+        "AGAIN = 0.0 ",
+        ("tests/planning/test_visibility_graph.py::test_rounds_add_no_nodes_without_end",),
+    ),
 )

@@ -301,6 +301,21 @@ def test_who_was_put_elsewhere_has_not_driven_there() -> None:
         assert ((a.nodes[others, kernels.X] > 100) == (a.nodes[node, kernels.X] > 100)).all()
 
 
+def test_rounds_add_no_nodes_without_end() -> None:
+    """A robot drives around a wall again and again, never quite along the same line; from the second round on, hardly anything is new."""
+    walls = np.full((100, 200), FREE, np.uint8)
+    walls[20:80, 90:110] = FORBIDDEN
+    graph = VisibilityGraph()
+    graph.update(GridSpec(0.05, 200, 100, -5.0, -2.5), walls)
+    rng, counts = np.random.default_rng(3), []
+    for _ in range(30):
+        for angle in np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False):
+            x, y = np.array([2.5 * np.cos(angle), 2.0 * np.sin(angle)]) + rng.normal(0.0, 0.03, 2)
+            graph.drive(float(x), float(y))
+        counts.append(int((graph.arrays.is_alive & (graph.arrays.kind == DRIVEN)).sum()))
+    assert 2 <= counts[0] <= counts[-1] <= 3 * counts[0]
+
+
 # Unknown ground
 
 

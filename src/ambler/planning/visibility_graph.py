@@ -29,6 +29,7 @@ U8 = NDArray[np.uint8]
 CORNER, GAP, DRIVEN = 0, 1, 2
 UNIT = 16.0
 LEAP = 3.0  # metres between two places of a robot that it need not have driven
+AGAIN = 0.3  # metres from a node of a way that was driven before within which no other one is made
 Curve = tuple[F64, bool]  # points (y, x) in cells, and whether it closes
 
 
@@ -366,14 +367,33 @@ class VisibilityGraph:
     def _bridge_to(self, where: tuple[int, float, float], last: int | None) -> int:
         floor, x, y = where
         ground = self.floor(floor)
-        assert ground.spec is not None
-        row = np.zeros(8)
-        row[kernels.Y], row[kernels.X] = self._cell(ground.spec, x, y)
-        node = self._add(row, floor, DRIVEN)
-        self._join(np.array([node]), ground, floor)
+        node = self._driven_before(x, y, floor, last)
+        if node is None:
+            node = self._add_driven(x, y, floor)
+            self._join(np.array([node]), ground, floor)
         if last is not None:
             self._edge(last, node, kernels.TRAJECTORY, ground)
         return node
+
+    def _add_driven(self, x: float, y: float, floor: int) -> int:
+        spec = self.floor(floor).spec
+        assert spec is not None
+        row = np.zeros(8)
+        row[kernels.Y], row[kernels.X] = self._cell(spec, x, y)
+        return self._add(row, floor, DRIVEN)
+
+    def _driven_before(self, x: float, y: float, floor: int, last: int | None) -> int | None:
+        """Return the node nearest to a place that a way left there before, and that both the place and the way's last node see; None without one. A robot on
+        its rounds would else add to the graph for as long as it drives."""
+        a = self._a
+        away = np.hypot(a.place[:, 0] - x, a.place[:, 1] - y)
+        near = np.flatnonzero(a.is_alive & (a.kind == DRIVEN) & (a.nodes[:, kernels.FLOOR] == floor) & (away <= AGAIN))
+        for node in near[np.argsort(away[near], kind="stable")].tolist():
+            node_x, node_y = a.place[node].tolist()
+            is_next = last is None or (last != node and self._sees(last, node_x, node_y, floor))
+            if is_next and self._sees(node, x, y, floor):
+                return int(node)
+        return None
 
     def _sees(self, node: int, x: float, y: float, floor: int) -> bool:
         ground, at = self.floor(floor), self._a.nodes[node]
@@ -385,11 +405,7 @@ class VisibilityGraph:
         """Add a way (N, 2) in metres that contours and gaps do not show, such as one found cell by cell, as nodes in a row."""
         ground = self.floor(floor)
         assert ground.spec is not None
-        nodes = []
-        for x, y in points.tolist():
-            row = np.zeros(8)
-            row[kernels.Y], row[kernels.X] = self._cell(ground.spec, x, y)
-            nodes.append(self._add(row, floor, DRIVEN))
+        nodes = [self._add_driven(x, y, floor) for x, y in points.tolist()]
         self._join(np.array(nodes, np.int64), ground, floor)
         for i, j in itertools.pairwise(nodes):
             self._edge(i, j, kernels.TRAJECTORY, ground)
