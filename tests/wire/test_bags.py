@@ -246,6 +246,28 @@ def test_wrong_files_are_named(tmp_path: Path) -> None:
     refuse(tmp_path / "silent", "missing|no bag")
 
 
+def test_of_several_echoes_the_first_is_a_scan_s_range(tmp_path: Path) -> None:
+    """As in the bags of Hokuyo scanners that record up to three echoes of a beam."""
+    echo, header = ROS1.types["sensor_msgs/msg/LaserEcho"], ROS1.types["std_msgs/msg/Header"]
+    stamp = ROS1.types["builtin_interfaces/msg/Time"](1432647019, 5)
+    beams = [np.array(echoes, np.float32) for echoes in ([2.5], [3.0, 7.0, 9.0], [], [4.5, 4.6])]
+    kind = "sensor_msgs/msg/MultiEchoLaserScan"
+    numbers = (-1.0, 1.0, 0.5, 0.001, 0.025, 0.1, 30.0)
+    scan = ROS1.types[kind](
+        header(0, stamp, "laser"), *numbers, [echo(b) for b in beams], [echo(b * 10.0) for b in beams]
+    )
+    with Writer1(tmp_path / "echoes.bag") as writer:
+        to = writer.add_connection("/horizontal_laser_2d", kind, typestore=ROS1)
+        writer.write(to, 1432647019 * 10**9, bytes(ROS1.serialize_ros1(scan, kind)))
+    with open_bag(tmp_path / "echoes.bag") as bag:
+        got = next(bag.messages(types=[m.LaserScan])).message
+    assert isinstance(got, m.LaserScan)
+    assert (got.stamp_ns, got.frame, got.range_max) == (1432647019 * 10**9 + 5, "laser", 30.0)
+    np.testing.assert_array_equal(got.ranges, np.array([2.5, 3.0, np.inf, 4.5], np.float32))
+    np.testing.assert_array_equal(got.intensities, np.array([25.0, 30.0, 0.0, 45.0], np.float32))
+    assert (got.angle_min, got.angle_increment) == (-1.0, 0.5)
+
+
 def test_the_turtlebot4_recording_on_its_read_only_disk() -> None:
     with open_bag(public("turtlebot4/macfirst_floor_take_2")) as bag:
         counts = {t.name: t.count for t in bag.topics()}

@@ -1,6 +1,6 @@
 """ROS 1 bags and ROS 2 bags (SQLite and MCAP; files or folders) as messages of Ambler, in the order of their log times.
 
-Reads laser scans, clouds (PointCloud2 and Livox' own message), inertial measurements, satellite fixes, odometry, transforms, poses and occupancy grids, with the definitions that
+Reads laser scans (of several echoes the first), clouds (PointCloud2 and Livox' own message), inertial measurements, satellite fixes, odometry, transforms, poses and occupancy grids, with the definitions that
 the bag carries, else with those of Jazzy. Other topics are listed and skipped.
 """
 
@@ -32,6 +32,7 @@ from ambler.wire.ros_types import STORE
 _FromRos = Callable[[Any], m.Message]
 _READINGS: dict[str, tuple[type[m.Message], _FromRos]] = {
     "sensor_msgs/msg/LaserScan": (m.LaserScan, ros_sensors.laser_scan_from_ros),
+    "sensor_msgs/msg/MultiEchoLaserScan": (m.LaserScan, ros_sensors.multi_echo_scan_from_ros),
     "sensor_msgs/msg/PointCloud2": (m.PointCloud, ros_sensors.cloud_from_ros),
     "livox_ros_driver/msg/CustomMsg": (m.PointCloud, ros_sensors.livox_from_ros),
     "livox_ros_driver2/msg/CustomMsg": (m.PointCloud, ros_sensors.livox_from_ros),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambler.core import messages as m
 from ambler.wire.cloud_columns import INTENSITY, RING, column, point_times
@@ -75,6 +77,26 @@ def laser_scan_from_ros(record: Any) -> m.LaserScan:
         np.array(record.ranges, np.float32),
         np.array(record.intensities, np.float32),
     )
+
+
+def multi_echo_scan_from_ros(record: Any) -> m.LaserScan:
+    """Keep the first echo of each beam, the nearest thing that returned any light; inf where none did."""
+    return m.LaserScan(
+        stamp_from_ros(record.header),
+        record.header.frame_id,
+        record.angle_min,
+        record.angle_increment,
+        record.time_increment,
+        record.scan_time,
+        record.range_min,
+        record.range_max,
+        _first_echoes(record.ranges, math.inf),
+        _first_echoes(record.intensities, 0.0),
+    )
+
+
+def _first_echoes(beams: Iterable[Any], none: float) -> NDArray[np.float32]:
+    return np.array([beam.echoes[0] if len(beam.echoes) else none for beam in beams], np.float32)
 
 
 def range_to_ros(message: m.Range) -> Any:
