@@ -1311,4 +1311,11 @@ MOTION = (
         "keep = c.keep_held",
         ("tests/missions/test_blocked_ways.py",),
     ),
+    PlantedFault(
+        "a robot that made too little room makes as little again",
+        "missions/explore.py",
+        "k * self.config.give_way)",
+        "self.config.give_way)",
+        ("tests/missions/test_explore.py::test_a_robot_that_people_shut_in_makes_room_for_them_every_second_time",),
+    ),
 )

@@ -438,8 +438,7 @@ class ExploreMission:
         text = f"the way home is shut ({code})"
         if (place := self._trail.lookout(view.costs, view.map_from_base)) is not None:
             return self._go_and_wait(view, place, f"{text}, going to where it is")
-        place = self._trail.away(view.map_from_base, self.config.give_way)
-        if self._returns % 2 == 0 and place is not None:
+        if self._returns % 2 == 0 and (place := self._room(view, self._returns // 2)) is not None:
             return self._go_and_wait(view, place, f"{text}, making room")
         return self._turn_and_wait(view, f"{text}, waiting")
 
@@ -524,11 +523,17 @@ class ExploreMission:
             self._remember(view, self._target_frontier, reason, has_looked=False)
             return self._wait(view, c.look_time, f"gave up a frontier ({reason})")
         self._next_drive()
-        place = self._trail.away(view.map_from_base, c.give_way)
+        place = self._room(view, (self._failed.count - c.shut_failures) // 2 + 1)
         if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):
             return [ClearCosts(), *self._go_and_wait(view, place, f"shut in, making room ({reason})")]
         doubts = (ClearCosts(), DoubtTerrain(c.doubted))
         return [*doubts, *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
+
+    def _room(self, view: ExploreView, attempt: int) -> SE2 | None:
+        """Return a place to make room at: farther away with each attempt, as far as the robot came from; None if it came from nowhere."""
+        attempts = range(min(attempt, self.config.give_way_most), 0, -1)
+        places = (self._trail.away(view.map_from_base, k * self.config.give_way) for k in attempts)
+        return next((place for place in places if place is not None), None)
 
     def _patience_ns(self, view: ExploreView, seconds: float) -> float:
         """How long to try what fails: longer while people are about, who may stand in the way and leave."""
