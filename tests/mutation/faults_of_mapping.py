@@ -203,6 +203,27 @@ MAPPING = (
         BACK_END,
     ),
     PlantedFault(
+        "odometry that begins late stands before it began",
+        "slam2d/extrapolator.py",
+        "return self.poses[0] if stamp_ns >= self.stamps[0] else None",
+        "return self.poses[0]",
+        ("tests/slam2d/test_extrapolator.py",),
+    ),
+    PlantedFault(
+        "a leap of odometry that no robot makes is a motion",
+        "slam2d/extrapolator.py",
+        "if self.stamps and _is_leap(",
+        "if False and _is_leap(",
+        ("tests/slam2d/test_extrapolator.py",),
+    ),
+    PlantedFault(
+        "what is usual begins with nothing, and a leap of odometry is followed within the first scans",
+        "slam2d/front_end.py",
+        "rate = USUAL_RATE if self._matches else 1.0",
+        "rate = USUAL_RATE",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
         "a scan of which nothing fits is believed as any",
         "slam2d/front_end.py",
         "return share * config.window_linear_max, share * config.window_angular_max",

@@ -104,3 +104,46 @@ def test_odometry_bridges_a_long_silence_of_the_scanner() -> None:
     prediction = extrapolator.predict(11_000 * MS)  # ten seconds later
     assert prediction.is_measured
     assert close(prediction.motion, SE2.exp(10.0 * twist))
+
+
+def test_before_its_first_pose_there_is_no_odometry() -> None:
+    extrapolator = PoseExtrapolator()
+    extrapolator.add_matched(1000 * MS, SE2())
+    extrapolator.add_odometry(9000 * MS, SE2(5.0, 5.0, 1.0))
+    assert not extrapolator.predict(1100 * MS).is_measured, "one pose"
+    extrapolator.add_odometry(9020 * MS, SE2(5.1, 5.0, 1.0))
+    assert not extrapolator.predict(1100 * MS).is_measured
+    assert extrapolator.odom_from_base(1100 * MS) is None
+    # A scan shortly before the first pose: the first motion counts there, too.
+    extrapolator.add_matched(8980 * MS, SE2())
+    assert extrapolator.predict(9020 * MS).is_measured
+    assert extrapolator.predict(9020 * MS).motion.distance_to(SE2()) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("leap", [SE2(300.0, 0.0, 0.0), SE2(0.0, 0.0, 3.0)])
+def test_odometry_begins_anew_after_a_leap(leap: SE2) -> None:
+    """What a base may do within half a second or a minute is no leap."""
+    extrapolator, pose = PoseExtrapolator(), SE2(2.0, 1.0, 0.5)
+    extrapolator.add_odometry(0, pose)
+    extrapolator.add_matched(0, SE2())
+    extrapolator.add_odometry(500 * MS, pose @ SE2(1.5, 0.0, 1.5))
+    assert extrapolator.predict(500 * MS).motion.distance_to(SE2(1.5, 0.0, 0.0)) < 1e-9
+    extrapolator.add_odometry(60_500 * MS, pose @ SE2(41.5, 0.0, 3.0))
+    extrapolator.add_matched(60_500 * MS, SE2())
+    at = pose @ SE2(41.5, 0.0, 3.0) @ leap
+    extrapolator.add_odometry(60_600 * MS, at)
+    assert not extrapolator.predict(60_600 * MS).is_measured
+    assert extrapolator.odometry_motion(0, 60_600 * MS) is None
+    extrapolator.add_matched(60_600 * MS, SE2())
+    extrapolator.add_odometry(60_700 * MS, at @ SE2(0.1, 0.0, 0.0))
+    assert close(extrapolator.predict(60_700 * MS).motion, SE2(0.1, 0.0, 0.0))
+
+
+def test_odometry_is_kept_from_the_last_node_on() -> None:
+    extrapolator = PoseExtrapolator()
+    for k in range(100):
+        extrapolator.add_odometry(k * 100 * MS, SE2(0.1 * k, 0.0, 0.0))
+        extrapolator.add_matched(k * 100 * MS, SE2(), 1000 * MS)
+    motion = extrapolator.odometry_motion(1000 * MS, 9900 * MS)
+    assert motion is not None
+    assert close(motion, SE2(8.9, 0.0, 0.0))

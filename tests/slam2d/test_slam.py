@@ -96,6 +96,29 @@ def test_odometry_that_tells_three_times_the_way_is_found_out_and_not_followed()
     assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
 
 
+@pytest.mark.parametrize("at", [1, 2, 5, 20])
+@pytest.mark.parametrize("leap", [SE2(0.8, 0.0, 0.3), SE2(0.0, -3.0, 1.5), SE2(40.0, 30.0, 0.7)])
+def test_a_leap_of_odometry_is_not_followed_from_the_first_scan_on(at: int, leap: SE2) -> None:
+    """Its zero is set anew, or the first scan of a log came before the first odometry: before 25 scans had told what is usual it was believed, and
+    one of kilometres filled the memory."""
+    truth = oval(0.3)
+    course = drive(truth, lambda pose, motion: leap if pose is truth[at - 1] else motion)
+    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(1), with_background=False)
+    assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.08
+
+
+def test_odometry_that_begins_late_is_none_before_its_beginning() -> None:
+    """It counted as odometry that stands, with the first pose of a bag at its first scan as well as with a clock that is ahead."""
+    course = drive(oval(0.5, 60))
+    for ahead_ns in (3_000_000_000, 100_000_000_000):
+        slam, results = Slam2d(), []
+        for k, pose in enumerate(course.truth):
+            slam.add_odometry((k + 1) * PERIOD_NS + ahead_ns, course.odometry[k])
+            rng = np.random.default_rng(k)
+            results.append(slam.update(scan_at(pose, (k + 1) * PERIOD_NS, course.walls, rng, range_max=30.0)))
+        assert errors(course.truth[:25], [r.local_from_base for r in results[:25]])[:, 0].max() < 0.06
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_wheels_that_stand_still_are_doubted_before_the_robot_leaves_the_window(seed: int) -> None:
     """At 1.7 m/s only windows that have widened reach as far as the robot drives from scan to scan."""

@@ -12,12 +12,17 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 
 _HISTORY_NS = 3_000_000_000
-_LONGEST_NS = 60_000_000_000
+_LONGEST_NS = 600_000_000_000
 _MAX_AHEAD_NS = 300_000_000
+
+# What odometry may tell between two of its poses: metres and m/s, rad and rad/s. More no robot moves; its zero was set anew, or a pose is wrong. Logs with
+# one scan per metre and without a clock stay far below.
+_LEAP_WAY = (5.0, 10.0)
+_LEAP_TURN = (2.0, 6.0)
 
 
 class _Track:
-    """Poses over a short time, and since `needed_since_ns` for up to a minute, interpolated and shortly extrapolated."""
+    """Poses over a short time, and since `needed_since_ns` for up to ten minutes, interpolated and shortly extrapolated; nothing from before a leap."""
 
     def __init__(self) -> None:
         self.stamps: deque[int] = deque()
@@ -27,6 +32,9 @@ class _Track:
     def add(self, stamp_ns: int, pose: SE2) -> None:
         if self.stamps and stamp_ns <= self.stamps[-1]:
             return
+        if self.stamps and _is_leap(self.poses[-1], pose, (stamp_ns - self.stamps[-1]) * 1e-9):
+            self.stamps.clear()
+            self.poses.clear()
         self.stamps.append(stamp_ns)
         self.poses.append(pose)
         oldest_ns = stamp_ns - _HISTORY_NS
@@ -37,14 +45,23 @@ class _Track:
             self.poses.popleft()
 
     def at(self, stamp_ns: int) -> SE2 | None:
-        """Return the pose at an instant, None when the track is empty or ended too long ago."""
+        """Return the pose at an instant, None when the track is empty, ended too long ago or begins later."""
         if not self.stamps or stamp_ns > self.stamps[-1] + _MAX_AHEAD_NS:
             return None
-        if len(self.stamps) == 1 or stamp_ns <= self.stamps[0]:
-            return self.poses[0]
-        k = min(bisect_right(self.stamps, stamp_ns), len(self.stamps) - 1)
+        if len(self.stamps) == 1:
+            return self.poses[0] if stamp_ns >= self.stamps[0] else None
+        if stamp_ns < self.stamps[0] - _MAX_AHEAD_NS:
+            return None
+        k = min(max(bisect_right(self.stamps, stamp_ns), 1), len(self.stamps) - 1)
         t0, t1 = self.stamps[k - 1], self.stamps[k]
         return self.poses[k - 1].interpolate(self.poses[k], (stamp_ns - t0) / (t1 - t0))
+
+
+def _is_leap(before: SE2, after: SE2, seconds: float) -> bool:
+    """Whether no robot gets from one pose to the other in that time."""
+    (way, speed), (turn, rate) = _LEAP_WAY, _LEAP_TURN
+    turned = abs(wrap_angle(after.yaw - before.yaw))
+    return before.distance_to(after) > way + speed * seconds or turned > turn + rate * seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +85,8 @@ class PoseExtrapolator:
         self._gyro_yaw = 0.0
 
     def add_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
-        """Take one odometry pose; stamps that do not increase are ignored."""
+        """Take one odometry pose; stamps that do not increase are ignored. After a leap that no robot makes odometry begins anew: of the motion across it
+        nothing is known."""
         self._odometry.add(stamp_ns, odom_from_base)
 
     def add_imu(self, stamp_ns: int, wz: float) -> None:
@@ -85,10 +103,12 @@ class PoseExtrapolator:
         the wheels is not believed. Instead of `add_imu`, not beside it."""
         self._gyro.add(stamp_ns, SE2(0.0, 0.0, wrap_angle(yaw)))
 
-    def add_matched(self, stamp_ns: int, local_from_base: SE2) -> None:
-        """Take the pose that the scan matcher found. Odometry is kept from here on: the next scan may be long in coming."""
+    def add_matched(self, stamp_ns: int, local_from_base: SE2, needed_since_ns: int | None = None) -> None:
+        """Take the pose that the scan matcher found. Odometry is kept from here on, as the next scan may be long in coming, or from an earlier instant
+        from which on its motion will be asked for."""
         self._matched.add(stamp_ns, local_from_base)
-        self._odometry.needed_since_ns = self._gyro.needed_since_ns = stamp_ns
+        since_ns = stamp_ns if needed_since_ns is None else min(stamp_ns, needed_since_ns)
+        self._odometry.needed_since_ns = self._gyro.needed_since_ns = since_ns
 
     def odom_from_base(self, stamp_ns: int) -> SE2 | None:
         """Return the odometry at an instant, or None without recent odometry."""
@@ -105,7 +125,8 @@ class PoseExtrapolator:
         return Prediction(last @ chosen, last @ steady, chosen, motion is not None)
 
     def odometry_motion(self, from_ns: int, to_ns: int) -> SE2 | None:
-        """Return base(from)_from_base(to) by odometry, its rotation by the gyroscope if there is one; None without odometry."""
+        """Return base(from)_from_base(to) by odometry, its rotation by the gyroscope if there is one; None without odometry,
+        before its first pose and across a leap."""
         start, end = self._odometry.at(from_ns), self._odometry.at(to_ns)
         if start is None or end is None:
             return None

@@ -21,6 +21,8 @@ F32 = NDArray[np.float32]
 SEARCH_WEIGHTS = 0.5, 0.5  # 1/m, 1/rad: what a place farther from the prediction loses of its score
 MOST = 0.5  # of the points lie on walls where a scan is found again; fewer do in many places of a window that wide
 LOST_DEPTH = 4  # of the stack in which a scan is sought that fits nowhere near
+USUAL_RATE = 0.05  # of what one match counts in what is usual, which begins with the first one
+FIRST_MATCHES = 10  # in which steady motion is tried beside odometry, even where that is trusted
 POINTS_LEAST = 10  # of a scan that is matched or inserted
 START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
 STILL_MOTION = (
@@ -60,6 +62,7 @@ class FrontEnd:
         )
         self._inserted: tuple[int, SE2] | None = None
         self._stands_at_start, self._scans_at_start = True, 0
+        self._matches = 0
         self._usual_score = 0.0
         self._usual_inliers = 0.0
         self.odometry_error = 0.0
@@ -100,12 +103,15 @@ class FrontEnd:
         window = self._window(prediction.motion, is_trusted)
         weights = self._config.refine if is_trusted else self._config.blind_refine
         match = _match_near(target, points, target.to_submap(prediction.local_from_base), window, weights)
-        if prediction.is_measured and not is_trusted:
+        # By what is usual a leap of odometry is found out, and the first matches do not tell yet what that is.
+        if prediction.is_measured and (not is_trusted or self._matches < FIRST_MATCHES):
             match = self._steady_match(target, points, prediction, window, match)
         if match.score < self._usual_score - self._config.rescue_score_drop:
             match = self._rescued_match(target, points, prediction, match)
-        self._usual_score += 0.05 * (match.score - self._usual_score)
-        self._usual_inliers += 0.05 * (match.inlier_ratio - self._usual_inliers)
+        rate = USUAL_RATE if self._matches else 1.0
+        self._matches += 1
+        self._usual_score += rate * (match.score - self._usual_score)
+        self._usual_inliers += rate * (match.inlier_ratio - self._usual_inliers)
         return match
 
     def _doubt(self, match: MatchResult | None) -> tuple[float, float]:

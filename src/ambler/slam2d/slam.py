@@ -93,7 +93,7 @@ class Slam2d:
     def update(self, scan: PlanarScan, *, may_insert: bool = True) -> Slam2dResult:
         """Match, insert and add one scan to the graph; where its pose is in doubt it must not be inserted. Stamps must increase."""
         local = self._front_end.update(scan, self._extrapolator.predict(scan.stamp_ns), may_insert=may_insert)
-        self._extrapolator.add_matched(scan.stamp_ns, local.local_from_base)
+        self._extrapolator.add_matched(scan.stamp_ns, local.local_from_base, None if local.submaps else self._node_ns)
         node = None
         if local.submaps:
             node = len(self._back_end.nodes)
