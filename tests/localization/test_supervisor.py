@@ -97,10 +97,10 @@ class Watch:
         self.supervisor = Supervisor(surfaces, localizer, relocalizer, SupervisorConfig())
         self.now_ns = 0
 
-    def show(self, points: F32, seconds: float) -> list[Supervision]:
+    def show(self, points: F32, seconds: float, odom_from_base: SE2 = SE2()) -> list[Supervision]:
         out = []
         for _ in range(round(seconds * 1e9 / PERIOD_NS)):
-            out.append(self.supervisor.step(Observation(self.now_ns, SE2(), points)))
+            out.append(self.supervisor.step(Observation(self.now_ns, odom_from_base, points)))
             self.now_ns += PERIOD_NS
         return out
 
@@ -167,6 +167,33 @@ def test_a_scan_that_is_hidden_for_the_most_part_degrades_and_then_loses_the_pos
     assert seconds_until(told, GIVEN_UP) == math.inf
     told = watch.show(scan(hidden=0.75), 3.0)
     assert 0.9 <= seconds_until(told, GIVEN_UP) <= 1.2
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_a_robot_at_rest_that_sees_nothing_for_a_while_is_doubted_and_not_lost(count: int) -> None:
+    """By its odometry it cannot have gone elsewhere; and what was carried meanwhile is lost when it sees again. The few returns fit the map: they are dirt all the same."""
+    watch, little = Watch(), scan()[:count]
+    watch.show(scan(), 1.0)
+    told = watch.show(little, 20.0)
+    assert {s.state for s in told[4:]} == {LocalizationState.DEGRADED}
+    assert told[-1].estimate is not None
+    assert watch.supervisor.take_search() is None, "there is nothing to search with"
+    assert {s.state for s in watch.show(scan(), 0.3)} == {LocalizationState.TRACKING}
+    watch.show(little, 20.0)
+    assert watch.show(scan(through=0.4), 2.0)[-1].state in GIVEN_UP
+
+
+def test_a_robot_that_moves_without_seeing_is_lost() -> None:
+    watch, nothing = Watch(), scan()[:0]
+    watch.show(scan(), 1.0)
+    assert 0.9 <= seconds_until(watch.show(nothing, 3.0, SE2(0.3, 0.0, 0.0)), GIVEN_UP) <= 1.2
+    turned = Watch()
+    turned.show(scan(), 1.0)
+    assert 0.9 <= seconds_until(turned.show(nothing, 3.0, SE2(0.0, 0.0, 0.5)), GIVEN_UP) <= 1.2
+
+
+def test_a_pose_from_which_nothing_was_ever_seen_is_lost() -> None:
+    assert 0.9 <= seconds_until(Watch().show(scan()[:0], 3.0), GIVEN_UP) <= 1.2
 
 
 def compared(rival: float, here: float) -> LocalizationState:

@@ -21,6 +21,20 @@ MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
 
 LOCALIZATION = (
     PlantedFault(
+        "a robot at rest that sees nothing for a second is lost",
+        "localization/supervisor.py",
+        "if is_blind and self._is_at_rest(observation):",
+        "if False:",
+        ("tests/localization/test_supervisor.py",),
+    ),
+    PlantedFault(
+        "a robot that moves without seeing is not lost",
+        "localization/supervisor.py",
+        "return seen is not None and is_same_place(seen, observation.odom_from_base, *self.config.rest)",
+        "return True",
+        ("tests/localization/test_supervisor.py",),
+    ),
+    PlantedFault(
         "a place is believed however much of it is contradicted",
         "localization/relocalizer.py",
         "if is_here and (is_sure or is_confirmed)",

@@ -3,6 +3,8 @@
 TRACKING → DEGRADED when the map explains too little of the scan for a moment → LOST when it stays so, when rays run through the
 map's walls, when a search finds a place that fits much better, or when the pose jumps: particles that gather elsewhere are a guess like any
 other → RELOCALIZING → TRACKING when a second viewpoint confirms.
+While next to nothing returns, a robot that stands by its odometry stays DEGRADED: it cannot have driven elsewhere, but may have been carried, which the first scan
+with returns tells. One that moves unseeing is LOST.
 People around the robot only hide walls (returns too near); a wrong pose also sees through them (returns too far).
 
 Searching the map takes long. `update` does it at once; on a robot `step` answers immediately, `take_search` hands out the search as a
@@ -48,7 +50,8 @@ class SupervisorConfig:
     """Shares of the returns: below `explained_good` DEGRADED; below `explained_least` or above `through_most` (seen through walls) for
     `lost_after` s LOST (where the map is old and more is usual, `through_rise` above the usual). While it is below the usual by `sudden_drop` a search runs every `search_every` s, then more seldom; a place
     better by `better_by`, and of `rival_quality`, means LOST; so does a pose that moves by more than `jump` (m, rad) beyond odometry and its own
-    three sigma between two observations. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
+    three sigma between two observations. Fewer than `seen_least` returns tell nothing, and a robot that odometry has moved by less than `rest` (m, rad) since
+    there were more is at rest. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
 
     explained_good: float = 0.6
     explained_least: float = 0.35
@@ -63,6 +66,8 @@ class SupervisorConfig:
     better_by: float = 0.25
     rival_quality: float = 0.7
     jump: tuple[float, float] = (0.5, 0.35)
+    seen_least: int = 20
+    rest: tuple[float, float] = (0.1, 0.1)
     slack: float = 0.15
     points: int = 240
 
@@ -114,6 +119,7 @@ class Supervisor:
         self._rival: SE2 | None = None
         self._wanted: Callable[[], Callable[[], SearchResult]] | None = None
         self._newest: Observation | None = None
+        self._odom_when_seen: SE2 | None = None
         self._series = 0
 
     @property
@@ -168,10 +174,15 @@ class Supervisor:
                 return Supervision(observation.stamp_ns, self._state, estimate, None, 0.0, 0.0, self._text)
         explained, through = self._judge(observation, estimate)
         config, now = self.config, observation.stamp_ns
-        is_poor = explained < config.explained_good
+        is_blind = np.isfinite(observation.points_base).all(axis=1).sum() < config.seen_least
+        if not is_blind:
+            self._odom_when_seen = observation.odom_from_base
+        is_poor = is_blind or explained < config.explained_good
         is_suspect = is_poor or explained < self._usual - config.sudden_drop
         through_most = max(config.through_most, self._usual_through + config.through_rise)
         is_wrong = explained < min(config.explained_least, 0.6 * self._usual) or through > through_most
+        if is_blind and self._is_at_rest(observation):
+            is_wrong = False
         self._suspect_since_ns = _since(self._suspect_since_ns, is_suspect, now)
         self._wrong_since_ns = _since(self._wrong_since_ns, is_wrong, now)
         if not is_suspect:
@@ -183,10 +194,18 @@ class Supervisor:
             why = f"the map explains {explained:.0%} of the scan, {through:.0%} of it runs through walls"
             self._enter(LocalizationState.LOST, why)
         elif self._suspect_since_ns is not None and now - self._suspect_since_ns >= config.degraded_after * 1e9:
-            self._doubt(observation, estimate, explained, is_poor=is_poor)
+            if is_blind:
+                self._state, self._text = LocalizationState.DEGRADED, "next to nothing is seen"
+            else:
+                self._doubt(observation, estimate, explained, is_poor=is_poor)
         elif not is_suspect:
             self._state, self._text = LocalizationState.TRACKING, f"the map explains {explained:.0%} of the scan"
         return Supervision(now, self._state, estimate, None, explained, through, self._text)
+
+    def _is_at_rest(self, observation: Observation) -> bool:
+        """Whether odometry has not moved the robot since it last saw anything from the believed pose; False before it did."""
+        seen = self._odom_when_seen
+        return seen is not None and is_same_place(seen, observation.odom_from_base, *self.config.rest)
 
     def _has_jumped(self, carried: SE2, covariance: F64, told: SE2) -> bool:
         way, turn = self.config.jump
@@ -279,6 +298,7 @@ class Supervisor:
         self.localizer.set_pose(now.stamp_ns, now.odom_from_base, pose, covariance)
         estimate = self.localizer.update(now)
         self._enter(LocalizationState.TRACKING, _describe(found))
+        self._odom_when_seen = now.odom_from_base
         self.relocalizer.reset()
         explained, through = self._judge(now, estimate)
         self._usual, self._usual_through = explained, through
@@ -286,6 +306,7 @@ class Supervisor:
 
     def _enter(self, state: LocalizationState, text: str) -> None:
         self._state, self._text, self._rival, self._wanted = state, text, None, None
+        self._odom_when_seen = None
         self._series += 1  # searches that were begun before are void
         self._suspect_since_ns = self._wrong_since_ns = None
         self._search_pause, self._next_search_ns = self.config.search_every, 0
