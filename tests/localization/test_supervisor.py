@@ -26,6 +26,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 PERIOD_NS = 100_000_000
 HERE = SE2(7.0, 4.0, 0.3)
+STANDING = SE2()
 GIVEN_UP = (LocalizationState.LOST, LocalizationState.RELOCALIZING)
 
 
@@ -97,7 +98,7 @@ class Watch:
         self.supervisor = Supervisor(surfaces, localizer, relocalizer, SupervisorConfig())
         self.now_ns = 0
 
-    def show(self, points: F32, seconds: float, odom_from_base: SE2 = SE2()) -> list[Supervision]:
+    def show(self, points: F32, seconds: float, odom_from_base: SE2 = STANDING) -> list[Supervision]:
         out = []
         for _ in range(round(seconds * 1e9 / PERIOD_NS)):
             out.append(self.supervisor.step(Observation(self.now_ns, odom_from_base, points)))

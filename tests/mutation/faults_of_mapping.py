@@ -224,6 +224,13 @@ MAPPING = (
         ("tests/slam2d/test_slam.py",),
     ),
     PlantedFault(
+        "of two scanners at one instant the second is never drawn",
+        "slam2d/front_end.py",
+        "return math.dist(scan.origin, self._inserted_origin) > ANOTHER_SCANNER",
+        "return False",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
         "a scan of which nothing fits is believed as any",
         "slam2d/front_end.py",
         "return share * config.window_linear_max, share * config.window_angular_max",

@@ -173,6 +173,22 @@ def test_nodes_are_added_on_motion_only() -> None:
     assert slam.update(moved).node == 1
 
 
+def test_of_two_scanners_at_one_instant_both_are_drawn() -> None:
+    """The rear one stands where the front one stood when it was drawn, and has not moved since; a scan that is there twice is drawn once."""
+    slam, drawn, twice = Slam2d(), [], []
+    for k, pose in enumerate(oval(0.5)):
+        slam.add_odometry(k * PERIOD_NS, pose)
+        for later_ns, is_front in ((0, True), (1000, False), (2000, False)):
+            scan = scan_at(pose, k * PERIOD_NS + later_ns)
+            is_seen = (scan.points[:, 0] > 0.0) == is_front
+            result = slam.update(replace(scan, points=scan.points[is_seen], origin=(0.2 if is_front else -0.3, 0.0)))
+            (twice if later_ns == 2000 else drawn).append(result.node is not None)
+    front, rear = drawn[0::2], drawn[1::2]
+    assert sum(front) > 20
+    assert rear[10:] == front[10:]
+    assert not any(twice[10:])
+
+
 def test_scans_without_points_follow_the_prediction() -> None:
     slam, course = Slam2d(), drive(oval(0.25))
     run(slam, course, with_odometry=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,8 @@ LOST_DEPTH = 4  # of the stack in which a scan is sought that fits nowhere near
 USUAL_RATE = 0.05  # of what one match counts in what is usual, which begins with the first one
 FIRST_MATCHES = 10  # in which steady motion is tried beside odometry, even where that is trusted
 POINTS_LEAST = 10  # of a scan that is matched or inserted
+SAME_INSTANT_NS = 1_000_000  # logs move the second of two equal stamps behind the first by less
+ANOTHER_SCANNER = 0.01  # metres between two scanners of a base
 START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
 STILL_MOTION = (
     1e-3,
@@ -61,6 +64,7 @@ class FrontEnd:
             lines=config.lines,
         )
         self._inserted: tuple[int, SE2] | None = None
+        self._inserted_origin = (0.0, 0.0)
         self._stands_at_start, self._scans_at_start = True, 0
         self._matches = 0
         self._usual_score = 0.0
@@ -88,12 +92,12 @@ class FrontEnd:
         if (
             may_insert
             and len(scan.points) >= POINTS_LEAST
-            and (self._stands_at_start or self._has_moved(scan.stamp_ns, pose))
+            and (self._stands_at_start or self._has_moved(scan.stamp_ns, pose) or self._is_by_another_scanner(scan))
         ):
             between = points_between_returns(scan, 0.5 * config.insertion.resolution)
             submaps, finished = self.active.insert(scan, pose, between)
             self._scans_at_start += 1
-            self._inserted = (scan.stamp_ns, pose)
+            self._inserted, self._inserted_origin = (scan.stamp_ns, pose), scan.origin
         doubt = (0.0, 0.0) if target is None else self._doubt(match)
         return LocalResult(pose, match, scan, points, submaps, finished, doubt)
 
@@ -206,6 +210,12 @@ class FrontEnd:
             moved.distance_to(SE2()) < way and abs(moved.yaw) < turn
             for moved, (way, turn) in ((prediction.motion, STILL_MOTION), (last.inverse() @ matched, STILL_MATCH))
         )
+
+    def _is_by_another_scanner(self, scan: PlanarScan) -> bool:
+        """Whether a scan was taken beside one that was just drawn: from the same pose of the base a second scanner sees other walls."""
+        if self._inserted is None or scan.stamp_ns - self._inserted[0] > SAME_INSTANT_NS:
+            return False
+        return math.dist(scan.origin, self._inserted_origin) > ANOTHER_SCANNER
 
     def _has_moved(self, stamp_ns: int, pose: SE2) -> bool:
         config = self._config
