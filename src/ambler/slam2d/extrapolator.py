@@ -14,6 +14,7 @@ from ambler.core.se2 import SE2, wrap_angle
 _HISTORY_NS = 3_000_000_000
 _LONGEST_NS = 600_000_000_000
 _MAX_AHEAD_NS = 300_000_000
+_MAX_BEFORE_NS = 100_000_000
 
 # What odometry may tell between two of its poses: metres and m/s, rad and rad/s. More no robot moves; its zero was set anew, or a pose is wrong. Logs with
 # one scan per metre and without a clock stay far below.
@@ -50,9 +51,9 @@ class _Track:
             return None
         if len(self.stamps) == 1:
             return self.poses[0] if stamp_ns >= self.stamps[0] else None
-        if stamp_ns < self.stamps[0] - _MAX_AHEAD_NS:
-            return None
-        k = min(max(bisect_right(self.stamps, stamp_ns), 1), len(self.stamps) - 1)
+        if stamp_ns <= self.stamps[0]:
+            return self.poses[0] if stamp_ns >= self.stamps[0] - _MAX_BEFORE_NS else None
+        k = min(bisect_right(self.stamps, stamp_ns), len(self.stamps) - 1)
         t0, t1 = self.stamps[k - 1], self.stamps[k]
         return self.poses[k - 1].interpolate(self.poses[k], (stamp_ns - t0) / (t1 - t0))
 
