@@ -12,6 +12,7 @@ PHYSICS = ("tests/sim/test_physics.py",)
 FAULTS = ("tests/sim/test_faults.py",)
 IMPERFECTIONS = ("tests/sim/test_imperfections.py",)
 TOLD = ("tests/apps/test_imperfect_robot.py",)
+LOGS = ("tests/recordings/test_carmen_scans.py",)
 
 SENSORS = (
     PlantedFault(
@@ -244,5 +245,33 @@ SENSORS = (
         "driven = _driven(wheels)",
         "driven = wheels",
         ("tests/sim/test_urdf.py",),
+    ),
+    PlantedFault(
+        "a scanner's code for no return is a wall",
+        "recordings/log_scans.py",
+        "        found = find_no_return(ranges)\n",
+        "        found = None\n",
+        LOGS,
+    ),
+    PlantedFault(
+        "a wall at the end of sight is a code for no return",
+        "recordings/no_return.py",
+        "_TOP * largest if counts.max() >= _COMMONEST * len(top) else None",
+        "_TOP * largest",
+        ("tests/recordings/test_no_return.py",),
+    ),
+    PlantedFault(
+        "the range that a parameter tells does not count",
+        "wire/carmen.py",
+        "else told[line.name]",
+        "else math.inf",
+        LOGS,
+    ),
+    PlantedFault(
+        "every old scanner covers a half turn",
+        "wire/carmen_scanners.py",
+        "    known = _KNOWN_STEPS_DEG.get(beams)\n",
+        "    known = None\n",
+        LOGS,
     ),
 )

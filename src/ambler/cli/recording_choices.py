@@ -19,7 +19,7 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mount",
         metavar="X,Y,YAW",
-        help="bags: the scanner in the base frame, m and deg, where the transforms lack it",
+        help="the scanner in the base frame, m and deg, where the recording lacks it",
     )
     parser.add_argument(
         "--sweep",

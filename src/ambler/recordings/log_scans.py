@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels import scan_points
+from ambler.recordings.no_return import find_no_return
 from ambler.registration.planar_scan import PlanarScan
 from ambler.wire.carmen import CarmenLog, LaserLine
+from ambler.wire.carmen_scanners import mount_parameter, side_of
 
 F64 = NDArray[np.float64]
 
@@ -65,44 +67,90 @@ class LogScan:
         return PlanarScan(self.stamp_ns, points[: counts[0]].copy(), free_points[: counts[1]].copy(), origin)
 
 
-def mounting(lines: list[LaserLine], parameter: str | None) -> SE2:
+class OdometryFeed:
+    """Hands out a track of (stamp_ns, odom_from_base) in step with the scans: to each what is new, and one more to interpolate."""
+
+    def __init__(self, track: Sequence[tuple[int, SE2]]) -> None:
+        self._track = sorted(track, key=lambda entry: entry[0])
+        self._times = np.array([stamp_ns for stamp_ns, _ in self._track], np.int64)
+        self._given = 0
+
+    def until(self, stamp_ns: int) -> tuple[tuple[int, SE2], ...]:
+        """Return what no scan before has got, up to the instant and the first one behind it."""
+        end = max(self._given, int(np.searchsorted(self._times, stamp_ns, side="right")) + 1)
+        given, self._given = tuple(self._track[self._given : end]), min(end, len(self._track))
+        return given
+
+
+def mounting(lines: list[LaserLine], parameters: dict[str, str]) -> SE2:
     """Return base_from_laser of one laser: the median of odom^-1 * laser when it is constant over the log.
 
-    In logs whose laser column holds a corrected pose it is not; then the offset comes from the parameter (metres along x) or is zero.
+    In logs whose laser column holds a corrected pose it is not, and RAWLASER lines have none; then the offset comes from the parameter
+    (metres along x) or is zero.
     """
-    relative = np.array([(line.odom_from_base.inverse() @ line.odom_from_laser).as_array() for line in lines])
-    middle = np.median(relative, axis=0)
-    yaw = math.atan2(float(np.sin(relative[:, 2]).mean()), float(np.cos(relative[:, 2]).mean()))
-    off = np.hypot(relative[:, 0] - middle[0], relative[:, 1] - middle[1])
-    turned = np.abs([wrap_angle(float(a) - yaw) for a in relative[:, 2]])
-    if np.mean((off < 0.02) & (turned < math.radians(2.0))) > 0.9 and math.hypot(middle[0], middle[1]) < 3.0:
-        return SE2(float(middle[0]), float(middle[1]), yaw)
-    try:
-        return SE2(float(parameter or 0.0), 0.0, math.pi if lines[0].name in ("RLASER", "ROBOTLASER2") else 0.0)
-    except ValueError as error:
-        raise BadInputError(f"laser offset {parameter!r} is no number") from error
+    pairs = [(e.odom_from_base, e.odom_from_laser) for e in lines]
+    relative = np.array(
+        [(base.inverse() @ laser).as_array() for base, laser in pairs if base is not None and laser is not None]
+    )
+    if len(relative):
+        middle = np.median(relative, axis=0)
+        yaw = math.atan2(float(np.sin(relative[:, 2]).mean()), float(np.cos(relative[:, 2]).mean()))
+        off = np.hypot(relative[:, 0] - middle[0], relative[:, 1] - middle[1])
+        turned = np.abs([wrap_angle(float(a) - yaw) for a in relative[:, 2]])
+        if np.mean((off < 0.02) & (turned < math.radians(2.0))) > 0.9 and math.hypot(middle[0], middle[1]) < 3.0:
+            return SE2(float(middle[0]), float(middle[1]), yaw)
+    name = lines[0].name
+    return SE2(mount_parameter(name, parameters) or 0.0, 0.0, math.pi if side_of(name) == "rear" else 0.0)
 
 
-def scans_of(log: CarmenLog, config: LogScanConfig | None = None) -> Iterator[LogScan]:
-    """Yield every laser line in file order; stamps that do not increase are moved just behind the one before."""
-    config = config or LogScanConfig()
-    mounts: dict[str, SE2] = {}
-    for name, parameter in (("FLASER", "front"), ("RLASER", "rear"), ("ROBOTLASER1", "front"), ("ROBOTLASER2", "rear")):
-        lines = [line for line in log.lasers if line.name == name]
-        if lines:
-            mounts[name] = mounting(lines, log.parameters.get(f"robot_{parameter}laser_offset"))
-    stamp_ns = -1
-    for line in log.lasers:
-        stamp_ns = max(round(line.stamp * 1e9), stamp_ns + _STEP_NS)
-        far = min(config.range_max, _NO_RETURN_RATIO * line.max_range)
-        yield LogScan(
-            stamp_ns,
-            line.ranges,
-            np.array([line.angle_min, line.angle_increment, 0.0]),
-            np.array([config.range_min, far, min(config.free_length, far)]),
-            planar_matrix(mounts[line.name]),
-            ((stamp_ns, line.odom_from_base),),
-        )
+class CarmenScans:
+    """The scans of a CARMEN log, once or as often as wanted, in file order; stamps that do not increase are moved just behind the one
+    before. `notes` say what was found out about the scanners and what is uncertain.
+
+    `base_from_laser` tells the mount of the only scanner instead of the log; raises BadInputError where there are several.
+    """
+
+    def __init__(self, log: CarmenLog, config: LogScanConfig | None = None, base_from_laser: SE2 | None = None) -> None:
+        self._log = log
+        self._config = config or LogScanConfig()
+        self._reach: dict[str, float] = {}
+        self._mounts: dict[str, F64] = {}
+        self.notes: list[str] = list(log.notes)
+        names = sorted({line.name for line in log.lasers})
+        if base_from_laser is not None and len(names) > 1:
+            raise BadInputError(f"one mount for several scanners ({', '.join(names)}); it can be told of a single one")
+        for name in names:
+            lines = [line for line in log.lasers if line.name == name]
+            self._mounts[name] = planar_matrix(base_from_laser or mounting(lines, log.parameters))
+            self._reach[name] = self._find_reach(name, lines)
+        if log.lasers[0].odom_from_base is None:
+            self.notes.append(f"odometry: {len(log.odometry)} ODOM lines, because RAWLASER lines carry no pose")
+
+    def __iter__(self) -> Iterator[LogScan]:
+        stamp_ns = -1
+        feed = OdometryFeed([(round(line.stamp * 1e9), line.odom_from_base) for line in self._log.odometry])
+        for line in self._log.lasers:
+            stamp_ns = max(round(line.stamp * 1e9), stamp_ns + _STEP_NS)
+            far = min(self._reach[line.name], _NO_RETURN_RATIO * line.max_range)
+            yield LogScan(
+                stamp_ns,
+                line.ranges,
+                np.array([line.angle_min, line.angle_increment, 0.0]),
+                np.array([self._config.range_min, far, min(self._config.free_length, far)]),
+                self._mounts[line.name],
+                feed.until(stamp_ns) if line.odom_from_base is None else ((stamp_ns, line.odom_from_base),),
+            )
+
+    def _find_reach(self, name: str, lines: list[LaserLine]) -> float:
+        """Return up to where readings of a scanner may be returns, whatever its lines say."""
+        told = _NO_RETURN_RATIO * min(line.max_range for line in lines)
+        ranges = np.concatenate([line.ranges for line in lines])
+        found = find_no_return(ranges)
+        if found is None or found >= min(told, self._config.range_max):
+            return self._config.range_max
+        share = 100.0 * float(np.mean(ranges >= found))
+        self.notes.append(f"{name}: {share:.1f} % of the readings pile up from {found:.2f} m on and count as no return")
+        return found
 
 
 def planar_matrix(base_from_laser: SE2) -> F64:

@@ -26,7 +26,7 @@ from ambler.recordings.bag_content import (
     listed_topics,
     plain_frame,
 )
-from ambler.recordings.log_scans import F64, LogScan, LogScanConfig, planar_matrix, scans_of
+from ambler.recordings.log_scans import F64, CarmenScans, LogScan, LogScanConfig, OdometryFeed, planar_matrix
 from ambler.recordings.sweep import Sweep, SweepFinder, swept
 from ambler.wire.bags import BagReader, open_bag
 from ambler.wire.carmen import load_carmen
@@ -75,18 +75,21 @@ def open_recording(
     if path.is_dir() or path.suffix in _BAG_SUFFIXES or _head(path).startswith(_BAG_MAGIC):
         with open_bag(path) as bag:
             return _from_bag(bag, choices, config, find_sweep)
-    if choices != Choices():
-        raise BadInputError(f"{path}: is no ROS bag; topics, mount and sweep can be chosen in bags only")
+    if choices != Choices(base_from_laser=choices.base_from_laser):
+        raise BadInputError(f"{path}: is no ROS bag; topics and sweep can be chosen in bags only")
     if _head(path).startswith((b"L ", b"O ")):
         log = read_wean_log(path)
         scans = [m for m in log.messages if isinstance(m, LaserScan)]
         track = [(m.stamp_ns, m.pose.to_se2()) for m in log.messages if isinstance(m, Odometry)]
-        return _recording(
-            scans, track, planar_matrix(log.base_from_laser), config, Sweep.FORWARD, ["format: Wean Hall log"]
-        )
+        matrix = planar_matrix(choices.base_from_laser or log.base_from_laser)
+        return _recording(scans, track, matrix, config, Sweep.FORWARD, ["format: Wean Hall log"])
     carmen = load_carmen(path)
-    notes = () if carmen.cut_line is None else (f"{path} is cut off in line {carmen.cut_line}: read up to there",)
-    return ScanRecording(scans_of(carmen, config), tuple(line.stamp for line in carmen.lasers), notes)
+    cut = () if carmen.cut_line is None else (f"{path} is cut off in line {carmen.cut_line}: read up to there",)
+    try:
+        carmen_scans = CarmenScans(carmen, config, choices.base_from_laser)
+    except BadInputError as error:
+        raise BadInputError(f"{path}: {error}") from error
+    return ScanRecording(carmen_scans, tuple(line.stamp for line in carmen.lasers), (*cut, *carmen_scans.notes))
 
 
 def _head(path: Path) -> bytes:
@@ -195,11 +198,9 @@ def _recording(
 
 
 def _with_odometry(scans: list[LaserScan], track: Track, matrix: F64, config: LogScanConfig) -> Iterator[LogScan]:
-    times = np.array([t for t, _ in track], np.int64)
-    given = 0
+    feed = OdometryFeed(track)
     for scan in scans:
         end_ns = scan.stamp_ns + int(len(scan.ranges) * max(0.0, scan.time_increment) * 1e9)
-        until = max(given, int(np.searchsorted(times, end_ns, side="right")) + 1)  # one more, to interpolate
         far = min(config.range_max, _NO_RETURN_RATIO * scan.range_max)
         yield LogScan(
             scan.stamp_ns,
@@ -207,6 +208,5 @@ def _with_odometry(scans: list[LaserScan], track: Track, matrix: F64, config: Lo
             np.array([scan.angle_min, scan.angle_increment, scan.time_increment]),
             np.array([max(config.range_min, scan.range_min), far, min(config.free_length, far)]),
             matrix,
-            tuple(track[given:until]),
+            feed.until(end_ns),
         )
-        given = min(until, len(track))

@@ -1,8 +1,9 @@
-"""Reader of CARMEN logs: FLASER, RLASER, ROBOTLASER1/2 and ODOM lines of plain, gzip or bzip2 files.
+"""Reader of CARMEN logs: FLASER, RLASER, ROBOTLASER1.., RAWLASER1.., PARAM and ODOM lines of plain, gzip or bzip2 files.
 
-`FLASER n r1..rn x y theta odom_x odom_y odom_theta ipc_stamp host logger_stamp`; beams go right to left over 180 degrees.
+`FLASER n r1..rn x y theta odom_x odom_y odom_theta ipc_stamp host logger_stamp`; beams go right to left.
 `ROBOTLASER1 type start fov step max_range accuracy remission_mode n r1..rn m s1..sm laser_pose(3) robot_pose(3) tv rv
-forward side turn_axis ipc_stamp host logger_stamp`. Damage is reported with the line or byte where it shows.
+forward side turn_axis ipc_stamp host logger_stamp`. `RAWLASER1` is the same up to s1..sm, then ipc_stamp host logger_stamp.
+Damage is reported with the line or byte where it shows.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,17 +22,21 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.wire.carmen_scanners import BeamLayout, layout_of, told_range
 
 _NAME = re.compile(rb"[A-Z][A-Z0-9_-]*$")
 _CHUNK = 1 << 20
 _MAX_BEAMS = 20000
-LASER_NAMES = (b"FLASER", b"RLASER", b"ROBOTLASER1", b"ROBOTLASER2")
+_OLD_LASERS = (b"FLASER", b"RLASER")
+_ROBOT_LASER = re.compile(rb"ROBOTLASER\d+")
+_RAW_LASER = re.compile(rb"RAWLASER\d+")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserLine:
     """One laser line: `ranges` float32 (N,) metres, beam i at angle_min + i * angle_increment in the laser frame, poses as logged
-    (`odom_from_laser` may hold a corrected pose in some logs), `stamp` the ipc stamp in seconds, `max_range` of the device or inf."""
+    (`odom_from_laser` may hold a corrected pose in some logs; both None in RAWLASER lines), `stamp` the ipc stamp in seconds, `max_range`
+    of the device or inf."""
 
     name: str
     line: int
@@ -40,8 +45,8 @@ class LaserLine:
     angle_min: float
     angle_increment: float
     max_range: float
-    odom_from_laser: SE2
-    odom_from_base: SE2
+    odom_from_laser: SE2 | None
+    odom_from_base: SE2 | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +60,14 @@ class OdometryLine:
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """A log in file order, and its parameters; `cut_line` is the number of its last line when that was cut off, and is left out."""
+    """A log in file order, and its parameters; `cut_line` is the number of its last line when that was cut off, and is left out. Either
+    all lasers carry poses or none does. `notes` say what is uncertain or was left out."""
 
     lasers: tuple[LaserLine, ...]
     odometry: tuple[OdometryLine, ...]
     parameters: dict[str, str]
     cut_line: int | None = None
+    notes: tuple[str, ...] = ()
 
 
 def _chunks(path: Path) -> Iterator[bytes]:
@@ -140,14 +147,14 @@ def _old_laser(name: str, number: int, fields: list[bytes]) -> LaserLine:
         raise ValueError("has no readings")
     v = _floats(fields[n + 2 : n + 8])
     _stamp(fields[n + 10])
-    step = math.pi / (n - 1 if n % 2 and n > 1 else n)
     return LaserLine(
         name,
         number,
         _stamp(fields[n + 8]),
         _ranges(fields[2 : n + 2]),
-        -0.5 * math.pi,
-        step,
+        # the angles are found when all parameters are known
+        math.nan,
+        math.nan,
         math.inf,
         _pose(v[0], v[1], v[2]),
         _pose(v[3], v[4], v[5]),
@@ -155,30 +162,33 @@ def _old_laser(name: str, number: int, fields: list[bytes]) -> LaserLine:
 
 
 def _new_laser(name: str, number: int, fields: list[bytes]) -> LaserLine:
+    """Read a ROBOTLASER or RAWLASER line; the latter ends after the remissions."""
     start, _fov, step, max_range = _floats(fields[2:6])
     n = _count(fields[8], len(fields) - 9)
     if n == 0:
         raise ValueError("has no readings")
     m = _count(fields[9 + n], len(fields) - 10 - n)
     tail = fields[10 + n + m :]
-    if len(tail) != 14:
+    has_poses = name.startswith("ROBOT")
+    values = 11 if has_poses else 0
+    if len(tail) != values + 3:
         raise ValueError(
-            f"announces {n} readings and {m} remissions, so it needs {n + m + 24} fields, but has {len(fields)}"
+            f"announces {n} readings and {m} remissions, so it needs {n + m + values + 13} fields, but has {len(fields)}"
         )
     if not (abs(start) <= 2 * math.pi and 0.0 < abs(step) < 1.0):
         raise ValueError("has an impossible start angle or step")
-    v = _floats(tail[:11])
-    _stamp(tail[13])
+    v = _floats(tail[:values])
+    _stamp(tail[values + 2])
     return LaserLine(
         name,
         number,
-        _stamp(tail[11]),
+        _stamp(tail[values]),
         _ranges(fields[9 : 9 + n]),
         start,
         step,
         max_range if max_range > 0.0 else math.inf,
-        _pose(v[0], v[1], v[2]),
-        _pose(v[3], v[4], v[5]),
+        _pose(v[0], v[1], v[2]) if has_poses else None,
+        _pose(v[3], v[4], v[5]) if has_poses else None,
     )
 
 
@@ -190,24 +200,29 @@ def _odometry(number: int, fields: list[bytes]) -> OdometryLine:
 
 
 def load_carmen(path: Path) -> CarmenLog:
-    """Read a log; a last line that was cut off is left out.
+    """Read a log; a last line that was cut off is left out, and so are RAWLASER lines beside lines that carry poses.
 
     Raises BadInputError naming the line or byte of the first other damage, or saying that there is no laser line.
     """
     lasers: list[LaserLine] = []
+    raw_lasers: list[LaserLine] = []
     odometry: list[OdometryLine] = []
     parameters: dict[str, str] = {}
     number, cut_line = 0, None
+    raw_damage: BadInputError | None = None
     for number, line, is_whole in _lines(path):
         fields = line.split()
         if not fields or fields[0].startswith(b"#"):
             continue
         name = fields[0]
+        is_raw = _RAW_LASER.fullmatch(name) is not None
         try:
-            if name in (b"FLASER", b"RLASER"):
+            if name in _OLD_LASERS:
                 lasers.append(_old_laser(name.decode(), number, fields))
-            elif name in (b"ROBOTLASER1", b"ROBOTLASER2"):
+            elif _ROBOT_LASER.fullmatch(name):
                 lasers.append(_new_laser(name.decode(), number, fields))
+            elif is_raw:
+                raw_lasers.append(_new_laser(name.decode(), number, fields))
             elif name == b"ODOM":
                 odometry.append(_odometry(number, fields))
             elif name == b"PARAM" and len(fields) >= 3:
@@ -215,13 +230,39 @@ def load_carmen(path: Path) -> CarmenLog:
             elif not _NAME.match(name):
                 raise ValueError(f"begins with {name[:20]!r}, which is no CARMEN message")
         except (ValueError, IndexError) as error:
-            if not is_whole and lasers:
+            if not is_whole and (lasers or raw_lasers):
                 cut_line = number
                 break
             what = name.decode("ascii", "replace")[:20]
-            raise BadInputError(f"{path}: line {number} ({what}): {error}") from error
-    if not lasers:
+            damage = BadInputError(f"{path}: line {number} ({what}): {error}")
+            if not is_raw:
+                raise damage from error
+            raw_damage = raw_damage or damage
+    if not lasers and raw_damage is not None:
+        raise raw_damage
+    if not lasers and not raw_lasers:
         raise BadInputError(
-            f"{path}: no laser line (FLASER, RLASER, ROBOTLASER1) in {number} lines; this is no CARMEN laser log"
+            f"{path}: no laser line (FLASER, RLASER, ROBOTLASER1, RAWLASER1) in {number} lines; this is no CARMEN laser log"
         )
-    return CarmenLog(tuple(lasers), tuple(odometry), parameters, cut_line)
+    notes: list[str] = []
+    if lasers and raw_lasers:
+        notes.append(f"left out: {len(raw_lasers)} RAWLASER lines, which carry no pose, beside {len(lasers)} that do")
+    described = tuple(_described(lasers or raw_lasers, parameters, notes))
+    return CarmenLog(described, tuple(odometry), parameters, cut_line, tuple(notes))
+
+
+def _described(lasers: list[LaserLine], parameters: dict[str, str], notes: list[str]) -> Iterator[LaserLine]:
+    """Yield the lines with the angles and the range that old ones do not carry; what is uncertain goes into `notes`."""
+    layouts: dict[tuple[str, int], BeamLayout] = {}
+    told = {name: told_range(name, parameters) for name in {line.name for line in lasers}}
+    for line in lasers:
+        reach = line.max_range if math.isfinite(line.max_range) else told[line.name]
+        if line.name.encode() not in _OLD_LASERS:
+            yield line if reach == line.max_range else replace(line, max_range=reach)
+            continue
+        key = line.name, len(line.ranges)
+        if key not in layouts:
+            layouts[key] = layout_of(*key, parameters)
+            notes.extend([layouts[key].doubt] if layouts[key].doubt else [])
+        layout = layouts[key]
+        yield replace(line, angle_min=layout.angle_min, angle_increment=layout.angle_increment, max_range=reach)

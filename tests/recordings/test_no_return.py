@@ -1,0 +1,84 @@
+"""The code that stands for no return is found at the top of all readings; walls there are left alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.recordings.no_return import find_no_return
+from ambler.wire.carmen import load_carmen
+from tests.public_data import public
+from tests.registration.room import loop_of, ranges_at
+from tests.slam2d.drives import RING, around_the_ring, oval
+
+ANGLES = np.radians(np.arange(-90, 91))
+CORRIDOR = np.array(loop_of((-1.0, -1.0), (21.0, -1.0), (21.0, 1.0), (-1.0, 1.0)))
+
+
+def readings(poses: list[SE2], walls: NDArray[np.float64], noise: float = 0.01) -> NDArray[np.float32]:
+    """Return all readings of a drive in steps of a centimetre, as a SICK gives them."""
+    rng = np.random.default_rng(3)
+    ranges = np.concatenate([ranges_at(pose, ANGLES, walls) for pose in poses])
+    return np.round(ranges + rng.normal(0.0, noise, len(ranges)), 2).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("reach", "codes"), [(8.0, (8.19,)), (8.0, (8.191, 8.187, 8.183)), (4.0, (4.095,)), (5.6, (5.6,))]
+)
+def test_codes_at_the_end_of_the_range_are_found(reach: float, codes: tuple[float, ...]) -> None:
+    ranges = readings(around_the_ring(1.0), RING)
+    is_far = ranges >= reach
+    assert is_far.any()
+    ranges[is_far] = np.random.default_rng(1).choice(codes, is_far.sum(), p=[0.8, 0.1, 0.1] if len(codes) > 1 else None)
+    found = find_no_return(ranges)
+    assert found is not None
+    assert max(ranges[~is_far].max() - 0.05, 0.99 * reach) < found < min(codes)
+
+
+def test_a_glitch_above_the_code_does_not_hide_it() -> None:
+    ranges = readings(around_the_ring(1.0), RING)
+    ranges[ranges >= 8.0] = 8.19
+    ranges[100] = 655.35
+    found = find_no_return(ranges)
+    assert found is not None
+    assert 8.1 < found < 8.19
+
+
+@pytest.mark.parametrize(
+    ("poses", "walls"),
+    [
+        (oval(1.0), RING),
+        (around_the_ring(1.0), RING),
+        ([SE2(0.2, 0.1, 0.02)] * 200, CORRIDOR),
+        ([SE2(0.05 * k, 0.1, 0.02) for k in range(200)], CORRIDOR),
+        ([SE2(0.0, 0.0, 0.0)] * 100 + [SE2(0.1 * k, 0.0, 0.0) for k in range(100)], CORRIDOR),
+    ],
+    ids=["room", "ring", "parked in a corridor", "along a corridor", "parked, then along"],
+)
+def test_walls_are_no_code(poses: list[SE2], walls: NDArray[np.float64]) -> None:
+    assert find_no_return(readings(poses, walls)) is None
+
+
+def test_nothing_is_no_code() -> None:
+    assert find_no_return(np.zeros(0, np.float32)) is None
+    assert find_no_return(np.zeros(100, np.float32)) is None
+    assert find_no_return(np.full(100, np.inf, np.float32)) is None
+
+
+@pytest.mark.parametrize(
+    "log", ["radish/fr079.clf.bz2", "carmen_keyframes/fhw.clf.gz", "carmen_keyframes/edmonton.clf.gz"]
+)
+def test_public_logs_have_their_code_and_no_other(log: str) -> None:
+    ranges = np.concatenate([line.ranges for line in load_carmen(public(log)).lasers])
+    code = find_no_return(ranges)
+    assert code is not None
+    assert code > 50.0
+    for limit in (29.0, 15.0, 10.0, 8.0, 6.0, 4.0):
+        assert find_no_return(ranges[ranges < limit]) is None, "real walls"
+        clipped = np.where(ranges < limit, ranges, np.float32(limit + 0.01))
+        assert find_no_return(clipped) == pytest.approx(limit, rel=0.01)
+        assert not math.isclose(find_no_return(clipped) or 0.0, code)
