@@ -274,4 +274,11 @@ SENSORS = (
         "    known = None\n",
         LOGS,
     ),
+    PlantedFault(
+        "the limit of a program is a scanner's range",
+        "recordings/log_scans.py",
+        "if is_exceeded(told, ranges if found is None else ranges[ranges < found]):",
+        "if told < 0.0:",
+        LOGS,
+    ),
 )

@@ -103,6 +103,15 @@ def test_a_parameter_that_tells_too_much_hides_no_pile(tmp_path: Path) -> None:
     assert points_off_walls(opened(tmp_path, lines))[0] == 0
 
 
+def test_a_range_that_many_walls_exceed_is_not_the_scanner_s(tmp_path: Path) -> None:
+    """Programs write their own limits into logs, such as up to where they mind obstacles."""
+    recording = opened(tmp_path, ["PARAM robot_front_laser_max 8.1 host 0", *flaser(scans(reach=25.0))])
+    off, total = points_off_walls(recording)
+    within = sum(int((ranges_at(pose, ANGLES, HALL) < 24.9).sum()) for pose in PATH)
+    assert (off, total >= within) == (0, True)
+    assert any("beyond the 8.1 m" in note for note in recording.notes)
+
+
 def test_walls_at_the_end_of_sight_stay(tmp_path: Path) -> None:
     recording = opened(tmp_path, flaser(scans()))
     farthest = max(float(scan.ranges.max()) for scan in recording.scans)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels import scan_points
-from ambler.recordings.no_return import find_no_return
+from ambler.recordings.no_return import find_no_return, is_exceeded
 from ambler.registration.planar_scan import PlanarScan
 from ambler.wire.carmen import CarmenLog, LaserLine
 from ambler.wire.carmen_scanners import mount_parameter, side_of
@@ -131,7 +131,7 @@ class CarmenScans:
         feed = OdometryFeed([(round(line.stamp * 1e9), line.odom_from_base) for line in self._log.odometry])
         for line in self._log.lasers:
             stamp_ns = max(round(line.stamp * 1e9), stamp_ns + _STEP_NS)
-            far = min(self._reach[line.name], _NO_RETURN_RATIO * line.max_range)
+            far = self._reach[line.name]
             yield LogScan(
                 stamp_ns,
                 line.ranges,
@@ -142,12 +142,18 @@ class CarmenScans:
             )
 
     def _find_reach(self, name: str, lines: list[LaserLine]) -> float:
-        """Return up to where readings of a scanner may be returns, whatever its lines say."""
-        told = _NO_RETURN_RATIO * min(line.max_range for line in lines)
+        """Return up to where readings of a scanner may be returns: by what the log tells of it, unless many readings lie beyond that, and by the readings."""
         ranges = np.concatenate([line.ranges for line in lines])
         found = find_no_return(ranges)
-        if found is None or found >= min(told, self._config.range_max):
-            return self._config.range_max
+        told = float(np.median([line.max_range for line in lines]))
+        if is_exceeded(told, ranges if found is None else ranges[ranges < found]):
+            self.notes.append(
+                f"{name}: many readings lie beyond the {told:g} m that the log tells as range: they count"
+            )
+            told = math.inf
+        reach = min(_NO_RETURN_RATIO * told, self._config.range_max)
+        if found is None or found >= reach:
+            return reach
         share = 100.0 * float(np.mean(ranges >= found))
         self.notes.append(f"{name}: {share:.1f} % of the readings pile up from {found:.2f} m on and count as no return")
         return found

@@ -15,6 +15,8 @@ _TOP = 0.995  # codes of one scanner lie within half a percent: 81.83, 81.87, 81
 _BENEATH = 0.95
 _SMALLEST_SHARE = 0.001
 _FEWEST = 20
+_BEYOND = 0.01  # share of readings beyond a range that is told, and none of them a code, from which on it is not the scanner's
+_CODES = 10
 _COMMONEST = 0.5  # of the readings at the top; walls of public logs stay below, codes reach 0.8 to 1
 
 
@@ -34,3 +36,15 @@ def find_no_return(ranges: NDArray[np.float32]) -> float | None:
         return None
     _, counts = np.unique(top, return_counts=True)
     return _TOP * largest if counts.max() >= _COMMONEST * len(top) else None
+
+
+def is_exceeded(told: float, ranges: NDArray[np.float32]) -> bool:
+    """Say whether many readings lie beyond a range (m) that is told, and are no codes: then it is that of a program, not of the scanner.
+
+    `ranges` (N,) are all readings of one scanner over a whole recording, metres.
+    """
+    beyond = ranges[np.isfinite(ranges) & (ranges > told)]
+    if len(beyond) <= _BEYOND * len(ranges):
+        return False
+    _, counts = np.unique(beyond, return_counts=True)
+    return float(np.sort(counts)[-_CODES:].sum()) < _COMMONEST * len(beyond)
