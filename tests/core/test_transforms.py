@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ambler.core.errors import TransformError
+from ambler.core.errors import TransformError, TransformLoopError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.transforms import TransformTree
@@ -60,3 +60,19 @@ def test_forgets_old_times() -> None:
         tree.set("odom", "base", i * 100_000_000, planar(i, 0, 0))
     with pytest.raises(TransformError, match="begins"):
         tree.lookup("odom", "base", 0)
+
+
+def test_refuses_a_frame_under_itself_at_any_depth(tree: TransformTree) -> None:
+    with pytest.raises(TransformLoopError, match="camera cannot hang under itself"):
+        tree.set("camera", "camera", 1_000_000_000, SE3())
+    with pytest.raises(TransformLoopError, match="map cannot hang under laser"):
+        tree.set("laser", "map", 1_000_000_000, SE3())
+    with pytest.raises(TransformLoopError, match="base cannot hang under laser"):
+        tree.set_static("laser", "base", SE3())
+    with pytest.raises(TransformLoopError, match="odom cannot hang under itself"):
+        tree.set_static("odom", "odom", SE3())
+    assert tree.lookup("map", "laser", 1_500_000_000).to_se2().x == pytest.approx(
+        10.0 + 0.5 + 0.2 * math.cos(math.pi / 4)
+    )
+    with pytest.raises(TransformError, match="no connection from camera"):
+        tree.lookup("map", "camera")

@@ -281,4 +281,18 @@ SENSORS = (
         "if told < 0.0:",
         LOGS,
     ),
+    PlantedFault(
+        "a frame may hang under itself",
+        "core/transforms.py",
+        "        if child in self._chain(parent):\n",
+        "        if False:\n",
+        ("tests/core/test_transforms.py",),
+    ),
+    PlantedFault(
+        "scans whose range is told as 0 have no returns",
+        "recordings/scan_recording.py",
+        "if _has_range(scan) else reach",
+        "if True else reach",
+        ("tests/recordings/test_scan_recording.py",),
+    ),
 )

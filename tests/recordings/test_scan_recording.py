@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -172,6 +173,145 @@ def test_a_missing_mount_is_told_and_can_be_given(tmp_path: Path) -> None:
     bag = write_ros2(tmp_path / "bag", drive(with_mount=False))
     assert any("--mount" in note for note in open_recording(bag).notes)
     assert median_error(open_recording(bag, Choices(base_from_laser=MOUNT))) < 0.02
+
+
+def edge_at(parent: str, child: str, seconds: float, pose: SE3 | None = None, topic: str = "/tf") -> Recorded:
+    ns = round(seconds * 1e9)
+    return [(topic, m.Transforms(ns, (m.TransformStamped(ns, parent, child, pose or SE3()),)), ns)]
+
+
+def with_odometry(change: Callable[[int, m.Odometry], m.Odometry], recorded: Recorded | None = None) -> Recorded:
+    """Return a drive in which the odometry's messages are changed, by their number."""
+    out: Recorded = []
+    number = 0
+    for topic, message, log_ns in recorded or drive():
+        if isinstance(message, m.Odometry):
+            out.append((topic, change(number, message), log_ns))
+            number += 1
+        else:
+            out.append((topic, message, log_ns))
+    return out
+
+
+@pytest.mark.parametrize(
+    ("edges", "told"),
+    [
+        ([("base_link", "base_link")], "left out: 1 transforms base_link -> base_link"),
+        ([("/laser", "/laser"), ("/laser", "laser")], "left out: 2 transforms laser -> laser"),
+        ([("map", "odom"), ("odom", "map"), ("odom", "base_link")], "left out: 1 transforms odom -> map"),
+        ([("laser", "base_link")], "left out: 1 transforms laser -> base_link"),
+    ],
+    ids=["itself", "with a slash", "two frames", "under the scanner"],
+)
+def test_frames_that_hang_under_themselves_are_left_out(
+    edges: list[tuple[str, str]], told: str, tmp_path: Path
+) -> None:
+    recorded = drive()
+    for k, (parent, child) in enumerate(edges):
+        recorded += edge_at(parent, child, 1.1 + 0.01 * k)
+    recording = open_recording(write_ros2(tmp_path / "bag", sorted(recorded, key=lambda entry: entry[2])))
+    assert any(note.startswith(told) for note in recording.notes)
+    assert any("90.0 deg in 'base_link'" in note for note in recording.notes)
+    assert median_error(recording) < 0.02
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        SE3((math.nan, 0.0, 0.0)),
+        SE3((0.0, math.inf, 0.0)),
+        SE3(rotation=(math.nan, 0.0, 0.0, 0.0)),
+        SE3(rotation=(0.0, 0.0, 0.0, 0.0)),
+    ],
+    ids=["nan", "inf", "nan rotation", "no rotation"],
+)
+def test_odometry_that_is_no_pose_is_left_out_and_counted(wrong: SE3, tmp_path: Path) -> None:
+    recorded = with_odometry(lambda k, o: replace(o, pose=wrong) if k in (0, 20, 21) else o)
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    assert any(note.startswith("left out: 3 of 60 messages of /odom that are no pose") for note in recording.notes)
+    assert sum(len(scan.odometry) for scan in recording.scans) == 57
+    assert median_error(recording) < 0.02
+
+
+def test_odometry_without_any_pose_leaves_the_scans(tmp_path: Path) -> None:
+    recorded = with_odometry(lambda _, o: replace(o, pose=SE3(rotation=(0.0, 0.0, 0.0, 0.0))))
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    assert any("left out: 60 of 60" in note for note in recording.notes)
+    assert median_error(recording) < 0.1
+
+
+def test_a_rotation_that_is_not_of_length_one_is_made_so(tmp_path: Path) -> None:
+    def longer(_: int, o: m.Odometry) -> m.Odometry:
+        w, x, y, z = o.pose.rotation
+        return replace(o, pose=SE3(o.pose.translation, (3 * w, 3 * x, 3 * y, 3 * z)))
+
+    plain = open_recording(write_ros2(tmp_path / "plain", drive()))
+    long = open_recording(write_ros2(tmp_path / "long", with_odometry(longer)))
+    for a, b in zip(plain.scans, long.scans, strict=True):
+        assert [p.as_array() for _, p in b.odometry] == [pytest.approx(p.as_array()) for _, p in a.odometry]
+
+
+def test_transforms_that_are_no_pose_are_left_out(tmp_path: Path) -> None:
+    wrong = SE3(rotation=(0.0, 0.0, 0.0, 0.0))
+    recorded = edge_at("base_link", "laser", 0.0, wrong, "/tf_static") + drive(with_mount=False)
+    notes = open_recording(write_ros2(tmp_path / "bag", recorded)).notes
+    assert any(note.startswith("left out: 1 transforms that are no pose") for note in notes)
+    assert any("mount: unknown" in note for note in notes)
+
+
+@pytest.mark.parametrize("base", ["base_link", "base_footprint", "chassis"])
+def test_odometry_that_names_no_child_is_that_of_the_base(base: str, tmp_path: Path) -> None:
+    recorded = with_odometry(lambda _, o: replace(o, child=""), drive(with_mount=False))
+    recorded += edge_at(base, "laser", 0.0, SE3.from_se2(MOUNT, 0.3), "/tf_static")
+    if base == "chassis":
+        recorded += edge_at("odom", "chassis", 1.0)
+    recording = open_recording(write_ros2(tmp_path / "bag", sorted(recorded, key=lambda entry: entry[2])))
+    assert any("60 poses that name no frame" in note for note in recording.notes)
+    assert any(f"90.0 deg in '{base}'" in note for note in recording.notes)
+    assert median_error(recording) < 0.02
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 17])
+def test_scans_of_one_stamp_take_the_time_of_their_recording(stamp_ns: int, tmp_path: Path) -> None:
+    recorded: Recorded = [
+        (topic, replace(x, stamp_ns=stamp_ns), ns - 100_000_000) if isinstance(x, m.LaserScan) else (topic, x, ns)
+        for topic, x, ns in drive()
+    ]
+    recording = open_recording(write_ros2(tmp_path / "bag", sorted(recorded, key=lambda entry: entry[2])))
+    assert any(note.startswith("/scan: all 30 messages bear the stamp") for note in recording.notes)
+    assert recording.stamps == pytest.approx(1.0 + 0.1 * np.arange(30))
+    assert median_error(recording) < 0.02
+
+
+def test_odometry_of_one_stamp_takes_the_time_of_its_recording(tmp_path: Path) -> None:
+    recorded = with_odometry(lambda _, o: replace(o, stamp_ns=0))
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    assert any(note.startswith("/odom: all 60 messages bear the stamp 0 s") for note in recording.notes)
+    told = [stamp for scan in recording.scans for stamp, _ in scan.odometry]
+    assert told[0] == 1_030_000_000
+
+
+@pytest.mark.parametrize(("reach", "told"), [(0.0, True), (-1.0, True), (math.nan, True), (math.inf, False)])
+def test_scans_that_tell_no_range_keep_their_returns(reach: float, told: bool, tmp_path: Path) -> None:
+    recorded: Recorded = [
+        (topic, replace(x, range_max=reach) if isinstance(x, m.LaserScan) else x, ns) for topic, x, ns in drive()
+    ]
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    assert any(note.startswith("range_max:") for note in recording.notes) == told
+    for scan in recording.scans:
+        assert len(scan.to_planar(steady_sweep(STILL, scan.duration)).points) == BEAMS
+
+
+def test_a_code_for_no_return_is_found_in_scans_that_tell_no_range(tmp_path: Path) -> None:
+    recorded: Recorded = []
+    for topic, x, ns in drive():
+        if isinstance(x, m.LaserScan):
+            x = replace(x, range_max=0.0, ranges=np.where(x.ranges < 4.0, x.ranges, np.float32(4.095)))
+        recorded.append((topic, x, ns))
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    for scan in recording.scans:
+        points = scan.to_planar(steady_sweep(STILL, scan.duration)).points
+        assert len(points) == np.count_nonzero(scan.ranges < 4.0)
 
 
 def test_an_upside_down_scanner_keeps_its_handedness(tmp_path: Path) -> None:

@@ -25,6 +25,12 @@ class TransformError(AmblerError):
     code = "TRANSFORM_MISSING"
 
 
+class TransformLoopError(TransformError):
+    """A frame would hang under itself; the text names it."""
+
+    code = "TRANSFORM_LOOP"
+
+
 class StaleInputError(AmblerError):
     """A topic's newest message is older than its declared maximum age."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 
-from ambler.core.errors import TransformError
+from ambler.core.errors import TransformError, TransformLoopError
 from ambler.core.se3 import SE3
 
 
@@ -28,7 +28,8 @@ class TransformTree:
         self._max_extrapolation_ns = int(max_extrapolation * 1e9)
 
     def set_static(self, parent: str, child: str, parent_from_child: SE3) -> None:
-        """Fix an edge for all times."""
+        """Fix an edge for all times. Raises TransformError if the frames would hang under each other."""
+        self._refuse_loop(parent, child)
         edge = _Edge(parent, is_static=True)
         edge.child_times.append(0)
         edge.poses.append(parent_from_child)
@@ -37,9 +38,11 @@ class TransformTree:
     def set(self, parent: str, child: str, stamp_ns: int, parent_from_child: SE3) -> None:
         """Add an edge's pose at a time; times must not decrease, an equal time replaces the last pose.
 
-        Raises TransformError if the child already hangs under another parent.
+        Raises TransformError if the child already hangs under another parent, or the frames would hang under each other.
         """
         edge = self._edges.get(child)
+        if edge is None or edge.parent != parent:
+            self._refuse_loop(parent, child)
         if edge is None:
             edge = self._edges[child] = _Edge(parent, is_static=False)
         elif edge.parent != parent:
@@ -75,6 +78,13 @@ class TransformTree:
         """Return the newest time of the edge above `child`, or None if there is none."""
         edge = self._edges.get(child)
         return None if edge is None else edge.child_times[-1]
+
+    def _refuse_loop(self, parent: str, child: str) -> None:
+        """Raise TransformError if `parent` is the child or hangs under it, at whatever depth."""
+        if parent == child:
+            raise TransformLoopError(f"{child} cannot hang under itself")
+        if child in self._chain(parent):
+            raise TransformLoopError(f"{child} cannot hang under {parent}, which hangs under it already")
 
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]

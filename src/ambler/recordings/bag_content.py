@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from ambler.core.errors import BadInputError, TransformError
+import math
+from dataclasses import replace
+
+from ambler.core.errors import BadInputError, TransformError, TransformLoopError
 from ambler.core.messages import Message, PointCloud, Transforms
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
@@ -13,6 +16,8 @@ BASE_FRAMES = ("base_link", "base_footprint", "base")
 TRUTH = "/ground_truth/"
 ODOM_FRAME = "odom"
 FIXED_FRAMES = (ODOM_FRAME, "map", "world", "camera_init")  # the last is what LOAM and its heirs call the map
+_SHORTEST_ROTATION = 1e-3
+_ROTATION_TOLERANCE = 1e-2  # what rounding to float32 and a little carelessness leave; such rotations stay as they are
 HISTORY = 1e9  # seconds: transforms of a recording are not forgotten
 
 Track = list[tuple[int, SE2]]
@@ -52,28 +57,58 @@ def plain_frame(frame: str) -> str:
     return frame.lstrip("/")
 
 
+def usable_pose(pose: SE3) -> SE3 | None:
+    """Return a recorded pose with a rotation of length one, or None where a number is not finite or the rotation is zero."""
+    length = math.hypot(*pose.rotation)
+    if not math.isfinite(length + sum(pose.translation)) or length < _SHORTEST_ROTATION:
+        return None
+    if abs(length - 1.0) < _ROTATION_TOLERANCE:
+        return pose
+    w, x, y, z = pose.rotation
+    return replace(pose, rotation=(w / length, x / length, y / length, z / length))
+
+
 class RecordedFrames:
-    """The transforms of a recording."""
+    """The transforms of a recording. Those that are no poses, or would hang a frame under itself, are left out and counted."""
 
     def __init__(self) -> None:
         self._tree = TransformTree(HISTORY)
+        self._without_pose = 0
+        self._loops: dict[tuple[str, str], int] = {}
         self._odometry: dict[str, Track] = {}
 
     def add(self, message: Transforms, *, is_static: bool) -> None:
         """Take the edges of a message; of a frame under two parents the first one holds."""
         for edge in message.transforms:
             parent, child = plain_frame(edge.parent), plain_frame(edge.child)
-            if parent == ODOM_FRAME:
+            pose = usable_pose(edge.parent_from_child)
+            if pose is None:
+                self._without_pose += 1
+                continue
+            if parent == ODOM_FRAME and child != ODOM_FRAME:
                 track = self._odometry.setdefault(child, [])
                 if not track or track[-1][0] != edge.stamp_ns:  # our own recordings repeat the newest of every edge
-                    track.append((edge.stamp_ns, edge.parent_from_child.to_se2()))
-            if is_static:
-                self._tree.set_static(parent, child, edge.parent_from_child)
-                continue
+                    track.append((edge.stamp_ns, pose.to_se2()))
             try:
-                self._tree.set(parent, child, edge.stamp_ns, edge.parent_from_child)
+                if is_static:
+                    self._tree.set_static(parent, child, pose)
+                else:
+                    self._tree.set(parent, child, edge.stamp_ns, pose)
+            except TransformLoopError:
+                self._loops[parent, child] = self._loops.get((parent, child), 0) + 1
             except TransformError:
                 continue
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, in words."""
+        loops = [
+            f"left out: {count} transforms {parent} -> {child}, which would hang {child!r} under itself"
+            for (parent, child), count in self._loops.items()
+        ]
+        if self._without_pose:
+            loops.append(f"left out: {self._without_pose} transforms that are no pose (not finite, or no rotation)")
+        return tuple(loops)
 
     def odometry_track(self) -> tuple[str | None, Track]:
         """Return the base frame and its poses under `odom`; the base by its usual names, else the only child."""

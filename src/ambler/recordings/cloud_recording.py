@@ -86,6 +86,7 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
     seconds = float(np.ptp(cloud.time)) if len(cloud.time) else 0.0
     notes = (
         *bag.notes,
+        *frames.notes,
         f"clouds: {cloud_topic} in frame {plain_frame(cloud.frame)!r}, the first {seconds:.3f} s long",
         "inertial measurements: "
         + ("none" if imu_topic is None else f"{imu_topic}, pose in the LiDAR's frame {_known(lidar_from_imu)}"),

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,8 +26,10 @@ from ambler.recordings.bag_content import (
     choose_topic,
     listed_topics,
     plain_frame,
+    usable_pose,
 )
 from ambler.recordings.log_scans import F64, CarmenScans, LogScan, LogScanConfig, OdometryFeed, planar_matrix
+from ambler.recordings.no_return import find_no_return
 from ambler.recordings.sweep import Sweep, SweepFinder, swept
 from ambler.wire.bags import BagReader, open_bag
 from ambler.wire.carmen import load_carmen
@@ -37,6 +40,8 @@ _BAG_MAGIC = (b"#ROSBAG", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 # Many drivers report range_max, not more, where nothing came back.
 _NO_RETURN_RATIO = 0.999
+
+_Stamped = TypeVar("_Stamped", LaserScan, Odometry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,24 +115,27 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_swee
     scans: list[LaserScan] = []
     odometry: list[Odometry] = []
     frames = RecordedFrames()
+    scan_log_ns: list[int] = []
+    odometry_log_ns: list[int] = []
     wanted = {t.name for t in bag.topics() if t.message_class is Transforms} | {scan_topic, odom_topic or scan_topic}
-    for topic, message, _ in bag.messages(wanted):
+    for topic, message, log_ns in bag.messages(wanted):
         if isinstance(message, LaserScan):
             scans.append(message)
+            scan_log_ns.append(log_ns)
         elif isinstance(message, Odometry):
             odometry.append(message)
+            odometry_log_ns.append(log_ns)
         elif isinstance(message, Transforms):
             frames.add(message, is_static=topic.endswith("tf_static"))
     notes = [
         *bag.notes,
         f"scans: {scan_topic}, {len(scans)} of {len(scans[0].ranges)} beams in frame {scans[0].frame!r}",
     ]
+    scans = _stamped(scans, scan_log_ns, scan_topic, notes)
     track: Track = []
     base = None
-    if odometry:
-        base = plain_frame(odometry[0].child)
-        track = [(m.stamp_ns, m.pose.to_se2()) for m in odometry]
-        notes.append(f"odometry: {odom_topic}, {len(track)} poses of {base!r}")
+    if odom_topic is not None and odometry:
+        base, track = _track_of(_stamped(odometry, odometry_log_ns, odom_topic, notes), odom_topic, frames, notes)
     elif choices.odom_topic is None:
         base, track = frames.odometry_track()
         source = f"transforms {ODOM_FRAME} -> {base}, {len(track)} poses" if track else "none in the recording"
@@ -135,11 +143,43 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_swee
     if choices.base_from_laser is not None:
         matrix, text = planar_matrix(choices.base_from_laser), "as given"
     else:
-        matrix, text = _mount(frames, base, scans)
+        matrix, text = _mount(frames, base, scans, has_odometry=bool(track))
+    notes += frames.notes
     return _recording(scans, track, matrix, config, choices.sweep, [*notes, f"mount: {text}"], find_sweep)
 
 
-def _mount(frames: RecordedFrames, base: str | None, scans: list[LaserScan]) -> tuple[F64, str]:
+def _track_of(
+    odometry: list[Odometry], topic: str, frames: RecordedFrames, notes: list[str]
+) -> tuple[str | None, Track]:
+    """Return the base frame, None where no message names one and no transform hangs one under `odom`, and its poses."""
+    track = [(m.stamp_ns, pose.to_se2()) for m in odometry if (pose := usable_pose(m.pose)) is not None]
+    base = next((name for m in odometry if (name := plain_frame(m.child))), None)
+    if base is not None:
+        notes.append(f"odometry: {topic}, {len(track)} poses of {base!r}")
+    else:
+        base = frames.odometry_track()[0]
+        of_base = "the base" if base is None else repr(base)
+        notes.append(f"odometry: {topic}, {len(track)} poses that name no frame, taken for those of {of_base}")
+    if len(track) < len(odometry):
+        notes.append(
+            f"left out: {len(odometry) - len(track)} of {len(odometry)} messages of {topic} that are no pose"
+            " (not finite, or no rotation)"
+        )
+    return base, track
+
+
+def _stamped(messages: list[_Stamped], log_ns: list[int], topic: str, notes: list[str]) -> list[_Stamped]:
+    """Return the messages of a topic, under the times at which they were recorded if all of them bear one and the same stamp."""
+    if len({m.stamp_ns for m in messages}) > 1 or (len(messages) == 1 and messages[0].stamp_ns > 0):
+        return messages
+    notes.append(
+        f"{topic}: all {len(messages)} messages bear the stamp {messages[0].stamp_ns * 1e-9:g} s; the times at which they were"
+        " recorded are taken instead, which are later by an unknown delay"
+    )
+    return [replace(m, stamp_ns=ns) for m, ns in zip(messages, log_ns, strict=True)]
+
+
+def _mount(frames: RecordedFrames, base: str | None, scans: list[LaserScan], *, has_odometry: bool) -> tuple[F64, str]:
     """Return the scanner's (3, 4) matrix in the base frame and how it was found."""
     laser = plain_frame(scans[0].frame)
     missing = ""
@@ -151,6 +191,8 @@ def _mount(frames: RecordedFrames, base: str | None, scans: list[LaserScan]) -> 
                 missing = missing or str(error)
                 continue
             return _matrix(pose), f"{laser!r} at {_told(pose)} in {candidate!r}"
+    if base is None and has_odometry:
+        return _matrix(SE3()), "unknown; the scanner is taken to sit at the base (--mount tells otherwise)"
     if base is None:
         return _matrix(SE3()), f"unknown; the trajectory is that of the scanner {laser!r}"
     return _matrix(SE3()), f"unknown ({missing}); the scanner is taken to sit at {base!r} (--mount tells otherwise)"
@@ -187,8 +229,9 @@ def _recording(
         outside = sum(not first <= s.stamp_ns <= last for s in ordered)
         if outside:
             notes.append(f"odometry does not cover {outside} of {len(ordered)} scans")
+    reach = _reach_of_unknown_range(ordered, config, notes)
     stamps = tuple(s.stamp_ns * 1e-9 for s in ordered)
-    prepared = tuple(_with_odometry(ordered, track, matrix, config))
+    prepared = tuple(_with_odometry(ordered, track, matrix, config, reach))
     if sweep is Sweep.AUTO and find_sweep is not None:
         sweep, on_walls = find_sweep(prepared)
         if on_walls:
@@ -197,16 +240,39 @@ def _recording(
     return ScanRecording(tuple(swept(scan, sweep) for scan in prepared), stamps, tuple(notes))
 
 
-def _with_odometry(scans: list[LaserScan], track: Track, matrix: F64, config: LogScanConfig) -> Iterator[LogScan]:
+def _has_range(scan: LaserScan) -> bool:
+    return math.isfinite(scan.range_max) and scan.range_max > max(0.0, scan.range_min)
+
+
+def _reach_of_unknown_range(scans: list[LaserScan], config: LogScanConfig, notes: list[str]) -> float:
+    """Return up to where readings may be returns in scans that tell no range (0, not finite, or below the least one), metres."""
+    silent = [scan for scan in scans if not _has_range(scan)]
+    if not silent:
+        return config.range_max
+    found = find_no_return(np.concatenate([np.asarray(scan.ranges, np.float32) for scan in silent]))
+    reach = config.range_max if found is None else min(config.range_max, found)
+    if any(not math.isinf(scan.range_max) for scan in silent):
+        notes.append(
+            f"range_max: {silent[0].range_max:g} m in {len(silent)} of {len(scans)} scans;"
+            f" readings up to {reach:.2f} m count as returns there"
+        )
+    return reach
+
+
+def _with_odometry(
+    scans: list[LaserScan], track: Track, matrix: F64, config: LogScanConfig, reach: float
+) -> Iterator[LogScan]:
+    """Yield the scans with their odometry; `reach` is the range of those that tell none, metres."""
     feed = OdometryFeed(track)
     for scan in scans:
         end_ns = scan.stamp_ns + int(len(scan.ranges) * max(0.0, scan.time_increment) * 1e9)
-        far = min(config.range_max, _NO_RETURN_RATIO * scan.range_max)
+        far = min(config.range_max, _NO_RETURN_RATIO * scan.range_max) if _has_range(scan) else reach
+        near = max(config.range_min, scan.range_min) if scan.range_min < far else config.range_min
         yield LogScan(
             scan.stamp_ns,
             np.ascontiguousarray(scan.ranges, np.float32),
             np.array([scan.angle_min, scan.angle_increment, scan.time_increment]),
-            np.array([max(config.range_min, scan.range_min), far, min(config.free_length, far)]),
+            np.array([near, far, min(config.free_length, far)]),
             matrix,
             feed.until(end_ns),
         )
