@@ -293,6 +293,6 @@ SENSORS = (
         "recordings/scan_recording.py",
         "if _has_range(scan) else reach",
         "if True else reach",
-        ("tests/recordings/test_scan_recording.py",),
+        ("tests/recordings/test_scan_recording.py::test_scans_that_tell_no_range_keep_their_returns",),
     ),
 )
