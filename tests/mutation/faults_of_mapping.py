@@ -685,4 +685,11 @@ MAPPING = (
         "return None",
         ("tests/wire/test_map_files.py",),
     ),
+    PlantedFault(
+        "logs of smooth corridors lose the way to the texture of cells",
+        "slam2d/config.py",
+        "    telling: float = 0.01\n    picks_middle",
+        "    telling: float = 0.0\n    picks_middle",
+        ("tests/slam2d/test_slam.py::test_between_smooth_walls_the_way_is_that_of_the_odometry",),
+    ),
 )

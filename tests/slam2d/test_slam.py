@@ -63,12 +63,13 @@ def test_a_base_at_rest_begins_its_map_with_ten_scans_and_not_with_the_noise_of_
     assert float(np.std(yaws)) < 2.5e-4
 
 
-def test_between_smooth_walls_the_way_is_that_of_the_odometry() -> None:
+@pytest.mark.parametrize("config", [OF_ROBOTS, Slam2dConfig()], ids=["robots", "logs"])
+def test_between_smooth_walls_the_way_is_that_of_the_odometry(config: Slam2dConfig) -> None:
     """Nothing tells how far along the robot is; the texture of the cells held it back by several percent of the way."""
     walls = np.array([[-60.0, -1.62, 60.0, -1.62], [-60.0, 1.58, 60.0, 1.58]])
     truth = [SE2(0.08 * k, 0.02 * math.sin(0.1 * k), 0.0) for k in range(200)]
     course = drive(truth, walls=walls, range_max=12.0)
-    results = run(Slam2d(OF_ROBOTS), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
+    results = run(Slam2d(config), course, with_odometry=True, rng=np.random.default_rng(2), with_background=False)
     found = results[0].map_from_base.inverse() @ results[-1].map_from_base
     assert found.x == pytest.approx(truth[-1].x, abs=0.03)
     assert abs(found.y - (truth[-1].y - truth[0].y)) < 0.02

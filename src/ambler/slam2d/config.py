@@ -13,7 +13,7 @@ from ambler.registration.line_field import LineConfig
 @dataclass(frozen=True, slots=True)
 class FrontEndConfig:
     """Scan matching and insertion. The search window around the prediction is base + gain * predicted motion, within the largest. A direction of which
-    the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry (0: none is; a log's wheels may slip by metres between two scans).
+    the lines of a submap hold less than `telling` of what they hold of the other one is left to odometry, as long as that is trusted (0: none is).
 
     `picks_middle`: of the returns in a voxel the middle one of the scan is taken, which turns no wall (`kernels.scan_points.choose_voxels`); else the first.
 
@@ -43,7 +43,7 @@ class FrontEndConfig:
     refine: RefineConfig = field(default_factory=lambda: RefineConfig(unknown=0.3))
     blind_refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 1.0, 4.0, 3.0, unknown=0.3))
     lines: LineConfig = field(default_factory=LineConfig)
-    telling: float = 0.0
+    telling: float = 0.01
     picks_middle: bool = False
     point_sigma: float = 0.35
     motion_time: float = 5.0
