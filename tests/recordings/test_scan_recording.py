@@ -314,6 +314,24 @@ def test_a_code_for_no_return_is_found_in_scans_that_tell_no_range(tmp_path: Pat
         assert len(points) == np.count_nonzero(scan.ranges < 4.0)
 
 
+def test_scans_without_angles_are_left_out_and_counted(tmp_path: Path) -> None:
+    def without(share: int) -> Recorded:
+        wrong, out = ({"angle_increment": 0.0}, {"angle_increment": math.nan}, {"angle_min": math.inf}), []
+        for k, (topic, x, ns) in enumerate(drive()):
+            is_wrong = isinstance(x, m.LaserScan) and k % share == 0
+            out.append((topic, replace(x, **wrong[k % 3]) if is_wrong else x, ns))
+        return out
+
+    recorded = without(4)
+    scans = sum(isinstance(x, m.LaserScan) for _, x, _ in recorded)
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    left = len(list(recording.scans))
+    assert 0 < left < scans
+    assert f"left out: {scans - left} scans without beams, or that do not tell their angles" in recording.notes
+    with pytest.raises(BadInputError, match=rf"none of the {scans} scans of /scan tells the angles"):
+        open_recording(write_ros2(tmp_path / "none", without(1)))
+
+
 def test_an_upside_down_scanner_keeps_its_handedness(tmp_path: Path) -> None:
     turned = SE3.from_rpy((0.2, 0.0, 0.3), math.pi, 0.0, 0.0)
     edge = m.TransformStamped(0, "base_link", "laser", turned)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import TypeVar
 
@@ -127,10 +128,16 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_swee
             odometry_log_ns.append(log_ns)
         elif isinstance(message, Transforms):
             frames.add(message, is_static=topic.endswith("tf_static"))
+    all_scans, whole = len(scans), [_has_angles(scan) for scan in scans]
+    scans, scan_log_ns = list(compress(scans, whole)), list(compress(scan_log_ns, whole))
+    if not scans:
+        raise BadInputError(f"{bag.path}: none of the {all_scans} scans of {scan_topic} tells the angles of its beams")
     notes = [
         *bag.notes,
         f"scans: {scan_topic}, {len(scans)} of {len(scans[0].ranges)} beams in frame {scans[0].frame!r}",
     ]
+    if len(scans) < all_scans:
+        notes.append(f"left out: {all_scans - len(scans)} scans without beams, or that do not tell their angles")
     scans = _stamped(scans, scan_log_ns, scan_topic, notes)
     track: Track = []
     base = None
@@ -238,6 +245,10 @@ def _recording(
             shares = ", ".join(f"{s.value} {100 * share:.1f} %" for s, share in on_walls.items())
             notes.append(f"beams in time: {sweep.value} (returns on walls where it turns most: {shares})")
     return ScanRecording(tuple(swept(scan, sweep) for scan in prepared), stamps, tuple(notes))
+
+
+def _has_angles(scan: LaserScan) -> bool:
+    return len(scan.ranges) > 0 and math.isfinite(scan.angle_min + scan.angle_increment) and scan.angle_increment != 0.0
 
 
 def _has_range(scan: LaserScan) -> bool:
