@@ -692,4 +692,11 @@ MAPPING = (
         "    telling: float = 0.0\n    picks_middle",
         ("tests/slam2d/test_slam.py::test_between_smooth_walls_the_way_is_that_of_the_odometry",),
     ),
+    PlantedFault(
+        "a log that begins in motion between smooth walls loses its way",
+        "slam2d/front_end.py",
+        "YOUNG_SCANS = 5 ",
+        "YOUNG_SCANS = 0 ",
+        ("tests/slam2d/test_slam.py::test_a_log_that_begins_in_motion_between_smooth_walls_keeps_its_way",),
+    ),
 )

@@ -15,7 +15,7 @@ from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
 from ambler.slam2d.graph import OptimizedGraph
 from ambler.slam2d.offline import points_on_walls
 from ambler.slam2d.slam import Slam2d
-from tests.registration.room import distance_to_walls, scan_at
+from tests.registration.room import distance_to_walls, loop_of, ranges_at, scan_at
 from tests.slam2d.drives import PERIOD_NS, RING, around_the_ring, drive, errors, oval, run, short_submaps
 
 OF_ROBOTS = Slam2dConfig(FrontEndConfig(telling=SHARP.telling))
@@ -73,6 +73,23 @@ def test_between_smooth_walls_the_way_is_that_of_the_odometry(config: Slam2dConf
     found = results[0].map_from_base.inverse() @ results[-1].map_from_base
     assert found.x == pytest.approx(truth[-1].x, abs=0.03)
     assert abs(found.y - (truth[-1].y - truth[0].y)) < 0.02
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1])
+def test_a_log_that_begins_in_motion_between_smooth_walls_keeps_its_way(step: float) -> None:
+    """A scanner of 180 beams hits the walls of a corridor in the same pattern wherever it is: laid on the first scan, the second fits best where it has not moved,
+    and what does not move is not drawn. Nearly all of the way was lost so."""
+    walls = np.array(loop_of((-1.0, -1.5), (26.0, -1.5), (26.0, 1.5), (-1.0, 1.5)))
+    angles, rng, slam = np.radians(np.arange(180) - 90.0), np.random.default_rng(1), Slam2d()
+    truth = [SE2(0.02 + step * k, 0.1, 0.0) for k in range(round(12.0 / step))]
+    poses = []
+    for k, pose in enumerate(truth):
+        ranges = ranges_at(pose, angles, walls) + rng.normal(0.0, 0.01, len(angles))
+        points = ranges[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+        slam.add_odometry(k * PERIOD_NS, pose)
+        scan = PlanarScan(k * PERIOD_NS, points.astype(np.float32), np.zeros((0, 2), np.float32))
+        poses.append(slam.update(scan).map_from_base)
+    assert poses[-1].x - poses[0].x == pytest.approx(truth[-1].x - truth[0].x, abs=0.2)
 
 
 def test_one_wall_across_the_way_overrules_odometry_that_is_too_long() -> None:

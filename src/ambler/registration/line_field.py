@@ -33,6 +33,17 @@ class LineConfig:
     iterations: int = 6
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LineFit:
+    """Where a scan lies on lines: `grid_from_base`, which is the start unless `is_held`, the `share` of its points that lie on lines, and the `information`
+    float64 (3, 3) about x, y, yaw in the grid frame that is in these."""
+
+    grid_from_base: SE2
+    information: F64
+    share: float
+    is_held: bool
+
+
 class LineField:
     """Moments of the returns that were added, in the frame of a submap."""
 
@@ -58,12 +69,8 @@ class LineField:
         kernels.rehash(self._keys, self._moments, keys, moments)
         self._keys, self._moments = keys, moments
 
-    def fit(self, points: F32, origin: tuple[float, float], start: SE2) -> SE2:
-        """Return the pose near `start` at which points (N, 2) of the base frame lie on the lines; `start` where too few do."""
-        return self.fit_telling(points, origin, start)[0]
-
-    def fit_telling(self, points: F32, origin: tuple[float, float], start: SE2) -> tuple[SE2, F64 | None]:
-        """Return what `fit` does, and the information (3, 3) about x, y, yaw in the grid frame that is in the lines; None where too few points lie on them."""
+    def fit(self, points: F32, origin: tuple[float, float], start: SE2) -> LineFit:
+        """Find the pose near `start` at which points (N, 2) of the base frame, seen from `origin`, lie on the lines."""
         config = self._config
         pose, info = start.as_array(), np.zeros(2)
         linear, angular = config.start_sigma
@@ -74,7 +81,9 @@ class LineField:
             *(self._keys, self._moments, config.size, points, np.array(origin), pose, prior, options),
             *(h, info),
         )
-        return (SE2.from_array(pose), h) if info[0] >= config.least_share else (start, None)
+        share = float(info[0])
+        is_held = share >= config.least_share
+        return LineFit(SE2.from_array(pose) if is_held else start, h, share, is_held)
 
 
 def _capacity(rows: int) -> int:

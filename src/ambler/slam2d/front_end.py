@@ -12,6 +12,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.branch_bound import BranchBoundMatcher, search_coarse_to_fine
 from ambler.registration.correlative import Window, correlate
 from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine, translational
+from ambler.registration.line_field import LineFit
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively, points_between_returns
 from ambler.slam2d.config import FrontEndConfig
 from ambler.slam2d.extrapolator import Prediction
@@ -24,6 +25,9 @@ MOST = 0.5  # of the points lie on walls where a scan is found again; fewer do i
 LOST_DEPTH = 4  # of the stack in which a scan is sought that fits nowhere near
 USUAL_RATE = 0.05  # of what one match counts in what is usual, which begins with the first one
 FIRST_MATCHES = 10  # in which steady motion is tried beside odometry, even where that is trusted
+YOUNG_SCANS = 5  # of a submap: before, its lines may hold few of the points
+YOUNG_SHARE = 0.2  # of the points on lines, from which on these tell what the place does not tell
+YOUNG_TELLING = 0.05  # `telling` there
 POINTS_LEAST = 10  # of a scan that is matched or inserted
 SAME_INSTANT_NS = 1_000_000  # logs move the second of two equal stamps behind the first by less
 ANOTHER_SCANNER = 0.01  # metres between two scanners of a base
@@ -132,16 +136,24 @@ class FrontEnd:
         """Return the pose at which a scan lies on the lines of the submap, in its frame. Along a direction of which these lines say next to nothing, between smooth
         parallel walls whose ends are out of sight, it is the predicted one: what cells prefer there is their texture, which holds a scan back
         by some percent of the way."""
-        fitted, told = target.lines.fit_telling(points, scan.origin, grid_from_base)
-        if told is None or not self._trusts(prediction) or self._config.telling == 0.0:
+        fit = target.lines.fit(points, scan.origin, grid_from_base)
+        fitted, told = fit.grid_from_base, self._telling_of(target, fit)
+        if told == 0.0 or not self._trusts(prediction):
             return fitted
-        values, vectors = np.linalg.eigh(translational(told))
-        weakness = 1.0 - float(values[0]) / max(self._config.telling * float(values[1]), 1e-9)
+        values, vectors = np.linalg.eigh(translational(fit.information))
+        weakness = 1.0 - float(values[0]) / max(told * float(values[1]), 1e-9)
         if weakness <= 0.0:
             return fitted
         predicted, along = target.to_submap(prediction.local_from_base), vectors[:, 0]
         miss = weakness * float(along @ (predicted.x - fitted.x, predicted.y - fitted.y))
         return SE2(fitted.x + miss * float(along[0]), fitted.y + miss * float(along[1]), fitted.yaw)
+
+    def _telling_of(self, target: Submap, fit: LineFit) -> float:
+        """Return the share of what lines hold across that they must hold along, 0 where that is not asked. A young submap shows lines only near where it began,
+        and cells that the same beams of a moving scanner hit again as they did before, which fits best where the scanner has not moved."""
+        if fit.is_held or self._config.telling == 0.0:
+            return self._config.telling
+        return YOUNG_TELLING if target.scans < YOUNG_SCANS and fit.share >= YOUNG_SHARE else 0.0
 
     def _steady_match(
         self, target: Submap, points: F32, prediction: Prediction, window: Window, match: MatchResult

@@ -65,8 +65,12 @@ class LoopSearcher:
         match = refine(submap.grid, node.match_points, start, start, config.refine)
         if match.score < min_score or match.inlier_ratio < config.min_inlier_ratio_of_usual * usual.inlier_ratio:
             return None
-        pose, told = submap.lines.fit_telling(node.match_points, node.origin, match.grid_from_base)
-        is_loose = match.degeneracy < match.weak_ratio if told is None else degeneracy_of(told) < config.telling
+        fit = submap.lines.fit(node.match_points, node.origin, match.grid_from_base)
+        pose = fit.grid_from_base
+        if fit.is_held:
+            is_loose = degeneracy_of(fit.information) < config.telling
+        else:
+            is_loose = match.degeneracy < match.weak_ratio
         if is_loose:
             return None
         covariance = match.covariance(self._point_sigma, (0.0, 0.0))
