@@ -59,6 +59,18 @@ def test_odometry_is_interpolated_and_carried_from_the_last_match(twist: np.ndar
     assert close(at, odom @ SE2.exp(stamp_ms * 1e-3 * twist))
 
 
+@given(TWISTS)
+def test_two_scanners_of_one_instant_continue_the_motion_between_instants(twist: np.ndarray) -> None:
+    """Their stamps lie a microsecond apart; taken for a motion in that time, they had predicted that the robot stands."""
+    extrapolator = PoseExtrapolator()
+    for k in range(3):
+        for behind in (0, 1000):
+            extrapolator.add_matched(k * 100 * MS + behind, SE2.exp(0.1 * k * twist))
+    assert close(extrapolator.predict(300 * MS).local_from_base, SE2.exp(0.3 * twist), 1e-4)
+    extrapolator.add_matched(300 * MS, SE2.exp(0.3 * twist))
+    assert close(extrapolator.predict(300 * MS + 1000).local_from_base, SE2.exp(0.3 * twist), 1e-4)
+
+
 def test_odometry_that_ended_is_not_used() -> None:
     extrapolator = PoseExtrapolator()
     extrapolator.add_odometry(0, SE2())

@@ -16,6 +16,8 @@ _LONGEST_NS = 600_000_000_000
 _MAX_AHEAD_NS = 300_000_000
 _MAX_BEFORE_NS = 100_000_000
 
+SAME_INSTANT_NS = 1_000_000
+"""Scans that lie no farther apart were taken at one instant: logs move the second of two equal stamps behind the first."""
 # What odometry may tell between two of its poses: metres and m/s, rad and rad/s. More no robot moves; its zero was set anew, or a pose is wrong. Logs with
 # one scan per metre and without a clock stay far below.
 _LEAP_WAY = (5.0, 10.0)
@@ -134,13 +136,15 @@ class PoseExtrapolator:
         return self._turned(start.inverse() @ end, from_ns, to_ns)
 
     def _steady_motion(self, from_ns: int, to_ns: int) -> SE2:
-        """Continue the last matched motion; its duration counts at most twofold, because stamps of real devices jitter."""
+        """Continue the last matched motion; its duration counts at most twofold, because stamps of real devices jitter. Two scanners that look at one instant
+        show none between them."""
         stamps, poses = self._matched.stamps, self._matched.poses
         motion = SE2()
-        if len(stamps) >= 2:
-            ratio = (to_ns - from_ns) / (stamps[-1] - stamps[-2])
+        before = next((k for k in reversed(range(len(stamps))) if stamps[-1] - stamps[k] > SAME_INSTANT_NS), None)
+        if before is not None:
+            ratio = (to_ns - from_ns) / (stamps[-1] - stamps[before])
             if ratio < 10.0:
-                motion = SE2.exp((poses[-2].inverse() @ poses[-1]).log() * min(ratio, 2.0))
+                motion = SE2.exp((poses[before].inverse() @ poses[-1]).log() * min(ratio, 2.0))
         return self._turned(motion, from_ns, to_ns)
 
     def _turned(self, motion: SE2, from_ns: int, to_ns: int) -> SE2:

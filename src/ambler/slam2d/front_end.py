@@ -15,7 +15,7 @@ from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine, 
 from ambler.registration.line_field import LineFit
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively, points_between_returns
 from ambler.slam2d.config import FrontEndConfig
-from ambler.slam2d.extrapolator import Prediction
+from ambler.slam2d.extrapolator import SAME_INSTANT_NS, Prediction
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
 
 F32 = NDArray[np.float32]
@@ -29,7 +29,6 @@ YOUNG_SCANS = 5  # of a submap: before, its lines may hold few of the points
 YOUNG_SHARE = 0.2  # of the points on lines, from which on these tell what the place does not tell
 YOUNG_TELLING = 0.05  # `telling` there
 POINTS_LEAST = 10  # of a scan that is matched or inserted
-SAME_INSTANT_NS = 1_000_000  # logs move the second of two equal stamps behind the first by less
 ANOTHER_SCANNER = 0.01  # metres between two scanners of a base
 START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
 STILL_MOTION = (
