@@ -142,7 +142,7 @@ def test_where_no_lines_are_known_cells_that_hold_a_scan_weakly_close_no_loop() 
     for walls, views, reach in ((CORRIDOR, ALONG, 8.0), (WALLS, VIEWS, 30.0)):
         scan = scan_at(truth, walls=walls, rng=np.random.default_rng(3), range_max=reach)
         where = submap(views[:2], walls, reach)
-        assert where.lines.fit_telling(filter_voxels_adaptively(scan.points, 0.3, 200), (0.0, 0.0), truth)[1] is None
+        assert not where.lines.fit(filter_voxels_adaptively(scan.points, 0.3, 200), (0.0, 0.0), truth).is_held
         closure = Search(usual=0.55, inliers=0.5).of(scan, believed, where)
         if walls is CORRIDOR:
             assert closure is None

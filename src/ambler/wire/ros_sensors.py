@@ -65,22 +65,15 @@ def laser_scan_to_ros(message: m.LaserScan) -> Any:
 
 
 def laser_scan_from_ros(record: Any) -> m.LaserScan:
-    return m.LaserScan(
-        stamp_from_ros(record.header),
-        record.header.frame_id,
-        record.angle_min,
-        record.angle_increment,
-        record.time_increment,
-        record.scan_time,
-        record.range_min,
-        record.range_max,
-        np.array(record.ranges, np.float32),
-        np.array(record.intensities, np.float32),
-    )
+    return _scan(record, np.array(record.ranges, np.float32), np.array(record.intensities, np.float32))
 
 
 def multi_echo_scan_from_ros(record: Any) -> m.LaserScan:
     """Keep the first echo of each beam, the nearest thing that returned any light; inf where none did."""
+    return _scan(record, _first_echoes(record.ranges, math.inf), _first_echoes(record.intensities, 0.0))
+
+
+def _scan(record: Any, ranges: NDArray[np.float32], intensities: NDArray[np.float32]) -> m.LaserScan:
     return m.LaserScan(
         stamp_from_ros(record.header),
         record.header.frame_id,
@@ -90,8 +83,8 @@ def multi_echo_scan_from_ros(record: Any) -> m.LaserScan:
         record.scan_time,
         record.range_min,
         record.range_max,
-        _first_echoes(record.ranges, math.inf),
-        _first_echoes(record.intensities, 0.0),
+        ranges,
+        intensities,
     )
 
 
