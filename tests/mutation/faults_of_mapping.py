@@ -706,4 +706,11 @@ MAPPING = (
         "if stamps[-1] - stamps[k] > 0)",
         ("tests/slam2d/test_extrapolator.py",),
     ),
+    PlantedFault(
+        "headings of an odometry that leaps are believed",
+        "slam2d/extrapolator.py",
+        "            self._gyro.forget()\n",
+        "            pass\n",
+        ("tests/slam2d/test_slam.py",),
+    ),
 )

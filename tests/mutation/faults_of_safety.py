@@ -342,16 +342,23 @@ SAFETY = (
     PlantedFault(
         "a beam past a thin post's edge proves it gone",
         "kernels/blind.py",
-        "around = max(1, math.ceil(math.atan2(beside, kept[0][k]) / step))",
+        "around = max(1, math.ceil(math.atan2(beside, kept[0][k] * math.cos(kept[2][k])) / step))",
         "around = 0",
         MEMORY,
     ),
     PlantedFault(
         "what is near is as wide as what is far",
         "kernels/blind.py",
-        "math.ceil(math.atan2(beside, kept[0][k]) / step)",
+        "math.ceil(math.atan2(beside, kept[0][k] * math.cos(kept[2][k])) / step)",
         "1",
         (*MEMORY, "tests/safety/test_blind_kernels.py"),
+    ),
+    PlantedFault(
+        "a thing beside what is steeply below seems as wide as it is far off",
+        "kernels/blind.py",
+        "kept[0][k] * math.cos(kept[2][k])) / step))",
+        "kept[0][k]) / step))",
+        ("tests/safety/test_blind_kernels.py",),
     ),
     PlantedFault(
         "who turns to and fro forgets",

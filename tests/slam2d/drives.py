@@ -87,17 +87,20 @@ def run(
     course: Drive,
     *,
     with_odometry: bool,
+    with_heading: bool = False,
     rng: np.random.Generator | None = None,
     first: int = 0,
     last: int | None = None,
     with_background: bool = True,
 ) -> list[Slam2dResult]:
-    """Feed the scans `first` ... `last` of a drive; background jobs run inline."""
+    """Feed the scans `first` ... `last` of a drive, and the odometry's heading by itself, too, as robots do; background jobs run inline."""
     results = []
     for k in range(first, len(course.truth) if last is None else last):
         stamp_ns = (k + 1) * PERIOD_NS
         if with_odometry:
             slam.add_odometry(stamp_ns, course.odometry[k])
+        if with_heading:
+            slam.add_heading(stamp_ns, course.odometry[k].yaw)
         results.append(slam.update(scan_at(course.truth[k], stamp_ns, course.walls, rng, range_max=course.range_max)))
         work = slam.take_background_work() if with_background else None
         if work is not None:

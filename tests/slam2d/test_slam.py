@@ -114,14 +114,16 @@ def test_odometry_that_tells_three_times_the_way_is_found_out_and_not_followed()
     assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.06
 
 
+@pytest.mark.parametrize("with_heading", [False, True])
 @pytest.mark.parametrize("at", [1, 2, 5, 20])
 @pytest.mark.parametrize("leap", [SE2(0.8, 0.0, 0.3), SE2(0.0, -3.0, 1.5), SE2(40.0, 30.0, 0.7)])
-def test_a_leap_of_odometry_is_not_followed_from_the_first_scan_on(at: int, leap: SE2) -> None:
+def test_a_leap_of_odometry_is_not_followed_from_the_first_scan_on(at: int, leap: SE2, with_heading: bool) -> None:
     """Its zero is set anew, or the first scan of a log came before the first odometry: before 25 scans had told what is usual it was believed, and
     one of kilometres filled the memory."""
     truth = oval(0.3)
     course = drive(truth, lambda pose, motion: leap if pose is truth[at - 1] else motion)
-    results = run(Slam2d(), course, with_odometry=True, rng=np.random.default_rng(1), with_background=False)
+    feeds = {"with_odometry": True, "with_heading": with_heading, "with_background": False}
+    results = run(Slam2d(), course, rng=np.random.default_rng(1), **feeds)
     assert errors(course.truth, [r.local_from_base for r in results])[:, 0].max() < 0.08
 
 

@@ -50,7 +50,7 @@ def look_through(kept, seen, step, behind, beside, out):
         if not kept[0][k] < math.inf:
             continue
         row, column = math.floor(kept[1][k] / step + 0.5), columns + math.floor(kept[2][k] / step + 0.5)
-        around = max(1, math.ceil(math.atan2(beside, kept[0][k]) / step))
+        around = max(1, math.ceil(math.atan2(beside, kept[0][k] * math.cos(kept[2][k])) / step))
         out[k] = True
         for there in range(row - around, row + around + 1):
             out[k] &= math.inf > nearest[there % rows, column] > kept[0][k] + behind

@@ -22,22 +22,25 @@ SAME_INSTANT_NS = 1_000_000
 # one scan per metre and without a clock stay far below.
 _LEAP_WAY = (5.0, 10.0)
 _LEAP_TURN = (2.0, 6.0)
+_LEAP_HEADING = (0.3, 6.0)  # of a gyroscope, which comes often
 
 
 class _Track:
     """Poses over a short time, and since `needed_since_ns` for up to ten minutes, interpolated and shortly extrapolated; nothing from before a leap."""
 
-    def __init__(self) -> None:
+    def __init__(self, leap_turn: tuple[float, float] = _LEAP_TURN) -> None:
         self.stamps: deque[int] = deque()
         self.poses: deque[SE2] = deque()
         self.needed_since_ns: int | None = None
+        self.leaps = 0
+        self._leap_turn = leap_turn
 
     def add(self, stamp_ns: int, pose: SE2) -> None:
         if self.stamps and stamp_ns <= self.stamps[-1]:
             return
-        if self.stamps and _is_leap(self.poses[-1], pose, (stamp_ns - self.stamps[-1]) * 1e-9):
-            self.stamps.clear()
-            self.poses.clear()
+        if self.stamps and self._is_leap(self.poses[-1], pose, (stamp_ns - self.stamps[-1]) * 1e-9):
+            self.forget()
+            self.leaps += 1
         self.stamps.append(stamp_ns)
         self.poses.append(pose)
         oldest_ns = stamp_ns - _HISTORY_NS
@@ -47,6 +50,11 @@ class _Track:
             self.stamps.popleft()
             self.poses.popleft()
 
+    def forget(self) -> None:
+        """Begin anew."""
+        self.stamps.clear()
+        self.poses.clear()
+
     def at(self, stamp_ns: int) -> SE2 | None:
         """Return the pose at an instant, None when the track is empty, ended too long ago or begins later."""
         if not self.stamps or stamp_ns > self.stamps[-1] + _MAX_AHEAD_NS:
@@ -54,17 +62,17 @@ class _Track:
         if len(self.stamps) == 1:
             return self.poses[0] if stamp_ns >= self.stamps[0] else None
         if stamp_ns <= self.stamps[0]:
-            return self.poses[0] if stamp_ns >= self.stamps[0] - _MAX_BEFORE_NS else None
+            is_near = self.leaps == 0 and stamp_ns >= self.stamps[0] - _MAX_BEFORE_NS
+            return self.poses[0] if is_near or stamp_ns == self.stamps[0] else None
         k = min(bisect_right(self.stamps, stamp_ns), len(self.stamps) - 1)
         t0, t1 = self.stamps[k - 1], self.stamps[k]
         return self.poses[k - 1].interpolate(self.poses[k], (stamp_ns - t0) / (t1 - t0))
 
-
-def _is_leap(before: SE2, after: SE2, seconds: float) -> bool:
-    """Whether no robot gets from one pose to the other in that time."""
-    (way, speed), (turn, rate) = _LEAP_WAY, _LEAP_TURN
-    turned = abs(wrap_angle(after.yaw - before.yaw))
-    return before.distance_to(after) > way + speed * seconds or turned > turn + rate * seconds
+    def _is_leap(self, before: SE2, after: SE2, seconds: float) -> bool:
+        """Whether no robot gets from one pose to the other in that time."""
+        (way, speed), (turn, rate) = _LEAP_WAY, self._leap_turn
+        turned = abs(wrap_angle(after.yaw - before.yaw))
+        return before.distance_to(after) > way + speed * seconds or turned > turn + rate * seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +91,17 @@ class PoseExtrapolator:
 
     def __init__(self) -> None:
         self._odometry = _Track()
-        self._gyro = _Track()
+        self._gyro = _Track(_LEAP_HEADING)
         self._matched = _Track()
         self._gyro_yaw = 0.0
 
     def add_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
         """Take one odometry pose; stamps that do not increase are ignored. After a leap that no robot makes odometry begins anew: of the motion across it
-        nothing is known."""
+        nothing is known, nor of headings by the same odometry."""
+        leaps = self._odometry.leaps
         self._odometry.add(stamp_ns, odom_from_base)
+        if self._odometry.leaps > leaps:
+            self._gyro.forget()
 
     def add_imu(self, stamp_ns: int, wz: float) -> None:
         """Take one yaw rate (rad/s) in the base frame."""
