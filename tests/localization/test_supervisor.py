@@ -184,6 +184,15 @@ def test_a_robot_at_rest_that_sees_nothing_for_a_while_is_doubted_and_not_lost(c
     assert watch.show(scan(through=0.4), 2.0)[-1].state in GIVEN_UP
 
 
+def test_scans_without_returns_between_do_not_refute_what_speaks_against_a_pose() -> None:
+    watch = Watch()
+    watch.show(scan(), 1.0)
+    told: list[LocalizationState] = []
+    for _ in range(6):
+        told += [s.state for s in (*watch.show(scan(through=0.4), 0.4), *watch.show(scan()[:0], 0.1))]
+    assert told[-1] in GIVEN_UP
+
+
 def test_a_robot_that_moves_without_seeing_is_lost() -> None:
     watch, nothing = Watch(), scan()[:0]
     watch.show(scan(), 1.0)

@@ -23,8 +23,8 @@ LOCALIZATION = (
     PlantedFault(
         "a robot at rest that sees nothing for a second is lost",
         "localization/supervisor.py",
-        "if is_blind and self._is_at_rest(observation):",
-        "if False:",
+        "if not (is_blind and self._is_at_rest(observation)):",
+        "if True:",
         ("tests/localization/test_supervisor.py",),
     ),
     PlantedFault(

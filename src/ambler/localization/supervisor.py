@@ -4,7 +4,7 @@ TRACKING → DEGRADED when the map explains too little of the scan for a moment 
 map's walls, when a search finds a place that fits much better, or when the pose jumps: particles that gather elsewhere are a guess like any
 other → RELOCALIZING → TRACKING when a second viewpoint confirms.
 While next to nothing returns, a robot that stands by its odometry stays DEGRADED: it cannot have driven elsewhere, but may have been carried, which the first scan
-with returns tells. One that moves unseeing is LOST.
+with returns tells; what spoke against the pose before is kept until then. One that moves and sees nothing at all is LOST.
 People around the robot only hide walls (returns too near); a wrong pose also sees through them (returns too far).
 
 Searching the map takes long. `update` does it at once; on a robot `step` answers immediately, `take_search` hands out the search as a
@@ -50,7 +50,7 @@ class SupervisorConfig:
     """Shares of the returns: below `explained_good` DEGRADED; below `explained_least` or above `through_most` (seen through walls) for
     `lost_after` s LOST (where the map is old and more is usual, `through_rise` above the usual). While it is below the usual by `sudden_drop` a search runs every `search_every` s, then more seldom; a place
     better by `better_by`, and of `rival_quality`, means LOST; so does a pose that moves by more than `jump` (m, rad) beyond odometry and its own
-    three sigma between two observations. Fewer than `seen_least` returns tell nothing, and a robot that odometry has moved by less than `rest` (m, rad) since
+    three sigma between two observations. Fewer than `seen_least` returns tell little, and a robot that odometry has moved by less than `rest` (m, rad) since
     there were more is at rest. `slack`: metres between a return and the map's wall that count as the same; `points`: returns judged."""
 
     explained_good: float = 0.6
@@ -181,10 +181,11 @@ class Supervisor:
         is_suspect = is_poor or explained < self._usual - config.sudden_drop
         through_most = max(config.through_most, self._usual_through + config.through_rise)
         is_wrong = explained < min(config.explained_least, 0.6 * self._usual) or through > through_most
-        if is_blind and self._is_at_rest(observation):
-            is_wrong = False
         self._suspect_since_ns = _since(self._suspect_since_ns, is_suspect, now)
-        self._wrong_since_ns = _since(self._wrong_since_ns, is_wrong, now)
+        if not (is_blind and self._is_at_rest(observation)):
+            self._wrong_since_ns = _since(self._wrong_since_ns, is_wrong, now)
+        elif self._wrong_since_ns is not None and before is not None:
+            self._wrong_since_ns += now - before.stamp_ns  # this time tells nothing
         if not is_suspect:
             self._usual += config.usual_rate * (explained - self._usual)
             self._usual_through += config.usual_rate * (through - self._usual_through)
