@@ -25,7 +25,8 @@ from ambler.recordings.cloud_scan import CloudScan
 class LocalizedLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), as they were told then. `found_after` s of the recording after the odometry's first pose, with `found_cpu` s
     of computing; None: never. `state` is the last one, `qualities` float64 (M,) those of all registrations, `lost` how often the place was lost,
-    `update_ms` float64 (K,) the processor time of localization at each scan, `cut` why the recording could not be read to its end."""
+    `update_ms` float64 (K,) the processor time of localization at each scan, `cut` why the recording could not be read to its end,
+    `left_out` how many messages had stamps out of order."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -39,6 +40,7 @@ class LocalizedLio:
     update_ms: NDArray[np.float64]
     note: str
     cut: str = ""
+    left_out: int = 0
 
     @property
     def is_success(self) -> bool:
@@ -48,6 +50,8 @@ class LocalizedLio:
     def warnings(self) -> list[str]:
         """Return what whoever uses the trajectory should know, in words."""
         out = [f"the recording ends early, what came before is localized: {self.cut}"] if self.cut else []
+        if self.left_out:
+            out.append(f"{self.left_out} messages were left out: their stamps are out of order")
         if self.found_after is None:
             out.append(f"the place was not found: {self.state.value}")
         if self.lost:
@@ -104,4 +108,5 @@ def localize_offline(
         update_ms=np.array([1e3 * seconds for _, seconds in told]),
         note=odometry.start.note,
         cut=cut,
+        left_out=odometry.left_out,
     )

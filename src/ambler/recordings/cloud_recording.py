@@ -46,7 +46,7 @@ class CloudRecording:
     clouds: int = 0
 
     def scans(self) -> Iterator[CloudScan]:
-        """Yield the clouds in the order of the recording; those whose stamp does not increase are left out, and counted, so are measurements.
+        """Yield the clouds in the order of the recording; those whose stamp does not increase are left out, and counted in the next scan, so are measurements.
 
         Raises BadInputError for damage on the way.
         """

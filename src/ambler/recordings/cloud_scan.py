@@ -40,7 +40,7 @@ class CloudScan:
 class _Stream(Generic[M]):
     """Messages in the order of their stamps, which wait for their cloud, or as clouds for their measurements.
 
-    One whose stamp jumps ahead is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
+    One whose stamp jumps ahead, as the first one does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
 
     waiting: deque[M] = field(default_factory=deque)
     last_ns: int = -1
@@ -57,7 +57,7 @@ class _Stream(Generic[M]):
             self._take_in(doubtful)
         elif doubtful is not None:
             self.left_out += 1
-        if 0 <= self.last_ns < message.stamp_ns - JUMP_NS:
+        if self.last_ns < message.stamp_ns - JUMP_NS:
             self.doubtful = message
         else:
             self._take_in(message)
