@@ -296,7 +296,9 @@ def test_docks_that_cannot_be_written_are_told_and_end_nothing(tmp_path: Path) -
     assert codes(client) == ["DOCK_NOT_SAVED"]
     assert "docks.yaml: cannot be written" in client.outcomes[0].text
     node._dock = database.dock("strips")
-    node._refine(database.dock("strips").map_from_dock)
+    before = database.dock("strips").map_from_dock
+    node._refine(before @ SE2(0.01, 0.0, 0.0))
+    assert (tmp_path / "docks.yaml").is_dir()
 
 
 def test_a_dock_is_not_taught_by_a_robot_that_is_lost_sees_nothing_or_moves(tmp_path: Path) -> None:

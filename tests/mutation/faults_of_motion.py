@@ -398,7 +398,7 @@ MOTION = (
     PlantedFault(
         "a robot that people shut in makes no room",
         "missions/explore.py",
-        "if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):",
+        "if is_turn and (place := self._room(view, attempt)) is not None:",
         "if False:",
         ("tests/missions/test_explore.py::test_a_robot_that_people_shut_in_makes_room_for_them_every_second_time",),
     ),
@@ -1314,8 +1314,8 @@ MOTION = (
     PlantedFault(
         "a robot that made too little room makes as little again",
         "missions/explore.py",
-        "k * self.config.give_way)",
-        "self.config.give_way)",
+        "min(k * c.give_way, c.give_way_most)",
+        "c.give_way",
         ("tests/missions/test_explore.py::test_a_robot_that_people_shut_in_makes_room_for_them_every_second_time",),
     ),
 )

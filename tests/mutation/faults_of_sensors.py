@@ -249,7 +249,7 @@ SENSORS = (
     PlantedFault(
         "a scanner's code for no return is a wall",
         "recordings/log_scans.py",
-        "        found = find_no_return(ranges)\n",
+        "        found = find_no_return(ranges, beam_numbers(line.ranges for line in lines))\n",
         "        found = None\n",
         LOGS,
     ),

@@ -313,7 +313,8 @@ def test_rounds_add_no_nodes_without_end() -> None:
             x, y = np.array([2.5 * np.cos(angle), 2.0 * np.sin(angle)]) + rng.normal(0.0, 0.03, 2)
             graph.drive(float(x), float(y))
         counts.append(int((graph.arrays.is_alive & (graph.arrays.kind == DRIVEN)).sum()))
-    assert 2 <= counts[0] <= counts[-1] <= 3 * counts[0]
+    assert counts[0] >= 2
+    assert counts[-1] - counts[9] <= 2
 
 
 # Unknown ground

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
-from ambler.recordings.no_return import find_no_return
+from ambler.recordings import no_return
+from ambler.recordings.no_return import beam_numbers
 from ambler.wire.carmen import load_carmen
 from tests.public_data import public
 from tests.registration.room import loop_of, ranges_at
@@ -17,6 +18,11 @@ from tests.slam2d.drives import RING, around_the_ring, oval
 
 ANGLES = np.radians(np.arange(-90, 91))
 CORRIDOR = np.array(loop_of((-1.0, -1.0), (21.0, -1.0), (21.0, 1.0), (-1.0, 1.0)))
+
+
+def find_no_return(ranges: NDArray[np.float32], beams: int = len(ANGLES)) -> float | None:
+    """Return what is found in readings of whole scans behind each other."""
+    return no_return.find_no_return(ranges, np.arange(len(ranges)) % beams)
 
 
 def readings(poses: list[SE2], walls: NDArray[np.float64], noise: float = 0.01) -> NDArray[np.float32]:
@@ -63,6 +69,15 @@ def test_walls_are_no_code(poses: list[SE2], walls: NDArray[np.float64]) -> None
     assert find_no_return(readings(poses, walls)) is None
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_what_a_parked_scanner_sees_farthest_away_is_no_code(noise: float) -> None:
+    """A door at the end of a corridor, in three beams of 181, again and again the same."""
+    walls = np.array([*loop_of((-1.0, -1.0), (8.0, -1.0), (8.0, 1.0), (-1.0, 1.0))])
+    ranges = readings([SE2(0.2, 0.1, 0.0)] * 300, walls, noise).reshape(300, -1)
+    ranges[:, 89:92] = np.round(20.0 + np.random.default_rng(2).normal(0.0, noise, (300, 3)), 2)
+    assert find_no_return(ranges.ravel()) is None
+
+
 def test_nothing_is_no_code() -> None:
     assert find_no_return(np.zeros(0, np.float32)) is None
     assert find_no_return(np.zeros(100, np.float32)) is None
@@ -73,12 +88,15 @@ def test_nothing_is_no_code() -> None:
     "log", ["radish/fr079.clf.bz2", "carmen_keyframes/fhw.clf.gz", "carmen_keyframes/edmonton.clf.gz"]
 )
 def test_public_logs_have_their_code_and_no_other(log: str) -> None:
-    ranges = np.concatenate([line.ranges for line in load_carmen(public(log)).lasers])
-    code = find_no_return(ranges)
+    scans = [line.ranges for line in load_carmen(public(log)).lasers]
+    ranges, beams = np.concatenate(scans), beam_numbers(scans)
+    code = no_return.find_no_return(ranges, beams)
     assert code is not None
     assert code > 50.0
     for limit in (29.0, 15.0, 10.0, 8.0, 6.0, 4.0):
-        assert find_no_return(ranges[ranges < limit]) is None, "real walls"
-        clipped = np.where(ranges < limit, ranges, np.float32(limit + 0.01))
-        assert find_no_return(clipped) == pytest.approx(limit, rel=0.01)
-        assert not math.isclose(find_no_return(clipped) or 0.0, code)
+        is_near = ranges < limit
+        assert no_return.find_no_return(ranges[is_near], beams[is_near]) is None, "real walls"
+        clipped = np.where(is_near, ranges, np.float32(limit + 0.01))
+        found = no_return.find_no_return(clipped, beams)
+        assert found == pytest.approx(limit, rel=0.01)
+        assert not math.isclose(found or 0.0, code)

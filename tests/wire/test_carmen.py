@@ -65,7 +65,7 @@ def test_raw_lasers_are_read_without_poses(tmp_path: Path) -> None:
 def test_raw_lasers_are_left_out_beside_lines_that_carry_poses(tmp_path: Path) -> None:
     log = load_carmen(write(tmp_path, f"{RAW}\n{FLASER}\nRAWLASER1 some other form\n{RAW}\n".encode()))
     assert [line.name for line in log.lasers] == ["FLASER"]
-    assert any("2 RAWLASER lines" in note for note in log.notes)
+    assert any("3 RAWLASER lines" in note for note in log.notes)
 
 
 def test_damage_in_a_log_of_raw_lasers_names_the_line(tmp_path: Path) -> None:

@@ -523,16 +523,18 @@ class ExploreMission:
             self._remember(view, self._target_frontier, reason, has_looked=False)
             return self._wait(view, c.look_time, f"gave up a frontier ({reason})")
         self._next_drive()
-        place = self._room(view, (self._failed.count - c.shut_failures) // 2 + 1)
-        if self._failed.count % 2 == 0 and place is not None and self._company.is_about(view.now_ns):
+        attempt = (self._failed.count - c.shut_failures) // 2 + 1
+        is_turn = self._failed.count % 2 == 0 and self._company.is_about(view.now_ns)
+        if is_turn and (place := self._room(view, attempt)) is not None:
             return [ClearCosts(), *self._go_and_wait(view, place, f"shut in, making room ({reason})")]
         doubts = (ClearCosts(), DoubtTerrain(c.doubted))
         return [*doubts, *self._turn_and_wait(view, f"shut in, waiting ({reason})")]
 
     def _room(self, view: ExploreView, attempt: int) -> SE2 | None:
         """Return a place to make room at: farther away with each attempt, as far as the robot came from; None if it came from nowhere."""
-        attempts = range(min(attempt, self.config.give_way_most), 0, -1)
-        places = (self._trail.away(view.map_from_base, k * self.config.give_way) for k in attempts)
+        c = self.config
+        distances = (min(k * c.give_way, c.give_way_most) for k in range(attempt, 0, -1))
+        places = (self._trail.away(view.map_from_base, distance) for distance in distances)
         return next((place for place in places if place is not None), None)
 
     def _patience_ns(self, view: ExploreView, seconds: float) -> float:

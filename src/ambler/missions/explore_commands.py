@@ -39,7 +39,7 @@ class ExploreConfig:
     a target that cannot be reached any more once the robot is within `visit_range` of it counts as looked at;
     a robot that stands within `home_near` of an occupied home is at home; `lookout_time` is how long it may drive to where the way home is
     shut. After drives to `shut_failures` places that failed from one it waits and turns
-    there before it tries again, doubts the terrain within `doubted` metres, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched; every second time it makes room, to where it was last `give_way` metres away, and farther by as much with each time up to `give_way_most`, for who waits for the robot to leave. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
+    there before it tries again, doubts the terrain within `doubted` metres, and is stuck after `stuck_failures` and `stuck_time`. A way home that stays shut is tried again for `return_time`: who stands there leaves, and waiting costs less than a robot that is fetched; every second time it makes room, to where it was last `give_way` metres away, and farther by as much with each time up to `give_way_most` metres, for who waits for the robot to leave. A level that a robot cannot come to in `level_tries` drives is left out. A robot whose map is in doubt goes `doubt_way` metres back along its way, beyond what SLAM lets pass before it doubts, and has
     `doubt_time` to find itself again before the exploration ends as LOST. Where people were about within `company_time`, nothing is taken to be shut, and no drive to be
     hopeless, that they may stand in the way of: the robot goes there and looks, up to `company_looks` times in a row that show nothing new, and is stuck after `company_patience` times `stuck_time` only, and tries the way home for as many times `return_time`. While it drives through a map of
     n times `wide_cells` cells (50 m square), n > 1, the frontiers are searched every n seconds only."""
@@ -61,7 +61,7 @@ class ExploreConfig:
     return_time: float = 180.0
     return_pause: float = 8.0
     give_way: float = 2.0
-    give_way_most: int = 5
+    give_way_most: float = 10.0
     lookout_time: float = 120.0
     held_timeout: float = 10.0
     max_resumes: int = 5

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.kernels import scan_points
-from ambler.recordings.no_return import find_no_return, is_exceeded
+from ambler.recordings.no_return import beam_numbers, find_no_return, is_exceeded
 from ambler.registration.planar_scan import PlanarScan
 from ambler.wire.carmen import CarmenLog, LaserLine
 from ambler.wire.carmen_scanners import mount_parameter, side_of
@@ -144,7 +144,7 @@ class CarmenScans:
     def _find_reach(self, name: str, lines: list[LaserLine]) -> float:
         """Return up to where readings of a scanner may be returns: by what the log tells of it, unless many readings lie beyond that, and by the readings."""
         ranges = np.concatenate([line.ranges for line in lines])
-        found = find_no_return(ranges)
+        found = find_no_return(ranges, beam_numbers(line.ranges for line in lines))
         told = float(np.median([line.max_range for line in lines]))
         if is_exceeded(told, ranges if found is None else ranges[ranges < found]):
             self.notes.append(

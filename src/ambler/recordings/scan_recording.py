@@ -30,7 +30,7 @@ from ambler.recordings.bag_content import (
     usable_pose,
 )
 from ambler.recordings.log_scans import F64, CarmenScans, LogScan, LogScanConfig, OdometryFeed, planar_matrix
-from ambler.recordings.no_return import find_no_return
+from ambler.recordings.no_return import beam_numbers, find_no_return
 from ambler.recordings.sweep import Sweep, SweepFinder, swept
 from ambler.wire.bags import BagReader, open_bag
 from ambler.wire.carmen import load_carmen
@@ -260,12 +260,14 @@ def _reach_of_unknown_range(scans: list[LaserScan], config: LogScanConfig, notes
     silent = [scan for scan in scans if not _has_range(scan)]
     if not silent:
         return config.range_max
-    found = find_no_return(np.concatenate([np.asarray(scan.ranges, np.float32) for scan in silent]))
+    ranges = [np.asarray(scan.ranges, np.float32) for scan in silent]
+    found = find_no_return(np.concatenate(ranges), beam_numbers(ranges))
     reach = config.range_max if found is None else min(config.range_max, found)
-    if any(not math.isinf(scan.range_max) for scan in silent):
+    odd = [scan.range_max for scan in silent if not math.isinf(scan.range_max)]
+    if odd or reach < config.range_max:
+        tells = f"range_max: {odd[0]:g} m" if odd else "range_max: none"
         notes.append(
-            f"range_max: {silent[0].range_max:g} m in {len(silent)} of {len(scans)} scans;"
-            f" readings up to {reach:.2f} m count as returns there"
+            f"{tells} in {len(silent)} of {len(scans)} scans; readings up to {reach:.2f} m count as returns there"
         )
     return reach
 

@@ -147,7 +147,8 @@ def _wheel_geometry(
 
 
 def _body(tree: UrdfTree, extension: Element, floor: float, wheels: list[Link]) -> tuple[float, float]:
-    bodies = [link.points[:, 2] for link in tree.links.values() if link not in wheels and len(link.points)]
+    names = {wheel.name for wheel in wheels}
+    bodies = [link.points[:, 2] for link in tree.links.values() if link.name not in names and len(link.points)]
     low = min((float(z.min()) for z in bodies), default=math.nan) - floor
     high = max((float(z.max()) for z in bodies), default=math.nan) - floor
     bottom = scalar(tree, extension, "body_bottom", max(low, 0.01))

@@ -209,7 +209,7 @@ def load_carmen(path: Path) -> CarmenLog:
     odometry: list[OdometryLine] = []
     parameters: dict[str, str] = {}
     number, cut_line = 0, None
-    raw_damage: BadInputError | None = None
+    raw_damage: list[BadInputError] = []
     for number, line, is_whole in _lines(path):
         fields = line.split()
         if not fields or fields[0].startswith(b"#"):
@@ -237,16 +237,17 @@ def load_carmen(path: Path) -> CarmenLog:
             damage = BadInputError(f"{path}: line {number} ({what}): {error}")
             if not is_raw:
                 raise damage from error
-            raw_damage = raw_damage or damage
-    if not lasers and raw_damage is not None:
-        raise raw_damage
+            raw_damage.append(damage)
+    if not lasers and raw_damage:
+        raise raw_damage[0]
     if not lasers and not raw_lasers:
         raise BadInputError(
             f"{path}: no laser line (FLASER, RLASER, ROBOTLASER1, RAWLASER1) in {number} lines; this is no CARMEN laser log"
         )
     notes: list[str] = []
-    if lasers and raw_lasers:
-        notes.append(f"left out: {len(raw_lasers)} RAWLASER lines, which carry no pose, beside {len(lasers)} that do")
+    raw = len(raw_lasers) + len(raw_damage)
+    if lasers and raw:
+        notes.append(f"left out: {raw} RAWLASER lines, which carry no pose, beside {len(lasers)} that do")
     described = tuple(_described(lasers or raw_lasers, parameters, notes))
     return CarmenLog(described, tuple(odometry), parameters, cut_line, tuple(notes))
 

@@ -47,7 +47,8 @@ def side_of(name: str) -> str | None:
 
 def mount_parameter(name: str, parameters: dict[str, str]) -> float | None:
     """Return the scanner's offset along the base's x axis, metres, or None; raises BadInputError where it is no number."""
-    text = parameters.get(f"robot_{side_of(name)}laser_offset")
+    side = side_of(name)
+    text = None if side is None else parameters.get(f"robot_{side}laser_offset")
     try:
         return None if text is None else float(text)
     except ValueError as error:
@@ -100,9 +101,11 @@ def _told_step(name: str, beams: int, gaps: int, parameters: dict[str, str]) -> 
 def _told(name: str, quantity: str, parameters: dict[str, str], limits: tuple[float, float]) -> float | None:
     """Return a parameter of the scanner by any of its spellings over the years, if it is a number within the limits."""
     side = side_of(name)
+    if side is None:
+        return None
     pattern = re.compile(rf"(laser|robot)_{side}_?laser_({quantity})")
     for key in sorted(parameters):
-        if side is None or not pattern.fullmatch(key):
+        if not pattern.fullmatch(key):
             continue
         try:
             value = float(parameters[key])
