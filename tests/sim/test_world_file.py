@@ -6,10 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambler.core.errors import BadInputError
-from ambler.core.grid import OCC_FREE, GridSpec
+from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, GridSpec
 from ambler.core.se2 import SE2
 from ambler.sim.floorplan import merge_cells
 from ambler.sim.kinematic_physics import FootprintCollider
@@ -102,6 +103,59 @@ def test_a_picture_without_a_start_begins_in_the_widest_place(tmp_path: Path) ->
     (tmp_path / "broken.png").write_text("no picture")
     with pytest.raises(BadInputError, match=r"broken\.png"):
         load_world(tmp_path / "broken.png")
+
+
+def drawn_house() -> NDArray[np.uint8]:
+    """Draw a house of four rooms, 200 x 100 pixels, in the middle of a much larger white paper."""
+    pixels = np.full((300, 400), 255, np.uint8)
+    cv2.rectangle(pixels, (100, 100), (300, 200), (0,), 2)
+    for column in (150, 200, 250):
+        cv2.line(pixels, (column, 100), (column, 135), (0,), 2)
+        cv2.line(pixels, (column, 150), (column, 200), (0,), 2)
+    return pixels
+
+
+def test_the_start_lies_in_the_drawn_house_and_not_on_the_paper_around_it(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "house.png"), drawn_house())
+    (tmp_path / "site.yaml").write_text("image: house.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    for name, resolution in (("house.png", 0.1), ("site.yaml", 0.05)):
+        start = load_world(tmp_path / name).start
+        assert 100 < start.x / resolution < 300
+        assert 100 < start.y / resolution < 200
+
+
+def test_rooms_too_small_for_a_robot_and_a_few_cells_on_the_border_do_not_move_the_start(tmp_path: Path) -> None:
+    pixels = np.full((100, 100), 255, np.uint8)
+    cv2.rectangle(pixels, (40, 40), (46, 46), (0,), 1)  # 0.25 m from wall to wall
+    cv2.imwrite(str(tmp_path / "yard.png"), pixels)
+    (tmp_path / "yard.yaml").write_text("image: yard.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    start = load_world(tmp_path / "yard.yaml").start
+    assert start.distance_to(SE2(2.15, 2.85, 0.0)) > 1.0
+    # A saved map, cut so closely that its floor reaches the border at one place; beside it a closed store.
+    pixels = np.full((100, 100), 205, np.uint8)
+    pixels[20:81, 10:61], pixels[20:81, 70:96] = 0, 0
+    pixels[21:80, 11:60], pixels[40:44, 0:11], pixels[21:80, 71:95] = 254, 254, 254
+    cv2.imwrite(str(tmp_path / "yard.png"), pixels)
+    assert load_world(tmp_path / "yard.yaml").start.x < 3.0
+
+
+@pytest.mark.parametrize("origin", [0.0, -3.21, 2.347])
+def test_walls_and_doors_of_a_plan_are_drawn_as_wide_as_they_are(tmp_path: Path, origin: float) -> None:
+    pixels = np.full((100, 201), 254, np.uint8)
+    pixels[[0, -1]], pixels[:, [0, -1]], pixels[:, 120], pixels[40:54, 120] = 0, 0, 0, 254
+    cv2.imwrite(str(tmp_path / "door.pgm"), pixels)
+    (tmp_path / "door.yaml").write_text(f"image: door.pgm\nresolution: 0.05\norigin: [{origin}, {origin}, 0]\n")
+    _, cells = truth_grid(load_world(tmp_path / "door.yaml"), 0.18, 0.05)
+    walls = np.flatnonzero((cells == OCC_OCCUPIED).sum(axis=0) > 60)
+    assert len(walls) == 3
+    assert np.count_nonzero(cells[:, walls[1]] == OCC_FREE) == 14
+
+
+def test_a_start_between_walls_of_which_every_corner_is_one_stays_in_the_middle(tmp_path: Path) -> None:
+    cells = np.full((9, 30), 100, np.int8)
+    cells[4, 5:25] = 0
+    save_map(tmp_path / "slit", GridSpec(0.5, 30, 9, 0.0, 0.0), cells)
+    assert load_world(tmp_path / "slit.yaml").start.y == pytest.approx(2.25)
 
 
 @pytest.mark.parametrize("ending", ["png", "pgm", "jpg", "bmp"])

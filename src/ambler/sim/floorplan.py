@@ -25,11 +25,15 @@ WALL_HEIGHT = 2.5
 PICTURE_RESOLUTION = 0.1
 PICTURE_SOLID = 150
 START_GREY = 203
+# Metres from a wall that the middle of a robot needs.
+ROOM = 0.4
+# Of the picture's border: free cells that hold more of it are taken for the paper around a drawn house.
+BORDER_SHARE = 0.1
 AROUND = np.ones((3, 3), bool)
 
 
 def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpec:
-    """Read a floor plan; without a start pose the robot begins at the free cell that is farthest from any wall.
+    """Read a floor plan; without a start pose the robot begins indoors where it is farthest from any wall.
 
     Raises BadInputError if the plan has no free cell, or the start lies on none.
     """
@@ -64,7 +68,7 @@ def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.in
 
 
 def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:
-    """Read a picture as `read_picture` does; without any start the robot begins where it is farthest from any wall.
+    """Read a picture as `read_picture` does; without any start the robot begins indoors where it is farthest from any wall.
 
     Raises BadInputError.
     """
@@ -115,13 +119,35 @@ def _runs(row: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _widest_place(yaml_path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE2:
-    free = np.pad(occupancy == OCC_FREE, 1)
+def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE2:
+    """Return a corner of the cell that is farthest from any wall: a true map has a corner of its cells there, so its lattice is the plan's.
+
+    Floor indoors goes before the paper around a drawn house, if a robot has room there. Raises BadInputError if no cell is free.
+    """
+    free = occupancy == OCC_FREE
     if not free.any():
-        raise BadInputError(f"{yaml_path}: the floor plan has no free cell")
-    clearance = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
-    iy, ix = np.unravel_index(int(np.argmax(clearance)), clearance.shape)
-    return SE2(*spec.center_of(int(iy), int(ix)), 0.0)
+        raise BadInputError(f"{path}: the floor plan has no free cell")
+    clearance = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    indoors = np.where(_is_paper(free), 0.0, clearance)
+    wanted = indoors if indoors.max() * spec.resolution >= ROOM else clearance
+    iy, ix = (int(k) for k in np.unravel_index(int(np.argmax(wanted)), wanted.shape))
+    x, y = spec.center_of(iy, ix)
+    around = np.pad(clearance, 1)[iy : iy + 3, ix : ix + 3]
+    # the least of the four cells that meet at each corner of the cell
+    corners = {(up, right): float(around[up : up + 2, right : right + 2].min()) for up in (0, 1) for right in (0, 1)}
+    up, right = max(corners, key=corners.__getitem__)
+    if corners[up, right] < 1.0:
+        return SE2(x, y, 0.0)  # a passage of one cell, whose corners lie on walls
+    return SE2(x + (right - 0.5) * spec.resolution, y + (up - 0.5) * spec.resolution, 0.0)
+
+
+def _is_paper(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which cells [iy, ix] are free and joined to a free stretch of the picture's border; a saved map may touch that with a few cells."""
+    regions, count = ndimage.label(free)
+    border = np.concatenate([regions[0], regions[-1], regions[1:-1, 0], regions[1:-1, -1]])
+    touching = np.bincount(border, minlength=count + 1) > BORDER_SHARE * len(border)
+    touching[0] = False
+    return np.asarray(touching[regions])
 
 
 def _to_solids(spec: GridSpec, cells: NDArray[np.bool_]) -> tuple[Solid, ...]:
