@@ -37,6 +37,13 @@ def test_a_cell_that_holds_a_surface_is_occupied() -> None:
     assert all(grid[spec.cell_of(x, y)] == 100 for x in (0.97, 1.03) for y in (-0.03, 0.03))
 
 
+@pytest.mark.parametrize("thickness", [0.002, 0.005, 0.01])
+def test_a_wall_that_is_thinner_than_the_samples_are_apart_is_drawn(thickness: float) -> None:
+    for k in range(26):
+        _, grid = truth_grid(closed_room(box(1.0 + 0.002 * k, 0.0, thickness, 4.5)), 0.3, 0.05)
+        assert np.count_nonzero(grid == 0) <= 62 * 80
+
+
 def test_low_things_are_not_cut_and_hollow_ones_stay_unknown() -> None:
     low = box(1.0, 1.0, 0.4, 0.4, z_max=0.2)
     spec, grid = truth_grid(closed_room(low), 0.3, 0.05)

@@ -151,6 +151,23 @@ def test_walls_and_doors_of_a_plan_are_drawn_as_wide_as_they_are(tmp_path: Path,
     assert np.count_nonzero(cells[:, walls[1]] == OCC_FREE) == 14
 
 
+def test_only_a_block_of_grey_marks_the_start(tmp_path: Path) -> None:
+    pixels = drawn_house()
+    cv2.imwrite(str(tmp_path / "house.png"), pixels)
+    unmarked = load_world(tmp_path / "house.png").start
+    pixels[102, 110:140], pixels[102:130, 198], pixels[150, 160] = 203, 202, 204  # softened edges and a speck
+    cv2.imwrite(str(tmp_path / "house.png"), pixels)
+    assert load_world(tmp_path / "house.png").start == unmarked
+    pixels[160:165, 265:270] = 203
+    cv2.imwrite(str(tmp_path / "house.png"), pixels)
+    assert load_world(tmp_path / "house.png").start == SE2(26.75, 13.75, 0.0)
+    # a ring, whose middle is a column
+    pixels[140:190, 255:295], pixels[144:186, 259:291], pixels[146:184, 261:289] = 203, 255, 0
+    pixels[160:165, 265:270] = 0
+    cv2.imwrite(str(tmp_path / "house.png"), pixels)
+    assert load_world(tmp_path / "house.png").start == unmarked
+
+
 def test_a_start_between_walls_of_which_every_corner_is_one_stays_in_the_middle(tmp_path: Path) -> None:
     cells = np.full((9, 30), 100, np.int8)
     cells[4, 5:25] = 0

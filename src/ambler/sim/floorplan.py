@@ -50,21 +50,29 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
 def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.int8], SE2 | None]:
     """Read a grey or coloured picture as (grid, occupancy [iy, ix]: occupied, free or unknown, the start that it marks or None).
 
-    Pixels darker than 150 of 255 are solid; a block of grey 203 among the free ones marks the start (the public dungeon maps use
+    Pixels darker than 150 of 255 are solid; a block of grey 203, at least 3 x 3 pixels, marks the start unless its middle is not free (the public dungeon maps use
     127, 194 and 203; 205 is what map savers write for unknown, and no mark). The lower left corner of the picture is the grid's origin. Raises BadInputError.
     """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise BadInputError(f"{path}: not readable as a picture")
-    pixels = np.ascontiguousarray(image[::-1])
+    pixels = np.asarray(image[::-1], np.uint8)
     spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
-    rows, columns = np.nonzero(np.abs(pixels.astype(int) - START_GREY) <= 1)
-    start = None
-    if len(rows):
-        start = SE2(*spec.center_of(round(float(rows.mean())), round(float(columns.mean()))), 0.0)
     occupancy = np.where(pixels < PICTURE_SOLID, np.int8(OCC_OCCUPIED), np.int8(OCC_FREE))
     saved = np.where(pixels == PIXEL_UNKNOWN, np.int8(OCC_UNKNOWN), occupancy)
-    return spec, saved if np.any(saved == OCC_FREE) else occupancy, start
+    if np.any(saved == OCC_FREE):
+        occupancy = saved
+    return spec, occupancy, _marked_start(spec, pixels, occupancy)
+
+
+def _marked_start(spec: GridSpec, pixels: NDArray[np.uint8], occupancy: NDArray[np.int8]) -> SE2 | None:
+    """Return the middle of the largest block of the start's grey; thin lines of it are edges that a drawing program has softened."""
+    blocks, count = ndimage.label(ndimage.binary_opening(np.abs(pixels.astype(int) - START_GREY) <= 1, AROUND))
+    if count == 0:
+        return None
+    rows, columns = np.nonzero(blocks == 1 + np.argmax(np.bincount(blocks.ravel())[1:]))
+    iy, ix = round(float(rows.mean())), round(float(columns.mean()))
+    return SE2(*spec.center_of(iy, ix), 0.0) if occupancy[iy, ix] == OCC_FREE else None
 
 
 def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:

@@ -112,7 +112,10 @@ def _draw(solid: Solid, spec: GridSpec, out: NDArray[np.bool_]) -> None:
     y = spec.origin_y + (rows[:, None] + offsets).ravel() * spec.resolution
     px, py = _local(solid.world_from_solid, x[None, :], y[:, None])
     if solid.shape is Shape.BOX:
-        inside = (np.abs(px) <= 0.5 * solid.size_x) & (np.abs(py) <= 0.5 * solid.size_y)
+        # a wall thinner than the samples' distance would pass between them
+        least = 0.51 * spec.resolution / SAMPLES
+        half_x, half_y = max(0.5 * solid.size_x, least), max(0.5 * solid.size_y, least)
+        inside = (np.abs(px) <= half_x) & (np.abs(py) <= half_y)
     else:
         inside = px * px + py * py <= (0.5 * solid.size_x) ** 2
     cells = inside.reshape(len(rows), SAMPLES, len(columns), SAMPLES).any(axis=(1, 3))
