@@ -186,6 +186,25 @@ def test_pictures_of_every_usual_kind_are_worlds(tmp_path: Path, ending: str) ->
     assert world.solids
 
 
+def test_transparent_paper_is_white(tmp_path: Path) -> None:
+    pixels = drawn_house()
+    cv2.imwrite(str(tmp_path / "p.png"), pixels)
+    opaque = load_world(tmp_path / "p.png")
+    black = np.zeros((*pixels.shape, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "p.png"), np.dstack([black, 255 - pixels]))
+    assert load_world(tmp_path / "p.png") == opaque
+
+
+@pytest.mark.parametrize("white", [1, 15, 100, 4095])
+def test_a_picture_may_count_its_greys_up_to_any_white(tmp_path: Path, white: int) -> None:
+    pixels = drawn_house()
+    cv2.imwrite(str(tmp_path / "p.pgm"), pixels)
+    usual = load_world(tmp_path / "p.pgm")
+    values = (pixels.astype(int) // 255 * white).astype(">u2" if white > 255 else np.uint8)
+    (tmp_path / "p.pgm").write_bytes(f"P5\n400 300\n{white}\n".encode() + values.tobytes())
+    assert load_world(tmp_path / "p.pgm") == usual
+
+
 def test_the_picture_of_a_map_is_read_with_the_yaml_beside_it(tmp_path: Path) -> None:
     cells = np.full((60, 80), 100, np.int8)
     cells[8:32, 8:72] = 0

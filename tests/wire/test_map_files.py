@@ -69,6 +69,7 @@ def test_colour_is_averaged_and_transparency_is_unknown(tmp_path: Path) -> None:
     bgra = np.array([[[255, 255, 255, 255], [255, 255, 255, 0]]], np.uint8)
     cv2.imwrite(str(tmp_path / "a.png"), bgra)
     assert load_map(describe(tmp_path, "a.png", mode="scale"))[1].tolist() == [[0, -1]]
+    assert load_map(describe(tmp_path, "a.png"))[1].tolist() == [[0, -1]]
 
 
 @pytest.mark.parametrize("magic", ["P2", "P5", "P6"])

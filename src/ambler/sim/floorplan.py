@@ -18,7 +18,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se2 import SE2
 from ambler.sim.solids import Shape, Solid, WorldSpec
-from ambler.wire.map_files import PIXEL_UNKNOWN, load_plan
+from ambler.wire.map_files import PIXEL_UNKNOWN, load_plan, read_image
 
 OCCUPIED = 65
 WALL_HEIGHT = 2.5
@@ -53,16 +53,24 @@ def read_picture(path: Path, resolution: float) -> tuple[GridSpec, NDArray[np.in
     Pixels darker than 150 of 255 are solid; a block of grey 203, at least 3 x 3 pixels, marks the start unless its middle is not free (the public dungeon maps use
     127, 194 and 203; 205 is what map savers write for unknown, and no mark). The lower left corner of the picture is the grid's origin. Raises BadInputError.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise BadInputError(f"{path}: not readable as a picture")
-    pixels = np.asarray(image[::-1], np.uint8)
+    pixels = np.ascontiguousarray(_grey_on_white(path)[::-1])
     spec = GridSpec(resolution, pixels.shape[1], pixels.shape[0], 0.0, 0.0)
     occupancy = np.where(pixels < PICTURE_SOLID, np.int8(OCC_OCCUPIED), np.int8(OCC_FREE))
     saved = np.where(pixels == PIXEL_UNKNOWN, np.int8(OCC_UNKNOWN), occupancy)
     if np.any(saved == OCC_FREE):
         occupancy = saved
     return spec, occupancy, _marked_start(spec, pixels, occupancy)
+
+
+def _grey_on_white(path: Path) -> NDArray[np.uint8]:
+    """Return the grey of a picture on white paper, uint8 [row, column], which shows where it is transparent. Raises BadInputError."""
+    image = read_image(path)
+    if image.shape[2] not in (2, 4):
+        # asked for grey, the decoder turns a photograph as its camera was held
+        return read_image(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)[:, :, 0]
+    grey = cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY) if image.shape[2] == 4 else image[:, :, 0]
+    alpha = image[:, :, -1] / 255.0
+    return np.rint(alpha * grey + (1.0 - alpha) * 255.0).astype(np.uint8)
 
 
 def _marked_start(spec: GridSpec, pixels: NDArray[np.uint8], occupancy: NDArray[np.int8]) -> SE2 | None:

@@ -1,8 +1,8 @@
 """Map files of the ROS map servers: a YAML file with the geometry and thresholds beside an image whose first row is the top.
 
 A pixel p becomes an occupancy o = (255 - p) / 255, or p / 255 when `negate` is set (colour channels averaged). Mode trinary:
-o >= occupied_thresh is 100, o <= free_thresh is 0, else unknown; scale: the middle maps linearly to 0 ... 100, transparent
-pixels are unknown; raw: the pixel is the occupancy, above 100 unknown. A picture that lies turned in its frame is drawn anew.
+o >= occupied_thresh is 100, o <= free_thresh is 0, else unknown, as are pixels that cannot be seen at all; scale: the middle maps linearly to
+0 ... 100, transparent pixels are unknown; raw: the pixel is the occupancy, above 100 unknown. A picture that lies turned in its frame is drawn anew.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _load(
     yaml_path: Path, interpret: Callable[[NDArray[np.uint8], _Description], NDArray[np.int8]]
 ) -> tuple[GridSpec, NDArray[np.int8]]:
     description = _read_description(yaml_path)
-    occupancy = interpret(_read_image(description.image), description)
+    occupancy = interpret(read_image(description.image), description)
     height, width = occupancy.shape
     spec = GridSpec(description.resolution, width, height, *description.origin)
     cells = np.ascontiguousarray(occupancy[::-1])
@@ -111,8 +111,10 @@ def _as_served(pixels: NDArray[np.uint8], description: _Description) -> NDArray[
         out[:] = np.clip(np.rint((occupied - low) / (high - low) * 100.0), 0, 100).astype(np.int8)
     out[occupied <= low] = OCC_FREE
     out[occupied >= high] = OCC_OCCUPIED
-    if description.mode == "scale" and pixels.shape[2] in (2, 4):
-        out[pixels[:, :, -1] < 255] = OCC_UNKNOWN
+    if pixels.shape[2] in (2, 4):
+        # a pixel of a trinary map that shows through in part is as dark as the map servers make it
+        seen = 255 if description.mode == "scale" else 1
+        out[pixels[:, :, -1] < seen] = OCC_UNKNOWN
     return out
 
 
@@ -193,15 +195,18 @@ def _origin(path: Path, value: Any) -> tuple[tuple[float, float], float]:
     return (numbers[0], numbers[1]), yaw if abs(yaw) > 1e-6 else 0.0
 
 
-def _read_image(path: Path) -> NDArray[np.uint8]:
-    """Return the pixels uint8 [row, column, channel], whatever the name ends with: P2, P5, P6 and everything OpenCV reads."""
+def read_image(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8]:
+    """Return the pixels uint8 [row, column, channel], whatever the name ends with: P2, P5, P6 and everything OpenCV reads.
+
+    `flags` are OpenCV's. Raises BadInputError.
+    """
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:
         raise BadInputError(f"{path}: {error.strerror or error}") from error
     whitest = _check_netpbm(path, bytes(data[:4096]), len(data))
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        image = cv2.imdecode(data, flags) if len(data) else None
     except cv2.error as error:
         raise BadInputError(f"{path}: the image cannot be read") from error
     if image is None:
