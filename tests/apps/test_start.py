@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import cv2
+import numpy as np
 import pytest
 
 from ambler.apps.scene import RunOptions, checked_scene
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.nodes.steps import NavigateStep
 from ambler.sim.robots import robot_named
+from ambler.sim.truth import truth_grid
+from ambler.sim.world_file import load_world
 
 
 @pytest.mark.parametrize(
@@ -35,3 +42,20 @@ def beside_the_wall(gap: float, yaw: float) -> SE2:
         except BadInputError:
             return SE2(0.0, y + gap - robot_named("diff").model.footprint[:, 1].max(), yaw)
         y -= 0.05
+
+
+@pytest.mark.parametrize(("floor", "fits"), [(0, True), (10, True), (49, True), (50, False)])
+def test_the_start_may_lie_on_the_floor_of_a_graded_map(tmp_path: Path, floor: int, *, fits: bool) -> None:
+    spec, cells = truth_grid(load_world("lab_empty").from_start(), 0.18, 0.05)
+    pixels = np.where(cells == 0, floor, np.where(cells < 0, 255, 100)).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "m.png"), pixels[::-1])
+    (tmp_path / "m.yaml").write_text(
+        f"image: m.png\nmode: raw\nresolution: 0.05\norigin: [{spec.origin_x}, {spec.origin_y}, 0]\n"
+    )
+    steps = (NavigateStep(SE2(0.5, 0.0, 0.0)),)
+    options = RunOptions(steps, world="lab_empty", robot="diff", map_file=tmp_path / "m.yaml")
+    if fits:
+        checked_scene(options)
+        return
+    with pytest.raises(BadInputError, match="does not lie on its free floor"):
+        checked_scene(options)

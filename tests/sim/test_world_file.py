@@ -213,6 +213,38 @@ def test_the_picture_of_a_map_is_read_with_the_yaml_beside_it(tmp_path: Path) ->
     assert load_world(tmp_path / "m.pgm").start.x < -6.0
 
 
+def test_a_picture_is_read_with_the_yaml_beside_it_only_if_that_names_it(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "house.png"), drawn_house())
+    plain = load_world(tmp_path / "house.png")
+    (tmp_path / "house.yaml").write_text("start: {x: 1, y: 1, yaw_deg: 0}\nwalls: []\n")
+    assert load_world(tmp_path / "house.png") == plain
+    (tmp_path / "house.yaml").write_text("image: other.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    assert load_world(tmp_path / "house.png") == plain
+    (tmp_path / "house.yaml").write_text("image: house.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    assert load_world(tmp_path / "house.png") == load_world(tmp_path / "house.yaml") != plain
+
+
+def test_names_may_end_in_capitals(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "house.png"), drawn_house())
+    plain = load_world(tmp_path / "house.png")
+    (tmp_path / "house.png").rename(tmp_path / "house.PNG")
+    assert load_world(str(tmp_path / "house.PNG")) == plain
+
+
+@pytest.mark.parametrize("mode", ["raw", "scale"])
+def test_floor_of_graded_maps_is_floor(tmp_path: Path, mode: str) -> None:
+    occupancy = np.full((100, 100), 95, np.int8)
+    occupancy[10:90, 10:90] = np.random.default_rng(1).integers(3, 30, (80, 80))
+    pixels = occupancy if mode == "raw" else np.rint(255 - 2.55 * occupancy)
+    cv2.imwrite(str(tmp_path / "m.png"), pixels.astype(np.uint8))
+    geometry = "image: m.png\nresolution: 0.05\norigin: [0, 0, 0]\n"
+    thresholds = "occupied_thresh: 0.9\nfree_thresh: 0.0\n"
+    (tmp_path / "m.yaml").write_text(f"{geometry}mode: {mode}\n{thresholds}")
+    world = load_world(tmp_path / "m.yaml")
+    assert world.start.distance_to(SE2(2.5, 2.5, 0.0)) < 0.1
+    assert load_world(tmp_path / "m.yaml", start=SE2(1.01, 1.01, 0.0)).solids == world.solids
+
+
 def saved_plan(folder: Path, free_thresh: float) -> Path:
     """Save a room of 6 x 4 m as map savers do, with a gap in its wall, a cell that the beams missed, and a column whose inside nobody saw."""
     pixels = np.full((60, 120), 205, np.uint8)

@@ -72,6 +72,19 @@ def test_colour_is_averaged_and_transparency_is_unknown(tmp_path: Path) -> None:
     assert load_map(describe(tmp_path, "a.png"))[1].tolist() == [[0, -1]]
 
 
+def test_a_map_is_found_by_its_image_or_asks_for_its_yaml(tmp_path: Path) -> None:
+    image, description = save_map(tmp_path / "floor", SPEC, CELLS, bend=(0.1, 0.02))
+    np.testing.assert_array_equal(load_map(image)[1], CELLS)
+    assert load_map(image)[0] == SPEC
+    assert load_bend(image) == (0.1, 0.02)
+    description.rename(tmp_path / "another.yaml")
+    with pytest.raises(BadInputError, match="give the map's YAML"):
+        load_map(image)
+    description.write_text("image: something.png\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    with pytest.raises(BadInputError, match="give the map's YAML"):
+        load_map(image)
+
+
 @pytest.mark.parametrize("magic", ["P2", "P5", "P6"])
 def test_netpbm_kinds_with_comments(tmp_path: Path, magic: str) -> None:
     values = [0, 254, 205]

@@ -16,7 +16,7 @@ from ambler.apps.robot import MapGrid
 from ambler.apps.saved_site import SavedSite, check_places, is_site, load_site
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
-from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, GridSpec
+from ambler.core.grid import OCC_FREE, OCC_FREE_BELOW, OCC_OCCUPIED, GridSpec
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.docking.database import DockDatabase
@@ -170,7 +170,7 @@ def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
         raise BadInputError(f"{name}: has no wall by which a robot could be localized")
     start = config.localization.initial_pose
     if start is not None and not (
-        spec.contains(start.x, start.y) and cells[spec.cell_of(start.x, start.y)] == OCC_FREE
+        spec.contains(start.x, start.y) and OCC_FREE <= cells[spec.cell_of(start.x, start.y)] < OCC_FREE_BELOW
     ):
         raise BadInputError(f"{name}: the start pose {start.x:g}, {start.y:g} m does not lie on its free floor")
     for step in options.steps:

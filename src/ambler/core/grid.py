@@ -18,6 +18,8 @@ OCC_UNKNOWN = -1
 OCC_FREE = 0
 OCC_ASSUMED = 25  # of a map of ground: nothing speaks against it, and nobody has seen it
 OCC_OCCUPIED = 100
+# In maps that grade their cells, those below it are rather free than not.
+OCC_FREE_BELOW = 50
 
 
 @dataclass(frozen=True, slots=True)

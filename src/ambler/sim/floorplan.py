@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambler.core.errors import BadInputError
-from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
+from ambler.core.grid import OCC_FREE, OCC_FREE_BELOW, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.core.se2 import SE2
 from ambler.sim.solids import Shape, Solid, WorldSpec
 from ambler.wire.map_files import PIXEL_UNKNOWN, load_plan, read_image
@@ -41,7 +41,7 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
     if start is None:
         start = _widest_place(yaml_path, spec, occupancy)
     iy, ix = spec.cell_of(start.x, start.y)
-    if not spec.contains_cell(iy, ix) or occupancy[iy, ix] != OCC_FREE:
+    if not spec.contains_cell(iy, ix) or not _is_free(occupancy)[iy, ix]:
         raise BadInputError(f"{yaml_path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
     spec, occupied, ends = _with_ends(spec, occupancy)
     return WorldSpec(yaml_path.stem, _to_solids(spec, occupied | ends), start)
@@ -92,7 +92,7 @@ def world_from_picture(path: Path, start: SE2 | None = None, resolution: float =
     if start is None:
         start = marked if marked is not None else _widest_place(path, spec, occupancy)
     iy, ix = spec.cell_of(start.x, start.y)
-    if not spec.contains_cell(iy, ix) or occupancy[iy, ix] != OCC_FREE:
+    if not spec.contains_cell(iy, ix) or not _is_free(occupancy)[iy, ix]:
         raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
     spec, solid, ends = _with_ends(spec, occupancy)
     surface = solid & ndimage.binary_dilation(~solid, AROUND, iterations=2)
@@ -140,7 +140,7 @@ def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE
 
     Floor indoors goes before the paper around a drawn house, if a robot has room there. Raises BadInputError if no cell is free.
     """
-    free = occupancy == OCC_FREE
+    free = _is_free(occupancy)
     if not free.any():
         raise BadInputError(f"{path}: the floor plan has no free cell")
     clearance = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
@@ -155,6 +155,10 @@ def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE
     if corners[up, right] < 1.0:
         return SE2(x, y, 0.0)  # a passage of one cell, whose corners lie on walls
     return SE2(x + (right - 0.5) * spec.resolution, y + (up - 0.5) * spec.resolution, 0.0)
+
+
+def _is_free(occupancy: NDArray[np.int8]) -> NDArray[np.bool_]:
+    return np.asarray((occupancy >= OCC_FREE) & (occupancy < OCC_FREE_BELOW))
 
 
 def _is_paper(free: NDArray[np.bool_]) -> NDArray[np.bool_]:

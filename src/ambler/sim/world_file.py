@@ -21,13 +21,13 @@ from ambler.sim.floorplan import world_from_floor_plan, world_from_picture
 from ambler.sim.route import RouteEntry
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
 from ambler.sim.surface_entry import FOLDER, MeshEntry, TerrainEntry
+from ambler.wire.map_files import PICTURES, yaml_beside
 
 WORLDS = Path(__file__).parent / "worlds"
 LOADER: Any = getattr(
     yaml, "CSafeLoader", yaml.SafeLoader
 )  # ground with thousands of heights takes seconds without libyaml
 SUFFIXES = (".yaml", ".yml")
-PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp")
 
 
 class _Door(Entry):
@@ -124,10 +124,9 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
     if drawn is not None:
         return world_from_content(Path(str(name_or_path)), draw_place(*drawn).content, start)
     path = _find(str(name_or_path))
-    if path.suffix == ".pgm" and path.with_suffix(".yaml").is_file():
-        path = path.with_suffix(".yaml")  # the map of a ROS map server, whose YAML says more
-    if path.suffix in PICTURES:
-        return world_from_picture(path, start)
+    if path.suffix.lower() in PICTURES:
+        described = yaml_beside(path)  # of a map of a ROS map server; it says more than the picture
+        return world_from_picture(path, start) if described is None else world_from_floor_plan(described, start)
     content = _read_yaml(path)
     if "image" in content:
         return world_from_floor_plan(path, start)
@@ -180,7 +179,7 @@ def world_from_content(path: Path, content: dict[str, Any], start: SE2 | None = 
 
 def _find(name: str) -> Path:
     path = Path(name)
-    if path.suffix in (*SUFFIXES, *PICTURES):
+    if path.suffix.lower() in (*SUFFIXES, *PICTURES):
         if not path.is_file():
             raise BadInputError(f"world file {name} does not exist")
         return path

@@ -27,6 +27,7 @@ PIXEL_FREE, PIXEL_OCCUPIED, PIXEL_UNKNOWN = 254, 0, 205
 OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196  # just below the 50 / 255 of an unknown pixel; with 0.25 every map server reads unknown as free
 SAVED_FREE, SAVED_OCCUPIED = 25, 65  # occupancies written as free and as occupied
+PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp")
 MODES = ("trinary", "scale", "raw")
 
 
@@ -60,7 +61,10 @@ def save_map(
 
 
 def load_map(yaml_path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
-    """Read a map; returns its geometry and occupancy int8 [iy, ix], row 0 at the lowest y. Raises BadInputError."""
+    """Read a map by its YAML, or its image with the YAML beside it; returns its geometry and occupancy int8 [iy, ix], row 0 at the lowest y.
+
+    Raises BadInputError.
+    """
     return _load(yaml_path, _as_served)
 
 
@@ -79,6 +83,15 @@ def _load(
     spec = GridSpec(description.resolution, width, height, *description.origin)
     cells = np.ascontiguousarray(occupancy[::-1])
     return (spec, cells) if description.yaw == 0.0 else straightened(spec, cells, description.yaw)
+
+
+def yaml_beside(image: Path) -> Path | None:
+    """Return the map's YAML that lies beside its image, under the same name, and names it; None if there is none. Raises BadInputError."""
+    for suffix in (".yaml", ".yml"):
+        path = image.with_suffix(suffix)
+        if path.is_file() and Path(str(_read_table(path).get("image"))).name == image.name:
+            return path
+    return None
 
 
 def load_bend(yaml_path: Path) -> tuple[float, float]:
@@ -142,6 +155,12 @@ class _Description:
 
 
 def _read_table(path: Path) -> dict[str, Any]:
+    """Read a YAML file, or that of the map whose image is given."""
+    if path.suffix.lower() in PICTURES and path.is_file():
+        described = yaml_beside(path)
+        if described is None:
+            raise BadInputError(f"{path}: is a picture, and no YAML of its name lies beside it; give the map's YAML")
+        path = described
     try:
         table = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
