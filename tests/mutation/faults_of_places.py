@@ -16,6 +16,27 @@ PLACES = (
         ("tests/sim/test_generator.py::test_a_seed_is_a_place_and_another_seed_another_one",),
     ),
     PlantedFault(
+        "a robot begins on the paper around a drawn house",
+        "sim/floorplan.py",
+        "return np.asarray(touching[regions])",
+        "return np.zeros_like(free)",
+        ("tests/sim/test_world_file.py::test_the_start_lies_in_the_drawn_house_and_not_on_the_paper_around_it",),
+    ),
+    PlantedFault(
+        "a plan is drawn with walls twice as thick",
+        "sim/floorplan.py",
+        "if corners[up, right] < 1.0:",
+        "if corners[up, right] < 1e9:",
+        ("tests/sim/test_world_file.py::test_walls_and_doors_of_a_plan_are_drawn_as_wide_as_they_are",),
+    ),
+    PlantedFault(
+        "thin walls pass between the samples of a true map",
+        "sim/truth.py",
+        "least = 0.51 * spec.resolution / SAMPLES",
+        "least = 0.0 * spec.resolution / SAMPLES",
+        ("tests/sim/test_truth.py::test_a_wall_that_is_thinner_than_the_samples_are_apart_is_drawn",),
+    ),
+    PlantedFault(
         "a saved map leaks through the gaps of its walls",
         "sim/floorplan.py",
         "ends = beyond & ndimage",
