@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -59,3 +60,18 @@ def test_the_start_may_lie_on_the_floor_of_a_graded_map(tmp_path: Path, floor: i
         return
     with pytest.raises(BadInputError, match="does not lie on its free floor"):
         checked_scene(options)
+
+
+@pytest.mark.parametrize("given", ["m.yaml", "m.png"])
+def test_the_plan_of_a_world_is_no_map_of_it(tmp_path: Path, given: str) -> None:
+    """Its places count from another origin than the robot's start: a robot had driven 1.5 m beside its goals, and told success."""
+    spec, cells = truth_grid(load_world("lab_empty").from_start(), 0.18, 0.05)
+    cv2.imwrite(str(tmp_path / "m.png"), np.where(cells == 0, 254, np.where(cells < 0, 205, 0)).astype(np.uint8)[::-1])
+    (tmp_path / "m.yaml").write_text(
+        f"image: m.png\nresolution: 0.05\norigin: [{spec.origin_x}, {spec.origin_y}, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    options = RunOptions((NavigateStep(SE2(0.5, 0.0, 0.0)),), world=str(tmp_path / given), robot="diff")
+    assert checked_scene(options).grid is not None
+    with pytest.raises(BadInputError, match="is the plan of the world itself"):
+        checked_scene(replace(options, map_file=tmp_path / "m.yaml"))

@@ -141,4 +141,11 @@ PLACES = (
         "share >= 0.9:",
         ("tests/apps/test_judgement.py",),
     ),
+    PlantedFault(
+        "a world's own plan is a map of it, in another frame",
+        "apps/scene.py",
+        "        _refuse_plan_as_map(options.world, options.map_file)\n",
+        "        pass\n",
+        ("tests/apps/test_start.py",),
+    ),
 )

@@ -158,8 +158,17 @@ def _grid(options: RunOptions, robot: SimRobot, world: WorldSpec) -> MapGrid | N
     if options.makes_map:
         return None
     if options.map_file is not None:
+        _refuse_plan_as_map(options.world, options.map_file)
         return load_map(options.map_file)
     return truth_grid(world.from_start(), robot.sensor_height, DRAWN_RESOLUTION)
+
+
+def _refuse_plan_as_map(world: str, map_file: Path) -> None:
+    """Raise where the map is the world's own plan: its frame is the file's, a map of that world begins where the robot starts, and every place would be meant elsewhere."""
+    if Path(world).is_file() and Path(world).with_suffix("").resolve() == map_file.with_suffix("").resolve():
+        raise BadInputError(
+            f"{map_file}: is the plan of the world itself; without --map the map is drawn from it, in the frame of the robot's start, which goals mean"
+        )
 
 
 def _check_map(options: RunOptions, config: RobotConfig, grid: MapGrid) -> None:
