@@ -137,6 +137,11 @@ def test_rooms_too_small_for_a_robot_and_a_few_cells_on_the_border_do_not_move_t
     pixels[21:80, 11:60], pixels[40:44, 0:11], pixels[21:80, 71:95] = 254, 254, 254
     cv2.imwrite(str(tmp_path / "yard.png"), pixels)
     assert load_world(tmp_path / "yard.yaml").start.x < 3.0
+    # A hall that the picture cuts, with a closet of 1 x 1 m in it.
+    pixels = np.full((400, 400), 255, np.uint8)
+    cv2.rectangle(pixels, (40, 40), (61, 61), (0,), 1)
+    cv2.imwrite(str(tmp_path / "yard.png"), pixels)
+    assert load_world(tmp_path / "yard.yaml").start.x > 3.5
 
 
 @pytest.mark.parametrize("origin", [0.0, -3.21, 2.347])

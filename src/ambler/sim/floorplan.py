@@ -29,6 +29,8 @@ START_GREY = 203
 ROOM = 0.4
 # Of the picture's border: free cells that hold more of it are taken for the paper around a drawn house.
 BORDER_SHARE = 0.1
+# Of the paper's area: closed floor of less is a closet beside a hall that the picture cuts.
+INDOORS_SHARE = 0.1
 AROUND = np.ones((3, 3), bool)
 
 
@@ -144,8 +146,10 @@ def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE
     if not free.any():
         raise BadInputError(f"{path}: the floor plan has no free cell")
     clearance = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
-    indoors = np.where(_is_paper(free), 0.0, clearance)
-    wanted = indoors if indoors.max() * spec.resolution >= ROOM else clearance
+    paper = _is_paper(free)
+    indoors = np.where(paper, 0.0, clearance)
+    has_indoors = indoors.max() * spec.resolution >= ROOM and (free & ~paper).sum() >= INDOORS_SHARE * paper.sum()
+    wanted = indoors if has_indoors else clearance
     iy, ix = (int(k) for k in np.unravel_index(int(np.argmax(wanted)), wanted.shape))
     x, y = spec.center_of(iy, ix)
     around = np.pad(clearance, 1)[iy : iy + 3, ix : ix + 3]
