@@ -295,4 +295,11 @@ SENSORS = (
         "if True else reach",
         ("tests/recordings/test_scan_recording.py::test_scans_that_tell_no_range_keep_their_returns",),
     ),
+    PlantedFault(
+        "what a parked scanner sees farthest away is a code for no return",
+        "recordings/no_return.py",
+        "_FEWEST_BEAMS = 0.05 ",
+        "_FEWEST_BEAMS = 0.0 ",
+        ("tests/recordings/test_no_return.py",),
+    ),
 )
