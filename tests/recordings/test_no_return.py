@@ -17,6 +17,9 @@ from tests.registration.room import loop_of, ranges_at
 from tests.slam2d.drives import RING, around_the_ring, oval
 
 ANGLES = np.radians(np.arange(-90, 91))
+ROTUNDA = np.array(
+    loop_of(*((12.0 * math.cos(a), 12.0 * math.sin(a)) for a in np.linspace(0.0, 2.0 * math.pi, 200)[:-1]))
+)
 CORRIDOR = np.array(loop_of((-1.0, -1.0), (21.0, -1.0), (21.0, 1.0), (-1.0, 1.0)))
 
 
@@ -62,8 +65,9 @@ def test_a_glitch_above_the_code_does_not_hide_it() -> None:
         ([SE2(0.2, 0.1, 0.02)] * 200, CORRIDOR),
         ([SE2(0.05 * k, 0.1, 0.02) for k in range(200)], CORRIDOR),
         ([SE2(0.0, 0.0, 0.0)] * 100 + [SE2(0.1 * k, 0.0, 0.0) for k in range(100)], CORRIDOR),
+        ([SE2(0.01, 0.0, 0.05 * k) for k in range(100)], ROTUNDA),
     ],
-    ids=["room", "ring", "parked in a corridor", "along a corridor", "parked, then along"],
+    ids=["room", "ring", "parked in a corridor", "along a corridor", "parked, then along", "turning in a rotunda"],
 )
 def test_walls_are_no_code(poses: list[SE2], walls: NDArray[np.float64]) -> None:
     assert find_no_return(readings(poses, walls)) is None
