@@ -23,6 +23,13 @@ PLACES = (
         ("tests/sim/test_world_file.py::test_the_start_lies_in_the_drawn_house_and_not_on_the_paper_around_it",),
     ),
     PlantedFault(
+        "a robot begins in a yard that no door leads into",
+        "sim/floorplan.py",
+        "    if count < 2:",
+        "    if count >= 0:",
+        ("tests/sim/test_world_file.py::test_the_start_lies_in_the_largest_part_of_the_floor",),
+    ),
+    PlantedFault(
         "a plan is drawn with walls twice as thick",
         "sim/floorplan.py",
         "if corners[up, right] < 1.0:",

@@ -144,6 +144,19 @@ def test_rooms_too_small_for_a_robot_and_a_few_cells_on_the_border_do_not_move_t
     assert load_world(tmp_path / "yard.yaml").start.x > 3.5
 
 
+def test_the_start_lies_in_the_largest_part_of_the_floor(tmp_path: Path) -> None:
+    """A house of corridors around a yard of 6 x 6 m, wider than any of them, into which no door leads: only a crack of 0.2 m."""
+    pixels = np.full((260, 260), 205, np.uint8)
+    cv2.rectangle(pixels, (10, 10), (250, 250), (0,), 2)
+    cv2.rectangle(pixels, (12, 12), (248, 248), (254,), -1)
+    cv2.rectangle(pixels, (70, 70), (190, 190), (0,), 2)
+    pixels[188:193, 130:134] = 254
+    cv2.imwrite(str(tmp_path / "cloister.pgm"), pixels)
+    (tmp_path / "cloister.yaml").write_text("image: cloister.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    start = load_world(tmp_path / "cloister.yaml").start
+    assert max(abs(start.x - 6.5), abs(start.y - 6.5)) > 3.5
+
+
 @pytest.mark.parametrize("origin", [0.0, -3.21, 2.347])
 def test_walls_and_doors_of_a_plan_are_drawn_as_wide_as_they_are(tmp_path: Path, origin: float) -> None:
     pixels = np.full((100, 201), 254, np.uint8)

@@ -27,6 +27,8 @@ PICTURE_SOLID = 150
 START_GREY = 203
 # Metres from a wall that the middle of a robot needs.
 ROOM = 0.4
+# Metres from a wall that the middle of the slimmest robot needs to get from one part of the floor to another.
+PASSAGE = 0.25
 # Of the picture's border: free cells that hold more of it are taken for the paper around a drawn house.
 BORDER_SHARE = 0.1
 # Of the paper's area: closed floor of less is a closet beside a hall that the picture cuts.
@@ -35,7 +37,7 @@ AROUND = np.ones((3, 3), bool)
 
 
 def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpec:
-    """Read a floor plan; without a start pose the robot begins indoors where it is farthest from any wall.
+    """Read a floor plan; without a start pose the robot begins indoors, in the largest part of the floor, where it is farthest from any wall.
 
     Raises BadInputError if the plan has no free cell, or the start lies on none.
     """
@@ -86,7 +88,7 @@ def _marked_start(spec: GridSpec, pixels: NDArray[np.uint8], occupancy: NDArray[
 
 
 def world_from_picture(path: Path, start: SE2 | None = None, resolution: float = PICTURE_RESOLUTION) -> WorldSpec:
-    """Read a picture as `read_picture` does; without any start the robot begins indoors where it is farthest from any wall.
+    """Read a picture as `read_picture` does; without any start it begins as `world_from_floor_plan` says.
 
     Raises BadInputError.
     """
@@ -140,7 +142,8 @@ def _runs(row: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE2:
     """Return a corner of the cell that is farthest from any wall: a true map has a corner of its cells there, so its lattice is the plan's.
 
-    Floor indoors goes before the paper around a drawn house, if a robot has room there. Raises BadInputError if no cell is free.
+    Floor indoors goes before the paper around a drawn house, if a robot has room there, and its largest part before the others. Raises BadInputError if
+    no cell is free.
     """
     free = _is_free(occupancy)
     if not free.any():
@@ -149,7 +152,7 @@ def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE
     paper = _is_paper(free)
     indoors = np.where(paper, 0.0, clearance)
     has_indoors = indoors.max() * spec.resolution >= ROOM and (free & ~paper).sum() >= INDOORS_SHARE * paper.sum()
-    wanted = indoors if has_indoors else clearance
+    wanted = _largest_part(indoors if has_indoors else clearance, PASSAGE / spec.resolution)
     iy, ix = (int(k) for k in np.unravel_index(int(np.argmax(wanted)), wanted.shape))
     x, y = spec.center_of(iy, ix)
     around = np.pad(clearance, 1)[iy : iy + 3, ix : ix + 3]
@@ -159,6 +162,15 @@ def _widest_place(path: Path, spec: GridSpec, occupancy: NDArray[np.int8]) -> SE
     if corners[up, right] < 1.0:
         return SE2(x, y, 0.0)  # a passage of one cell, whose corners lie on walls
     return SE2(x + (right - 0.5) * spec.resolution, y + (up - 0.5) * spec.resolution, 0.0)
+
+
+def _largest_part(clearance: NDArray[np.float64], passage: float) -> NDArray[np.float64]:
+    """Return the clearance [iy, ix], cells, of the largest part of the floor alone, zero elsewhere: the widest place of all may be a yard that no door leads
+    into. Parts are joined where the clearance is at least `passage`; a plan without any such floor is returned as it is."""
+    parts, count = ndimage.label(clearance >= passage)
+    if count < 2:
+        return clearance
+    return np.where(parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]), clearance, 0.0)
 
 
 def _is_free(occupancy: NDArray[np.int8]) -> NDArray[np.bool_]:
