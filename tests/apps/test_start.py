@@ -12,7 +12,7 @@ import pytest
 from ambler.apps.scene import RunOptions, checked_scene
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
-from ambler.nodes.steps import NavigateStep
+from ambler.nodes.steps import ExploreStep, NavigateStep
 from ambler.sim.robots import robot_named
 from ambler.sim.truth import truth_grid
 from ambler.sim.world_file import load_world
@@ -75,3 +75,33 @@ def test_the_plan_of_a_world_is_no_map_of_it(tmp_path: Path, given: str) -> None
     assert checked_scene(options).grid is not None
     with pytest.raises(BadInputError, match="is the plan of the world itself"):
         checked_scene(replace(options, map_file=tmp_path / "m.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "says"),
+    [
+        (1.5, 0.5, None),
+        (0.5, 0.0, None),  # a cell that the beams missed
+        (3.5, 0.0, "not on a free cell"),  # seen by nobody
+        (50.0, 0.0, "not on a free cell"),
+    ],
+)
+def test_a_robot_starts_on_the_floor_of_a_plan(tmp_path: Path, x: float, y: float, says: str | None) -> None:
+    """Nothing fills the grey around a saved map: a robot put there had driven about in it, and nothing was said."""
+    pixels = np.full((200, 200), 205, np.uint8)
+    pixels[69:132, 69:132], pixels[70:131, 70:131] = 0, 254
+    pixels[98:103, 108:113] = 205
+    cv2.imwrite(str(tmp_path / "m.pgm"), pixels)
+    (tmp_path / "m.yaml").write_text("image: m.pgm\nresolution: 0.05\norigin: [-3, 2, 0]\n")
+    for steps in ((ExploreStep(),), (NavigateStep(SE2(1.0, 0.0, 0.0)),)):
+        options = RunOptions(steps, world=str(tmp_path / "m.yaml"), robot="diff", start=SE2(x, y), is_lost=True)
+        if says is None:
+            checked_scene(options)
+            continue
+        with pytest.raises(BadInputError, match=says):
+            checked_scene(options)
+
+
+def test_a_start_far_from_everything_is_not_called_a_solid() -> None:
+    with pytest.raises(BadInputError, match="lies outside of all that stands in it"):
+        checked_scene(RunOptions(world="lab_empty", robot="diff", start=SE2(100.0, 0.0)))

@@ -30,6 +30,20 @@ PLACES = (
         ("tests/sim/test_world_file.py::test_the_start_lies_in_the_largest_part_of_the_floor",),
     ),
     PlantedFault(
+        "a robot is put into the grey around a saved map",
+        "apps/scene.py",
+        "check_start(options.world, start)",
+        "pass",
+        ("tests/apps/test_start.py::test_a_robot_starts_on_the_floor_of_a_plan",),
+    ),
+    PlantedFault(
+        "a robot cannot begin where the beams missed the floor",
+        "sim/floorplan.py",
+        "(_is_free(occupancy) | unknown & ~beyond)[iy, ix]",
+        "_is_free(occupancy)[iy, ix]",
+        ("tests/apps/test_start.py::test_a_robot_starts_on_the_floor_of_a_plan",),
+    ),
+    PlantedFault(
         "a plan is drawn with walls twice as thick",
         "sim/floorplan.py",
         "if corners[up, right] < 1.0:",

@@ -27,7 +27,7 @@ from ambler.sim.imperfections import Imperfections
 from ambler.sim.robots import SimRobot, robot_named
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import truth_grid
-from ambler.sim.world_file import load_world
+from ambler.sim.world_file import check_start, load_world
 from ambler.wire.camera_info import load_camera_info
 from ambler.wire.map_files import load_bend, load_map
 
@@ -107,6 +107,8 @@ def checked_scene(options: RunOptions, robot: SimRobot | None = None) -> Scene:
     robot = robot if robot is not None else robot_named(options.robot)
     world = load_world(options.world)
     start = _start(options, world)
+    if options.start is not None:
+        check_start(options.world, start)
     config = _config(robot.model, options, world.start.inverse() @ start, is_level=world.is_flat)
     if config.mapping != "ground" and any(isinstance(s, NavigateStep) and s.level is not None for s in options.steps):
         raise BadInputError("a goal with a level (X,Y@LEVEL) needs a map of ground: there are no levels here")

@@ -44,10 +44,7 @@ def world_from_floor_plan(yaml_path: Path, start: SE2 | None = None) -> WorldSpe
     spec, occupancy = load_plan(yaml_path)
     if start is None:
         start = _widest_place(yaml_path, spec, occupancy)
-    iy, ix = spec.cell_of(start.x, start.y)
-    if not spec.contains_cell(iy, ix) or not _is_free(occupancy)[iy, ix]:
-        raise BadInputError(f"{yaml_path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
-    spec, occupied, ends = _with_ends(spec, occupancy)
+    spec, occupied, ends = _checked_with_ends(yaml_path, spec, occupancy, start)
     return WorldSpec(yaml_path.stem, _to_solids(spec, occupied | ends), start)
 
 
@@ -95,16 +92,18 @@ def world_from_picture(path: Path, start: SE2 | None = None, resolution: float =
     spec, occupancy, marked = read_picture(path, resolution)
     if start is None:
         start = marked if marked is not None else _widest_place(path, spec, occupancy)
-    iy, ix = spec.cell_of(start.x, start.y)
-    if not spec.contains_cell(iy, ix) or not _is_free(occupancy)[iy, ix]:
-        raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
-    spec, solid, ends = _with_ends(spec, occupancy)
+    spec, solid, ends = _checked_with_ends(path, spec, occupancy, start)
     surface = solid & ndimage.binary_dilation(~solid, AROUND, iterations=2)
     return WorldSpec(path.stem, _to_solids(spec, surface | ends), start)
 
 
-def _with_ends(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[GridSpec, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return a plan with one cell around it: its grid, which cells [iy, ix] are occupied, and at which the floor ends without a wall."""
+def _checked_with_ends(
+    path: Path, spec: GridSpec, occupancy: NDArray[np.int8], start: SE2
+) -> tuple[GridSpec, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return a plan with one cell around it: its grid, which cells [iy, ix] are occupied, and at which the floor ends without a wall.
+
+    Raises BadInputError if the start lies neither on a free cell nor on one that the beams missed.
+    """
     r = spec.resolution
     spec = GridSpec(r, spec.width + 2, spec.height + 2, spec.origin_x - r, spec.origin_y - r)
     occupancy = np.pad(occupancy, 1, constant_values=OCC_UNKNOWN)
@@ -114,6 +113,9 @@ def _with_ends(spec: GridSpec, occupancy: NDArray[np.int8]) -> tuple[GridSpec, N
         patches[ndimage.binary_dilation(occupied, AROUND)], patches[0, 0]
     )  # beside a surface, or the outside
     beyond = unknown & np.isin(patches, bounded)
+    iy, ix = spec.cell_of(start.x, start.y)
+    if not spec.contains_cell(iy, ix) or not (_is_free(occupancy) | unknown & ~beyond)[iy, ix]:
+        raise BadInputError(f"{path}: the start pose ({start.x:.2f}, {start.y:.2f}) is not on a free cell")
     ends = beyond & ndimage.binary_dilation(~occupied & ~beyond, AROUND)
     return spec, occupied, np.asarray(ends)
 

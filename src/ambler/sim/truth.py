@@ -31,7 +31,9 @@ def truth_grid(world: WorldSpec, sensor_height: float, resolution: float) -> tup
     """Return the true map as a grid spec and occupancy int8 [iy, ix]; raises BadInputError if the start is not free."""
     spec, solid = cut(world, _start_height(world) + sensor_height, resolution)
     iy, ix = spec.cell_of(world.start.x, world.start.y)
-    if not spec.contains_cell(iy, ix) or solid[iy, ix]:
+    if not spec.contains_cell(iy, ix):
+        raise BadInputError(f"world {world.name}: the start pose lies outside of all that stands in it")
+    if solid[iy, ix]:
         raise BadInputError(f"world {world.name}: the start pose lies in a solid")
     regions, _ = ndimage.label(~solid)
     free = regions == regions[iy, ix]

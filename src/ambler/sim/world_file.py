@@ -133,6 +133,17 @@ def load_world(name_or_path: str | Path, start: SE2 | None = None) -> WorldSpec:
     return world_from_content(path, content, start)
 
 
+def check_start(name_or_path: str | Path, start: SE2) -> None:
+    """Raise BadInputError where `start` lies beside the floor of a plan. Only its file tells: in the world that is made of it nothing fills what lies beyond."""
+    from ambler.sim.generator.draw import parse_name
+
+    if parse_name(str(name_or_path)) is not None:
+        return
+    path = _find(str(name_or_path))
+    if path.suffix.lower() in PICTURES or "image" in _read_yaml(path):
+        load_world(path, start)
+
+
 def world_from_content(path: Path, content: dict[str, Any], start: SE2 | None = None) -> WorldSpec:
     """Return the world that the content of a world file says; `path` gives its name and is named in errors (BadInputError)."""
     entry = _parse(path, content)
