@@ -325,7 +325,7 @@ TERRAIN = (
     PlantedFault(
         "the rim of a slope is a step",
         "kernels/terrain_steps.py",
-        "        beyond = (beside - two_on if math.isnan(three_on) else two_on - three_on) / cell\n",
+        "        beyond = beside - two_on if math.isnan(three_on) else two_on - three_on\n",
         "        beyond = 0.0\n",
         ("tests/perception/test_terrain.py::test_the_rim_of_a_slope_is_no_step",),
     ),

@@ -60,6 +60,7 @@ def find_drops(
     cx0, cy0 = first[0] // 2, first[1] // 2
     ox, oy = cx0 % m, cy0 % m
     reach = 0.5 * m * cell
+    x0, y0, inverse = origin[0] - cx0 * cell, origin[1] - cy0 * cell, 1.0 / cell
     for d in range(turn, DIRECTIONS, 2):
         a = (d + 0.5) / QUARTER
         quarter = int(a)
@@ -83,8 +84,7 @@ def find_drops(
         r = 2.0 * cell
         while r < reach:
             r += step_out
-            lx = int(math.floor((origin[0] + ux * r) / cell)) - cx0
-            ly = int(math.floor((origin[1] + uy * r) / cell)) - cy0
+            lx, ly = int(math.floor((x0 + ux * r) * inverse)), int(math.floor((y0 + uy * r) * inverse))
             if lx < 0 or ly < 0 or lx >= m or ly >= m:
                 break
             if ly == last_y and lx == last_x:

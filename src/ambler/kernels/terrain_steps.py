@@ -26,23 +26,19 @@ def _lesser(a, b):
 
 
 @jit_ieee
-def _step_down(h, beside, two_on, three_on, four_on, own_slope, cell):
+def _step_down(h, beside, two_on, three_on, four_on, own_rise):
     """Return how much lower than the upper side `h` of a cell the ground lies one to three cells on, beyond what a break between the slopes of the two sides explains.
 
-    Over three cells, because the noise of a kerb's face spreads over two; each cell more asks for a centimetre and a half more. `own_slope`
-    is the rise per metre towards the lower side, of this side; NaN where it is not known.
+    Over three cells, because the noise of a kerb's face spreads over two; each cell more asks for a centimetre and a half more. `own_rise`
+    is the rise per cell towards the lower side, of this side; NaN where it is not known.
     """
-    beyond = (two_on - four_on) / (2.0 * cell)
+    beyond = 0.5 * (two_on - four_on)
     if math.isnan(beyond):  # the rim of what is seen
-        beyond = (beside - two_on if math.isnan(three_on) else two_on - three_on) / cell
-    fall = -own_slope if own_slope < 0.0 else 0.0
+        beyond = beside - two_on if math.isnan(three_on) else two_on - three_on
+    fall = -own_rise if own_rise < 0.0 else 0.0
     fall = beyond if beyond > fall else fall
     # What is not known is NaN, and no comparison with that holds.
-    one, two, three = (
-        h - beside - fall * cell,
-        h - two_on - fall * 2.0 * cell - 0.015,
-        h - three_on - fall * 3.0 * cell - 0.03,
-    )
+    one, two, three = h - beside - fall, h - two_on - 2.0 * fall - 0.015, h - three_on - 3.0 * fall - 0.03
     most = one if one > 0.0 else 0.0
     most = two if two > most else most
     return three if three > most else most
@@ -53,20 +49,19 @@ def _slopes(sure, y, x, dy, dx, h, cell):
     """Return the slope of a cell of height `h` along an axis from the cells beside it, its rise over two, and whether neither neighbour is known."""
     ahead, behind = np.float64(sure[y + dy, x + dx]), np.float64(sure[y - dy, x - dx])
     ahead2, behind2 = np.float64(sure[y + 2 * dy, x + 2 * dx]), np.float64(sure[y - 2 * dy, x - 2 * dx])
-    slope = _lesser((ahead - h) / cell, (h - behind) / cell)
-    rise = _lesser((ahead2 - h) / (2.0 * cell), (h - behind2) / (2.0 * cell))
+    slope, rise = _lesser(ahead - h, h - behind) / cell, _lesser(ahead2 - h, h - behind2) / (2.0 * cell)
     return slope, rise, math.isnan(ahead) and math.isnan(behind)
 
 
 @jit_ieee
-def _steps_along(sure, y, x, dy, dx, top, h, cell):
+def _steps_along(sure, y, x, dy, dx, top, h):
     """Return the larger of the two steps down from a cell's `top` along an axis; `h` is the height of its ground."""
     ahead, behind = np.float64(sure[y + dy, x + dx]), np.float64(sure[y - dy, x - dx])
     ahead2, behind2 = np.float64(sure[y + 2 * dy, x + 2 * dx]), np.float64(sure[y - 2 * dy, x - 2 * dx])
     ahead3, behind3 = np.float64(sure[y + 3 * dy, x + 3 * dx]), np.float64(sure[y - 3 * dy, x - 3 * dx])
     ahead4, behind4 = np.float64(sure[y + 4 * dy, x + 4 * dx]), np.float64(sure[y - 4 * dy, x - 4 * dx])
-    forth = _step_down(top, ahead, ahead2, ahead3, ahead4, (h - behind2) / (2.0 * cell), cell)
-    back = _step_down(top, behind, behind2, behind3, behind4, (h - ahead2) / (2.0 * cell), cell)
+    forth = _step_down(top, ahead, ahead2, ahead3, ahead4, 0.5 * (h - behind2))
+    back = _step_down(top, behind, behind2, behind3, behind4, 0.5 * (h - ahead2))
     return max(forth, back)
 
 
@@ -151,8 +146,8 @@ def judge_ground(ground, state, lows, highs, returns, changed, first, size, step
             # A slope spreads the returns of a cell, too; where it is not known, nothing is known of the rest.
             if not is_alone_x and not is_alone_y:
                 top += max(0.0, spread - SPREAD * cell * (abs(slope_x) + abs(slope_y)))
-            most = max(most, _steps_along(sure, py, px, 0, 1, top, h, cell))
-            most = max(most, _steps_along(sure, py, px, 1, 0, top, h, cell))
+            most = max(most, _steps_along(sure, py, px, 0, 1, top, h))
+            most = max(most, _steps_along(sure, py, px, 1, 0, top, h))
             if before > step and HOLD * step < most:
                 most = max(most, before)
                 classes[y, x] = OBSTACLE
