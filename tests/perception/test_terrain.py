@@ -294,7 +294,7 @@ def test_the_image_holds_the_nearest_return_of_each_direction() -> None:
 
 def _image_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = 16
-    voxels, mask = np.zeros((n, n, columns.BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    voxels, mask = np.zeros((columns.BINS, n, n, 4), np.float32), np.zeros((n, n), np.uint32)
     newest = np.full((n, n), -1e9, np.float32)
     ground, touched = np.full((n // 2, n // 2), np.nan, np.float32), np.zeros((n // 2, n // 2), np.uint8)
     image, origin = np.empty((columns.DIRECTIONS, columns.ROWS, 2), np.float32), np.array([0.1, -0.2, 0.3])
@@ -546,7 +546,7 @@ def test_a_low_thing_is_forgotten_slowly_unless_what_stood_on_it_has_left() -> N
 def _seconds_until_left(stood: bool) -> float:
     """Return after how many seconds of being overlooked a low voxel is forgotten."""
     n = 8
-    voxels, mask = np.zeros((n, n, columns.BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    voxels, mask = np.zeros((columns.BINS, n, n, 4), np.float32), np.zeros((n, n), np.uint32)
     newest, ground_z = np.full((n, n), -1e9, np.float32), np.zeros((n // 2, n // 2), np.float32)
     image, touched = (
         np.full((columns.DIRECTIONS, columns.ROWS, 2), np.inf, np.float32),
@@ -555,7 +555,7 @@ def _seconds_until_left(stood: bool) -> float:
     for z in (0.12, 1.0) if stood else (0.12,):
         b = int(z / 0.1) & (columns.BINS - 1)
         mask[4, 4] |= np.uint32(1) << np.uint32(b)
-        voxels[4, 4, b] = z, 0.5 if z < 0.3 else 0.0, 5.0, 0.0
+        voxels[b, 4, 4] = z, 0.5 if z < 0.3 else 0.0, 5.0, 0.0
     lows, highs, returns = np.zeros((3, n // 2, n // 2), np.float32)
     origin, up, elevations = np.array([-9.0, 0.0, 0.6]), np.array([0.0, 0.0, 1.0]), np.array([-1.0, 1.0])
     for k in range(1, 100):

@@ -2,7 +2,7 @@
 
 A window of n x n columns rolls with the robot; row and column of a place are its cell numbers modulo n, so that nothing is ever moved. A column holds 32
 voxels, by height modulo 32 voxels, of four numbers each: height, when it was seen last (s), returns, and how often it was looked through; `mask` says
-which of them are there. Two by two columns are a cell of ground. The image of a scan holds the nearest return of each direction, how
+which of them are there. `voxels` float32 [bin, iy, ix, number] holds them level by level: a floor, which fills one bin or two, lies together. Two by two columns are a cell of ground. The image of a scan holds the nearest return of each direction, how
 far away (m) and how steep (rise per metre): a voxel nearer than that, and as high as that ray there, was looked through.
 """
 
@@ -57,10 +57,11 @@ def direction(dx, dy):
     s = abs(dx) + abs(dy)
     if s <= 0.0:
         return 0
-    if dy >= 0.0:
-        a = dy / s if dx >= 0.0 else 2.0 - dy / s
-    else:
-        a = 2.0 - dy / s if dx < 0.0 else 4.0 + dy / s
+    a = dy / s
+    if dx < 0.0:
+        a = 2.0 - a
+    elif dy < 0.0:
+        a = 4.0 + a
     return min(DIRECTIONS - 1, int(a * QUARTER))
 
 
@@ -136,17 +137,17 @@ def insert(points, origin, base, now, limits, first, size, ground, voxels, mask,
             continue
         b = int(math.floor(z * inverse)) & (BINS - 1)
         bit = np.uint32(1) << np.uint32(b)
-        if (mask[iy, ix] & bit) != 0 and abs(voxels[iy, ix, b, Z] - z) < size:
-            count = min(COUNT_MOST, voxels[iy, ix, b, COUNT] + 1.0)
-            off = z - voxels[iy, ix, b, Z]
-            voxels[iy, ix, b, Z] += off / min(count, MEMORY) if off > 0.0 else off / min(count, LOW_MEMORY)
-            voxels[iy, ix, b, COUNT] = count
+        if (mask[iy, ix] & bit) != 0 and abs(voxels[b, iy, ix, Z] - z) < size:
+            count = min(COUNT_MOST, voxels[b, iy, ix, COUNT] + 1.0)
+            off = z - voxels[b, iy, ix, Z]
+            voxels[b, iy, ix, Z] += off / min(count, MEMORY) if off > 0.0 else off / min(count, LOW_MEMORY)
+            voxels[b, iy, ix, COUNT] = count
         else:
             mask[iy, ix] |= bit
-            voxels[iy, ix, b, Z] = z
-            voxels[iy, ix, b, COUNT] = 1.0
-        voxels[iy, ix, b, SEEN] = now
-        voxels[iy, ix, b, MISSED] = 0.0
+            voxels[b, iy, ix, Z] = z
+            voxels[b, iy, ix, COUNT] = 1.0
+        voxels[b, iy, ix, SEEN] = now
+        voxels[b, iy, ix, MISSED] = 0.0
         newest[iy, ix] = now
         touched[iy >> 1, ix >> 1] = 1
 
@@ -217,20 +218,20 @@ def renew(
                     b = lowest_bit(m)
                     bit = np.uint32(1) << np.uint32(b)
                     m &= ~bit
-                    if voxels[iy, ix, b, SEEN] < now:
-                        is_gone = fresh - voxels[iy, ix, b, SEEN] > decay * patience
-                        if not is_gone and is_turn and not voxels[iy, ix, b, Z] < g + 0.5 * size:  # true without ground
+                    if voxels[b, iy, ix, SEEN] < now:
+                        is_gone = fresh - voxels[b, iy, ix, SEEN] > decay * patience
+                        if not is_gone and is_turn and not voxels[b, iy, ix, Z] < g + 0.5 * size:  # true without ground
                             if away >= 2.0 * size:
-                                ray = (rx, ry, voxels[iy, ix, b, Z] - origin[2], away, seen_in)
+                                ray = (rx, ry, voxels[b, iy, ix, Z] - origin[2], away, seen_in)
                                 beside = THROUGH * size if is_low else np.inf
-                                voxels[iy, ix, b, MISSED] += _looked_through(ray, up, elevations, margin, beside, image)
-                            is_gone = voxels[iy, ix, b, MISSED] >= misses * patience
+                                voxels[b, iy, ix, MISSED] += _looked_through(ray, up, elevations, margin, beside, image)
+                            is_gone = voxels[b, iy, ix, MISSED] >= misses * patience
                         if is_gone:
                             mask[iy, ix] &= ~bit
                             is_changed = True
-                            is_left = is_left or voxels[iy, ix, b, Z] > g + LOW_THING
+                            is_left = is_left or voxels[b, iy, ix, Z] > g + LOW_THING
                             continue
-                    heights[found], counts[found] = voxels[iy, ix, b, Z], voxels[iy, ix, b, COUNT]
+                    heights[found], counts[found] = voxels[b, iy, ix, Z], voxels[b, iy, ix, COUNT]
                     found += 1
             if is_left:
                 found = _leave(y, x, g, now, size, voxels, mask, heights, counts)
@@ -261,11 +262,11 @@ def _leave(y, x, g, now, size, voxels, mask, heights, counts):
             b = lowest_bit(m)
             bit = np.uint32(1) << np.uint32(b)
             m &= ~bit
-            z = voxels[iy, ix, b, Z]
-            if g + 0.5 * size < z < g + LOW_THING and voxels[iy, ix, b, SEEN] < now:
+            z = voxels[b, iy, ix, Z]
+            if g + 0.5 * size < z < g + LOW_THING and voxels[b, iy, ix, SEEN] < now:
                 mask[iy, ix] &= ~bit
                 continue
-            heights[found], counts[found] = z, voxels[iy, ix, b, COUNT]
+            heights[found], counts[found] = z, voxels[b, iy, ix, COUNT]
             found += 1
     return found
 
@@ -328,7 +329,7 @@ def _looked_through(ray, up, elevations, margin, beside, image):
 def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
     n = 8
-    voxels, mask = np.zeros((n, n, BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    voxels, mask = np.zeros((BINS, n, n, 4), np.float32), np.zeros((n, n), np.uint32)
     newest = np.full((n, n), -1e9, np.float32)
     ground, evidence = np.full((n // 2, n // 2), np.nan, np.float32), np.zeros((n // 2, n // 2), np.uint8)
     image, first = np.empty((DIRECTIONS, ROWS, 2), np.float32), np.zeros(2, np.int64)

@@ -98,14 +98,15 @@ def grow_ground(
             known = memory[qy, qx]
             if known < base[2] - UNDER:
                 known = np.nan
-            joined = climb if state[py, px] == 1 else slack + tilt * (wide + 1) * cell
-            is_poor = math.isnan(low) or (returns[qy, qx] < SURE and abs(low - known) <= climb)
-            if is_poor and abs(known - z) <= joined:  # false where nothing is known
-                low = lows[qy, qx] = highs[qy, qx] = known
-                returns[qy, qx] = REMEMBERED
-                touched[qy, qx] = 1
-            if abs(low - known) <= slack:
-                evidence[qy, qx] = 0
+            if not math.isnan(known):
+                joined = climb if state[py, px] == 1 else slack + tilt * (wide + 1) * cell
+                is_poor = math.isnan(low) or (returns[qy, qx] < SURE and abs(low - known) <= climb)
+                if is_poor and abs(known - z) <= joined:
+                    low = lows[qy, qx] = highs[qy, qx] = known
+                    returns[qy, qx] = REMEMBERED
+                    touched[qy, qx] = 1
+                if abs(low - known) <= slack:
+                    evidence[qy, qx] = 0
             if state[qy, qx] == 2 and (math.isnan(low) or wide > gap[qy, qx]):
                 continue
             if not math.isnan(low):
@@ -203,12 +204,12 @@ def gather(ground, state, gap, slopes, excess, depths, classes, first, size, lim
                 while bits != 0:
                     b = lowest_bit(bits)
                     bits &= ~(np.uint32(1) << np.uint32(b))
-                    z = np.float64(voxels[iy, ix, b, Z])
+                    z = np.float64(voxels[b, iy, ix, Z])
                     h = z - under
                     if (
                         h <= least
                         or h >= high_most
-                        or voxels[iy, ix, b, COUNT] < (LOW_RETURNS if h < 2.0 * low_most else 2.0)
+                        or voxels[b, iy, ix, COUNT] < (LOW_RETURNS if h < 2.0 * low_most else 2.0)
                     ):
                         continue
                     if (is_stairs and h < 0.3) or count >= out.shape[0]:
@@ -225,7 +226,7 @@ def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
     n = 16
     m = n // 2
-    voxels, mask = np.zeros((n, n, BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    voxels, mask = np.zeros((BINS, n, n, 4), np.float32), np.zeros((n, n), np.uint32)
     mask[3, 3] = 1
     lows, ground = np.zeros((m, m), np.float32), np.empty((m, m), np.float32)
     state, gap = np.empty((m, m), np.uint8), np.empty((m, m), np.int32)

@@ -29,7 +29,7 @@ def _column_low(voxels, mask, iy, ix):
     while m != 0:
         b = lowest_bit(m)
         m &= ~(np.uint32(1) << np.uint32(b))
-        low = min(low, voxels[iy, ix, b, Z])
+        low = min(low, voxels[b, iy, ix, Z])
     return low if low < np.inf else np.nan
 
 
@@ -87,6 +87,6 @@ def warm_up() -> None:
     """Compile every kernel of this module with its real types."""
     n = 16
     m = n // 2
-    voxels, mask = np.zeros((n, n, BINS, 4), np.float32), np.zeros((n, n), np.uint32)
+    voxels, mask = np.zeros((BINS, n, n, 4), np.float32), np.zeros((n, n), np.uint32)
     ground, state, classes = np.zeros((m, m), np.float32), np.ones((m, m), np.uint8), np.ones((m, m), np.uint8)
     find_stairs(ground, state, np.zeros(2, np.int64), 0.1, voxels, mask, classes)

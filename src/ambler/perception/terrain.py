@@ -56,7 +56,7 @@ class TerrainAnalysis:
         self.config = config
         n, m = config.columns, config.columns // 2
         self._first = np.zeros(2, np.int64)
-        self._voxels = np.zeros((n, n, columns.BINS, 4), np.float32)
+        self._voxels = np.zeros((columns.BINS, n, n, 4), np.float32)
         self._mask = np.zeros((n, n), np.uint32)
         self._newest = np.full((n, n), -1e9, np.float32)
         self._image = np.full((columns.DIRECTIONS, columns.ROWS, 2), np.inf, np.float32)
