@@ -19,6 +19,13 @@ DRIVES = (
         ("tests/sim/test_crowds.py::test_who_walks_on_legs_puts_a_foot_aside_when_he_is_pushed_over",),
     ),
     PlantedFault(
+        "somebody begins where a robot stands",
+        "sim/movers.py",
+        "for walker in self.walkers if footprints_world else ():",
+        "for walker in ():",
+        ("tests/sim/test_crowds.py",),
+    ),
+    PlantedFault(
         "the pattern of a Mid-360 repeats",
         "sim/lidar.py",
         "self._directions = rosette(first, self.spec)",

@@ -952,4 +952,11 @@ TERRAIN = (
         "firm[iy, ix] = 1",
         ("tests/perception/test_ground_map.py",),
     ),
+    PlantedFault(
+        "columns hold the time of a scan more coarsely than it is compared with",
+        "perception/terrain.py",
+        "now = float(np.float32((stamp_ns - self._begin_ns) * 1e-9))",
+        "now = (stamp_ns - self._begin_ns) * 1e-9",
+        ("tests/perception/test_terrain.py",),
+    ),
 )

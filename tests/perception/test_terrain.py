@@ -535,6 +535,23 @@ def test_a_step_of_which_half_is_seen_stays_one_and_does_not_become_one(left: fl
         assert (np.delete(classes, 10, axis=0) == ground.GROUND).all()
 
 
+@pytest.mark.parametrize("tenths", [1, 3, 7, 13, 36001])
+def test_what_is_seen_now_is_not_older_than_now(tenths: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Columns hold times in single precision, which may lie before the stamp: such returns would count as looked through."""
+    analysis, renew, older = TerrainAnalysis(config()), columns.renew, []
+
+    def spied(*args: object) -> None:
+        seen = analysis._voxels[analysis._voxels[..., columns.COUNT] > 0.0, columns.SEEN]
+        older.append(int((seen.astype(np.float64) < args[3]).sum()))
+        renew(*args)
+
+    monkeypatch.setattr(columns, "renew", spied)
+    points = np.array([[2.0, 0.1 * k, 0.05] for k in range(20)], np.float32)
+    for stamp_ns in (0, tenths * 100_000_000):
+        analysis.update(points, stamp_ns, SE3(), SE3((0.0, 0.0, 0.5)))
+    assert older == [0, 0]
+
+
 def test_a_low_thing_is_forgotten_slowly_unless_what_stood_on_it_has_left() -> None:
     """A voxel 12 cm over the ground whose column is seen again and again without it: alone, and below one at 1 m, of whom the foot was seen a
     little longer than the rest."""

@@ -9,7 +9,7 @@ from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from ambler.evaluation.collisions import find_collisions, find_contacts
 from ambler.sim.approach import ApproachMemory
-from ambler.sim.movers import Crowd, Walker
+from ambler.sim.movers import PERSON_GAP, Crowd, Walker, distance_to_polygon
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.solids import Person, WorldSpec
@@ -138,6 +138,21 @@ def test_who_walks_on_legs_puts_a_foot_aside_when_he_is_pushed_over() -> None:
     assert max(forces) > 300.0
     assert 10.0 < max(leans) < 35.0
     assert max(leans[-20:]) < 3.0, "he is gone, and it stands"
+
+
+def test_nobody_begins_where_a_robot_stands() -> None:
+    """Of thirty seeds some would put one who walks along a lane upon the robot, which would be pressed into the floor. The others stay where they were."""
+    person = Person("person_0", ((-4.0, 0.2), (4.0, 0.2)), yields=False)
+    world, robot = WorldSpec("lane", (), SE2(), people=(person,)), robot_named("amr_omni")
+    moved = 0
+    for seed in range(30):
+        simulation = Simulation(world, robot, SimulationConfig(seed, is_perfect=True))
+        drawn, began = Walker(person, seed).position, simulation.running.crowd.walkers[0].position
+        assert distance_to_polygon(began, robot.model.footprint) - person.radius >= PERSON_GAP
+        is_clear = distance_to_polygon(drawn, robot.model.footprint) - person.radius >= PERSON_GAP
+        assert began == drawn if is_clear else began != drawn
+        moved += not is_clear
+    assert 3 < moved < 25
 
 
 def test_half_of_all_people_do_not_yield_unless_it_is_said() -> None:

@@ -130,7 +130,8 @@ class TerrainAnalysis:
             raise BadInputError(f"a cloud for the terrain has the shape (N, 3), not {points.shape}")
         c, base, origin = self.config, np.array(odom_from_base.translation), np.array(odom_from_sensor.translation)
         self._begin_ns = stamp_ns if self._begin_ns is None else self._begin_ns
-        now = (stamp_ns - self._begin_ns) * 1e-9
+        # Rounded as the columns hold it: what is seen now is not older than now.
+        now = float(np.float32((stamp_ns - self._begin_ns) * 1e-9))
         self._roll(base)
         limits = np.array([c.above + c.clearance, c.above_slope, c.below, c.below_slope, c.own_radius])
         store = (self._first, c.voxel, self._ground, self._voxels, self._mask, self._newest, self._image, self._touched)

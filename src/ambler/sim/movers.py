@@ -25,7 +25,7 @@ from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
 F64 = NDArray[np.float64]
 UPDATE_NS = 20_000_000
 DT = UPDATE_NS * 1e-9
-PERSON_GAP = 0.5  # metres that a walking person keeps from the robot; DOOR_GAP the leaf of a door
+PERSON_GAP = 0.5  # metres that a walking person keeps from the robot, and everybody at first; DOOR_GAP the leaf of a door
 DOOR_GAP = 0.2
 FAR_OFF = 5.0  # metres from a corner of the robot at which nobody need look more closely
 PATIENCE = 4.0  # seconds of waiting before a person turns round
@@ -65,6 +65,14 @@ class Walker:
                 return (ax + s * (bx - ax), ay + s * (by - ay))
             at -= length
         return self._corners[-1]
+
+    def begin_away_from(self, footprints_world: Sequence[F64]) -> None:
+        """Begin at the next place of the way that no robot stands at, or near; on a way without any, at the farthest."""
+        places = self.at + np.arange(0.0, self.length, 0.1)
+        gaps = [min(distance_to_polygon(self.place(float(at)), f) for f in footprints_world) for at in places]
+        clear = np.array(gaps) - self.person.radius >= PERSON_GAP
+        self.at = float(places[int(np.argmax(clear if clear.any() else gaps))]) % self.length
+        self.position = self.wish = self.place(self.at)
 
     def update(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> None:
         """Walk for one period, or wait if the next step leads too near to a robot or to somebody else."""
@@ -137,11 +145,14 @@ class SlidingDoor:
 
 
 class Crowd:
-    """Everybody and everything that moves by itself, in one fixed order: first people, then doors."""
+    """Everybody and everything that moves by itself, in one fixed order: first people, then doors. Nobody begins where robots with these footprints (N, 2)
+    stand."""
 
-    def __init__(self, world: WorldSpec, seed: int) -> None:
+    def __init__(self, world: WorldSpec, seed: int, footprints_world: Sequence[F64] = ()) -> None:
         stubborn = _who_do_not_yield(world.people, seed)
         self.walkers = [Walker(p, seed, yields=p.name not in stubborn) for p in world.people]
+        for walker in self.walkers if footprints_world else ():
+            walker.begin_away_from(footprints_world)
         self.doors = [SlidingDoor(d) for d in world.doors]
         self._movers: list[Walker | SlidingDoor] = [*self.walkers, *self.doors]
         self._shapes = [_person_solid(w.person) for w in self.walkers] + [d.door.leaf for d in self.doors]

@@ -83,7 +83,7 @@ class World:
         self._faults = FaultInjector([f for f in config.faults if f.kind in OF_WORLD], home, ())
         home = world_with_faults(home, config.faults, config.seed, starts or None)
         self.spec = spec = replace(home, start=spec.start)
-        self._crowd = Crowd(spec, config.seed)
+        self._crowd = Crowd(spec, config.seed, [p.start.transform(p.robot.model.footprint) for p in placed])
         self._physics = _make_physics(spec, placed, config.physics, self._crowd)
         seeds = [config.seed + SEED_STEP * k if b.seed is None else b.seed for k, b in enumerate(bodies)]
         self.bodies = tuple(Body(p, s, f, spec) for p, s, f in zip(placed, seeds, injectors, strict=True))
