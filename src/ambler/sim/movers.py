@@ -25,8 +25,8 @@ from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
 F64 = NDArray[np.float64]
 UPDATE_NS = 20_000_000
 DT = UPDATE_NS * 1e-9
-PERSON_GAP = 0.5  # metres that a walking person keeps from the robot, and everybody at first; DOOR_GAP the leaf of a door
-DOOR_GAP = 0.2
+PERSON_GAP = 0.5  # metres that a walking person keeps from the robot; at first everybody does
+DOOR_GAP = 0.2  # that the leaf of a door keeps
 FAR_OFF = 5.0  # metres from a corner of the robot at which nobody need look more closely
 PATIENCE = 4.0  # seconds of waiting before a person turns round
 HELD = 0.15  # metres that a person may be behind where he wants to be; farther, something holds him
