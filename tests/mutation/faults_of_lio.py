@@ -22,7 +22,30 @@ CLOUD = ("tests/lio/test_cloud_localization.py",)
 PLACES_STUDY = ("tests/studies/test_cloud_relocalization_study.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
+COLUMNS = ("tests/recordings/test_cloud_recording.py",)
+
 LIO = (
+    PlantedFault(
+        "times of points are of the stamp's clock however far off they are",
+        "wire/cloud_columns.py",
+        "abs(high * unit_ns - stamp_ns) > SWEEP_MOST * 1e9",
+        "abs(high * unit_ns - stamp_ns) > 1e30",
+        COLUMNS,
+    ),
+    PlantedFault(
+        "seconds since the start are taken for milliseconds of a sweep",
+        "wire/cloud_columns.py",
+        "SPAN_LEAST = 5e-3",
+        "SPAN_LEAST = 1e-4",
+        COLUMNS,
+    ),
+    PlantedFault(
+        "a row is as long as is told",
+        "wire/ros_sensors.py",
+        "step = row if len(data) == record.height * row else record.row_step",
+        "step = record.row_step",
+        COLUMNS,
+    ),
     PlantedFault(
         "a floor between two sides loosens a place",
         "lio/cloud_match.py",

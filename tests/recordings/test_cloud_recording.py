@@ -87,11 +87,14 @@ def test_the_unit_of_times_is_that_in_which_they_are_of_a_sweep_or_near_the_stam
 
 
 def test_times_of_no_sweep_are_refused_by_name_and_those_of_an_instant_are_not() -> None:
-    """Times since the epoch under a stamp of another clock say nothing; points that were taken at once do."""
+    """Times since the epoch in single precision say nothing; points that were taken at once do."""
+    coarse = np.zeros(400, [("timestamp", "f4")])
+    coarse["timestamp"] = 1.7e9
+    coarse["timestamp"][200:] += 128.0
+    with pytest.raises(BadInputError, match="the column 'timestamp' tells times from"):
+        point_times(coarse, START_NS)
     packed = np.zeros(400, [("timestamp", "f8")])
     packed["timestamp"] = START_NS * 1e-9 + SWEEP
-    with pytest.raises(BadInputError, match="the column 'timestamp' tells times from"):
-        point_times(packed, 5_000_000_000)
     packed["timestamp"][::2] = 0.0
     np.testing.assert_allclose(point_times(packed, START_NS)[1::2], SWEEP[1::2], atol=1e-6)
     packed["timestamp"] = START_NS * 1e-9
@@ -100,6 +103,54 @@ def test_times_of_no_sweep_are_refused_by_name_and_those_of_an_instant_are_not()
     few = np.zeros(5, [("t", "u4")])
     few["t"] = [100_000, 110_000, 120_000, 130_000, 140_000]
     assert point_times(few, START_NS)[0] == pytest.approx(1e-4), "a few of the first returns of an Ouster"
+
+
+OTHER_CLOCKS = {"GPS": 37.0, "behind GPS": -18.0, "years": -3e8, "since boot": 500.0 - START_NS * 1e-9}
+
+
+@pytest.mark.parametrize("clock", OTHER_CLOCKS)
+@pytest.mark.parametrize("unit", UNITS)
+def test_times_of_another_clock_than_the_stamp_tell_how_points_follow_one_another(clock: str, unit: str) -> None:
+    """A LiDAR that nobody set, under stamps of the computer: taken as told, its points were of another time than all measurements."""
+    told = (START_NS * 1e-9 + OTHER_CLOCKS[clock] + SWEEP) * UNITS[unit]
+    for kind in ("f8",) if unit == "s" else ("f8", "i8"):
+        packed = np.zeros(401, [("timestamp", kind)])
+        packed["timestamp"][1:] = told  # the first one is no point
+        late = point_times(packed, START_NS)[1:]
+        np.testing.assert_allclose(late, SWEEP, atol=1.1e-3 if (kind, unit) == ("i8", "ms") else 2e-6)
+    packed = np.zeros(400, [("timestamp", "f8")])
+    packed["timestamp"] = START_NS * 1e-9 + SWEEP
+    np.testing.assert_allclose(point_times(packed, 5_000_000_000), SWEEP, atol=2e-6)
+
+
+@pytest.mark.parametrize("name", ["time_stamp", "point_time_offset", "time_offset_ns"])
+def test_times_go_by_many_names(name: str) -> None:
+    cloud = cloud_from_ros(cloud2({**XYZ, name: np.rint(LATE * 1e9).astype(np.uint32)}))
+    np.testing.assert_allclose(cloud.time, LATE, atol=5e-7)
+
+
+@pytest.mark.parametrize("step", [0, 40 * 17])
+def test_rows_follow_one_another_where_their_step_is_not_told_rightly(step: int) -> None:
+    record = cloud2(XYZ)
+    record.height, record.width, record.row_step = 4, 10, step
+    np.testing.assert_array_equal(cloud_from_ros(record).points[:, 0], XYZ["x"])
+
+
+def test_a_recording_without_times_of_points_is_told(tmp_path: Path) -> None:
+    """And of what is no point the time does not count."""
+    path = write(tmp_path / "bag")
+    assert "no times of its points" not in open_cloud_recording(path).notes[0]
+    zero, nowhere = np.zeros(40, np.float32), np.full((1, 3), np.nan, np.float32)
+    points = np.concatenate([cloud_at(0, 1.0).points[1:], nowhere])
+    for last, text in ((0.0, "no times of its points"), (-1.7e9, "the first 0.000 s long")):
+        time = zero.copy()
+        time[-1] = last
+        cloud = m.PointCloud(START_NS, "lidar", points, zero, time, np.zeros(40, np.uint16))
+        folder = tmp_path / f"bag{last:g}"
+        with Writer2(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            topic = writer.add_connection("/points", ros_type_of(m.PointCloud), typestore=STORE)
+            writer.write(topic, START_NS, encode(cloud))
+        assert text in open_cloud_recording(folder).notes[0]
 
 
 def test_a_stamp_at_the_end_of_the_sweep_gives_times_before_it() -> None:

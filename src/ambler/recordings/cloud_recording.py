@@ -15,7 +15,7 @@ from ambler.core.errors import BadInputError, TransformError
 from ambler.core.messages import Imu, Odometry, PointCloud, Transforms
 from ambler.core.se3 import SE3
 from ambler.recordings.bag_content import BASE_FRAMES, RecordedFrames, choose_topic, listed_topics, plain_frame
-from ambler.recordings.cloud_scan import CloudScan, ScanJoiner
+from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
 from ambler.wire.bags import BagReader, open_bag
 
 NONE = "none"
@@ -83,11 +83,13 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
     if lidar_from_imu is None and isinstance(imu, Imu):
         lidar_from_imu = _pose(frames, cloud.frame, imu.frame)
     base_from_lidar = next((p for b in BASE_FRAMES if (p := _pose(frames, b, cloud.frame)) is not None), None)
-    seconds = float(np.ptp(cloud.time)) if len(cloud.time) else 0.0
+    time = returns_in_order(cloud).time  # of what is no point the times are often none either
+    seconds = float(np.ptp(time)) if len(time) else 0.0
+    timeless = "" if seconds > 0.0 else "; no times of its points, so nothing corrects how it moved meanwhile"
     notes = (
         *bag.notes,
         *frames.notes,
-        f"clouds: {cloud_topic} in frame {plain_frame(cloud.frame)!r}, the first {seconds:.3f} s long",
+        f"clouds: {cloud_topic} in frame {plain_frame(cloud.frame)!r}, the first {seconds:.3f} s long{timeless}",
         "inertial measurements: "
         + ("none" if imu_topic is None else f"{imu_topic}, pose in the LiDAR's frame {_known(lidar_from_imu)}"),
         f"odometry: {odom_topic or 'none'}",

@@ -3,6 +3,8 @@
 Velodyne `time` (float32, s after the stamp), Ouster `t` and Livox `offset_time` (uint32, ns after the stamp), Hesai and RoboSense
 `timestamp` (float64, s since the epoch), Livox's PointCloud2 `timestamp` (float64, ns since the epoch). Others count ms or µs: times that the
 stamp explains are of its clock, in the unit in which they are near it; all others come after the stamp, in the unit in which a sweep is as long as sweeps are.
+Times of another clock (a LiDAR that nobody set, or GPS time without its leap seconds, under stamps of the computer) tell how the points follow one another: the stamp is taken for that of the first.
+Autoware calls its column `time_stamp`, Blickfeld `point_time_offset`, Aeva `time_offset_ns`.
 """
 
 from __future__ import annotations
@@ -14,13 +16,13 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 
-TIME = ("time", "t", "timestamp", "offset_time", "time_offset")
+TIME = ("time", "t", "timestamp", "offset_time", "time_offset", "time_stamp", "point_time_offset", "time_offset_ns")
 RING = ("ring", "line", "channel")
 INTENSITY = ("intensity", "reflectivity")
 EPOCH_S, EPOCH_NS = 1e8, 1e17  # from here on a time is counted since the epoch (1973), in s or ns
 UNITS_NS = (1_000_000_000, 1_000_000, 1000, 1)
 SWEEP_MOST = 2.0  # s; the longest sweep, and a thousand times the shortest: each number of a sweep has one unit
-SPAN_LEAST = 1e-4  # of the last point's time after the stamp; times of another clock hardly differ
+SPAN_LEAST = 5e-3  # of the last point's time after the stamp; times of another clock hardly differ
 FEW = 100  # so few points may be from any part of a sweep, and tell no unit
 
 
@@ -48,6 +50,8 @@ def point_times(packed: NDArray[np.void], stamp_ns: int) -> NDArray[np.float32]:
     is_whole = told.dtype.kind in "iu"
     is_coarse = not is_whole and told.dtype.itemsize < 8  # for times since the epoch
     unit_ns = None if is_coarse else _unit_of_clock(low, high, stamp_ns, is_whole=is_whole)
+    if unit_ns is not None and abs(high * unit_ns - stamp_ns) > SWEEP_MOST * 1e9:
+        return _after_first(told, counted, unit_ns)
     if unit_ns is not None and is_whole:
         return np.asarray((told.astype(np.int64) * unit_ns - stamp_ns) * 1e-9, np.float32)
     if unit_ns is not None:
@@ -57,6 +61,9 @@ def point_times(packed: NDArray[np.void], stamp_ns: int) -> NDArray[np.float32]:
         return np.asarray(told.astype(np.float64) * (1e-9 * unit_ns), np.float32)
     if low == high:
         return np.zeros(len(packed), np.float32)
+    unit_ns = None if is_coarse else _unit_of_span(high - low)
+    if unit_ns is not None:
+        return _after_first(told, counted, unit_ns)
     raise BadInputError(
         f"the column {name!r} tells times from {low:g} to {high:g}: in s, ms, µs or ns, after the stamp of the cloud "
         f"({stamp_ns * 1e-9:.3f} s) or of its clock, no sweep is like that"
@@ -85,5 +92,16 @@ def _unit_of_sweep(low: float, high: float, count: int, *, is_whole: bool) -> in
         return usual if is_usual else None
     if high - low < SPAN_LEAST * largest:
         return None
-    fits = (unit_ns for unit_ns in UNITS_NS if 1e-3 * SWEEP_MOST < largest * unit_ns * 1e-9 <= SWEEP_MOST)
-    return next(fits, usual if is_usual else None)
+    return _unit_of_span(largest) or (usual if is_usual else None)
+
+
+def _unit_of_span(span: float) -> int | None:
+    """Return the unit (ns) in which so much is as long as a sweep."""
+    fits = (unit_ns for unit_ns in UNITS_NS if 1e-3 * SWEEP_MOST < span * unit_ns * 1e-9 <= SWEEP_MOST)
+    return next(fits, None)
+
+
+def _after_first(told: NDArray[Any], counted: NDArray[Any], unit_ns: int) -> NDArray[np.float32]:
+    """Return the seconds (N,) after the first of the times that count; those that do not are no times of points."""
+    wide = np.int64 if told.dtype.kind in "iu" else np.float64
+    return np.asarray((told.astype(wide) - counted.min().astype(wide)) * (1e-9 * unit_ns), np.float32)

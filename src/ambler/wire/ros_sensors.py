@@ -150,8 +150,10 @@ def cloud_from_ros(record: Any) -> m.PointCloud:
             "itemsize": record.point_step,
         }
     )
-    rows = np.asarray(record.data, np.uint8).reshape(record.height, record.row_step)
-    packed = np.ascontiguousarray(rows[:, : record.width * record.point_step]).reshape(-1).view(layout)
+    data, row = np.asarray(record.data, np.uint8), record.width * record.point_step
+    # Some drivers tell the size of the whole cloud, or 0, as that of a row: then rows follow one another without gaps.
+    step = row if len(data) == record.height * row else record.row_step
+    packed = np.ascontiguousarray(data.reshape(record.height, step)[:, :row]).reshape(-1).view(layout)
     points = np.empty((len(packed), 3), np.float32)
     for k, axis in enumerate("xyz"):
         points[:, k] = packed[axis]
