@@ -53,7 +53,7 @@ def test_the_derivative_of_a_pose_since_the_start_is_that_of_differences() -> No
 
 def test_at_the_start_nothing_of_the_mount_is_known_and_everything_of_the_place() -> None:
     begun = state_of(seed=3)
-    covariance = begun_covariance(begun, CONFIG, True)
+    covariance = begun_covariance(begun, CONFIG, True, 1.0)
     assert np.linalg.eigvalsh(covariance).min() > -1e-15
     place, turn = CONFIG.mount_sigma
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)[k.EXTRA : k.EXTRA + 6]), np.repeat([place, turn], 3))

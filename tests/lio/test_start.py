@@ -51,6 +51,16 @@ def test_a_moving_start_waits_and_then_begins_without_a_bias() -> None:
     assert not start.state.gyro_bias.any()
 
 
+def test_of_a_moving_start_only_the_unit_is_told_by_the_length_of_the_force() -> None:
+    """In a bend it is longer than gravity; all forces would be told too small ever after."""
+    for unit, scale in ((1.0, STANDARD_GRAVITY), (STANDARD_GRAVITY, 1.0)):
+        rows = still(3.5, np.zeros(3), 1.04 * unit)
+        rows[:, 1:4] += np.sin(9.0 * rows[:, :1])
+        start = find_start(rows, CONFIG)
+        assert start is not None
+        assert start.scale == scale
+
+
 @pytest.mark.parametrize("unit", [3.0, 981.0, 0.1])
 def test_forces_of_no_known_unit_are_refused(unit: float) -> None:
     with pytest.raises(LioInputError, match=r"neither 1 \(g\) nor 9.81"):

@@ -40,6 +40,20 @@ LIO = (
         COLUMNS,
     ),
     PlantedFault(
+        "who begins in motion is taken to stand",
+        "lio/odometry.py",
+        "            self._rehearse(self.start)",
+        "            pass",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "the length of the force is gravity's even in motion",
+        "lio/start.py",
+        'scale = STANDARD_GRAVITY if unit == "g" else 1.0',
+        "scale = scale * 1.0",
+        START,
+    ),
+    PlantedFault(
         "a row is as long as is told",
         "wire/ros_sensors.py",
         "step = row if len(data) == record.height * row else record.row_step",

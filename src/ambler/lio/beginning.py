@@ -8,6 +8,8 @@ mount as it is known now.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,18 +17,19 @@ from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.lio.config import STANDARD_GRAVITY, LioConfig
 from ambler.lio.measurements import skew
+from ambler.lio.start import level_rotation
 from ambler.lio.state import FilterState, gravity_basis, to_se3
 
 F64 = NDArray[np.float64]
 DEFINED = 1e-4  # m and rad; the map is defined by where the sensors begin in it
 
 
-def begun_covariance(state: FilterState, config: LioConfig, is_rest: bool) -> F64:
-    """Return the covariance (17 + extras, 17 + extras) of a filter that begins with `state`, whose first scan will lie where that says."""
+def begun_covariance(state: FilterState, config: LioConfig, is_rest: bool, speed_sigma: float) -> F64:
+    """Return the covariance (17 + extras, 17 + extras) of a filter that begins with `state`, whose first scan will lie where that says; `speed_sigma` (m/s) is how well one in motion knows his velocity."""
     imu, n = config.imu, k.EXTRA + config.extras
     sigmas = np.zeros(n)
     sigmas[: k.VELOCITY] = DEFINED
-    sigmas[k.VELOCITY : k.GYRO_BIAS] = 1e-2 if is_rest else 3.0
+    sigmas[k.VELOCITY : k.GYRO_BIAS] = 1e-2 if is_rest else speed_sigma
     sigmas[k.GYRO_BIAS : k.ACCEL_BIAS] = 1e-3 if is_rest else imu.gyro_bias_sigma
     sigmas[k.ACCEL_BIAS : k.GRAVITY] = imu.accel_bias_sigma
     sigmas[k.GRAVITY : k.EXTRA] = imu.accel_bias_sigma / STANDARD_GRAVITY if is_rest else 0.05
@@ -38,6 +41,18 @@ def begun_covariance(state: FilterState, config: LioConfig, is_rest: bool) -> F6
         causes = _of_mount(state, n) * np.repeat([place, turn], 3)
         covariance += causes @ causes.T
     return covariance
+
+
+def levelled(state: FilterState) -> FilterState:
+    """Return the same motion in a level map that begins where the IMU is."""
+    turn = level_rotation(-state.rotation.T @ state.gravity)
+    return replace(
+        state.copy(),
+        position=np.zeros(3),
+        rotation=turn,
+        velocity=turn @ state.rotation.T @ state.velocity,
+        gravity=FilterState().gravity,
+    )
 
 
 def _of_mount(state: FilterState, n: int) -> F64:

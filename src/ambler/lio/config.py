@@ -72,6 +72,11 @@ class StartConfig:
     rest_gyro_sigma: float = 0.03
     rest_accel_sigma: float = 0.25
     gravity_window: float = 0.06  # relative deviation of the mean force from 1 g or 9.81 m/s² that is believed
+    rehearsed: int = (
+        10  # scans, of who begins in motion: a filter that is given away follows them to learn how fast he is
+    )
+    speed_sigma: float = 8.0  # m/s that the rehearsal begins with, and
+    rehearsed_sigma: float = 0.3  # what the filter begins with after it
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,12 @@ class InertialBuffer:
             self._rows.append(row)
             self._times.append(row[0])
 
+    def copy(self) -> InertialBuffer:
+        """Return a buffer with the same samples that forgets by itself."""
+        out = InertialBuffer()
+        out.origin_ns, out.scale, out._rows, out._times = self.origin_ns, self.scale, [*self._rows], [*self._times]
+        return out
+
     def seconds(self, stamp_ns: int) -> float:
         """Return the time of a stamp in this buffer."""
         return 1e-9 * (stamp_ns - (self.origin_ns or 0))

@@ -7,6 +7,7 @@ is levelled, the error state's position comes first, weak directions are left al
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
-from ambler.lio.beginning import begun_covariance, since_start_jacobian, start_from_map
+from ambler.lio.beginning import begun_covariance, levelled, since_start_jacobian, start_from_map
 from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
 from ambler.lio.drift import Drift
@@ -68,6 +69,7 @@ class LidarInertialOdometry:
         self._voxel = self.config.scan.voxel
         self._knots = np.zeros((2, k.KNOT))
         self._scratch = np.empty(0, np.int64)
+        self._before_start: deque[CloudScan] = deque(maxlen=self.config.start.rehearsed)
         self._inserted_at: FilterState | None = None
         self._inserts = 0
         self._stands = False
@@ -224,14 +226,41 @@ class LidarInertialOdometry:
         self._check_clocks(scan)
         self.start = find_start(self._imu.rows(), self.config.start)
         if self.start is None:
+            self._before_start.append(scan)
             return False
         self._imu.scale = self.start.scale
-        begun = replace(self.start.state, imu_from_lidar=self.state.imu_from_lidar, clock=self.state.clock)
-        self.state = begun
-        self.covariance = begun_covariance(begun, self.config, self.start.is_rest)
-        self._time = self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock
-        self._origin = self.state.copy()
+        self._begin_at(self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock, self.start)
+        if not self.start.is_rest:
+            self._rehearse(self.start)
+        self._before_start.clear()
         return True
+
+    def _begin_at(self, time: float, start: Start, speed_sigma: float = math.inf) -> None:
+        """Begin with what the start says of the IMU."""
+        begun = replace(start.state, imu_from_lidar=self.state.imu_from_lidar, clock=self.state.clock)
+        speed_sigma = min(speed_sigma, self.config.start.speed_sigma)
+        self.state, self._origin, self._time = begun, begun.copy(), time
+        self.covariance = begun_covariance(begun, self.config, start.is_rest, speed_sigma)
+
+    def _rehearse(self, start: Start) -> None:
+        """Learn the velocity, and what is up, by following the scans before the start with a filter that is given away: who begins in motion and takes himself to stand
+        bends the first scan, in which all others find their place, and may find none."""
+        scans = [scan for scan in self._before_start if len(scan.cloud.points)]
+        if not scans:
+            return
+        c = self.config
+        config = replace(c, estimates_mount=False, estimates_clock=False, iterations_most=c.alone.iterations_most)
+        other = LidarInertialOdometry(config)
+        other.state = self.state.copy()
+        other._imu, other.start = self._imu.copy(), start
+        other._begin_at(self._imu.seconds(scans[0].cloud.stamp_ns) + self.state.clock, start)
+        results = [other.update(replace(scan, imu=(), odometry=())) for scan in scans]
+        if results[-1] is None or results[-1].health.is_lost or results[-1].health.inliers < c.inliers_least:
+            return
+        if other._time < self._time:
+            other.state, other._time = other._propagate(other._samples(self._time)), self._time
+        begun = replace(start, state=levelled(other.state))
+        self._begin_at(other._time, begun, c.start.rehearsed_sigma)
 
     def _check_clocks(self, scan: CloudScan) -> None:
         """Refuse clouds that no inertial measurement was taken near."""

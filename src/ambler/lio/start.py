@@ -65,6 +65,8 @@ def find_start(rows: F64, config: StartConfig) -> Start | None:
             "so its unit is unknown, or the sensor accelerates"
         )
     state = FilterState(rotation=level_rotation(mean))
+    if not is_rest:
+        scale = STANDARD_GRAVITY if unit == "g" else 1.0  # the force's length is gravity's at rest only
     if is_rest:
         state.gyro_bias = rates.mean(axis=0)
     words = "at rest" if is_rest else f"in motion (no {config.rest:g} s of stillness in {waited:.1f} s)"
