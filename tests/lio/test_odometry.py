@@ -331,3 +331,18 @@ def _empty(cloud: PointCloud) -> PointCloud:
     return replace(
         cloud, points=cloud.points[:0], intensity=cloud.intensity[:0], time=cloud.time[:0], ring=cloud.ring[:0]
     )
+
+
+def test_forces_of_the_wrong_sign_contradict_what_the_lidar_sees() -> None:
+    """At rest they only turn what is up; the way was 18 m off, and nothing was said."""
+    rig, recorded = walk()
+
+    def turned(scan: CloudScan) -> CloudScan:
+        imu = [replace(s, linear_acceleration=tuple(-force for force in s.linear_acceleration)) for s in scan.imu]
+        return replace(scan, imu=tuple(imu))
+
+    scans = scans_of(recorded)[:120]
+    assert run_offline(scans, LioConfig(), rig.told_mount).contradicted == 0
+    wrong = run_offline([turned(scan) for scan in scans], LioConfig(), rig.told_mount)
+    assert not wrong.is_sure
+    assert any("fit badly" in line for line in wrong.warnings())

@@ -23,8 +23,44 @@ PLACES_STUDY = ("tests/studies/test_cloud_relocalization_study.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 COLUMNS = ("tests/recordings/test_cloud_recording.py",)
+HOLE = ("tests/lio/test_hole.py",)
 
 LIO = (
+    PlantedFault(
+        "a hole in all measurements is bridged however long it is",
+        "lio/odometry.py",
+        "if length > self.config.hole.bridged:",
+        "if length > 1e9:",
+        HOLE,
+    ),
+    PlantedFault(
+        "of places that look alike after a hole the first is taken",
+        "lio/hole.py",
+        "all(shares[0] - share >= margin for share in shares[1:])",
+        "all(shares[0] - share >= -1.0 for share in shares[1:])",
+        HOLE,
+    ),
+    PlantedFault(
+        "what a body turned since a hole is forgotten",
+        "lio/hole.py",
+        "yaw = was.map_from_imu.to_se2().yaw + turned",
+        "yaw = was.map_from_imu.to_se2().yaw",
+        HOLE,
+    ),
+    PlantedFault(
+        "a place that was not found again after a hole spoils no map",
+        "lio/offline.py",
+        " and all(hole.is_regained for hole in self.holes)",
+        "",
+        HOLE,
+    ),
+    PlantedFault(
+        "scans that contradict the IMU are no trouble",
+        "lio/odometry.py",
+        "return c.has_imu and speed > c.contradiction_speed",
+        "return c.has_imu and speed > 1e9",
+        ODOMETRY,
+    ),
     PlantedFault(
         "times of points are of the stamp's clock however far off they are",
         "wire/cloud_columns.py",
@@ -84,7 +120,7 @@ LIO = (
     PlantedFault(
         "a time without scans is walked through in one step",
         "lio/odometry.py",
-        "        self._walk_on(end if is_empty else self._beginning(scan.cloud))\n",
+        "        self._walk_on(beginning)\n",
         "",
         ODOMETRY,
     ),

@@ -64,5 +64,5 @@ def write_lio(
         pictures,
         tables,
         subtitle=machine_class(),
-        passed={"ended": result.lost == 0 and result.is_converged},
+        passed={"ended": result.lost == 0 and result.is_sure and result.is_converged},
     )

@@ -77,7 +77,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, examine, map, compare, write; 1 when the filter lost its way, the recording is cut off, or the reference does not fit it."""
+    """Read, examine, map, compare, write; 1 when the filter lost its way or the map is not to be trusted, the recording is cut off, or the reference does not fit it."""
     import time
 
     from ambler.apps.config import recorded_config
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    return 1 if failure or result.cut or result.lost > 0.1 * len(result.poses) else 0
+    return 1 if failure or result.cut or not result.is_sure else 0
 
 
 def _config(args: argparse.Namespace, config: LioConfig) -> LioConfig:
@@ -262,7 +262,9 @@ def _fields(result: OfflineLio, cpu_seconds: float) -> dict[str, Any]:
         "inlier_ratio": result.inlier_ratio,
         "residual_m": result.residual_m,
         "scans_degenerate": result.degenerate,
-        "scans_lost": result.lost,
+        "scans_lost": result.lost + sum(hole.scans for hole in result.holes if not hole.is_regained),
+        "scans_contradicted": result.contradicted,
+        "holes": len(result.holes),
         "scans_at_rest": result.at_rest,
         "imu_gaps": result.gaps,
         "loop_closures": len(result.links),

@@ -179,13 +179,13 @@ class CloudRelocalizer:
 
     def _believed(self, local: LocalCloud, found: tuple[CloudMatch, ...]) -> CloudSearch:
         """With a guess one sight suffices, if one place stands out."""
-        state, _ = self._state_of(found)
+        state, _ = self.state_of(found)
         state = CloudState.FOUND if state is CloudState.VERIFYING else state
         return CloudSearch(state, found, local.odom_from_local, 1)
 
     def _confirmed(self, local: LocalCloud, found: tuple[CloudMatch, ...], odom_from_imu: SE3) -> CloudSearch:
         """Without a guess a place must be found again from other viewpoints, each time standing out; of several that look alike none is remembered."""
-        state, is_clear = self._state_of(found)
+        state, is_clear = self.state_of(found)
         viewpoints, known = 0, self._map_from_odom
         self._map_from_odom = None
         if state is CloudState.VERIFYING:
@@ -198,7 +198,7 @@ class CloudRelocalizer:
         self._viewpoint, self._fresh = odom_from_imu, 0
         return CloudSearch(state, found, local.odom_from_local, viewpoints)
 
-    def _state_of(self, found: tuple[CloudMatch, ...]) -> tuple[CloudState, bool]:
+    def state_of(self, found: tuple[CloudMatch, ...]) -> tuple[CloudState, bool]:
         """Return NOT_FOUND, AMBIGUOUS or VERIFYING, and whether the best leads clearly. In a bare hall all places explain nearly all: there it suffices
         that the best leaves much less unexplained. Of two decks that look alike the wrong one may lead because nothing was taken away there: the best must lead with lenience, too.
         """

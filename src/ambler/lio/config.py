@@ -80,6 +80,28 @@ class StartConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class HoleConfig:
+    """A hole in clouds and inertial measurements together. Across up to `bridged` s the motion goes on as the samples on both sides say; after a longer one the place is looked
+    for in the own map about where the speed before led: within `way_least` m and what it goes at `speed_more` m/s (or as fast as before), `turn_least` rad and what it turns at `rate_more` rad/s more than before;
+    beyond `way_most` m in the whole map. Two sights must agree within `same_way` m and `same_turn` rad. What is found is good to `place_sigma` m and `turn_sigma` rad."""
+
+    bridged: float = 0.25
+    way_least: float = 1.0
+    speed_more: float = 1.0
+    turn_least: float = 0.3
+    rate_more: float = 0.7
+    way_most: float = 20.0
+    same_way: float = 0.3
+    same_turn: float = 0.05
+    place_sigma: float = 0.1
+    turn_sigma: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not self.bridged > 0.0:
+            raise BadInputError(f"hole bridged: must be positive, is {self.bridged}")
+
+
+@dataclass(frozen=True, slots=True)
 class RestConfig:
     """Zero-velocity updates: a scan's inertial measurements vary no more than `factor` times as much as at the start, and it hardly moves. Until then, and until
     a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began."""
@@ -331,6 +353,7 @@ class LioConfig:
     scan: ScanConfig = field(default_factory=ScanConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     start: StartConfig = field(default_factory=StartConfig)
+    hole: HoleConfig = field(default_factory=HoleConfig)
     rest: RestConfig = field(default_factory=RestConfig)
     degeneracy: DegeneracyConfig = field(default_factory=DegeneracyConfig)
     wheels: WheelConfig = field(default_factory=WheelConfig)
@@ -360,6 +383,10 @@ class LioConfig:
     insert_m: float = 0.05  # at rest the map does not grow
     insert_rad: float = 0.01
     inliers_least: int = 50
+    contradiction_speed: float = 0.1  # m/s; how much the updates of a scan may differ from what the IMU tells, where
+    contradiction_ratio: float = (
+        0.6  # a smaller share of its points lies on planes: right maps have 0.7 to 0.9, and differ by 0.01 m/s
+    )
     coast_most: float = 1.0  # seconds without a scan that fits after which a robot's odometry is not told any more: an IMU alone is a decimetre off by then
 
     def __post_init__(self) -> None:

@@ -92,6 +92,11 @@ class InertialBuffer:
         edges = np.concatenate([[begin] if near[0] > begin else [], near, [end] if near[-1] < end else []])
         return float(np.diff(edges).max())
 
+    def longest_hole(self, begin: float, end: float) -> float:
+        """Return the longest time (s) between `begin` and `end` in which there is no sample."""
+        inside = self._times[bisect_right(self._times, begin) : bisect_left(self._times, end)]
+        return float(np.diff([begin, *inside, max(begin, end)]).max())
+
     def forget(self, before: float) -> None:
         """Drop what is older than a time, but the last sample before it."""
         keep = max(0, bisect_right(self._times, before) - 1)

@@ -23,9 +23,10 @@ from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
 from ambler.lio.drift import Drift
 from ambler.lio.health import Health, LioResult
+from ambler.lio.hole import Hole, PlaceSearch, Whereabouts, whereabouts
 from ambler.lio.inertial_buffer import InertialBuffer
 from ambler.lio.measurements import Measurement, height_and_tilt, skew, standstill, wheel_velocity
-from ambler.lio.start import LioInputError, Start, find_start
+from ambler.lio.start import LioInputError, Start, find_start, level_rotation
 from ambler.lio.state import FilterState, gravity_basis, log, right_jacobian, to_se3
 from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_scan import CloudScan
@@ -34,6 +35,7 @@ F64 = NDArray[np.float64]
 CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement from which on they are of two clocks
 OUTAGE = 0.5  # s without scans from which on the state is walked on in steps of `STEP` s, short enough to notice that it stands
 STEP = 0.1
+SCAN_LEAST = 0.05  # s; what parts of a turn differ by is their noise
 BEFORE_START = 10.0  # s of inertial measurements that are kept while no cloud has come
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
@@ -76,6 +78,11 @@ class LidarInertialOdometry:
         self._is_unmoved = True
         # After a time without scans until one fits: elsewhere than thought, a map would begin anew.
         self._is_adrift = False
+        self.holes: list[Hole] = []
+        """What nothing was measured in, and whether the place was found again after it."""
+        self._heard = 0.0
+        self._follower: LidarInertialOdometry | None = None
+        self._search: PlaceSearch | None = None
         self._origin = FilterState()
         imu = self.config.imu
         alone = self.config.alone
@@ -101,8 +108,14 @@ class LidarInertialOdometry:
             return None
         if self.start is None and not self._begin(scan):
             return None
+        beginning = end if is_empty else self._beginning(scan.cloud)
+        if self._is_astray(beginning):
+            self._look_for_place(scan)
+            self._heard = max(self._heard, end)
+            return None
         came_from = self.state.position
-        self._walk_on(end if is_empty else self._beginning(scan.cloud))
+        self._walk_on(beginning)
+        self._heard = max(self._heard, end, self._time)
         if end <= self._time or is_empty:
             return None
         samples = self._samples(end)
@@ -122,6 +135,7 @@ class LidarInertialOdometry:
         self._drift.move(state.position - came_from, weak.translation)
         self._drift.leave(float(np.linalg.norm(state.position - self._origin.position)))
         points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
+        health = replace(health, is_contradicted=self._is_contradicted(health, end - self._time))
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._is_adrift = self._is_adrift and health.is_lost
@@ -239,15 +253,15 @@ class LidarInertialOdometry:
         """Begin with what the start says of the IMU."""
         begun = replace(start.state, imu_from_lidar=self.state.imu_from_lidar, clock=self.state.clock)
         speed_sigma = min(speed_sigma, self.config.start.speed_sigma)
-        self.state, self._origin, self._time = begun, begun.copy(), time
+        self.state, self._origin, self._time, self._heard = begun, begun.copy(), time, time
         self.covariance = begun_covariance(begun, self.config, start.is_rest, speed_sigma)
 
-    def _rehearse(self, start: Start) -> None:
+    def _rehearse(self, start: Start) -> bool:
         """Learn the velocity, and what is up, by following the scans before the start with a filter that is given away: who begins in motion and takes himself to stand
-        bends the first scan, in which all others find their place, and may find none."""
+        bends the first scan, in which all others find their place, and may find none. Returns whether it was learned."""
         scans = [scan for scan in self._before_start if len(scan.cloud.points)]
         if not scans:
-            return
+            return False
         c = self.config
         config = replace(c, estimates_mount=False, estimates_clock=False, iterations_most=c.alone.iterations_most)
         other = LidarInertialOdometry(config)
@@ -256,11 +270,95 @@ class LidarInertialOdometry:
         other._begin_at(self._imu.seconds(scans[0].cloud.stamp_ns) + self.state.clock, start)
         results = [other.update(replace(scan, imu=(), odometry=())) for scan in scans]
         if results[-1] is None or results[-1].health.is_lost or results[-1].health.inliers < c.inliers_least:
-            return
+            return False
         if other._time < self._time:
             other.state, other._time = other._propagate(other._samples(self._time)), self._time
         begun = replace(start, state=levelled(other.state))
         self._begin_at(other._time, begun, c.start.rehearsed_sigma)
+        return True
+
+    def _is_astray(self, beginning: float) -> bool:
+        """Say whether nobody knows where it is when a scan begins: nothing was measured for too long before it, or since then its place was not found."""
+        if not self.config.has_imu:
+            return False
+        length = self._imu.longest_hole(self._heard, beginning)
+        if length > self.config.hole.bridged:
+            if not self.holes or self.holes[-1].is_regained:
+                self.holes.append(Hole(self._time, beginning))
+            self.holes[-1].end = beginning  # later, if nothing was measured again before it was found
+            self._before_start.clear()
+            self._follower = self._search = None
+        return bool(self.holes) and not self.holes[-1].is_regained
+
+    def _look_for_place(self, scan: CloudScan) -> None:
+        """Follow the scans since the hole with a filter of its own, and go on where what it sees is in the map, once that is clear."""
+        hole = self.holes[-1]
+        hole.scans += 1
+        if self._follower is None:
+            self._before_start.append(scan)
+            if len(self._before_start) == self._before_start.maxlen:
+                self._follower = self._following()
+            self._imu.forget(self._imu.last - BEFORE_START)
+            return
+        result = self._follower.update(scan)
+        self._imu.forget(self._imu.last - BEFORE_START)
+        if result is None:
+            return
+        if result.health.is_lost:  # what it lays together is none
+            self._follower = self._search = None
+            self._before_start.clear()
+            return
+        if self._search is None:
+            about = self._whereabouts(self._follower.state, self._follower._time)
+            self._search = PlaceSearch(self.map.points(), about, self.config)
+        map_from_its = self._search.update(result)
+        hole.text = self._search.state.value
+        if map_from_its is not None:
+            self._go_on(self._follower, map_from_its)
+            hole.is_regained, self._follower, self._search = True, None, None
+            self._before_start.clear()
+
+    def _following(self) -> LidarInertialOdometry | None:
+        """Return a filter that has learned from the last scans how fast it moves and what is up; None: they do not tell."""
+        assert self.start is not None
+        first = self._imu.seconds(self._before_start[0].cloud.stamp_ns) + self.state.clock
+        rows = self._imu.rows()
+        forces = rows[rows[:, 0] >= first, 4:7] - self.state.accel_bias
+        if len(forces) < self.config.start.samples_least:
+            return None
+        state = replace(self.state.copy(), position=np.zeros(3), velocity=np.zeros(3))
+        state.rotation, state.gravity = level_rotation(forces.mean(axis=0)), FilterState().gravity
+        config = replace(self.config, estimates_mount=False, estimates_clock=False)
+        other = LidarInertialOdometry(config, None, None, self._air)
+        other.state, other._imu, other._before_start = state.copy(), self._imu.copy(), self._before_start.copy()
+        other.start = replace(self.start, state=state, is_rest=False)
+        return other if other._rehearse(other.start) else None
+
+    def _whereabouts(self, since: FilterState, time: float) -> Whereabouts:
+        """Return where it may be at a time after the hole, by what was measured since then and how it moves now."""
+        hole = self.holes[-1]
+        rows = self._imu.rows()
+        rows = rows[(rows[:, 0] > hole.end) & (rows[:, 0] <= time)]
+        up = rows[:, 4:7].mean(axis=0)
+        rates = (rows[:, 1:4] - self.state.gyro_bias) @ (up / np.linalg.norm(up))
+        rate = float((self.state.rotation @ self._rate)[2])
+        turned = float(rates.mean()) * (time - hole.end)
+        return whereabouts(self.state, rate, hole.end - hole.begin, since, time - hole.end, turned, self.config)
+
+    def _go_on(self, other: LidarInertialOdometry, map_from_its: SE3) -> None:
+        """Go on in the own map from where another filter is, by where its map lies in the own one."""
+        c, turn = self.config, map_from_its.matrix()[:3, :3]
+        self.state = self.state.copy()
+        self.state.position = np.array(map_from_its.transform(other.state.position[None])[0])
+        self.state.rotation = _orthonormal(turn @ other.state.rotation)
+        self.state.velocity = turn @ other.state.velocity
+        sigmas = np.repeat([c.hole.place_sigma, c.hole.turn_sigma, c.start.rehearsed_sigma], 3)
+        known = slice(0, k.GYRO_BIAS)
+        self.covariance = self.covariance.copy()
+        self.covariance[known, :] = self.covariance[:, known] = 0.0
+        self.covariance[known, known] = np.diag(sigmas**2)
+        self._time, self._imu = other._time, other._imu
+        self._is_adrift, self._is_unmoved, self._stands = True, False, False
 
     def _check_clocks(self, scan: CloudScan) -> None:
         """Refuse clouds that no inertial measurement was taken near."""
@@ -386,6 +484,12 @@ class LidarInertialOdometry:
         self.covariance = 0.5 * (covariance + covariance.T)
         state.rotation = _orthonormal(state.rotation)
         return state, weak, moments, iteration
+
+    def _is_contradicted(self, health: Health, seconds: float) -> bool:
+        """Say whether the scan, which came `seconds` after the one before, fits badly and elsewhere than the IMU led."""
+        c = self.config
+        speed = health.innovation_m / max(seconds, SCAN_LEAST)
+        return c.has_imu and speed > c.contradiction_speed and health.inlier_ratio < c.contradiction_ratio
 
     def _standstill(self, state: FilterState, samples: F64) -> Measurement | None:
         assert self.start is not None

@@ -18,12 +18,16 @@ from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
+from ambler.lio.hole import Hole
 from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
 DUSTY = 0.08  # share of points taken out that is worth a warning: grass and far floor lose 0.05
+DOUBTFUL = (
+    0.1  # share of the poses that were lost, or contradict the IMU, from which on nobody may take the map for one
+)
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 
 
@@ -31,7 +35,7 @@ LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
     cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
-    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `false_ratio` the share of the points that floated in the air."""
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -59,6 +63,14 @@ class OfflineLio:
     cut: str = ""
     false_ratio: float = 0.0
     left_out: int = 0
+    contradicted: int = 0
+    holes: tuple[Hole, ...] = ()
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, and after every hole the place was found again."""
+        most = DOUBTFUL * len(self.poses)
+        return self.lost <= most and self.contradicted <= most and all(hole.is_regained for hole in self.holes)
 
     @property
     def path_length(self) -> float:
@@ -83,6 +95,18 @@ class OfflineLio:
             out.append(
                 f"{self.lost} scans fitted nothing in the map: the trajectory is not to be trusted from there on"
             )
+        if self.contradicted > DOUBTFUL * len(self.poses):
+            out.append(
+                f"{self.contradicted} scans fit badly, and elsewhere than the IMU leads: the map is not to be trusted (a wrong sign of its forces, a wrong mount, or a speed at the start that nobody knew)"
+            )
+        for hole in self.holes:
+            said = f"nothing was measured for {hole.end - hole.begin:.1f} s"
+            if hole.is_regained:
+                out.append(f"{said}: the place was found again in the map, {hole.scans} scans after it gave no pose")
+            else:
+                out.append(
+                    f"{said}, and the place was not found again in the map ({hole.text}): the last {hole.scans} scans are lost, and not in the map"
+                )
         if self.biased:
             out.append(f"a bias of the IMU reached its limit in {self.biased} scans: unit, mount or clock may be wrong")
         if self.seeks_loops and len(self.links) == 0 and self.path_length >= LOOPLESS_M:
@@ -178,6 +202,8 @@ def run_offline(
         cut=cut,
         false_ratio=float(np.mean([h.false_ratio for h in health])),
         left_out=odometry.left_out,
+        contradicted=sum(h.is_contradicted for h in health),
+        holes=tuple(odometry.holes),
     )
 
 
