@@ -9,7 +9,7 @@ import pytest
 
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
-from ambler.lio.doctor import Diagnosis, compare_turns, examine
+from ambler.lio.doctor import Diagnosis, compare_turns, examine, first_seconds
 from ambler.recordings.cloud_scan import CloudScan
 from tests.lio.carried import scans_of, walk
 
@@ -33,6 +33,28 @@ def with_rates(scale: float, shift_ns: int = 0) -> list[CloudScan]:
         )
         out.append(replace(scan, imu=imu))
     return out
+
+
+def packets(scans: list[CloudScan]) -> list[CloudScan]:
+    """Tenths of turns, as some drivers send them."""
+    out = []
+    for scan in scans:
+        c, part = scan.cloud, np.floor(scan.cloud.time / 0.01).astype(int)
+        for j in range(10):
+            kept, time = part == j, (c.time - np.float32(0.01 * j)).astype(np.float32)
+            cloud = replace(c, stamp_ns=c.stamp_ns + j * 10_000_000, points=c.points[kept], time=time[kept])
+            cloud = replace(cloud, ring=c.ring[kept], intensity=c.intensity[kept])
+            out.append(replace(scan, cloud=cloud, imu=scan.imu if j == 0 else ()))
+    return out
+
+
+def test_the_first_seconds_are_examined_however_many_parts_a_turn_has() -> None:
+    """A hundred and twenty tenths of turns were a second of rest, in which no unit can be wrong."""
+    whole = with_rates(np.degrees(1.0))
+    parts = list(first_seconds(packets(whole), 10.0))
+    assert len(list(first_seconds(whole, 10.0))) == pytest.approx(100, abs=2)
+    assert len(parts) == pytest.approx(1000, abs=20)
+    assert "degrees per second" in examined(parts).troubles[0]
 
 
 def test_a_sound_recording_is_not_accused() -> None:

@@ -27,6 +27,20 @@ HOLE = ("tests/lio/test_hole.py",)
 
 LIO = (
     PlantedFault(
+        "two frames without a name are one",
+        "recordings/cloud_recording.py",
+        "if not plain_frame(target) or not plain_frame(source):",
+        "if False:",
+        COLUMNS,
+    ),
+    PlantedFault(
+        "the doctor sees hardly a second of a recording in parts of turns",
+        "lio/doctor.py",
+        "scan.end_ns + round(seconds * 1e9) if last_ns is None",
+        "scan.end_ns + round(seconds * 1e8) if last_ns is None",
+        DOCTOR,
+    ),
+    PlantedFault(
         "a hole in all measurements is bridged however long it is",
         "lio/odometry.py",
         "if length > self.config.hole.bridged:",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,20 @@ def test_a_recording_without_times_of_points_is_told(tmp_path: Path) -> None:
             topic = writer.add_connection("/points", ros_type_of(m.PointCloud), typestore=STORE)
             writer.write(topic, START_NS, encode(cloud))
         assert text in open_cloud_recording(folder).notes[0]
+
+
+@pytest.mark.parametrize(("frame", "pose"), [("", None), ("/", None), ("one", SE3())])
+def test_two_frames_without_a_name_are_not_one(frame: str, pose: SE3 | None, tmp_path: Path) -> None:
+    """LiDAR and IMU had been taken to be in one place, and nobody was asked for the mount."""
+    sent = (
+        ("/points", replace(cloud_at(START_NS, 1.0), frame=frame)),
+        ("/imu", m.Imu(START_NS, frame, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8))),
+    )
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, message in sent:
+            connection = writer.add_connection(topic, ros_type_of(type(message)), typestore=STORE)
+            writer.write(connection, START_NS, encode(message))
+    assert open_cloud_recording(tmp_path / "bag").lidar_from_imu == pose
 
 
 def test_a_stamp_at_the_end_of_the_sweep_gives_times_before_it() -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Recording = CloudRecording | CloudFolder
 
-EXAMINED = 120  # scans at the beginning that are looked at for wrong units, clocks and mounts
+EXAMINED = 12.0  # s at the beginning that are looked at for wrong units, clocks and mounts
 
 
 def add_parser(subparsers: Any) -> None:
@@ -155,12 +155,10 @@ def _parse_mount(text: str) -> tuple[float, float, float, float, float, float]:
 
 def _opened(args: argparse.Namespace, config: LioConfig) -> tuple[Recording, SE3, tuple[str, ...]]:
     """Open, say what was found, refuse what cannot be mapped; returns the recording, imu_from_lidar and the notes."""
-    from itertools import islice
-
     from ambler.core.errors import BadInputError
     from ambler.core.se3 import SE3
     from ambler.kernels.warmup import warm_up
-    from ambler.lio.doctor import examine
+    from ambler.lio.doctor import examine, first_seconds
     from ambler.recordings.cloud_folder import open_cloud_folder
     from ambler.recordings.cloud_recording import NONE, CloudChoices, open_cloud_recording
 
@@ -191,7 +189,7 @@ def _opened(args: argparse.Namespace, config: LioConfig) -> tuple[Recording, SE3
             notes = (*notes, "the IMU's mount is not told (--mount): LiDAR and IMU are taken to be in one place")
             print(notes[-1])
     if config.has_imu and not args.no_check:
-        diagnosis = examine(islice(recording.scans(), EXAMINED), config, mount)
+        diagnosis = examine(first_seconds(recording.scans(), EXAMINED), config, mount)
         if diagnosis.troubles:
             raise BadInputError(f"{path}: {'; '.join(diagnosis.troubles)} (--no-check maps it all the same)")
     return recording, mount, notes

@@ -6,7 +6,7 @@ is wrong), at the same time (else a clock is off) and about the same axes (else 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -61,6 +61,16 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
     return compare_turns(turns, times, np.array(rows), imu_from_lidar)
+
+
+def first_seconds(scans: Iterable[CloudScan], seconds: float) -> Iterator[CloudScan]:
+    """Yield the scans of the first seconds, however many they are: a driver may send a turn in a hundred parts."""
+    last_ns: int | None = None
+    for scan in scans:
+        last_ns = scan.end_ns + round(seconds * 1e9) if last_ns is None else last_ns
+        if scan.end_ns > last_ns:
+            return
+        yield scan
 
 
 class StartExamination:

@@ -103,6 +103,8 @@ def _first(bag: BagReader, topic: str) -> object:
 
 
 def _pose(frames: RecordedFrames, target: str, source: str) -> SE3 | None:
+    if not plain_frame(target) or not plain_frame(source):
+        return None  # who names no frame says nothing of where it is
     if plain_frame(target) == plain_frame(source):
         return SE3()
     try:
