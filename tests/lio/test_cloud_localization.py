@@ -258,7 +258,7 @@ def test_a_place_that_only_leads_because_nothing_was_taken_away_there_is_not_tol
     best, *others = compared([other, far, right])
     assert best.quality - others[0].quality > 0.03
     relocalizer = CloudRelocalizer(saved(), CONFIG.relocalizer, CONFIG.match)
-    state, _ = relocalizer._state_of((best, *others))
+    state, _ = relocalizer.state_of((best, *others))
     assert (best.map_from_local.translation[2] == 3.0) == is_told
     assert state is (CloudState.VERIFYING if is_told else CloudState.AMBIGUOUS)
 

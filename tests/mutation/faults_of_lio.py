@@ -27,6 +27,20 @@ HOLE = ("tests/lio/test_hole.py",)
 
 LIO = (
     PlantedFault(
+        "axes are accused at a shift that fits by chance",
+        "lio/doctor.py",
+        "for at in (shift, float(told))",
+        "for at in (shift,)",
+        DOCTOR,
+    ),
+    PlantedFault(
+        "the turns of parts of a turn are compared one by one",
+        "lio/doctor.py",
+        "max(1, round(TURN_S / float(np.median(np.diff(ends)))))",
+        "1",
+        DOCTOR,
+    ),
+    PlantedFault(
         "two frames without a name are one",
         "recordings/cloud_recording.py",
         "if not plain_frame(target) or not plain_frame(source):",

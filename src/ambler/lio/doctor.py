@@ -24,6 +24,7 @@ from ambler.recordings.cloud_scan import CloudScan
 F64 = NDArray[np.float64]
 TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can be said
 PAIRS_LEAST = 15
+TURN_S = 0.1  # s over which turns are compared: parts of a turn show other sides of a place, each with an error of its own that comes back every turn
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
 SURE = 0.85  # correlation from which on a moderate difference in size counts: a LiDAR alone that follows quick turns in the open badly accuses nobody
@@ -55,6 +56,10 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
             ends.append(1e-9 * result.stamp_ns)
             rotations.append(alone.state.rotation)
     if len(ends) < PAIRS_LEAST or len(rows) < PAIRS_LEAST:
+        return Diagnosis(())
+    step = max(1, round(TURN_S / float(np.median(np.diff(ends)))))
+    ends, rotations = ends[::step], rotations[::step]
+    if len(ends) < PAIRS_LEAST:
         return Diagnosis(())
     times = np.array(ends)
     turns = np.array([log(a.T @ b) for a, b in pairwise(rotations)]) / np.diff(times)[:, None]
@@ -129,7 +134,9 @@ def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Dia
     turned, rates = turns @ seen, gyro(shift) @ seen
     measured = np.linalg.norm(rates, axis=1)
     ratio = float((np.linalg.norm(turned, axis=1) * measured).sum() / max((measured**2).sum(), 1e-12))
-    agreement = float((turned * rates).sum() / np.sqrt((turned**2).sum() * max((rates**2).sum(), 1e-12)))
+    # Sizes of a stride come back with the next one: axes that agree as they are told are not accused for a shift that fits by chance.
+    told = max(SHIFTS[np.abs(SHIFTS) <= SHIFT_MOST], key=lambda at: fits[int(np.argmin(np.abs(SHIFTS - at)))])
+    agreement = max(_agreement(turned, gyro(at) @ seen) for at in (shift, float(told)))
     troubles = []
     if max(fits) > 0.5 and 1.0 / 80.0 < ratio < 1.0 / 40.0:
         troubles.append(
@@ -156,6 +163,11 @@ def _axes_seen(turns: F64) -> F64:
     show how a body rocks, which the gyroscope measures well: about such axes neither accuses the other."""
     variances, axes = np.linalg.eigh(turns.T @ turns)
     return np.asarray(axes[:, variances >= SEEN * variances[-1]])
+
+
+def _agreement(turned: F64, rates: F64) -> float:
+    """Return the correlation of two series of turn rates (N, K) about the same axes."""
+    return float((turned * rates).sum() / np.sqrt((turned**2).sum() * max((rates**2).sum(), 1e-12)))
 
 
 def _correlation(a: F64, b: F64) -> float:
