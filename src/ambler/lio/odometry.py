@@ -18,6 +18,7 @@ from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
+from ambler.lio.alone import turned_states
 from ambler.lio.beginning import begun_covariance, levelled, since_start_jacobian, start_from_map
 from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
@@ -37,6 +38,8 @@ OUTAGE = 0.5  # s without scans from which on the state is walked on in steps of
 STEP = 0.1
 SCAN_LEAST = 0.05  # s; what parts of a turn differ by is their noise
 BEFORE_START = 10.0  # s of inertial measurements that are kept while no cloud has come
+POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
+USUAL = 0.1  # what a scan says of that share
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
@@ -74,6 +77,7 @@ class LidarInertialOdometry:
         self._before_start: deque[CloudScan] = deque(maxlen=self.config.start.rehearsed)
         self._inserted_at: FilterState | None = None
         self._inserts = 0
+        self._usual = 0.0
         self._stands = False
         self._is_unmoved = True
         # After a time without scans until one fits: elsewhere than thought, a map would begin anew.
@@ -126,7 +130,12 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] += np.diag(np.repeat(np.square([c.rest.way_most, c.rest.turn_most]), 3))
         points, ranges, times = self._thin_out(scan.cloud, prior)
         points_imu = self._compensate(points, times)  # eq. (9)
+        prior_covariance = self.covariance
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
+        if not c.has_imu and self._fits_poorly(sums, len(points)):
+            state, weak, sums, iterations = self._search(prior, prior_covariance, points_imu, ranges)
+        ratio = float(sums[0]) / max(len(points), 1)
+        self._usual += (USUAL if self._usual > 0.0 else 1.0) * (ratio - self._usual)
         self._is_unmoved = self._is_unmoved and self._is_at_origin(state)
         if self._is_unmoved:  # its scans only build the map: they are of one place, and lean alike
             state, self.covariance = self.state.copy(), before
@@ -436,14 +445,32 @@ class LidarInertialOdometry:
         k.compensate(np.ascontiguousarray(points), times, self._knots, self.state.imu_from_lidar, out)
         return out
 
-    def _update_iterated(
-        self, prior: FilterState, points_imu: F64, ranges: F64
+    def _fits_poorly(self, sums: F64, count: int) -> bool:
+        """Say whether clearly fewer points than usual lie on planes."""
+        return bool(self._inserts > 1 and sums[0] < POOR * self._usual * count)
+
+    def _search(
+        self, prior: FilterState, prior_covariance: F64, points_imu: F64, ranges: F64
     ) -> tuple[FilterState, Degeneracy, F64, int]:
-        """Iterate the update; returns the state, its weak directions, the moments of the residuals and how often it went round.
+        """Update from turned places around the last one and the predicted one, too, and take the state at which most points lie on planes."""
+        best = None
+        for begin in turned_states(self.state, prior):
+            self.covariance = prior_covariance
+            found = self._update_iterated(prior, points_imu, ranges, begin)
+            if best is None or found[2][0] > best[0][2][0]:
+                best = found, self.covariance
+        assert best is not None
+        found, self.covariance = best
+        return found
+
+    def _update_iterated(
+        self, prior: FilterState, points_imu: F64, ranges: F64, begin: FilterState | None = None
+    ) -> tuple[FilterState, Degeneracy, F64, int]:
+        """Iterate the update, from `begin` on or else from the prior; returns the state, its weak directions, the moments of the residuals and how often it went round.
 
         The covariance that the gain needs is that of the prior, carried to the tangent space of the iterate.
         """
-        c, state = self.config, prior
+        c, state = self.config, begin or prior
         width, noise = 6 + c.extras, (c.noise * self._noise_factor()) ** 2
         part = np.r_[0:6, k.EXTRA : k.EXTRA + c.extras]
         information, gradient, moments = np.empty((width, width)), np.empty(width), np.empty(4)
