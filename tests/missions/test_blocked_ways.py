@@ -109,6 +109,14 @@ def test_a_mark_ends_and_comes_back_for_twice_as_long() -> None:
     assert len(ways.points(223 * S)) == 0
 
 
+def test_a_mark_among_people_ends_soon_and_one_that_comes_back_holds_longer() -> None:
+    ways = BlockedWays(BlockedWaysConfig(keep=60.0, keep_company=10.0))
+    for begin_s, end_s in ((0, 12), (20, 42)):
+        assert [ways.fail(straight(), HERE, (begin_s + k) * S, is_in_company=True) for k in range(3)][-1]
+        assert len(ways.points((end_s - 1) * S)) > 0
+        assert len(ways.points((end_s + 1) * S)) == 0
+
+
 def test_one_of_several_marks_comes_back_and_the_others_stay() -> None:
     ways = BlockedWays(BlockedWaysConfig(keep=60.0))
     for begin, y in ((0, 0.0), (10, 3.0), (20, 3.0), (30, 0.0)):

@@ -606,4 +606,18 @@ LIO = (
         "return ()",
         ("tests/lio/test_cloud_localization.py::test_each_of_two_decks_is_seen_from_above_by_itself",),
     ),
+    PlantedFault(
+        "a LiDAR alone looks no farther than its prediction",
+        "lio/odometry.py",
+        "POOR = 0.8 ",
+        "POOR = 0.0 ",
+        ("tests/lio/test_alone.py",),
+    ),
+    PlantedFault(
+        "who feels nothing is at rest",
+        "lio/odometry.py",
+        "if self.start.is_rest and self._is_carried():",
+        "if False:",
+        ("tests/lio/test_alone.py",),
+    ),
 )

@@ -897,6 +897,13 @@ MOTION = (
         FENCE,
     ),
     PlantedFault(
+        "a way that people shut stays shut for a minute",
+        "missions/blocked_ways.py",
+        "keep = c.keep_company if is_in_company else c.keep",
+        "keep = c.keep",
+        BLOCKED,
+    ),
+    PlantedFault(
         "a robot marks its only way out",
         "missions/blocked_ways.py",
         "points, c.width) >= c.least_left:",

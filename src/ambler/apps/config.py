@@ -218,6 +218,8 @@ FLOOR_SEEN = (
 WAY_OUT = 4.0  # metres: out of a gap between two parked cars into which a robot went before it saw how narrow it is
 KNOWN_MAP_PATIENCE = 30.0  # seconds that a robot in a known map waits for a way that people block
 COMPANY_PATIENCE = 300.0  # seconds after which a drive for its own sake gives up among people who hold it up
+# And one of an exploration, which has other places to go; who cannot get past the robot turns round by then.
+EXPLORING_PATIENCE = 20.0
 
 
 def looks_around(robot: RobotModel) -> bool:
@@ -256,7 +258,7 @@ def default_config(robot: RobotModel, *, has_map: bool = False) -> RobotConfig:
         global_costmap=GlobalCostmapConfig(inflation=inflation),
         navigation=NavigationConfig(
             blocked_patience=KNOWN_MAP_PATIENCE if has_map else 0.0,
-            company_patience=COMPANY_PATIENCE if has_map else 0.0,
+            company_patience=COMPANY_PATIENCE if has_map else EXPLORING_PATIENCE,
             blocked=BlockedWaysConfig(front=float(robot.footprint[:, 0].max())),
         ),
         rollout=RolloutConfig(padding=PADDING),

@@ -9,9 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ambler.core.messages import PointCloud
 from ambler.lio.state import FilterState, exp
 
-TURNS = tuple(math.radians(a) for a in (0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 45.0, -45.0))
+# Angles about an axis between two scans that are tried, besides none.
+TURNS = tuple(math.radians(a) for a in (10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 45.0, -45.0))
 
 
 def turned_states(last: FilterState, prior: FilterState) -> Iterator[FilterState]:
@@ -19,6 +21,11 @@ def turned_states(last: FilterState, prior: FilterState) -> Iterator[FilterState
     axes = prior.imu_from_lidar[:, :3].T
     for state in (last, prior):
         yield replace(prior.copy(), position=state.position.copy(), rotation=state.rotation.copy())
-        for axis, angle in itertools.product(axes[::-1], TURNS[1:]):
+        for axis, angle in itertools.product(axes[::-1], TURNS):
             turn = exp(angle * axis)
             yield replace(prior.copy(), position=state.position.copy(), rotation=state.rotation @ turn)
+
+
+def at_one_instant(cloud: PointCloud) -> PointCloud:
+    """Return a cloud all of whose points were taken at its stamp."""
+    return replace(cloud, time=np.zeros_like(cloud.time))

@@ -76,6 +76,8 @@ class StartConfig:
         10  # scans, of who begins in motion: a filter that is given away follows them to learn how fast he is
     )
     speed_sigma: float = 8.0  # m/s that the rehearsal begins with, and
+    rest_speed_most: float = 0.2  # m/s that scans may say of who feels nothing
+    speed_alone_sigma: float = 1.0  # where the LiDAR alone has told it; and
     rehearsed_sigma: float = 0.3  # what the filter begins with after it
 
 

@@ -18,7 +18,7 @@ from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
-from ambler.lio.alone import turned_states
+from ambler.lio.alone import at_one_instant, turned_states
 from ambler.lio.beginning import begun_covariance, levelled, since_start_jacobian, start_from_map
 from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
@@ -27,7 +27,7 @@ from ambler.lio.health import Health, LioResult
 from ambler.lio.hole import Hole, PlaceSearch, Whereabouts, whereabouts
 from ambler.lio.inertial_buffer import InertialBuffer
 from ambler.lio.measurements import Measurement, height_and_tilt, skew, standstill, wheel_velocity
-from ambler.lio.start import LioInputError, Start, find_start, level_rotation
+from ambler.lio.start import LioInputError, Start, find_start, in_motion, level_rotation
 from ambler.lio.state import FilterState, gravity_basis, log, right_jacobian, to_se3
 from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_scan import CloudScan
@@ -38,6 +38,7 @@ OUTAGE = 0.5  # s without scans from which on the state is walked on in steps of
 STEP = 0.1
 SCAN_LEAST = 0.05  # s; what parts of a turn differ by is their noise
 BEFORE_START = 10.0  # s of inertial measurements that are kept while no cloud has come
+CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows its motion
 POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
 USUAL = 0.1  # what a scan says of that share
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
@@ -133,7 +134,7 @@ class LidarInertialOdometry:
         prior_covariance = self.covariance
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
         if not c.has_imu and self._fits_poorly(sums, len(points)):
-            state, weak, sums, iterations = self._search(prior, prior_covariance, points_imu, ranges)
+            state, weak, sums, iterations = self._search_wider(prior, prior_covariance, points_imu, ranges)
         ratio = float(sums[0]) / max(len(points), 1)
         self._usual += (USUAL if self._usual > 0.0 else 1.0) * (ratio - self._usual)
         self._is_unmoved = self._is_unmoved and self._is_at_origin(state)
@@ -251,6 +252,8 @@ class LidarInertialOdometry:
         if self.start is None:
             self._before_start.append(scan)
             return False
+        if self.start.is_rest and self._is_carried():
+            self.start = in_motion(self.start)
         self._imu.scale = self.start.scale
         self._begin_at(self._imu.seconds(scan.cloud.stamp_ns) + self.state.clock, self.start)
         if not self.start.is_rest:
@@ -276,7 +279,9 @@ class LidarInertialOdometry:
         other = LidarInertialOdometry(config)
         other.state = self.state.copy()
         other._imu, other.start = self._imu.copy(), start
-        other._begin_at(self._imu.seconds(scans[0].cloud.stamp_ns) + self.state.clock, start)
+        velocity, sigma = self._speed_alone(scans)
+        moving = replace(start, state=replace(start.state, velocity=start.state.rotation @ velocity))
+        other._begin_at(self._imu.seconds(scans[0].cloud.stamp_ns) + self.state.clock, moving, sigma)
         results = [other.update(replace(scan, imu=(), odometry=())) for scan in scans]
         if results[-1] is None or results[-1].health.is_lost or results[-1].health.inliers < c.inliers_least:
             return False
@@ -285,6 +290,23 @@ class LidarInertialOdometry:
         begun = replace(start, state=levelled(other.state))
         self._begin_at(other._time, begun, c.start.rehearsed_sigma)
         return True
+
+    def _speed_alone(self, scans: list[CloudScan]) -> tuple[F64, float]:
+        """Return how fast the LiDAR alone says that it is after some scans (m/s, in the IMU's axes then, float64 (3,)), and how sure that is. Each scan counts as of
+        one instant: those of a steady motion are bent alike, and fit each other, while to straighten them its speed must be known."""
+        c = self.config
+        alone = LidarInertialOdometry(replace(c, has_imu=False, estimates_mount=False, estimates_clock=False))
+        alone.state.imu_from_lidar = self.state.imu_from_lidar
+        results = [alone.update(CloudScan(at_one_instant(scan.cloud), (), ())) for scan in scans]
+        last = results[-1] if results else None
+        if last is None or last.health.is_degenerate or last.health.inlier_ratio < CLEAR:
+            return np.zeros(3), math.inf
+        return alone.state.rotation.T @ alone.state.velocity, c.start.speed_alone_sigma
+
+    def _is_carried(self) -> bool:
+        """Say whether who feels nothing moves all the same: a steady motion is no rest, and only scans tell the one from the other."""
+        velocity, _ = self._speed_alone([scan for scan in self._before_start if len(scan.cloud.points)])
+        return float(np.linalg.norm(velocity)) > self.config.start.rest_speed_most
 
     def _is_astray(self, beginning: float) -> bool:
         """Say whether nobody knows where it is when a scan begins: nothing was measured for too long before it, or since then its place was not found."""
@@ -449,7 +471,7 @@ class LidarInertialOdometry:
         """Say whether clearly fewer points than usual lie on planes."""
         return bool(self._inserts > 1 and sums[0] < POOR * self._usual * count)
 
-    def _search(
+    def _search_wider(
         self, prior: FilterState, prior_covariance: F64, points_imu: F64, ranges: F64
     ) -> tuple[FilterState, Degeneracy, F64, int]:
         """Update from turned places around the last one and the predicted one, too, and take the state at which most points lie on planes."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,12 @@ def find_start(rows: F64, config: StartConfig) -> Start | None:
     words = "at rest" if is_rest else f"in motion (no {config.rest:g} s of stillness in {waited:.1f} s)"
     note = f"began {words}; forces in {unit}, at rest {length:.4g}"
     return Start(state, scale, gyro_sigma, accel_sigma * scale, is_rest, note)
+
+
+def in_motion(start: Start) -> Start:
+    """Return a start at rest as one of a steady motion: its mean rate may be a turn, and nothing is known of its speed."""
+    state = replace(start.state, gyro_bias=np.zeros(3))
+    return replace(start, state=state, is_rest=False, note=start.note.replace("at rest;", "in a steady motion;"))
 
 
 def level_rotation(force: F64) -> F64:

@@ -25,7 +25,7 @@ TOUCH = 0.08  # metres: a mark that a body touches would hold it itself
 @dataclass(frozen=True, slots=True)
 class BlockedWaysConfig:
     """`failures` within `near` metres of each other and `memory` s make a mark of `length` metres of the path and `width` across, so
-    that it is not passed by a hand's breadth; it begins `ahead` metres before the robot: far enough for it to turn away. A mark holds for `keep` s, because whoever stood there may have left, and twice as
+    that it is not passed by a hand's breadth; it begins `ahead` metres before the robot: far enough for it to turn away. A mark holds for `keep` s, among people, who leave, for `keep_company` s, and twice as
     long each time that it comes back at the same place, up to `keep_most`. What holds the robot and no sensor shows is marked at once, for `keep_held` s: `width_held` metres across, from `front` metres before the base, where its body
     ends, on. Held again within `same_thing` metres, it has met the same thing twice: that is marked from place to place and `beyond` metres farther to both sides, for `keep_same` s: a kerb does not walk away."""
 
@@ -37,6 +37,7 @@ class BlockedWaysConfig:
     width: float = 0.5
     keep: float = 60.0
     keep_most: float = 960.0
+    keep_company: float = 10.0
     front: float = 0.3
     width_held: float = 1.0
     keep_held: float = 240.0
@@ -69,9 +70,17 @@ class BlockedWays:
         self._failures: list[tuple[int, float, float]] = []
         self._marks: list[_Mark] = []
 
-    def fail(self, path: Path, map_from_base: SE2, now_ns: int, costs: CostGrid | None = None) -> bool:
+    def fail(
+        self,
+        path: Path,
+        map_from_base: SE2,
+        now_ns: int,
+        costs: CostGrid | None = None,
+        *,
+        is_in_company: bool = False,
+    ) -> bool:
         """Take that the controller could not follow a path here; returns whether that made a mark. On `costs` (global, in the map frame) it is
-        seen whether that would shut the robot in."""
+        seen whether that would shut the robot in. `is_in_company`: people are about, who may have stood there."""
         c = self.config
         line = _ahead(path, map_from_base, c.ahead, c.length)
         x, y = line[0].tolist()
@@ -81,7 +90,8 @@ class BlockedWays:
         if sum(math.hypot(fx - x, fy - y) <= c.near for _, fx, fy in self._failures) < c.failures:
             return False
         self._failures = [f for f in self._failures if math.hypot(f[1] - x, f[2] - y) > c.near]
-        keep, old = c.keep, [m for m in self._marks if math.hypot(*(m.place - line[0])) <= c.near]
+        keep = c.keep_company if is_in_company else c.keep
+        old = [m for m in self._marks if math.hypot(*(m.place - line[0])) <= c.near]
         for mark in old:
             keep = min(max(keep, 2.0 * mark.keep), c.keep_most)
         new = _Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep)
