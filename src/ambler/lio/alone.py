@@ -14,16 +14,17 @@ from ambler.lio.state import FilterState, exp
 
 # Angles about an axis between two scans that are tried, besides none.
 TURNS = tuple(math.radians(a) for a in (10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 45.0, -45.0))
+RATE_MOST = 2.0 * math.pi  # rad/s that anybody turns
 
 
-def turned_states(last: FilterState, prior: FilterState) -> Iterator[FilterState]:
-    """Yield states at the last place and at the predicted one, turned about each of the LiDAR's axes."""
+def turned_states(last: FilterState, prior: FilterState, seconds: float) -> Iterator[FilterState]:
+    """Yield states at the last place and at the predicted one, turned about each of the LiDAR's axes as far as one turns in so many seconds."""
+    turns = [angle for angle in TURNS if abs(angle) <= RATE_MOST * seconds]
     axes = prior.imu_from_lidar[:, :3].T
     for state in (last, prior):
         yield replace(prior.copy(), position=state.position.copy(), rotation=state.rotation.copy())
-        for axis, angle in itertools.product(axes[::-1], TURNS):
-            turn = exp(angle * axis)
-            yield replace(prior.copy(), position=state.position.copy(), rotation=state.rotation @ turn)
+        for axis, angle in itertools.product(axes[::-1], turns):
+            yield replace(prior.copy(), position=state.position.copy(), rotation=state.rotation @ exp(angle * axis))
 
 
 def at_one_instant(cloud: PointCloud) -> PointCloud:

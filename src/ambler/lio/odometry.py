@@ -134,7 +134,8 @@ class LidarInertialOdometry:
         prior_covariance = self.covariance
         state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
         if not c.has_imu and self._fits_poorly(sums, len(points)):
-            state, weak, sums, iterations = self._search_wider(prior, prior_covariance, points_imu, ranges)
+            seconds = end - self._time
+            state, weak, sums, iterations = self._search_wider(prior, prior_covariance, points_imu, ranges, seconds)
         ratio = float(sums[0]) / max(len(points), 1)
         self._usual += (USUAL if self._usual > 0.0 else 1.0) * (ratio - self._usual)
         self._is_unmoved = self._is_unmoved and self._is_at_origin(state)
@@ -472,11 +473,11 @@ class LidarInertialOdometry:
         return bool(self._inserts > 1 and sums[0] < POOR * self._usual * count)
 
     def _search_wider(
-        self, prior: FilterState, prior_covariance: F64, points_imu: F64, ranges: F64
+        self, prior: FilterState, prior_covariance: F64, points_imu: F64, ranges: F64, seconds: float
     ) -> tuple[FilterState, Degeneracy, F64, int]:
         """Update from turned places around the last one and the predicted one, too, and take the state at which most points lie on planes."""
         best = None
-        for begin in turned_states(self.state, prior):
+        for begin in turned_states(self.state, prior, seconds):
             self.covariance = prior_covariance
             found = self._update_iterated(prior, points_imu, ranges, begin)
             if best is None or found[2][0] > best[0][2][0]:
