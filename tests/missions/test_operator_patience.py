@@ -46,4 +46,5 @@ def test_it_waits_as_long_as_it_says(is_from_zero: bool) -> None:
     finally:
         executor.close()
     assert [end.code for end in ends] == ["NOT_LOCALIZED"]
+    assert "--may-turn" in ends[0].text, "it has not turned"
     assert waited[0] > 1.5

@@ -131,13 +131,7 @@ class LidarInertialOdometry:
             self.covariance[:6, :6] += np.diag(np.repeat(np.square([c.rest.way_most, c.rest.turn_most]), 3))
         points, ranges, times = self._thin_out(scan.cloud, prior)
         points_imu = self._compensate(points, times)  # eq. (9)
-        prior_covariance = self.covariance
-        state, weak, sums, iterations = self._update_iterated(prior, points_imu, ranges)  # eqs. (12)-(18)
-        if not c.has_imu and self._fits_poorly(sums, len(points)):
-            seconds = end - self._time
-            state, weak, sums, iterations = self._search_wider(prior, prior_covariance, points_imu, ranges, seconds)
-        ratio = float(sums[0]) / max(len(points), 1)
-        self._usual += (USUAL if self._usual > 0.0 else 1.0) * (ratio - self._usual)
+        state, weak, sums, iterations = self._update_from(prior, points_imu, ranges, end - self._time)  # eqs. (12)-(18)
         self._is_unmoved = self._is_unmoved and self._is_at_origin(state)
         if self._is_unmoved:  # its scans only build the map: they are of one place, and lean alike
             state, self.covariance = self.state.copy(), before
@@ -468,22 +462,23 @@ class LidarInertialOdometry:
         k.compensate(np.ascontiguousarray(points), times, self._knots, self.state.imu_from_lidar, out)
         return out
 
-    def _fits_poorly(self, sums: F64, count: int) -> bool:
-        """Say whether clearly fewer points than usual lie on planes."""
-        return bool(self._inserts > 1 and sums[0] < POOR * self._usual * count)
-
-    def _search_wider(
-        self, prior: FilterState, prior_covariance: F64, points_imu: F64, ranges: F64, seconds: float
+    def _update_from(
+        self, prior: FilterState, points_imu: F64, ranges: F64, seconds: float
     ) -> tuple[FilterState, Degeneracy, F64, int]:
-        """Update from turned places around the last one and the predicted one, too, and take the state at which most points lie on planes."""
-        best = None
-        for begin in turned_states(self.state, prior, seconds):
-            self.covariance = prior_covariance
-            found = self._update_iterated(prior, points_imu, ranges, begin)
-            if best is None or found[2][0] > best[0][2][0]:
-                best = found, self.covariance
-        assert best is not None
-        found, self.covariance = best
+        """Iterate the update. A LiDAR alone of which clearly fewer points than usual lie on planes begins it at turned places around the last one and the predicted
+        one, too, as far as one turns in so many `seconds`, and takes the state at which most do."""
+        before, count = self.covariance, max(len(points_imu), 1)
+        found = self._update_iterated(prior, points_imu, ranges)
+        if not self.config.has_imu and self._inserts > 1 and found[2][0] < POOR * self._usual * count:
+            best = found, self.covariance
+            for begin in turned_states(self.state, prior, seconds):
+                self.covariance = before
+                other = self._update_iterated(prior, points_imu, ranges, begin)
+                if other[2][0] > best[0][2][0]:
+                    best = other, self.covariance
+            found, self.covariance = best
+        share = float(found[2][0]) / count
+        self._usual += (USUAL if self._usual > 0.0 else 1.0) * (share - self._usual)
         return found
 
     def _update_iterated(

@@ -154,7 +154,9 @@ class OperatorNode(Node):
             self._say("LOCALIZED", f"the robot stands at {x:.2f}, {y:.2f} m, {yaw:.2f} rad in the map")
             self._next()
         elif self.ctx.now_ns - self._begun_ns > config.patience * 1e9:
-            self._finish("NOT_LOCALIZED", f"the robot did not find out within {config.patience:g} s where it is")
+            advice = "" if config.may_turn else "; let it turn (--may-turn), or tell it its pose"
+            text = f"the robot did not find out within {config.patience:g} s where it is{advice}"
+            self._finish("NOT_LOCALIZED", text)
         elif config.may_turn:
             self.ctx.send_goal(RECOVER, RecoverGoal(RecoveryKind.ROTATE, config.turn), lambda _: self._look_again())
         else:
