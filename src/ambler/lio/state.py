@@ -133,3 +133,8 @@ def _turn_between(start: F64, end: F64) -> F64:
     cross = np.cross(start, end)
     sine, cosine = float(np.linalg.norm(cross)), float(start @ end)
     return np.zeros(3) if sine < 1e-15 else cross * (float(np.arctan2(sine, cosine)) / sine)
+
+
+def orthonormal(rotation: F64) -> F64:
+    """Return the nearest rotation (one step of Newton's method, enough for what rounding does to a scan)."""
+    return np.ascontiguousarray(rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation))
