@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ambler.core.messages import Imu
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.doctor import Diagnosis, compare_turns, examine, first_seconds
@@ -65,6 +66,36 @@ def test_a_sound_recording_in_parts_of_turns_is_not_accused(parts: int) -> None:
     assert diagnosis.troubles == ()
     assert diagnosis.agreement is not None
     assert diagnosis.agreement > (0.9 if parts == 10 else 0.6)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_what_the_lidar_does_not_follow_accuses_nobody(seed: int) -> None:
+    """For two seconds the plate is spun to and fro, between the middles of scans, by more than can be followed; what was made of them had hardly to do with the gyroscope's turns."""
+    scans, rng = with_rates(1.0), np.random.default_rng(seed)
+    jumps = np.zeros(len(scans))
+    jumps[70:90] = rng.choice([-1.0, 1.0], 20) * rng.uniform(0.7, 1.2, 20)
+    jumps[89] -= jumps.sum()
+    middles = np.array([scan.cloud.stamp_ns + 50_000_000 for scan in scans])
+    yaws = np.cumsum(jumps)
+
+    def spun(vector: np.ndarray, yaw: float) -> np.ndarray:
+        """The same in axes that are turned about the vertical."""
+        c, s = np.cos(yaw), np.sin(yaw)
+        return vector @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def felt(sample: Imu) -> Imu:
+        k = min(int(np.searchsorted(middles, sample.stamp_ns)), len(scans) - 1)
+        x, y, z = spun(np.array(sample.angular_velocity), float(yaws[k])).tolist()
+        return replace(sample, angular_velocity=(x, y, z + 10.0 * float(jumps[k])))
+
+    for k, scan in enumerate(scans):
+        points = np.ascontiguousarray(spun(scan.cloud.points, float(yaws[k])), np.float32)
+        imu = tuple(felt(sample) for sample in scan.imu)
+        scans[k] = replace(scan, cloud=replace(scan.cloud, points=points), imu=imu)
+    diagnosis = examined(scans)
+    assert diagnosis.troubles == ()
+    assert diagnosis.agreement is not None
+    assert diagnosis.agreement > 0.9
 
 
 def test_a_sound_recording_is_not_accused() -> None:

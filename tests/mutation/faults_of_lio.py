@@ -620,4 +620,11 @@ LIO = (
         "if False:",
         ("tests/lio/test_alone.py",),
     ),
+    PlantedFault(
+        "what a LiDAR alone makes of scans that it does not follow accuses the gyroscope",
+        "lio/doctor.py",
+        "FOLLOWS = 0.8 ",
+        "FOLLOWS = 0.0 ",
+        ("tests/lio/test_doctor.py",),
+    ),
 )

@@ -24,6 +24,7 @@ from ambler.recordings.cloud_scan import CloudScan
 F64 = NDArray[np.float64]
 TURN_LEAST = 0.08  # rad/s; RMS of the LiDAR's turn rate below which nothing can be said
 PAIRS_LEAST = 15
+FOLLOWS = 0.8  # of the median share of points on planes: scans of fewer are not followed, and accuse nobody
 TURN_S = 0.1  # s over which turns are compared: parts of a turn show other sides of a place, each with an error of its own that comes back every turn
 SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
@@ -48,24 +49,30 @@ class Diagnosis:
 def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) -> Diagnosis:
     """Examine the first scans of a recording (some tens are enough)."""
     alone = LidarInertialOdometry(replace(config, has_imu=False, imu_from_lidar=None), SE3())
-    ends, rotations, rows = [], [], []
+    ends, rotations, shares, rows = [], [], [], []
     for scan in scans:
         rows += [(1e-9 * s.stamp_ns, *s.angular_velocity) for s in scan.imu if np.isfinite(s.angular_velocity).all()]
         result = alone.update(_frozen(scan))
         if result is not None and not result.health.is_lost:
             ends.append(1e-9 * result.stamp_ns)
             rotations.append(alone.state.rotation)
+            shares.append(result.health.inlier_ratio)
     if len(ends) < PAIRS_LEAST or len(rows) < PAIRS_LEAST:
         return Diagnosis(())
     step = max(1, round(TURN_S / float(np.median(np.diff(ends)))))
     ends, rotations = ends[::step], rotations[::step]
     if len(ends) < PAIRS_LEAST:
         return Diagnosis(())
+    # In the mean from end to end: parts of a turn see sides of a place with more and with fewer planes.
+    spans = [shares[i : i + step + 1] for i in range(0, step * (len(ends) - 1), step)]
+    follows = np.mean(spans, axis=1) >= FOLLOWS * np.median(shares)
+    if np.count_nonzero(follows) < PAIRS_LEAST:
+        return Diagnosis(())
     times = np.array(ends)
     turns = np.array([log(a.T @ b) for a, b in pairwise(rotations)]) / np.diff(times)[:, None]
-    if float(np.sqrt((turns**2).sum(axis=1).mean())) < TURN_LEAST:
+    if float(np.sqrt((turns[follows] ** 2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
-    return compare_turns(turns, times, np.array(rows), imu_from_lidar)
+    return compare_turns(turns, times, np.array(rows), imu_from_lidar, follows)
 
 
 def first_seconds(scans: Iterable[CloudScan], seconds: float) -> Iterator[CloudScan]:
@@ -116,8 +123,13 @@ def _frozen(scan: CloudScan) -> CloudScan:
     return CloudScan(replace(cloud, stamp_ns=middle_ns, time=np.zeros_like(cloud.time)), (), ())
 
 
-def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Diagnosis:
-    """Compare turn rates (N - 1, 3) rad/s of a LiDAR between `times` (N,) s with rows (M, 4) of a gyroscope: seconds and rates."""
+def compare_turns(
+    turns: F64, times: F64, rows: F64, imu_from_lidar: SE3, follows: NDArray[np.bool_] | None = None
+) -> Diagnosis:
+    """Compare turn rates (N - 1, 3) rad/s of a LiDAR between `times` (N,) s with rows (M, 4) of a gyroscope: seconds and rates. Only those count which the LiDAR `follows`
+    (N - 1,), all if nothing is said."""
+    follows = np.ones(len(turns), bool) if follows is None else follows
+    turns = turns[follows]
     rotation = imu_from_lidar.matrix()[:3, :3]
     sums = np.concatenate(
         [np.zeros((1, 3)), np.cumsum(0.5 * (rows[1:, 1:] + rows[:-1, 1:]) * np.diff(rows[:, :1], axis=0), axis=0)]
@@ -125,7 +137,7 @@ def compare_turns(turns: F64, times: F64, rows: F64, imu_from_lidar: SE3) -> Dia
 
     def gyro(shift: float) -> F64:
         at = np.stack([np.interp(times + shift, rows[:, 0], sums[:, j]) for j in range(3)], axis=1)
-        return np.asarray((np.diff(at, axis=0) / np.diff(times)[:, None]) @ rotation)
+        return np.asarray((np.diff(at, axis=0) / np.diff(times)[:, None])[follows] @ rotation)
 
     lidar = np.linalg.norm(turns, axis=1)
     fits = [_correlation(np.linalg.norm(gyro(shift), axis=1), lidar) for shift in SHIFTS]
