@@ -58,12 +58,15 @@ def driven(
     config: LioConfig | None = None,
     closes_loops: bool = False,
     air: AirFilterConfig | None = None,
+    hole: range = range(0),
 ) -> HandMadeContext:
-    """Play the walk; `rate` multiplies the gyroscope, clouds of `gap` hold nothing but noise far from everything."""
+    """Play the walk; `rate` multiplies the gyroscope, clouds of `gap` hold nothing but noise far from everything, in the `hole` neither LiDAR nor IMU says anything."""
     _, recorded = walk()
     context = HandMadeContext()
     context.start(LidarOdometryNode(robot(), config, air, closes_loops=closes_loops))
     for number, scan in enumerate(recorded[:scans]):
+        if number in hole:
+            continue
         cloud = scan.cloud
         if number in gap:
             noise = np.random.default_rng(number).normal(0.0, 30.0, cloud.points.shape)
@@ -128,6 +131,14 @@ def test_scans_that_fit_nothing_are_told_and_so_is_the_way_back() -> None:
     assert codes == ["LIO_GOOD", "LIO_LOST", "LIO_GOOD"]
     stamps = np.array([m.stamp_ns for m in context.messages(ODOMETRY)])
     assert 0.3 < np.diff(stamps).max() * 1e-9 < 0.7  # of 1.5 s without a scan that fits, one was coasted
+
+
+def test_a_hole_in_all_measurements_is_told_and_silences_odometry_until_the_place_is_found() -> None:
+    context = driven(190, hole=range(120, 124))
+    codes = [message.code for message in context.messages(STATUS)]
+    assert codes == ["LIO_GOOD", "LIO_ASTRAY", "LIO_GOOD"]
+    stamps = np.array([message.stamp_ns for message in context.messages(ODOMETRY)])
+    assert np.diff(stamps).max() > 2e9, "silent while it is looked for"
 
 
 def test_loops_are_closed_while_it_drives_and_the_map_begins_where_odom_does() -> None:

@@ -61,6 +61,18 @@ def test_of_a_moving_start_only_the_unit_is_told_by_the_length_of_the_force() ->
         assert start.scale == scale
 
 
+@pytest.mark.parametrize("unit", [1.0, 9.80665])
+def test_who_sets_off_is_not_refused_for_the_length_of_his_force(unit: float) -> None:
+    """A car's mean force over its first seconds is 10.6 m/s²."""
+    rows = still(3.5, np.zeros(3), unit)
+    rows[:, 4] += 0.4 * unit
+    rows[::2, 4] += 0.2 * unit
+    start = find_start(rows, CONFIG)
+    assert start is not None
+    assert not start.is_rest
+    assert start.scale == (9.80665 if unit == 1.0 else 1.0)
+
+
 @pytest.mark.parametrize("unit", [3.0, 981.0, 0.1])
 def test_forces_of_no_known_unit_are_refused(unit: float) -> None:
     with pytest.raises(LioInputError, match=r"neither 1 \(g\) nor 9.81"):

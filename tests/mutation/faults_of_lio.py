@@ -627,4 +627,25 @@ LIO = (
         "FOLLOWS = 0.0 ",
         ("tests/lio/test_doctor.py",),
     ),
+    PlantedFault(
+        "a LiDAR alone that begins in motion keeps a bent first scan",
+        "lio/odometry.py",
+        "            self._straighten(self._before_start.pop(), scan)",
+        "            self._before_start.pop()",
+        ("tests/lio/test_alone.py",),
+    ),
+    PlantedFault(
+        "a LiDAR alone begins at rest",
+        "lio/iterated_filter.py",
+        "is_second = self._inserts == 1 ",
+        "is_second = False ",
+        ("tests/lio/test_alone.py",),
+    ),
+    PlantedFault(
+        "a hole in all measurements is told to nobody",
+        "nodes/lidar_odometry.py",
+        "elif self._odometry.is_astray:",
+        "elif False:",
+        ("tests/lio/test_lidar_odometry_node.py",),
+    ),
 )

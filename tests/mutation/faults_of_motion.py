@@ -897,6 +897,13 @@ MOTION = (
         FENCE,
     ),
     PlantedFault(
+        "the navigator does not say that people are about",
+        "nodes/navigator.py",
+        "is_in_company = self._company.is_about(now_ns)",
+        "is_in_company = False",
+        ("tests/control/test_marks_among_people.py",),
+    ),
+    PlantedFault(
         "a way that people shut stays shut for a minute",
         "missions/blocked_ways.py",
         "keep = c.keep_company if is_in_company else c.keep",

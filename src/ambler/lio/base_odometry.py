@@ -107,6 +107,11 @@ class BaseOdometry:
         if self._fitted_ns is None or not result.health.is_lost:
             self._fitted_ns = estimate.stamp_ns
 
+    @property
+    def is_astray(self) -> bool:
+        """Whether nothing was measured for so long that the place is being looked for; not to be asked while a scan is registered."""
+        return self._filter.is_astray
+
     def between_odoms(self, corrected_from_map: SE3) -> SE3:
         """Return a correction of the filter's map as the pose of odom in a corrected frame that began as odom did."""
         return self._odom_from_map @ corrected_from_map @ self._odom_from_map.inverse()

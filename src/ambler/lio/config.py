@@ -71,7 +71,10 @@ class StartConfig:
     patience: float = 3.0
     rest_gyro_sigma: float = 0.03
     rest_accel_sigma: float = 0.25
-    gravity_window: float = 0.06  # relative deviation of the mean force from 1 g or 9.81 m/s² that is believed
+    gravity_window: float = (
+        0.06  # relative deviation of the mean force from 1 g or 9.81 m/s² that is believed at rest, and
+    )
+    motion_window: float = 0.3  # of who moves: a car that sets off adds a third of it
     rehearsed: int = (
         10  # scans, of who begins in motion: a filter that is given away follows them to learn how fast he is
     )

@@ -17,7 +17,7 @@ from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.kernels import voxel_map as voxel_kernels
-from ambler.lio.alone import turned_states
+from ambler.lio.alone import moved_states, turned_states
 from ambler.lio.beginning import since_start_jacobian, start_from_map
 from ambler.lio.config import LioConfig
 from ambler.lio.degeneracy import Degeneracy, find_degeneracy
@@ -32,6 +32,7 @@ from ambler.recordings.cloud_scan import CloudScan
 
 F64 = NDArray[np.float64]
 SCAN_LEAST = 0.05  # s; what parts of a turn differ by is their noise
+CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows its motion
 POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
 USUAL = 0.1  # what a scan says of that share
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
@@ -220,9 +221,11 @@ class IteratedFilter:
         one, too, as far as one turns in so many `seconds`, and takes the state at which most do."""
         before, count = self.covariance, max(len(points_imu), 1)
         found = self._update_iterated(prior, points_imu, ranges)
-        if not self.config.has_imu and self._inserts > 1 and found[2][0] < POOR * self._usual * count:
+        is_second = self._inserts == 1  # nothing has told yet how fast it is, nor how many points fit
+        if not self.config.has_imu and found[2][0] < (CLEAR if is_second else POOR * self._usual) * count:
             best = found, self.covariance
-            for begin in turned_states(self.state, prior, seconds):
+            begins = moved_states(prior, seconds) if is_second else turned_states(self.state, prior, seconds)
+            for begin in begins:
                 self.covariance = before
                 other = self._update_iterated(prior, points_imu, ranges, begin)
                 if other[2][0] > best[0][2][0]:

@@ -22,17 +22,18 @@ from ambler.lio.beginning import begun_covariance, levelled
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.hole import Hole, PlaceSearch, Whereabouts, whereabouts
-from ambler.lio.iterated_filter import IteratedFilter
+from ambler.lio.iterated_filter import CLEAR, IteratedFilter
 from ambler.lio.start import LioInputError, Start, find_start, in_motion, level_rotation
 from ambler.lio.state import FilterState, orthonormal
+from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_scan import CloudScan
 
 F64 = NDArray[np.float64]
 CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement from which on they are of two clocks
 OUTAGE = 0.5  # s without scans from which on the state is walked on in steps of `STEP` s, short enough to notice that it stands
 STEP = 0.1
+CLEAR_OF_TWO = 0.2  # of the points on planes: single scans have gaps between their rings
 BEFORE_START = 10.0  # s of inertial measurements that are kept while no cloud has come
-CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows its motion
 
 
 class LidarInertialOdometry(IteratedFilter):
@@ -72,16 +73,23 @@ class LidarInertialOdometry(IteratedFilter):
         if self.start is None and not self._begin(scan):
             return None
         beginning = end if is_empty else self._beginning(scan.cloud)
-        if self._is_astray(beginning):
+        if self._has_gone_astray(beginning):
             self._look_for_place(scan)
             self._heard = max(self._heard, end)
             return None
+        if not self.config.has_imu and self._before_start and self._inserts and not is_empty:
+            self._straighten(self._before_start.pop(), scan)
         came_from = self.state.position
         self._walk_on(beginning)
         self._heard = max(self._heard, end, self._time)
         if end <= self._time or is_empty:
             return None
         return self.step(scan, end, came_from)
+
+    @property
+    def is_astray(self) -> bool:
+        """Whether a hole in all measurements has been met and its place not found again since."""
+        return bool(self.holes) and not self.holes[-1].is_regained
 
     @property
     def refused_text(self) -> str:
@@ -177,24 +185,26 @@ class LidarInertialOdometry(IteratedFilter):
         self._begin_at(other._time, begun, c.start.rehearsed_sigma)
         return True
 
-    def _speed_alone(self, scans: list[CloudScan]) -> tuple[F64, float]:
-        """Return how fast the LiDAR alone says that it is after some scans (m/s, in the IMU's axes then, float64 (3,)), and how sure that is. Each scan counts as of
-        one instant: those of a steady motion are bent alike, and fit each other, while to straighten them its speed must be known."""
+    def _speed_alone(self, scans: list[CloudScan], least: float = CLEAR) -> tuple[F64, float]:
+        """Return how fast the LiDAR alone says that it was over some scans (m/s, in the IMU's axes at the first, float64 (3,)), and how sure that is; infinity where fewer than the `least` share of points
+        lie on planes. Each scan counts as of one instant: those of a steady motion are bent alike, and fit each other, while to straighten them its speed must be known."""
         c = self.config
         alone = LidarInertialOdometry(replace(c, has_imu=False, estimates_mount=False, estimates_clock=False))
         alone.state.imu_from_lidar = self.state.imu_from_lidar
-        results = [alone.update(CloudScan(at_one_instant(scan.cloud), (), ())) for scan in scans]
-        last = results[-1] if results else None
-        if last is None or last.health.is_degenerate or last.health.inlier_ratio < CLEAR:
+        told = [alone.update(CloudScan(at_one_instant(scan.cloud), (), ())) for scan in scans]
+        results = [result for result in told if result is not None]
+        if len(results) < 2 or results[-1].health.is_degenerate or results[-1].health.inlier_ratio < least:
             return np.zeros(3), math.inf
-        return alone.state.rotation.T @ alone.state.velocity, c.start.speed_alone_sigma
+        first, last = results[0], results[-1]
+        way = np.subtract(last.map_from_imu.translation, first.map_from_imu.translation)
+        return way / (1e-9 * (last.stamp_ns - first.stamp_ns)), c.start.speed_alone_sigma
 
     def _is_carried(self) -> bool:
         """Say whether who feels nothing moves all the same: a steady motion is no rest, and only scans tell the one from the other."""
         velocity, _ = self._speed_alone([scan for scan in self._before_start if len(scan.cloud.points)])
         return float(np.linalg.norm(velocity)) > self.config.start.rest_speed_most
 
-    def _is_astray(self, beginning: float) -> bool:
+    def _has_gone_astray(self, beginning: float) -> bool:
         """Say whether nobody knows where it is when a scan begins: nothing was measured for too long before it, or since then its place was not found."""
         if not self.config.has_imu:
             return False
@@ -205,7 +215,7 @@ class LidarInertialOdometry(IteratedFilter):
             self.holes[-1].end = beginning  # later, if nothing was measured again before it was found
             self._before_start.clear()
             self._follower = self._search = None
-        return bool(self.holes) and not self.holes[-1].is_regained
+        return self.is_astray
 
     def _look_for_place(self, scan: CloudScan) -> None:
         """Follow the scans since the hole with a filter of its own, and go on where what it sees is in the map, once that is clear."""
@@ -215,6 +225,7 @@ class LidarInertialOdometry(IteratedFilter):
             self._before_start.append(scan)
             if len(self._before_start) == self._before_start.maxlen:
                 self._follower = self._following()
+                self._before_start.clear()  # where they tell nothing, the next ten may
             self._imu.forget(self._imu.last - BEFORE_START)
             return
         result = self._follower.update(scan)
@@ -294,4 +305,24 @@ class LidarInertialOdometry(IteratedFilter):
         self.covariance = np.diag(sigmas**2)
         self._time = self._imu.seconds(scan.cloud.stamp_ns) - 1e-3
         self._origin = self.state.copy()
+        if np.ptp(scan.cloud.time) > 0.0:
+            self._before_start.append(scan)
         return True
+
+    def _straighten(self, first: CloudScan, second: CloudScan) -> None:
+        """Map the first scan of a LiDAR alone once more, as fast as the first two say that it began, where its points were not taken at one instant."""
+        velocity, sigma = self._speed_alone([first, second], CLEAR_OF_TWO)
+        if math.isinf(sigma):
+            return
+        cloud, known = first.cloud, slice(k.VELOCITY, k.GYRO_BIAS)
+        last = cloud.time.max()
+        moved = np.outer(cloud.time - last, self.state.imu_from_lidar[:, :3].T @ velocity)
+        straight = replace(
+            cloud, points=np.asarray(cloud.points + moved, np.float32), time=np.full_like(cloud.time, last)
+        )
+        self.map, self._inserted_at, self._inserts = VoxelMap(self.config.map), None, 0
+        points, _, times = self._thin_out(straight, self.state)
+        self._insert(self._compensate(points, times))
+        self.state.velocity = self.state.rotation @ velocity
+        self.covariance[known, :] = self.covariance[:, known] = 0.0
+        self.covariance[known, known] = sigma**2 * np.eye(3)

@@ -59,6 +59,8 @@ def find_start(rows: F64, config: StartConfig) -> Start | None:
     )
     if not is_rest and waited < config.patience:
         return None
+    if not is_rest:
+        scale, unit = _scale_of(length, config.motion_window)
     if scale is None:
         raise LioInputError(
             f"the mean specific force of the first {waited:.1f} s is {length:.2f}: neither 1 (g) nor 9.81 (m/s²), "

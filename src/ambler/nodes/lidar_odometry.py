@@ -158,6 +158,8 @@ class LidarOdometryNode(Node):
             self._tell_cloud(registered)
             self._tell_state(registered)
             self._close_loops(registered.result)
+        elif self._odometry.is_astray:
+            self._say("ASTRAY", {})
         self._go_on()
 
     def _close_loops(self, result: LioResult) -> None:
@@ -214,18 +216,23 @@ class LidarOdometryNode(Node):
         self._clouds += 1
 
     def _tell_state(self, registered: Registered) -> None:
-        """Say once what has changed, with the numbers of the scan that changed it."""
+        """Say how a scan fits, with its numbers."""
         health = registered.result.health
         state = "LOST" if health.is_lost else "DEGENERATE" if health.is_degenerate else "GOOD"
+        fields = {"inlier_ratio": health.inlier_ratio, "residual_m": health.residual_m, "weakest": health.weakest}
+        self._say(state, fields)
+
+    def _say(self, state: str, fields: dict[str, float | None]) -> None:
+        """Tell people and the log a state once, when it begins."""
         if state == self._state:
             return
         self._state = state
         text = {
             "LOST": "the scan fits nothing in the map: odometry coasts",
+            "ASTRAY": "nothing was measured for a while: where it is is looked for in the map, and no odometry is told",
             "DEGENERATE": "a direction is left to IMU and wheels: the place says too little",
             "GOOD": "scans fit the map",
         }[state]
-        fields = {"inlier_ratio": health.inlier_ratio, "residual_m": health.residual_m, "weakest": health.weakest}
         self.ctx.log(f"LIO_{state}", text, **fields)
         self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, f"LIO_{state}", text, json.dumps(fields)))
 
