@@ -213,10 +213,10 @@ ROWS: Sequence[Row] = (
     ),
     Row(
         "a real recording of a LiDAR alone (`balm`: 40 clouds, two a second, up to 29° between them; looked at in development), against its reference, beside kiss-icp",
-        "reported",
+        "all followed, RMS with the first pose aligned ≤ kiss-icp's",
         "lio_balm.json",
         "{start_rms_m:.3f} m RMS from the start (worst {start_max_m:.3f}), {ate_rms_m:.3f} m after the best rigid motion, {rotation_rms_deg:.2f}° RMS; kiss-icp {peer_kiss_start_rms_m:.3f} and {peer_kiss_ate_rms_m:.3f} m",
-        is_reported,
+        lambda fields: bool(fields["poses"] == 40 and fields["start_rms_m"] <= fields["peer_kiss_start_rms_m"]),
     ),
     Row(
         "particle update, 2000 × 60 beams; EKF step",
