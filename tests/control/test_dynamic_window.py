@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ambler.control.config import RolloutConfig
 from ambler.control.dynamic_window import DynamicWindow
 from ambler.control.velocity_samples import dynamic_window, velocity_samples, window_samples
+from ambler.core.errors import BadInputError
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
 from tests.control.closed_loop import DIFF, PERIOD, ROBOTS, World, arc, drive, line, step_velocity
@@ -92,3 +93,9 @@ def test_a_base_that_was_held_starts_from_rest_again() -> None:
     for _ in range(20):
         command = planner.compute_command(costs, spec, SE2(), BodyVelocity())  # the gate holds the base
     assert command.vx <= (CONFIG.reaction_time + CONFIG.control_period) * DIFF.limits.ax_max + 1e-9
+
+
+@pytest.mark.parametrize("name", ["horizon", "vx_samples", "vy_samples", "wz_samples", "control_period", "step_length"])
+def test_nothing_is_tried_without_samples_or_time(name: str) -> None:
+    with pytest.raises(BadInputError, match=f"rollout.{name} must be positive"):
+        RolloutConfig(**{name: 0})

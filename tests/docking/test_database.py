@@ -145,3 +145,21 @@ def test_a_marker_belongs_to_one_dock(tmp_path: Path) -> None:
     assert DockKind.MARKERS.value == "markers"
     with pytest.raises(BadInputError, match="cannot be read"):
         DockDatabase.load(tmp_path / "none.yaml")
+
+
+def test_what_cannot_be_written_is_not_known(tmp_path: Path) -> None:
+    """The disk fails during the second docking: the pose is that of the file, and the third docking counts as the second."""
+    base = DockDatabase(tmp_path / "docks.yaml", {})
+    base.teach(NOTCH, SE2(1.0, 2.0, 0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ambler.docking.database.write_whole", _full_disk)
+        with pytest.raises(OSError, match="full"):
+            base.refine("notch", SE2(1.1, 2.0, 0.0))
+        with pytest.raises(OSError, match="full"):
+            base.teach(NOTCH, SE2(5.0, 2.0, 0.0))
+    assert base.dock("notch").map_from_dock == DockDatabase.load(tmp_path / "docks.yaml").dock("notch").map_from_dock
+    assert base.dock("notch").map_from_dock.x == 1.0
+
+
+def _full_disk(path: Path, text: str) -> None:
+    raise OSError("the disk is full")

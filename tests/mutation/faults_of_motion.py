@@ -361,6 +361,13 @@ MOTION = (
         ("tests/settings/test_profiles.py",),
     ),
     PlantedFault(
+        "a configuration may make lengths and times negative",
+        "settings/profiles.py",
+        "return isinstance(value, int | float) and value < 0",
+        "return False",
+        ("tests/settings/test_profiles.py",),
+    ),
+    PlantedFault(
         "a goal beside the last one counts as reached",
         "control/path_tracker.py",
         "SAME_GOAL = (0.1, 0.3)",
@@ -1111,6 +1118,13 @@ MOTION = (
         "docking/database.py",
         "share = 1.0 / (min(dock.dockings, LEARNED) + 1)",
         "share = 1.0",
+        DATABASE,
+    ),
+    PlantedFault(
+        "a dock that cannot be saved is known all the same",
+        "docking/database.py",
+        "self._write(docks)\n        self._docks = docks",
+        "self._docks = docks\n        self._write(docks)",
         DATABASE,
     ),
     PlantedFault(

@@ -264,3 +264,9 @@ def test_a_goal_that_is_out_of_reach_of_any_grid_is_outside(far: float) -> None:
     planner = GridPlanner(PlannerConfig(is_unknown_allowed=True))
     with pytest.raises(GoalOutsideMapError, match="too far"):
         planner.plan(np.zeros(SPEC.shape, np.uint8), SPEC, SE2(0.0, 0.0), SE2(far, far))
+
+
+@pytest.mark.parametrize("name", ["corner_cells", "shortcut_window", "spacing"])
+def test_corners_lie_somewhere_apart(name: str) -> None:
+    with pytest.raises(BadInputError, match=f"planner.{name} must be positive"):
+        PlannerConfig(**{name: 0})

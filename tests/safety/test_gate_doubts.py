@@ -15,7 +15,7 @@ from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.robots.catalog import robot_model, robot_names
 from ambler.safety.blind_memory import overlap
-from ambler.safety.config import GateConfig
+from ambler.safety.config import GateConfig, VelocitySource
 from tests.safety.test_gaps import AHEAD, PUCK, Rig
 
 STILL = np.zeros((6, 6))
@@ -124,3 +124,12 @@ def test_arcs_that_have_nothing_in_common_leave_nothing() -> None:
 def test_numbers_that_would_switch_protection_off_are_refused(name: str, value: float) -> None:
     with pytest.raises(BadInputError, match=name):
         replace(GateConfig(), **{name: value})
+
+
+@pytest.mark.parametrize(
+    "sources",
+    [(), (VelocitySource("teleop", 1, 0.3), VelocitySource("teleop", 2, 0.3)), (VelocitySource("teleop", 1, 0.0),)],
+)
+def test_nobody_one_twice_or_without_time_may_not_drive(sources: tuple[VelocitySource, ...]) -> None:
+    with pytest.raises(BadInputError, match=r"gate\.sources"):
+        GateConfig(sources=sources)

@@ -116,3 +116,22 @@ def test_degrees_become_radians_in_sections_that_may_be_missing_and_in_rows() ->
 def test_mistakes_in_them_name_the_key(values: dict[str, object], message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         build(Several, values)
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    speed: float = 0.5
+    count: int = 3
+    height_min: float = 0.1
+    least: float = -1.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("speed", -0.1), ("count", -1)])
+def test_what_is_positive_is_not_made_negative(name: str, value: float) -> None:
+    with pytest.raises(BadInputError, match=f"{name}: must not be negative, and is {value}"):
+        build(Placed, {name: value})
+
+
+@pytest.mark.parametrize(("name", "value"), [("height_min", -0.2), ("least", -2.0), ("speed", 0.0)])
+def test_heights_and_what_is_negative_anyway_may_be(name: str, value: float) -> None:
+    assert getattr(build(Placed, {name: value}), name) == value

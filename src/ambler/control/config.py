@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ambler.core.errors import BadInputError
+
 
 @dataclass(frozen=True, slots=True)
 class RolloutConfig:
@@ -62,3 +64,8 @@ class RolloutConfig:
     weight_sideways: float = 0.3
     weight_movers: float = 4.0
     movers_near: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "vx_samples", "vy_samples", "wz_samples", "control_period", "step_length", "window"):
+            if getattr(self, name) <= 0:
+                raise BadInputError(f"rollout.{name} must be positive, not {getattr(self, name):g}")

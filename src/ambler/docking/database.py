@@ -72,17 +72,12 @@ class DockDatabase:
 
     def save(self) -> None:
         """Write the file: complete or not at all."""
-        content: dict[str, Any] = {"docks": {name: table_of_dock(self._docks[name]) for name in self.names}}
-        write_whole(self._path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True))
+        self._write(self._docks)
 
     def teach(self, dock: Dock, map_from_base: SE2) -> Dock:
         """Save a dock that the robot stands docked in: its pose is the robot's. A dock of that name is replaced."""
         _require_finite(map_from_base)
-        taught = replace(dock, map_from_dock=map_from_base, dockings=0)
-        _check_markers(self._path, {**self._docks, dock.name: taught})
-        self._docks[dock.name] = taught
-        self.save()
-        return taught
+        return self._keep(replace(dock, map_from_dock=map_from_base, dockings=0))
 
     def refine(self, name: str, map_from_base: SE2) -> Dock:
         """Move a dock's pose towards where the robot stands docked: a mean of the dockings so far, of the last ones later.
@@ -104,10 +99,19 @@ class DockDatabase:
             old.y + share * (map_from_base.y - old.y),
             wrap_angle(old.yaw + share * turn),
         )
-        refined = replace(dock, map_from_dock=pose, dockings=dock.dockings + 1)
-        self._docks[name] = refined
-        self.save()
-        return refined
+        return self._keep(replace(dock, map_from_dock=pose, dockings=dock.dockings + 1))
+
+    def _keep(self, dock: Dock) -> Dock:
+        """Put a dock in the place of that of its name; the file first, because what cannot be written must not be known either."""
+        docks = {**self._docks, dock.name: dock}
+        _check_markers(self._path, docks)
+        self._write(docks)
+        self._docks = docks
+        return dock
+
+    def _write(self, docks: dict[str, Dock]) -> None:
+        content: dict[str, Any] = {"docks": {name: table_of_dock(docks[name]) for name in sorted(docks)}}
+        write_whole(self._path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True))
 
 
 def _require_finite(pose: SE2) -> None:

@@ -57,6 +57,11 @@ class PlannerConfig:
     sweeps: int = 10  # 20 gain 0.001 % more
     shortcut_window: int = 200  # corners; fewer cut long straight legs in halls, 0.2 % dearer
 
+    def __post_init__(self) -> None:
+        for name in ("corner_cells", "shortcut_window", "spacing"):
+            if getattr(self, name) <= 0:
+                raise BadInputError(f"planner.{name} must be positive, not {getattr(self, name):g}")
+
 
 class GridPlanner:
     """Implements core.protocols.GlobalPlanner. Keeps its memory between calls, but no state."""

@@ -74,3 +74,10 @@ class GateConfig:
             raise BadInputError(f"gate.min_points must be 1 to {MIN_POINTS_MOST}, not {self.min_points}")
         if not 0.0 < self.stop_scale <= self.resume_scale <= 1.0:
             raise BadInputError("gate.stop_scale and resume_scale must rise within 0 … 1")
+        if len({source.name for source in self.sources}) != len(self.sources) or not self.sources:
+            raise BadInputError("gate.sources must name who may drive, everyone once")
+        for source in self.sources:
+            if source.timeout <= 0.0:
+                raise BadInputError(
+                    f"gate.sources: the timeout of {source.name} must be positive, not {source.timeout:g}"
+                )

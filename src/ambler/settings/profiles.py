@@ -22,6 +22,7 @@ from ambler.core.errors import BadInputError
 from ambler.wire.atomic_file import write_whole
 
 T = TypeVar("T")
+_HEIGHTS = ("height_m", "band_")  # what these fields begin with is measured from a floor or a sensor
 
 
 def load_profile(path: Path) -> dict[str, Any]:
@@ -75,19 +76,28 @@ def build(kind: type[T], values: Mapping[str, Any]) -> T:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise BadInputError(f"configuration {where}: {first['msg']}") from error
-    _require_finite(built, "")
+    _require_sensible(built, "")
     return built
 
 
-def _require_finite(config: Any, where: str, usual: Any = None) -> None:
-    """Raise BadInputError for nan, and for an infinite number where the default is finite: that of the section `usual`, if there is one."""
+def _require_sensible(config: Any, where: str, usual: Any = None) -> None:
+    """Raise BadInputError for nan, for an infinite number where the default is finite, that of the section `usual`, if there is one, and for
+    a negative one where it is positive: only heights are above or below something."""
     for f in dataclasses.fields(config):
         value, key = getattr(config, f.name), f"{where}{f.name}"
         default = _default(f) if usual is None else getattr(usual, f.name)
         if dataclasses.is_dataclass(value):
-            _require_finite(value, f"{key}.", default if type(default) is type(value) else None)
+            _require_sensible(value, f"{key}.", default if type(default) is type(value) else None)
         elif isinstance(value, float) and (math.isnan(value) or (math.isinf(value) and default != value)):
             raise BadInputError(f"configuration {key}: must be a finite number, not {value}")
+        elif (
+            _is_negative(value) and isinstance(default, int | float) and default > 0 and not f.name.startswith(_HEIGHTS)
+        ):
+            raise BadInputError(f"configuration {key}: must not be negative, and is {value}")
+
+
+def _is_negative(value: Any) -> bool:
+    return isinstance(value, int | float) and value < 0
 
 
 def _default(f: dataclasses.Field[Any]) -> Any:
