@@ -114,6 +114,21 @@ def test_the_outside_of_a_building_is_left_after_a_few_metres_of_way_however_nea
     assert side(1.2, 8.0) is Side.BEYOND_STRUCTURE  # the other side of the building, where no gap is
 
 
+@pytest.mark.parametrize("first", range(40, 50))
+def test_a_narrow_door_leads_out_wherever_it_lies_in_the_cells(first: int) -> None:
+    """A door of 0.6 m in a thick wall; what lies behind it is bare."""
+    spec = GridSpec(0.05, 300, 200, 0.0, 0.0)
+    data = np.zeros(spec.shape, np.int8)
+    data[20:180, 20:24] = data[20:180, 100:106] = data[20:24, 20:106] = data[176:180, 20:106] = 100
+    data[first : first + 12, 100:106] = 0
+    fence = Fence(FenceConfig())
+    fence.update(OccupancyGrid(0, "map", spec, data), SE2(3.0, 3.0))
+    middle = first + 6
+    cells = np.array([middle * spec.width + ix for ix in (120, 160, 190)])
+    assert (fence.sides_of(cells) == Side.INSIDE).all()
+    assert fence.sides_of(np.array([middle * spec.width + 230]))[0] == Side.BEYOND_STRUCTURE
+
+
 def test_columns_hold_a_hall_together_and_lost_returns_do_not() -> None:
     hall = plain()
     hall[30, 120] = hall[20, 200] = 100  # single cells: lost returns

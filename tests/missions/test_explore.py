@@ -63,6 +63,9 @@ class ScriptedSurveyor:
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
         return self.is_hiding
 
+    def explained(self, survey: Survey, occupancy: OccupancyGrid, map_from_base: SE2) -> Survey:
+        return survey
+
     def look_at_speck(self, survey: Survey, map_from_base: SE2) -> SE2 | None:
         return self.looks.pop(0) if self.looks else None
 

@@ -1,6 +1,7 @@
 """The explorer on the bus, in lockstep, with a node that plays SLAM, costmap and navigator in an ideal world."""
 
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -33,13 +34,14 @@ from ambler.runtime.tasks import (
 from ambler.runtime.topics import FRONTIERS, GATE_STATUS, GLOBAL_COSTMAP, MAP, STATUS, TERRAIN_CLEARING, TRANSFORMS
 
 
-def two_rooms() -> GridWorld:
+def two_rooms(door: int = 10, sees: float = 3.5) -> GridWorld:
+    """Two rooms and a door of so many cells of 0.1 m, for a robot of 0.5 m."""
     grid = np.full((60, 110), 100, np.int8)
     grid[5:55, 5:50] = 0
     grid[5:55, 53:105] = 0
-    grid[25:35, 50:53] = 0
+    grid[25 : 25 + door, 50:53] = 0
     spec = GridSpec(0.1, 110, 60, 0.0, 0.0)
-    return GridWorld(spec, grid, SE2(1.05, 1.05), distance_field, sensor_range=3.5, rays=360)
+    return GridWorld(spec, grid, SE2(1.05, 1.05), distance_field, sensor_range=sees, rays=360)
 
 
 class IdealRobot(Node):
@@ -131,10 +133,12 @@ class BrokenGate(Node):
         self.ctx.publish(GATE_STATUS, GateStatus(self.ctx.now_ns, self.state, "STALE_POINTS: rear_left", ""))
 
 
-def run(seconds: float, cancel_after: float | None = None, *others: Node) -> tuple[IdealRobot, Client]:
+def run(
+    seconds: float, cancel_after: float | None = None, *others: Node, world: GridWorld | None = None
+) -> tuple[IdealRobot, Client]:
     survey = FrontierSurvey(SurveyConfig(), distance_field)
     explorer = ExplorerNode(ExploreConfig(), survey, strategy_named("tour", distance_field))
-    robot, client = IdealRobot(two_rooms()), Client(cancel_after)
+    robot, client = IdealRobot(world or two_rooms()), Client(cancel_after)
     executor = LockstepExecutor(Stack([robot, explorer, client, *others]))
     try:
         executor.run(seconds)
@@ -215,3 +219,25 @@ def test_who_is_shut_in_tells_to_forget_the_terrain_around() -> None:
 def test_a_paused_gate_is_a_persons_wish() -> None:
     _, client = run(17.0, None, BrokenGate(GateState.PAUSED))
     assert client.outcome is None
+
+
+def test_a_door_that_is_too_narrow_is_named_with_its_width() -> None:
+    _, client = run(200.0, world=two_rooms(door=4, sees=8.0))
+    assert client.outcome is not None
+    assert client.outcome.code == "SUCCEEDED"
+    long = [frontier for frontier in client.outcome.result.remaining if len(frontier.cells) > 10]
+    assert long
+    for frontier in long:
+        words = re.search(r"about (\S+) m wide at \((\S+), (\S+)\)", frontier.reason)
+        assert words is not None
+        width, x, y = map(float, words.groups())
+        assert width == pytest.approx(0.4, abs=0.11)
+        assert (x, y) == pytest.approx((5.15, 2.7), abs=0.25)
+
+
+@pytest.mark.parametrize("door", [7, 10])
+def test_a_door_that_is_wide_enough_is_gone_through_and_nothing_is_narrow(door: int) -> None:
+    robot, client = run(200.0, world=two_rooms(door, sees=3.5))
+    assert client.outcome is not None
+    assert robot.world.coverage() == pytest.approx(1.0, abs=0.01)
+    assert not any("wide" in frontier.reason for frontier in client.outcome.result.remaining)

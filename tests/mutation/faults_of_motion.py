@@ -361,6 +361,20 @@ MOTION = (
         ("tests/settings/test_profiles.py",),
     ),
     PlantedFault(
+        "a way through a narrow door is judged on cells of half a metre",
+        "exploration/fence.py",
+        "way_cell: float = 0.1",
+        "way_cell: float = 0.5",
+        ("tests/exploration/test_fence.py",),
+    ),
+    PlantedFault(
+        "the narrowest way is told for the widest",
+        "exploration/narrow_ways.py",
+        "(here, (jy, jx), (jy, jx)) if here > least else (least, (jy, jx), narrowest)",
+        "(here, (jy, jx), (jy, jx))",
+        ("tests/exploration/test_narrow_ways.py",),
+    ),
+    PlantedFault(
         "a configuration may make lengths and times negative",
         "settings/profiles.py",
         "return isinstance(value, int | float) and value < 0",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
 
 U8 = NDArray[np.uint8]
+RIM = np.ones((5, 5), np.uint8)  # fine cells: a wall is so even, and a hull's rim lies partly outside of it
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 Boundary = tuple[tuple[float, float], ...]
 
@@ -39,7 +41,7 @@ class FenceConfig:
     would know its place by is seen by many beams. Nor does it go on for more than `open_reach` (m) when it has left the convex hull of all
     surfaces that it knows, through a gap or from its start: there it sees walls on one side only, along which it slides (2.4 m along the outer
     wall of a warehouse). At least `structure_least` metres of surface within 1.5 m are structure, not a lost return.
-    Judged on cells of `cell` (m)."""
+    Judged on cells of `cell` (m); whether a way leads somewhere on finer ones of `way_cell`: the narrowest door is twice as wide."""
 
     boundary: Boundary = ()
     radius: float = 0.0
@@ -47,11 +49,15 @@ class FenceConfig:
     open_reach: float = 5.0
     structure_least: float = 0.2
     cell: float = 0.5
+    way_cell: float = 0.1
 
     def __post_init__(self) -> None:
         if len(self.boundary) in (1, 2):
             raise BadInputError("a boundary needs at least three corners")
-        if min(self.radius, self.structure_reach, self.open_reach, self.structure_least) < 0.0 or self.cell <= 0.0:
+        if (
+            min(self.radius, self.structure_reach, self.open_reach, self.structure_least) < 0.0
+            or min(self.cell, self.way_cell) <= 0.0
+        ):
             raise BadInputError("the fence's lengths must not be negative, nor its cells empty")
 
 
@@ -64,7 +70,7 @@ class Fence:
         self._start: SE2 | None = None
         self._sides: U8 | None = None
         self._spec: GridSpec | None = None
-        self._stride = 1
+        self._stride = self._way_stride = 1
 
     def update(self, occupancy: OccupancyGrid, map_from_base: SE2, boundary: Boundary = ()) -> None:
         """Take a map; the first pose is the start. `boundary` goes before that of the configuration."""
@@ -73,7 +79,8 @@ class Fence:
         if self.center is None:
             self.center = (map_from_base.x, map_from_base.y)
         c, spec = self.config, occupancy.spec
-        self._spec, self._stride = spec, max(1, round(c.cell / spec.resolution))
+        self._spec, self._way_stride = spec, max(1, round(c.way_cell / spec.resolution))
+        self._stride = self._way_stride * max(1, round(c.cell / (self._way_stride * spec.resolution)))
         sides = np.full((-(-spec.height // self._stride), -(-spec.width // self._stride)), Side.INSIDE, np.uint8)
         if c.structure_reach > 0.0:
             sides[self._far_from_structure(occupancy.data)] = Side.BEYOND_STRUCTURE
@@ -108,34 +115,33 @@ class Fence:
     def _far_from_structure(self, occupancy: NDArray[np.int8]) -> NDArray[np.bool_]:
         """Tell which coarse cells [iy, ix] lie too far from any surface, or from the hull of all."""
         assert self._spec is not None
-        n, c = self._stride, self.config
-        rows = np.add.reduceat((occupancy >= OCC_OCCUPIED).view(np.uint8), np.arange(0, occupancy.shape[0], n), axis=0)
-        counts = np.add.reduceat(rows.astype(np.float32), np.arange(0, occupancy.shape[1], n), axis=1)
+        n, fine, c = self._stride, self._way_stride, self.config
+        fine_counts = _summed(occupancy >= OCC_OCCUPIED, fine)
+        is_surface, counts = fine_counts > 0, _summed(fine_counts, n // fine).astype(np.float32)
         around = cv2.boxFilter(counts, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
         is_structure = (counts > 0) & (around * self._spec.resolution >= c.structure_least)
         if not is_structure.any():
             return np.ones(counts.shape, np.bool_)
-        hull = np.zeros(counts.shape, np.uint8)
-        corners = cv2.convexHull(np.argwhere(is_structure)[:, ::-1].astype(np.int32))
-        cv2.fillConvexPoly(hull, corners, 1)
-        size = n * self._spec.resolution
-        steps = math.ceil(c.open_reach / size)
-        is_near = self._reached_from(hull > 0, counts > 0, steps)
-        return np.asarray((_away(is_structure) * size > c.structure_reach) | ~is_near)
+        held = is_surface & _spread(is_structure, n // fine, is_surface.shape)
+        hull = np.zeros(is_surface.shape, np.uint8)
+        cv2.fillConvexPoly(hull, cv2.convexHull(np.argwhere(held)[:, ::-1].astype(np.int32)), 1)
+        is_near = _summed(hull | self._reached_from(hull, is_surface), n // fine) > 0
+        return np.asarray((_away(is_structure) * n * self._spec.resolution > c.structure_reach) | ~is_near)
 
-    def _reached_from(self, inside: NDArray[np.bool_], surfaces: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-        """Tell which coarse cells [iy, ix] lie within so many steps around surfaces from the cells `inside` or from the start."""
+    def _reached_from(self, hull: U8, is_surface: NDArray[np.bool_]) -> U8:
+        """Tell which fine cells [iy, ix] lie within reach of ways around surfaces from inside the hull, or from the start."""
         assert self._spec is not None
         assert self._start is not None
-        passable = (~surfaces).astype(np.uint8)
-        reached = inside & ~surfaces
+        fine = self._way_stride
+        passable = (~is_surface).astype(np.uint8)
+        edge = np.bitwise_and(np.asarray(cv2.erode(hull, RIM), np.uint8), passable)
         iy, ix = self._spec.cell_of(self._start.x, self._start.y)
         if self._spec.contains_cell(iy, ix):
-            reached[iy // self._stride, ix // self._stride] = True
-        edge = reached.astype(np.uint8)
+            edge[iy // fine, ix // fine] = 1
+        steps = math.ceil(self.config.open_reach / (fine * self._spec.resolution))
         for _ in range(steps):  # not diagonally: a wall may run so
             edge = np.bitwise_and(np.asarray(cv2.dilate(edge, CROSS), np.uint8), passable)
-        return np.asarray(inside | reached | (edge > 0))
+        return edge
 
     def _beyond(self, polygon: Boundary, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell which coarse cells [iy, ix] have their middle outside of the polygon or the circle."""
@@ -150,6 +156,24 @@ class Fence:
         if polygon:
             is_beyond |= ~is_inside(polygon, x[None], y[:, None])
         return is_beyond
+
+
+def _summed(cells: NDArray[Any], n: int) -> NDArray[np.uint16]:
+    """Return the sums of squares of n x n cells; those at the end may be cut off."""
+    rows = np.zeros((-(-cells.shape[0] // n), cells.shape[1]), np.uint16)
+    sums = np.zeros((len(rows), -(-cells.shape[1] // n)), np.uint16)
+    for k in range(n):
+        part = cells[k::n]
+        rows[: len(part)] += part
+    for k in range(n):
+        part = rows[:, k::n]
+        sums[:, : part.shape[1]] += part
+    return sums
+
+
+def _spread(cells: NDArray[np.bool_], n: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return each cell as n x n ones, cut to a shape."""
+    return np.asarray(cells.repeat(n, axis=0).repeat(n, axis=1)[: shape[0], : shape[1]])
 
 
 def _away(mask: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -18,6 +18,7 @@ from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
+from ambler.exploration.narrow_ways import narrowest_places
 from ambler.exploration.overlooked import Overlooked, is_hidden
 from ambler.exploration.pockets import are_in_pockets
 from ambler.exploration.specks import Specks, SpecksConfig
@@ -219,6 +220,25 @@ class FrontierSurvey:
     def hides(self, frontier: Frontier, occupancy: OccupancyGrid) -> bool:
         """Tell whether a frontier that is gone may have closed only because the map assumes ground there now."""
         return self.config.assumed is not None and is_hidden(frontier, occupancy, self.config.assumed)
+
+    def explained(self, survey: Survey, occupancy: OccupancyGrid, map_from_base: SE2) -> Survey:
+        """Return the survey with what keeps the robot from frontiers that it cannot come near: how wide the widest way is where it is
+        narrowest, should that be less than twice the robot's width."""
+        c, spec, shift = self.config, occupancy.spec, occupancy.spec.offset_in(survey.costs.spec)
+        cells = np.argwhere(np.isfinite(self._distances(survey.costs, map_from_base))) - shift
+        reached, wanted = np.zeros(spec.shape, np.bool_), np.zeros(spec.shape, np.int64)
+        reached[tuple(cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)].T)] = True
+        near, frontiers = round(0.5 * c.goal_reach / spec.resolution), list(survey.frontiers)
+        for k, frontier in enumerate(frontiers):
+            iy, ix = spec.cell_of(*min(frontier.cells.tolist(), key=lambda cell: math.dist(cell, frontier.centroid)))
+            around = np.s_[max(0, iy - near) : iy + near + 1, max(0, ix - near) : ix + near + 1]
+            if not self._too_small(frontier.cells, spec.resolution) and not reached[around].any():
+                wanted[around] = k + 1
+        for number, place in narrowest_places(occupancy, c.free_below, reached, wanted).items():
+            if place.width < 2.0 * c.min_size:
+                frontier = frontiers[number - 1]
+                frontiers[number - 1] = replace(frontier, reason=f"{frontier.reason}; the widest way there is {place}")
+        return replace(survey, frontiers=tuple(frontiers))
 
     def look_at_speck(self, survey: Survey, map_from_base: SE2) -> SE2 | None:
         """Return from where to look at a small thing that alone shuts the way to a frontier of `survey`; None where there is none, or it was looked at often enough."""

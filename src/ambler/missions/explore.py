@@ -248,6 +248,7 @@ class ExploreMission:
             return self._look_at_speck(view, place)
         if self._goal.return_to_start and not self._is_home:
             return self._go_home(view)
+        self.survey = self._surveyor.explained(self._now, view.map, view.map_from_base)
         if self._now.reachable_area < self.config.min_reachable_area:
             text = f"boxed in: only {self._now.reachable_area:.2f} m² can be reached"
             return self._end(ExploreState.FAILED, "STUCK", text)

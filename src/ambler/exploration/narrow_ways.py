@@ -1,0 +1,61 @@
+"""What keeps the robot out: the narrowest place on the widest way to where it cannot go."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambler.core.messages import OccupancyGrid
+
+Mask = NDArray[np.bool_]
+AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx)
+
+
+@dataclass(frozen=True, slots=True)
+class NarrowPlace:
+    """How wide (m, to a cell) the ground is that robots move on, and where (m)."""
+
+    width: float
+    x: float
+    y: float
+
+    def __str__(self) -> str:
+        return f"about {self.width:.2f} m wide at ({self.x:.2f}, {self.y:.2f})"
+
+
+def narrowest_places(
+    occupancy: OccupancyGrid, free_below: int, reached: Mask, wanted: NDArray[np.int64]
+) -> dict[int, NarrowPlace]:
+    """Return for each number in `wanted`, [iy, ix], 0 for none, the narrowest place of the widest way to its cells from those that are
+    `reached`; not of what no free ground joins to them. Unknown cells narrow nothing: there may be ground.
+
+    A search for paths of the greatest bottleneck: the widest cell first, as Dijkstra's with the least of a path for the sum.
+    """
+    data, spec = occupancy.data, occupancy.spec
+    clearance = cv2.distanceTransform((data < free_below).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    labels, _ = ndimage.label((data >= 0) & (data < free_below) & ~reached, np.ones((3, 3)))
+    is_beyond = np.isin(labels, np.unique(labels[(wanted > 0) & (labels > 0)]))
+    beside = is_beyond & cv2.dilate(reached.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    heap = [(-float(clearance[iy, ix]), (iy, ix), (iy, ix)) for iy, ix in np.argwhere(beside).tolist()]
+    heapq.heapify(heap)
+    is_done = ~is_beyond
+    found: dict[int, NarrowPlace] = {}
+    while heap:
+        least, (iy, ix), narrowest = heapq.heappop(heap)
+        if is_done[iy, ix]:
+            continue
+        is_done[iy, ix] = True
+        number = int(wanted[iy, ix])
+        if number and number not in found:
+            found[number] = NarrowPlace((-2.0 * least - 1.0) * spec.resolution, *spec.center_of(*narrowest))
+        for dy, dx in AROUND:
+            jy, jx = iy + dy, ix + dx
+            if 0 <= jy < spec.height and 0 <= jx < spec.width and not is_done[jy, jx]:
+                here = -float(clearance[jy, jx])
+                heapq.heappush(heap, (here, (jy, jx), (jy, jx)) if here > least else (least, (jy, jx), narrowest))
+    return found
