@@ -899,8 +899,8 @@ MOTION = (
     PlantedFault(
         "exploration goes into the plain",
         "exploration/fence.py",
-        "_away(is_structure) * size > c.structure_reach",
-        "_away(is_structure) * size < 0.0",
+        "_away(is_structure) * n * self._spec.resolution > c.structure_reach",
+        "_away(is_structure) * n * self._spec.resolution < 0.0",
         FENCE,
     ),
     PlantedFault(
@@ -913,8 +913,8 @@ MOTION = (
     PlantedFault(
         "ways outside of a building lead through its walls",
         "exploration/fence.py",
-        "passable = (~surfaces).astype(np.uint8)",
-        "passable = np.ones(surfaces.shape, np.uint8)",
+        "passable = (~is_surface).astype(np.uint8)",
+        "passable = np.ones(is_surface.shape, np.uint8)",
         FENCE,
     ),
     PlantedFault(

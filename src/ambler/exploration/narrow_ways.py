@@ -18,7 +18,7 @@ AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx)
 
 @dataclass(frozen=True, slots=True)
 class NarrowPlace:
-    """How wide (m, to a cell) the ground is that robots move on, and where (m)."""
+    """How wide (m, to a cell, between the middles of what is beside it) the ground is that robots move on, and where (m)."""
 
     width: float
     x: float
@@ -52,7 +52,7 @@ def narrowest_places(
         is_done[iy, ix] = True
         number = int(wanted[iy, ix])
         if number and number not in found:
-            found[number] = NarrowPlace((-2.0 * least - 1.0) * spec.resolution, *spec.center_of(*narrowest))
+            found[number] = NarrowPlace(-2.0 * least * spec.resolution, *spec.center_of(*narrowest))
         for dy, dx in AROUND:
             jy, jx = iy + dy, ix + dx
             if 0 <= jy < spec.height and 0 <= jx < spec.width and not is_done[jy, jx]:

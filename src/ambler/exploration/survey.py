@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ambler.core.errors import BadInputError, PlanningError
 from ambler.core.grid import OCC_UNKNOWN, GridSpec
@@ -229,11 +230,17 @@ class FrontierSurvey:
         reached, wanted = np.zeros(spec.shape, np.bool_), np.zeros(spec.shape, np.int64)
         reached[tuple(cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)].T)] = True
         near, frontiers = round(0.5 * c.goal_reach / spec.resolution), list(survey.frontiers)
+        is_free = (occupancy.data >= 0) & (occupancy.data < c.free_below)
         for k, frontier in enumerate(frontiers):
+            if self._too_small(frontier.cells, spec.resolution):
+                continue
             iy, ix = spec.cell_of(*min(frontier.cells.tolist(), key=lambda cell: math.dist(cell, frontier.centroid)))
-            around = np.s_[max(0, iy - near) : iy + near + 1, max(0, ix - near) : ix + near + 1]
-            if not self._too_small(frontier.cells, spec.resolution) and not reached[around].any():
-                wanted[around] = k + 1
+            y0, x0 = max(0, iy - near), max(0, ix - near)
+            around = np.s_[y0 : iy + near + 1, x0 : ix + near + 1]
+            pieces, _ = ndimage.label(is_free[around], np.ones((3, 3)))  # not through a wall
+            is_near = pieces == pieces[iy - y0, ix - x0]
+            if is_free[iy, ix] and not reached[around][is_near].any():
+                wanted[around][is_near] = k + 1
         for number, place in narrowest_places(occupancy, c.free_below, reached, wanted).items():
             if place.width < 2.0 * c.min_size:
                 frontier = frontiers[number - 1]
