@@ -219,7 +219,7 @@ def test_a_heavy_base_that_obeys_slowly_is_not_stuck_and_one_that_stands_is(acce
     heavy, stuck = StallChecker(acceleration), StallChecker(acceleration)
     told = [(k * 50_000_000, BodyVelocity(0.8)) for k in range(1, 160)]
     assert all(heavy.update(ns, v, BodyVelocity(min(v.vx, acceleration * ns * 1e-9))) for ns, v in told)
-    assert not all(stuck.update(ns, v, BodyVelocity()) for ns, v in told[:45])
+    assert not all(stuck.update(ns, v, BodyVelocity()) for ns, v in told[:61])
 
 
 @pytest.mark.parametrize("told", [BodyVelocity(0.4), BodyVelocity(0.24, -0.32)])
@@ -231,3 +231,14 @@ def test_a_base_that_trembles_or_slides_to_the_side_does_not_obey(told: BodyVelo
     assert not all(trembling.update(t, told, sways[k % 2]) for k, t in enumerate(ns))
     assert not all(sliding.update(t, told, BodyVelocity(-told.vy, told.vx)) for t in ns)
     assert all(obeying.update(t, told, BodyVelocity(0.4 * told.vx, 0.4 * told.vy)) for t in ns)
+
+
+@pytest.mark.parametrize("period", [2, 4, 6])
+def test_a_base_that_is_told_now_this_and_now_the_opposite_cannot_obey_and_is_not_held(period: int) -> None:
+    """Two people in the way: the planner changes its mind several times a second, and the base, which follows with 0.8 m/s², hardly moves."""
+    stall, vy = StallChecker(0.8), 0.0
+    for k in range(1, 200):
+        told = BodyVelocity(0.0, 0.25 if k // period % 2 else -0.25)
+        vy += min(max(told.vy - vy, -0.04), 0.04)
+        assert stall.update(k * 50_000_000, told, BodyVelocity(0.0, 0.3 * vy))
+    assert not all(stall.update((200 + k) * 50_000_000, BodyVelocity(0.0, 0.25), BodyVelocity()) for k in range(40))

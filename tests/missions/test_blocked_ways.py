@@ -61,6 +61,18 @@ def test_a_kerb_that_is_met_twice_goes_on_to_both_sides() -> None:
     assert not ways.fail(straight(), HERE, 3 * S), "a way that fails takes three of them, as ever"
 
 
+def test_who_holds_the_robot_twice_among_people_is_no_kerb() -> None:
+    ways = BlockedWays(BlockedWaysConfig(front=0.3))
+    ways.hold(straight(), SE2(2.0, 0.0), 0, is_in_company=True)
+    assert len(ways.points(9 * S)) > 0
+    assert len(ways.points(11 * S)) == 0
+    ways.hold(straight(1.5), SE2(3.5, 1.5), 12 * S, is_in_company=True)
+    points = ways.points(13 * S)
+    assert np.ptp(points, axis=0).max() < 1.1, "what lies between the two places is free"
+    assert len(ways.points(31 * S)) > 0, "twice as long the second time"
+    assert len(ways.points(33 * S)) == 0
+
+
 def test_two_things_far_apart_are_two() -> None:
     ways = BlockedWays(BlockedWaysConfig(front=0.3))
     ways.hold(straight(), SE2(1.0, 0.0), 0)

@@ -920,8 +920,8 @@ MOTION = (
     PlantedFault(
         "the navigator does not say that people are about",
         "nodes/navigator.py",
-        "is_in_company = self._company.is_about(now_ns)",
-        "is_in_company = False",
+        "is_in_company=self._company.is_about(now_ns)):",
+        "is_in_company=False):",
         ("tests/control/test_marks_among_people.py",),
     ),
     PlantedFault(
@@ -1039,9 +1039,23 @@ MOTION = (
     PlantedFault(
         "whatever trembles obeys",
         "control/checkers.py",
-        "self._moved + (has.vx * told.vx + has.vy * told.vy) / speed * since,",
+        "self._moved + (has.vx * x + has.vy * y) / able * since,",
         "self._moved + math.hypot(has.vx, has.vy) * since,",
         JUDGES,
+    ),
+    PlantedFault(
+        "who is told now this and now the opposite is held",
+        "control/checkers.py",
+        "        if able < self._slow:",
+        "        if math.hypot(told.vx, told.vy) < self._slow:",
+        JUDGES,
+    ),
+    PlantedFault(
+        "who leans on a robot is a kerb",
+        "missions/blocked_ways.py",
+        "c.keep_company if is_in_company else c.keep_held",
+        "c.keep_held",
+        ("tests/missions/test_blocked_ways.py",),
     ),
     PlantedFault(
         "a robot pushes what it does not see",
@@ -1342,8 +1356,8 @@ MOTION = (
     PlantedFault(
         "a kerb that is met twice is two things",
         "missions/blocked_ways.py",
-        "if other.is_held and 0.0",
-        "if False and 0.0",
+        "elif away > 0.0 and now_ns < other.until_ns:",
+        "elif False:",
         ("tests/missions/test_blocked_ways.py",),
     ),
     PlantedFault(

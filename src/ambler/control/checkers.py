@@ -67,28 +67,32 @@ class ProgressChecker:
 class StallChecker:
     """Says when a robot that is told to move, and let through, does not: something holds it that no sensor shows, such as glass or a low kerb's end.
 
-    Of `patience` seconds of commands it must have moved `share` of what was told, as fast as a base with its `acceleration` (m/s²) can obey from rest; slower commands than
-    `slow` (m/s) say nothing. What counts is how it moved along what it was told: one that is held trembles, and slides to the side.
+    Within `patience` seconds it must have moved `share` of what a base with its `acceleration` (m/s²) does that obeys from rest; where that one is slower than
+    `slow` (m/s), as when it is told now this and now the opposite, nothing is asked. What counts is how it moved along with that one: a robot that is held trembles, and
+    slides to the side.
     """
 
     def __init__(self, acceleration: float, share: float = 0.2, patience: float = 1.0, slow: float = 0.1) -> None:
         self._acceleration, self._share, self._patience, self._slow = acceleration, share, patience, slow
-        self._able = 0.0
+        self._able = (0.0, 0.0)
         self._last_ns: int | None = None
         self._seconds = self._told = self._moved = 0.0
 
     def update(self, now_ns: int, told: BodyVelocity, has: BodyVelocity) -> bool:
         """Take the velocities that the base is told and has; return whether it obeys."""
         since, self._last_ns = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9, now_ns
-        speed = math.hypot(told.vx, told.vy)
-        if speed < self._slow:
-            self._seconds = self._told = self._moved = self._able = 0.0
+        x, y = self._able
+        missing = math.hypot(told.vx - x, told.vy - y)
+        step = min(1.0, self._acceleration * since / missing) if missing > 0.0 else 0.0
+        x, y = self._able = x + step * (told.vx - x), y + step * (told.vy - y)
+        able = math.hypot(x, y)
+        if able < self._slow:
+            self._seconds = self._told = self._moved = 0.0
             return True
-        self._able = min(speed, self._able + self._acceleration * since)
         self._seconds, self._told, self._moved = (
             self._seconds + since,
-            self._told + self._able * since,
-            self._moved + (has.vx * told.vx + has.vy * told.vy) / speed * since,
+            self._told + able * since,
+            self._moved + (has.vx * x + has.vy * y) / able * since,
         )
         if self._seconds < self._patience:
             return True

@@ -27,7 +27,8 @@ class BlockedWaysConfig:
     """`failures` within `near` metres of each other and `memory` s make a mark of `length` metres of the path and `width` across, so
     that it is not passed by a hand's breadth; it begins `ahead` metres before the robot: far enough for it to turn away. A mark holds for `keep` s, among people, who leave, for `keep_company` s, and twice as
     long each time that it comes back at the same place, up to `keep_most`. What holds the robot and no sensor shows is marked at once, for `keep_held` s: `width_held` metres across, from `front` metres before the base, where its body
-    ends, on. Held again within `same_thing` metres, it has met the same thing twice: that is marked from place to place and `beyond` metres farther to both sides, for `keep_same` s: a kerb does not walk away."""
+    ends, on. Held again within `same_thing` metres, it has met the same thing twice: that is marked from place to place and `beyond` metres farther to both sides, for `keep_same` s: a kerb does not walk away. Among people the robot may be held by one of
+    them: such a mark begins with `keep_company` s, too, and gets no wider."""
 
     failures: int = 3
     near: float = 1.0
@@ -97,16 +98,30 @@ class BlockedWays:
         new = _Mark(line[0], _widened(line, c.width), now_ns + round(keep * 1e9), keep)
         return self._add(new, old, map_from_base, now_ns, costs)
 
-    def hold(self, path: Path, map_from_base: SE2, now_ns: int, costs: CostGrid | None = None) -> bool:
-        """Take that something which no sensor shows (glass, the end of a kerb) holds the robot on a path here; returns whether it is marked. As a rule it goes on to both sides."""
+    def hold(
+        self,
+        path: Path,
+        map_from_base: SE2,
+        now_ns: int,
+        costs: CostGrid | None = None,
+        *,
+        is_in_company: bool = False,
+    ) -> bool:
+        """Take that something which no sensor shows (glass, the end of a kerb) holds the robot on a path here; returns whether it is marked. As a rule it goes on to both sides;
+        among people it may be one of them."""
         c = self.config
         x, y = _ahead(path, map_from_base, c.ahead, c.length)[0].tolist()
         yaw = math.atan2(y - map_from_base.y, x - map_from_base.x)
         along = _steps((c.front + TOUCH, c.front + TOUCH + c.length))
         line = np.array([map_from_base.x, map_from_base.y]) + along[:, None] * (math.cos(yaw), math.sin(yaw))
-        points, keep = [_widened(line, c.width_held)], c.keep_held
+        points, keep = [_widened(line, c.width_held)], c.keep_company if is_in_company else c.keep_held
         for other in self._marks:
-            if other.is_held and 0.0 < math.hypot(*(other.place - line[0])) <= c.same_thing and now_ns < other.until_ns:
+            away = math.hypot(*(other.place - line[0]))
+            if not other.is_held or away > c.same_thing:
+                continue
+            if is_in_company:
+                keep = min(max(keep, 2.0 * other.keep), c.keep_held)
+            elif away > 0.0 and now_ns < other.until_ns:
                 points.append(_through(other.place, line[0], c.beyond))
                 keep = c.keep_same
         mark = _Mark(line[0], np.concatenate(points), now_ns + round(keep * 1e9), keep, is_held=True)

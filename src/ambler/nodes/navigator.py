@@ -130,12 +130,8 @@ class NavigatorNode(Node):
         base, ways, now_ns = self.map_from_base(), self._blocked[self._level], self.ctx.now_ns
         if base is None:
             return False
-        if is_held:
-            is_marked = ways.hold(path, base, now_ns, self._costmap)
-        else:
-            is_in_company = self._company.is_about(now_ns)
-            is_marked = ways.fail(path, base, now_ns, self._costmap, is_in_company=is_in_company)
-        if not is_marked:
+        mark = ways.hold if is_held else ways.fail
+        if not mark(path, base, now_ns, self._costmap, is_in_company=self._company.is_about(now_ns)):
             return False
         why = "something that no sensor shows" if is_held else "a way that could not be followed three times"
         self.ctx.log("WAY_BLOCKED", f"{why} is planned around")
