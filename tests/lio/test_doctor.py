@@ -117,6 +117,16 @@ def test_a_clock_that_is_off_is_named_with_the_cure() -> None:
     assert any("lidar_clock=0.1" in t for t in troubles)
 
 
+def test_a_clock_that_was_named_is_no_trouble_once_it_is_told() -> None:
+    """Who did what the refusal asked for had been refused again."""
+    rig, _ = walk()
+    told = LioConfig(lidar_clock=0.1)
+    assert examine(with_rates(1.0, 100_000_000), told, rig.told_mount).troubles == ()
+    more = examine(with_rates(1.0, 220_000_000), told, rig.told_mount)
+    assert more.shift == pytest.approx(0.12, abs=0.016)
+    assert any("lidar_clock=0.2" in t for t in more.troubles)
+
+
 def test_a_mount_that_is_turned_is_named() -> None:
     turned = SE3.from_rpy((0.0, 0.0, 0.0), np.pi, 0.0, 0.0)
     assert any("other axes" in t for t in examined(with_rates(1.0), turned).troubles)

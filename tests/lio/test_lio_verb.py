@@ -14,6 +14,7 @@ from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.lio.config import LioConfig
 from ambler.lio.offline import run_offline
+from ambler.recordings.cloud_scan import ScanJoiner
 from ambler.wire.cloud_files import read_cloud, write_cloud
 from ambler.wire.trajectory_files import read_tum_3d
 from tests.lio.carried import save_clouds, save_recording, scans_of, walk
@@ -122,3 +123,22 @@ def test_the_mount_is_refined_for_all_poses() -> None:
     assert errors[1] < 0.7 * errors[0]
     off = (rig.mount.inverse() @ refined.imu_from_lidar).rotation
     assert 2.0 * np.linalg.norm(off[1:]) < 0.6 * 2.0 * np.linalg.norm((rig.mount.inverse() @ told).rotation[1:])
+
+
+@pytest.mark.parametrize("clock", [0.06, -0.06])
+def test_a_told_difference_of_the_clocks_takes_no_measurement_away(clock: float) -> None:
+    """Scans came with what was measured until their ends by the LiDAR's clock: the last 60 ms of each were guessed."""
+    rig, scans = walk()
+    joiner = ScanJoiner(waits_for_odometry=False, lidar_clock=clock)
+    given = []
+    for scan in scans:
+        for sample in scan.imu:
+            joiner.add(replace(sample, stamp_ns=sample.stamp_ns + round(clock * 1e9)))
+        joiner.add(scan.cloud)
+        given += joiner.ready()
+    given += joiner.rest()
+    result = run_offline(given[:-1], LioConfig(lidar_clock=clock), rig.told_mount)
+    truth = [s.world_from_imu for s in scans]
+    error = spatial_error(result.stamps_ns, result.poses, np.array([s.end_ns for s in scans]), truth)
+    assert result.gaps == 0
+    assert error.start_rms_m < 0.02

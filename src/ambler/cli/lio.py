@@ -189,7 +189,7 @@ def _opened(args: argparse.Namespace, config: LioConfig) -> tuple[Recording, SE3
             notes = (*notes, "the IMU's mount is not told (--mount): LiDAR and IMU are taken to be in one place")
             print(notes[-1])
     if config.has_imu and not args.no_check:
-        diagnosis = examine(first_seconds(recording.scans(), EXAMINED), config, mount)
+        diagnosis = examine(first_seconds(recording.scans(config.lidar_clock), EXAMINED), config, mount)
         if diagnosis.troubles:
             raise BadInputError(f"{path}: {'; '.join(diagnosis.troubles)} (--no-check maps it all the same)")
     return recording, mount, notes
@@ -203,7 +203,8 @@ def _map(recording: Recording, config: LioConfig, mount: SE3, cell: float, air: 
 
     base = imu_from_base(recording, mount)
     with scan_progress("mapping", recording.clouds) as on_scan:
-        return run_offline(recording.scans(), config, mount, base, cell=cell, on_scan=on_scan, air=AirFilter(air))
+        scans = recording.scans(config.lidar_clock)
+        return run_offline(scans, config, mount, base, cell=cell, on_scan=on_scan, air=AirFilter(air))
 
 
 def imu_from_base(recording: Recording, mount: SE3) -> SE3 | None:

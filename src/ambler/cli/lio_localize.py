@@ -98,7 +98,7 @@ def _localized(
     base = imu_from_base(recording, mount)
     with scan_progress("localizing", recording.clouds) as on_scan:
         return localize_offline(
-            recording.scans(), cloud_map, config, mount, base, guess=guess, on_scan=on_scan, air=air
+            recording.scans(config.lidar_clock), cloud_map, config, mount, base, guess=guess, on_scan=on_scan, air=air
         )
 
 

@@ -58,7 +58,9 @@ class BaseOdometry:
         self.config = config
         self._filter = LidarInertialOdometry(config, imu_from_lidar, imu_from_base, airs[0] if airs else None)
         self._air = airs[1] if airs else None
-        self._joiner = ScanJoiner(waits_for_odometry=False, held_most=HELD_MOST, has_outages=True)
+        self._joiner = ScanJoiner(
+            waits_for_odometry=False, held_most=HELD_MOST, has_outages=True, lidar_clock=self.config.lidar_clock
+        )
         self._carried = CarriedState(config.imu)
         mount = imu_from_base.matrix()
         self._imu_from_base, self._lever, self._base_from_imu = imu_from_base, mount[:3, 3], mount[:3, :3].T

@@ -38,7 +38,7 @@ SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of th
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """`troubles` in words, none: nothing was found. `rate_ratio` is the LiDAR's turn rate over the gyroscope's, `shift` the seconds
-    that the LiDAR's stamps lag behind, `agreement` the correlation of the axes; None: it did not turn enough to say."""
+    that the LiDAR's stamps lag behind more than is known, `agreement` the correlation of the axes; None: it did not turn enough to say."""
 
     troubles: tuple[str, ...]
     rate_ratio: float | None = None
@@ -72,7 +72,7 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     turns = np.array([log(a.T @ b) for a, b in pairwise(rotations)]) / np.diff(times)[:, None]
     if float(np.sqrt((turns[follows] ** 2).sum(axis=1).mean())) < TURN_LEAST:
         return Diagnosis(())
-    return compare_turns(turns, times, np.array(rows), imu_from_lidar, follows)
+    return compare_turns(turns, times, np.array(rows), imu_from_lidar, follows, config.lidar_clock)
 
 
 def first_seconds(scans: Iterable[CloudScan], seconds: float) -> Iterator[CloudScan]:
@@ -124,10 +124,16 @@ def _frozen(scan: CloudScan) -> CloudScan:
 
 
 def compare_turns(
-    turns: F64, times: F64, rows: F64, imu_from_lidar: SE3, follows: NDArray[np.bool_] | None = None
+    turns: F64,
+    times: F64,
+    rows: F64,
+    imu_from_lidar: SE3,
+    follows: NDArray[np.bool_] | None = None,
+    lidar_clock: float = 0.0,
 ) -> Diagnosis:
     """Compare turn rates (N - 1, 3) rad/s of a LiDAR between `times` (N,) s with rows (M, 4) of a gyroscope: seconds and rates. Only those count which the LiDAR `follows`
-    (N - 1,), all if nothing is said."""
+    (N - 1,), all if nothing is said; its stamps are known to lag `lidar_clock` s behind."""
+    times = times + lidar_clock
     follows = np.ones(len(turns), bool) if follows is None else follows
     turns = turns[follows]
     rotation = imu_from_lidar.matrix()[:3, :3]
@@ -162,7 +168,9 @@ def compare_turns(
         )
     as_told = max(fit for fit, at in zip(fits, SHIFTS, strict=True) if abs(at) <= SHIFT_MOST)
     if max(fits) > 0.8 and 1.0 - as_told > CLEARER * (1.0 - max(fits)):
-        troubles.append(f"the clocks differ by {shift:+.2f} s: set lidar_clock={shift:.2f}, or correct the stamps")
+        troubles.append(
+            f"the clocks differ by {shift:+.2f} s: set lidar_clock={lidar_clock + shift:.2f}, or correct the stamps"
+        )
     if max(fits) > 0.6 and agreement < SAME_AXES:
         troubles.append(
             f"LiDAR and gyroscope turn about other axes (agreement {agreement:.2f}): the IMU's mount in the LiDAR's frame is wrong"

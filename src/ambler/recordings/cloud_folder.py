@@ -49,8 +49,8 @@ class CloudFolder:
     def imu_topic(self) -> str | None:
         return "imu" if self.imu else None
 
-    def scans(self) -> Iterator[CloudScan]:
-        """Yield the clouds with the inertial measurements up to their end and one more. Raises BadInputError for a file that cannot be read."""
+    def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
+        """Yield the clouds with the inertial measurements up to their end and one more; their stamps lag `lidar_clock` s behind those of the measurements. Raises BadInputError for a file that cannot be read."""
         at = 0
         for file, stamp_ns in zip(self.files, self.stamps_ns, strict=True):
             table = read_cloud(file)
@@ -65,8 +65,8 @@ class CloudFolder:
             )
             cloud = returns_in_order(cloud)
             scan = CloudScan(cloud, (), ())
-            begin = at
-            while at < len(self.imu) and (at == begin or self.imu[at - 1].stamp_ns < scan.end_ns):
+            begin, taken_ns = at, scan.end_ns + round(lidar_clock * 1e9)
+            while at < len(self.imu) and (at == begin or self.imu[at - 1].stamp_ns < taken_ns):
                 at += 1
             yield CloudScan(cloud, self.imu[begin:at], ())
 

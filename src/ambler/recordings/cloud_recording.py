@@ -45,14 +45,16 @@ class CloudRecording:
     notes: tuple[str, ...]
     clouds: int = 0
 
-    def scans(self) -> Iterator[CloudScan]:
-        """Yield the clouds in the order of the recording; those whose stamp does not increase are left out, and counted in the next scan, so are measurements.
+    def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
+        """Yield the clouds in the order of the recording, whose stamps lag `lidar_clock` s behind those of the measurements; those whose stamp does not increase are left out, and counted in the next scan, so are measurements.
 
         Raises BadInputError for damage on the way.
         """
         with open_bag(self.path) as bag:
             joiner = ScanJoiner(
-                waits_for_imu=self.imu_topic is not None, waits_for_odometry=self.odom_topic is not None
+                waits_for_imu=self.imu_topic is not None,
+                waits_for_odometry=self.odom_topic is not None,
+                lidar_clock=lidar_clock,
             )
             names = {name for name in (self.cloud_topic, self.imu_topic, self.odom_topic) if name is not None}
             for _, message, _ in bag.messages(names):

@@ -95,6 +95,7 @@ class ScanJoiner:
     """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out, and so is a
     stamp that lies ahead by more than a second, if the next does not.
 
+    `lidar_clock` is how many seconds the clouds' stamps lag behind those of the measurements: of a cloud that was taken later than it says, so are the last ones.
     With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
     """
 
@@ -105,8 +106,9 @@ class ScanJoiner:
         waits_for_odometry: bool = True,
         held_most: int = HELD_MAX,
         has_outages: bool = False,
+        lidar_clock: float = 0.0,
     ) -> None:
-        self._has_outages = has_outages
+        self._has_outages, self._late_ns = has_outages, round(lidar_clock * 1e9)
         self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
         self._imu: _Stream[Imu] = _Stream()
         self._odometry: _Stream[Odometry] = _Stream()
@@ -124,7 +126,7 @@ class ScanJoiner:
     def ready(self) -> Iterator[CloudScan]:
         """Remove and yield what is complete, and what has waited for too long."""
         clouds = self._clouds.waiting
-        while clouds and (len(clouds) > self._held_most or self._is_covered(_end_ns(clouds[0]))):
+        while clouds and (len(clouds) > self._held_most or self._is_covered(self._taken_ns(clouds[0]))):
             yield self._next()
         longest_ns, last_ns = max((stream.span_ns(), stream.last_ns) for stream in (self._imu, self._odometry))
         if self._has_outages and not clouds and longest_ns > OUTAGE_NS:
@@ -144,8 +146,12 @@ class ScanJoiner:
     def _next(self) -> CloudScan:
         return self._with_measurements(self._clouds.waiting.popleft())
 
+    def _taken_ns(self, cloud: PointCloud) -> int:
+        """Return when the last point was taken, by the clock of the measurements."""
+        return _end_ns(cloud) + self._late_ns
+
     def _with_measurements(self, cloud: PointCloud) -> CloudScan:
-        end_ns = _end_ns(cloud)
+        end_ns = self._taken_ns(cloud)
         left_out = sum(stream.count_left_out() for stream in (self._imu, self._odometry, self._clouds))
         return CloudScan(cloud, self._imu.take(end_ns), self._odometry.take(end_ns), left_out)
 
