@@ -93,3 +93,30 @@ def test_dates_and_nanoseconds_are_times_and_numbers_of_files_are_none(tmp_path:
     assert found.stamps_ns == (1317042145594360375, 1317042145697866039)
     assert found.imu[0].stamp_ns == 1317042145594360375
     assert found.imu[0].linear_acceleration == (0.0, 0.0, 9.8)
+
+
+STAMPS = tuple(1583836591_182590976 + 100_000_000 * k for k in range(3))
+SAID = {
+    "ns": "{ns}",
+    "us": "{us}",
+    "number and seconds": "{k} {s}.{rest:09d}",
+    "seconds and nanoseconds": "{s},{rest}",
+    "ns and file": "{ns},{k}.pcd",
+}
+
+
+@pytest.mark.parametrize("form", SAID)
+def test_lists_of_times_go_by_many_forms(form: str, tmp_path: Path) -> None:
+    """Nanoseconds had overflowed, and the number of a cloud before its time was taken for its second."""
+    folder = folder_of(tmp_path, ["0.pcd", "1.pcd", "2.pcd"])
+    lines = [
+        SAID[form].format(k=k, ns=ns, us=ns // 1000, s=ns // 10**9, rest=ns % 10**9) for k, ns in enumerate(STAMPS)
+    ]
+    (folder / "times.txt").write_text("\n".join(["timestamp,file", *lines]))
+    exact = 1000 if form == "us" else 1
+    assert open_cloud_folder(folder).stamps_ns == tuple(ns // exact * exact for ns in STAMPS)
+
+
+def test_seconds_and_nanoseconds_in_names_are_times(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, [f"cloud_{ns // 10**9}_{ns % 10**9}.pcd" for ns in STAMPS])
+    assert open_cloud_folder(folder).stamps_ns == STAMPS

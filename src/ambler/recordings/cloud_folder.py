@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,13 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, PointCloud
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_scan import CloudScan, returns_in_order
-from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, column, point_times
+from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times
 from ambler.wire.cloud_files import kind_of, read_cloud
 
 F64 = NDArray[np.float64]
 TIMES = ("times.txt", "timestamps.txt", "times.csv")
 LATEST = 9e9  # s: later than any clock
+LATEST_NS = 9 * 10**18
 IMUS = ("imu.txt", "imu.csv")
 COLUMNS = ("t", "wx", "wy", "wz", "ax", "ay", "az")
 
@@ -112,7 +114,10 @@ def _stamps(path: Path, folder: Path, files: list[Path]) -> tuple[NDArray[np.int
         if len(stamps) != len(files):
             raise BadInputError(f"{source}: {len(stamps)} times for {len(files)} clouds")
         return stamps, source.name
-    names = [re.fullmatch(r"\D*(\d+\.\d+|\d{10,19})\D*", f.name.removesuffix(".gz").rsplit(".", 1)[0]) for f in files]
+    names = [
+        re.fullmatch(r"\D*(\d+\.\d+|\d{10}_\d{1,9}|\d{10,19})\D*", f.name.removesuffix(".gz").rsplit(".", 1)[0])
+        for f in files
+    ]
     if all(names):
         words = [match[1] for match in names if match is not None]
         stamps = np.array([_ns_of(word) for word in words], np.int64)
@@ -122,24 +127,42 @@ def _stamps(path: Path, folder: Path, files: list[Path]) -> tuple[NDArray[np.int
 
 
 def _listed(source: Path) -> NDArray[np.int64]:
-    """Return the times (ns) of a file with one a line: seconds, or dates as KITTI has them. Raises BadInputError."""
+    """Return the times (ns) of a file with one a line: s, ms, µs or ns, after the number of the cloud or before nanoseconds perhaps, or dates as KITTI has them. Raises BadInputError."""
     try:
-        seconds = np.loadtxt(source, ndmin=1, delimiter="," if source.suffix == ".csv" else None)
-    except (ValueError, OSError) as error:
-        try:
-            lines = source.read_text(encoding="utf-8", errors="replace").splitlines()
-            dates = np.array([line.strip().replace(" ", "T") for line in lines if line.strip()], "datetime64[ns]")
-        except (ValueError, OSError):
-            raise BadInputError(f"{source}: is no list of seconds or dates: {error}") from error
-        return dates.astype(np.int64)
-    seconds = seconds[:, 0] if seconds.ndim == 2 else seconds
-    if not np.isfinite(seconds).all():
-        raise BadInputError(f"{source}: a time is not finite")
-    return np.rint(seconds * 1e9).astype(np.int64)
+        lines = [line.strip() for line in source.read_text(encoding="utf-8", errors="replace").splitlines()]
+        lines = [line for line in lines if line and (line[0] in "0123456789-+." or line[:3].lower() in ("nan", "inf"))]
+        if lines and re.match(r"\d+-\d+-\d+[T ]", lines[0]):
+            return np.array([line.replace(" ", "T") for line in lines], "datetime64[ns]").astype(np.int64)
+        rows = [re.split(r"[,;\s]+", line) for line in lines]
+        times = [Decimal(row[0]) for row in rows]
+        if not all(time.is_finite() for time in times):
+            raise BadInputError(f"{source}: a time is not finite")
+        seconds = [row[1] if len(row) > 1 else "" for row in rows]
+        if times[:1] in ([0], [1]) and all(b - a == 1 for a, b in pairwise(times)) and all(map(_is_number, seconds)):
+            times = [Decimal(word) for word in seconds]
+        elif all(
+            len(row[0]) == 10 and word.isdecimal() and len(word) < 10 for row, word in zip(rows, seconds, strict=True)
+        ):
+            times = [time + Decimal(word).scaleb(-9) for time, word in zip(times, seconds, strict=True)]
+    except (ValueError, ArithmeticError, OSError) as error:
+        raise BadInputError(f"{source}: is no list of seconds or dates: {error}") from error
+    unit_ns = next(
+        unit for unit in (*UNITS_NS, 0) if unit == 0 or abs(max(times, default=Decimal(0))) * unit <= LATEST_NS
+    )
+    if unit_ns == 0:
+        raise BadInputError(f"{source}: {max(times):g} is no time in s, ms, µs or ns")
+    return np.array([round(time * unit_ns) for time in times], np.int64)
+
+
+def _is_number(word: str) -> bool:
+    return re.fullmatch(r"[-+]?\d*\.?\d+(e[-+]?\d+)?", word.lower()) is not None
 
 
 def _ns_of(word: str) -> int:
-    """Return a time since the epoch in a file's name: seconds with decimals, or whole s, ms, µs or ns by the number of digits."""
+    """Return a time since the epoch in a file's name: seconds with decimals, or with nanoseconds behind a line, or whole s, ms, µs or ns by the number of digits."""
+    whole, line, ns = word.partition("_")
+    if line:
+        return int(whole) * 10**9 + int(ns)
     seconds, point, decimals = word.partition(".")
     if point or len(seconds) == 10:
         return int(seconds) * 10**9 + int(decimals[:9].ljust(9, "0"))
