@@ -14,7 +14,7 @@ from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.lio.config import LioConfig
 from ambler.lio.offline import run_offline
-from ambler.recordings.cloud_scan import ScanJoiner
+from ambler.recordings.cloud_scan import CloudScan, ScanJoiner
 from ambler.wire.cloud_files import read_cloud, write_cloud
 from ambler.wire.trajectory_files import read_tum_3d
 from tests.lio.carried import save_clouds, save_recording, scans_of, walk
@@ -125,20 +125,35 @@ def test_the_mount_is_refined_for_all_poses() -> None:
     assert 2.0 * np.linalg.norm(off[1:]) < 0.6 * 2.0 * np.linalg.norm((rig.mount.inverse() @ told).rotation[1:])
 
 
-@pytest.mark.parametrize("clock", [0.06, -0.06])
-def test_a_told_difference_of_the_clocks_takes_no_measurement_away(clock: float) -> None:
-    """Scans came with what was measured until their ends by the LiDAR's clock: the last 60 ms of each were guessed."""
-    rig, scans = walk()
-    joiner = ScanJoiner(waits_for_odometry=False, lidar_clock=clock)
-    given = []
-    for scan in scans:
+def with_clock(clock: float) -> list[CloudScan]:
+    """The walk by a LiDAR whose stamps lag behind the IMU's, joined by who was told so."""
+    joiner, given = ScanJoiner(waits_for_odometry=False, lidar_clock=clock), []
+    for scan in walk()[1]:
         for sample in scan.imu:
             joiner.add(replace(sample, stamp_ns=sample.stamp_ns + round(clock * 1e9)))
         joiner.add(scan.cloud)
         given += joiner.ready()
-    given += joiner.rest()
-    result = run_offline(given[:-1], LioConfig(lidar_clock=clock), rig.told_mount)
+    return given
+
+
+@pytest.mark.parametrize("clock", [0.06, -0.06])
+def test_a_told_difference_of_the_clocks_takes_no_measurement_away(clock: float) -> None:
+    """Scans came with what was measured until their ends by the LiDAR's clock: the last 60 ms of each were guessed."""
+    rig, scans = walk()
+    result = run_offline(with_clock(clock), LioConfig(lidar_clock=clock), rig.told_mount)
     truth = [s.world_from_imu for s in scans]
     error = spatial_error(result.stamps_ns, result.poses, np.array([s.end_ns for s in scans]), truth)
     assert result.gaps == 0
     assert error.start_rms_m < 0.02
+    assert result.clock_off is None
+
+
+@pytest.mark.parametrize("clock", [0.05, -0.05, 0.02])
+def test_a_difference_of_the_clocks_that_nobody_told_is_named_with_the_cure(clock: float) -> None:
+    """The LiDAR alone is followed too coarsely to see it at the start; the filter knows it well after hundreds of scans."""
+    rig, scans = walk()
+    result = run_offline(with_clock(clock), LioConfig(), rig.told_mount)
+    assert result.clock_off == pytest.approx(clock, abs=0.015)
+    assert any(f"lidar_clock={result.clock_off:.3f}" in warning for warning in result.warnings())
+    sound = run_offline(scans_of(scans), LioConfig(), rig.told_mount)
+    assert sound.clock_off is None

@@ -28,6 +28,7 @@ DUSTY = 0.08  # share of points taken out that is worth a warning: grass and far
 DOUBTFUL = (
     0.1  # share of the poses that were lost, or contradict the IMU, from which on nobody may take the map for one
 )
+CLOCK_OFF = 3.0  # standard deviations that the LiDAR's clock is told to, from which on what was learned of it is worth a warning
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 
 
@@ -35,7 +36,7 @@ LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
     cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
-    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air."""
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air; `clock_off` how many seconds the LiDAR's stamps were found to lag behind the IMU's, None where that is about what was told."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -65,6 +66,7 @@ class OfflineLio:
     left_out: int = 0
     contradicted: int = 0
     holes: tuple[Hole, ...] = ()
+    clock_off: float | None = None
 
     @property
     def is_sure(self) -> bool:
@@ -107,6 +109,10 @@ class OfflineLio:
                 out.append(
                     f"{said}, and the place was not found again in the map ({hole.text}): the last {hole.scans} scans are lost, and not in the map"
                 )
+        if self.clock_off is not None:
+            out.append(
+                f"the LiDAR's clock was found to lag {self.clock_off:.3f} s behind the IMU's, which nobody told: with --set lio.lidar_clock={self.clock_off:.3f} the map is more exact"
+            )
         if self.biased:
             out.append(f"a bias of the IMU reached its limit in {self.biased} scans: unit, mount or clock may be wrong")
         if self.seeks_loops and len(self.links) == 0 and self.path_length >= LOOPLESS_M:
@@ -175,6 +181,8 @@ def run_offline(
     health = [result.health for result, _ in results]
     residuals = [h.residual_m for h in health if h.residual_m is not None]
     assert odometry.start is not None
+    clock = odometry.state.clock
+    is_clock_off = abs(clock - config.lidar_clock) > CLOCK_OFF * config.clock_sigma
     return OfflineLio(
         stamps_ns=stamps_ns,
         poses=tuple(pose @ lidar_from_imu for pose in closed),
@@ -204,6 +212,7 @@ def run_offline(
         left_out=odometry.left_out,
         contradicted=sum(h.is_contradicted for h in health),
         holes=tuple(odometry.holes),
+        clock_off=clock if is_clock_off else None,
     )
 
 
