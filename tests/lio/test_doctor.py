@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 
 from ambler.core.messages import Imu
+from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.lio.config import LioConfig
 from ambler.lio.doctor import Diagnosis, compare_turns, examine, first_seconds
 from ambler.recordings.cloud_scan import CloudScan
+from ambler.sim.hand_path import HandPath
+from ambler.sim.hand_rig import HandRig
+from ambler.sim.sensors import MID_360
+from ambler.sim.solids import Shape, Solid, WorldSpec
 from tests.lio.carried import scans_of, walk
 
 
@@ -196,3 +203,19 @@ def test_rocking_that_a_lidar_hardly_sees_accuses_nobody() -> None:
     assert in_the_open.rate_ratio == pytest.approx(1.0, abs=0.1)
     assert "0.60 times as fast" in rocking(0.6, 0.03, upright).troubles[0]
     assert "other axes" in rocking(1.0, 0.05, lying).troubles[0]
+
+
+def test_turns_over_a_plain_accuse_nobody() -> None:
+    """A plain with nine posts: the LiDAR alone cannot tell a turn about the vertical, and was taken for one that is mounted in other axes."""
+    rng = np.random.default_rng(4)
+    posts = []
+    for _ in range(9):
+        angle, far = float(rng.uniform(0.0, 6.28)), float(rng.uniform(12.0, 40.0))
+        place = SE2(far * math.cos(angle), far * math.sin(angle), 0.0)
+        posts.append(Solid("post", Shape.CYLINDER, place, 0.2, 0.2, 0.0, 3.0))
+    around = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    way = np.column_stack([8.0 * np.cos(around), 8.0 * np.sin(around), np.full(40, 1.25)])
+    world = WorldSpec("plain", tuple(posts), SE2(8.0, 0.0, 0.0))
+    rig = HandRig(world, HandPath(way), replace(MID_360, columns=2000), 8)
+    scans = [CloudScan(scan.cloud, scan.imu, ()) for scan in islice(rig.scans(), 120)]
+    assert examined(scans, rig.told_mount).troubles == ()

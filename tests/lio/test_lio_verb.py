@@ -127,7 +127,8 @@ def test_the_mount_is_refined_for_all_poses() -> None:
 
 def with_clock(clock: float) -> list[CloudScan]:
     """The walk by a LiDAR whose stamps lag behind the IMU's, joined by who was told so."""
-    joiner, given = ScanJoiner(waits_for_odometry=False, lidar_clock=clock), []
+    joiner = ScanJoiner(waits_for_odometry=False, lidar_clock=clock)
+    given: list[CloudScan] = []
     for scan in walk()[1]:
         for sample in scan.imu:
             joiner.add(replace(sample, stamp_ns=sample.stamp_ns + round(clock * 1e9)))

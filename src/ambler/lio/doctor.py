@@ -49,7 +49,7 @@ class Diagnosis:
 def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) -> Diagnosis:
     """Examine the first scans of a recording (some tens are enough)."""
     alone = LidarInertialOdometry(replace(config, has_imu=False, imu_from_lidar=None), SE3())
-    ends, rotations, shares, rows = [], [], [], []
+    ends, rotations, shares, is_blind, rows = [], [], [], [], []
     for scan in scans:
         rows += [(1e-9 * s.stamp_ns, *s.angular_velocity) for s in scan.imu if np.isfinite(s.angular_velocity).all()]
         result = alone.update(_frozen(scan))
@@ -57,6 +57,7 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
             ends.append(1e-9 * result.stamp_ns)
             rotations.append(alone.state.rotation)
             shares.append(result.health.inlier_ratio)
+            is_blind.append(len(result.health.frozen_rotation) > 0)
     if len(ends) < PAIRS_LEAST or len(rows) < PAIRS_LEAST:
         return Diagnosis(())
     step = max(1, round(TURN_S / float(np.median(np.diff(ends)))))
@@ -66,6 +67,8 @@ def examine(scans: Iterable[CloudScan], config: LioConfig, imu_from_lidar: SE3) 
     # In the mean from end to end: parts of a turn see sides of a place with more and with fewer planes.
     spans = [shares[i : i + step + 1] for i in range(0, step * (len(ends) - 1), step)]
     follows = np.mean(spans, axis=1) >= FOLLOWS * np.median(shares)
+    # Nor does a plain alone tell how one turned about the vertical: such turns go on as they were.
+    follows &= [not any(is_blind[i : i + step + 1]) for i in range(0, step * (len(ends) - 1), step)]
     if np.count_nonzero(follows) < PAIRS_LEAST:
         return Diagnosis(())
     times = np.array(ends)
