@@ -648,4 +648,32 @@ LIO = (
         "elif False:",
         ("tests/lio/test_lidar_odometry_node.py",),
     ),
+    PlantedFault(
+        "a told difference of the clocks takes the last measurements of scans away",
+        "recordings/cloud_scan.py",
+        "return _end_ns(cloud) + self._late_ns",
+        "return _end_ns(cloud)",
+        ("tests/lio/test_lio_verb.py::test_a_told_difference_of_the_clocks_takes_no_measurement_away",),
+    ),
+    PlantedFault(
+        "a difference of the clocks that was learned is kept to oneself",
+        "lio/offline.py",
+        "clock_off=clock if is_clock_off else None",
+        "clock_off=None",
+        ("tests/lio/test_lio_verb.py::test_a_difference_of_the_clocks_that_nobody_told_is_named_with_the_cure",),
+    ),
+    PlantedFault(
+        "the number of a cloud is its time",
+        "recordings/cloud_folder.py",
+        "times = [Decimal(word) for word in seconds]",
+        "pass",
+        ("tests/recordings/test_cloud_folder.py",),
+    ),
+    PlantedFault(
+        "turns that the place does not show count",
+        "lio/doctor.py",
+        "follows &= [not any(",
+        "follows &= [True or any(",
+        DOCTOR,
+    ),
 )
