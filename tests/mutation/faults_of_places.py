@@ -169,4 +169,11 @@ PLACES = (
         "        pass\n",
         ("tests/apps/test_start.py",),
     ),
+    PlantedFault(
+        "people are drawn into each other's ways",
+        "sim/generator/rooms.py",
+        "taken = (*(piece.place for piece in plan.pieces), *plan.walks)",
+        "taken = tuple(piece.place for piece in plan.pieces)",
+        ("tests/sim/test_generator.py::test_people_do_not_meet",),
+    ),
 )

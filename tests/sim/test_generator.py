@@ -130,6 +130,20 @@ def test_people_walk_where_nothing_stands(key: tuple[str, int], drawn: dict[tupl
         assert near == [], person.name
 
 
+@pytest.mark.parametrize("kind", ["office", "ward", "warehouse"])
+def test_people_do_not_meet(kind: str) -> None:
+    """They halt for each other, and would be a wall between them for ever."""
+    together = 0
+    for seed in range(12):
+        ways = [np.array([*person.way, person.way[0]]) for person in draw_place(kind, seed).world.people]
+        steps = np.linspace(0.0, 1.0, 100)[:, None]
+        walked = [np.concatenate([a + steps * (b - a) for a, b in itertools.pairwise(way)]) for way in ways]
+        for one, other in itertools.combinations(walked, 2):
+            together += 1
+            assert np.hypot(*(one[:, None] - other[None]).T).min() > 0.6
+    assert together > 0
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_seed_is_a_place_and_another_seed_another_one(kind: str) -> None:
     first = draw_place(kind, 3)

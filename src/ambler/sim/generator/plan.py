@@ -27,6 +27,7 @@ class Plan:
     start: Entry = field(default_factory=dict)
     walls: list[Entry] = field(default_factory=list)
     people: list[Entry] = field(default_factory=list)
+    walks: list[Rect] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
     fixed: Piece = field(default_factory=lambda: Piece(Rect(0, 0, 0, 0)))
     clear: list[Rect] = field(default_factory=list)

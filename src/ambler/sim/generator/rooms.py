@@ -14,6 +14,7 @@ from ambler.sim.generator.rect import Rect, drawn_widths
 from ambler.sim.generator.zones import Building, Style, Zone
 
 Rng = np.random.Generator
+WALKS_TRIED = 3  # ways that are drawn for each person, until one is free
 OFFICE_CLUTTER = (things.cabinet, things.plant, things.bin_of, things.copier, things.extinguisher, things.shelf)
 
 
@@ -279,7 +280,9 @@ def finish(
         if clutter is not None:
             clutter(plan, rect.inset(0.5 * style.outer))
     for _ in range(int(rng.integers(people[0], people[1] + 1))):
-        walk_along(plan, corridors[int(rng.integers(len(corridors)))])
+        for _ in range(WALKS_TRIED):
+            if walk_along(plan, corridors[int(rng.integers(len(corridors)))]):
+                break
 
 
 def place_start(plan: Plan, corridor: Rect) -> None:
@@ -294,26 +297,31 @@ def place_start(plan: Plan, corridor: Rect) -> None:
     plan.set_start(at)
 
 
-def walk_along(plan: Plan, corridor: Rect) -> None:
-    """Let somebody walk up and down a corridor, where nothing stands in the way: keeping right where it is wide, else on a straight line."""
+def walk_along(plan: Plan, corridor: Rect) -> bool:
+    """Let somebody walk up and down a corridor, where nothing stands in the way, and nobody else walks: keeping right where it is wide, else on a straight line;
+    return whether there was such a way.
+    Two people whose ways meet pass each other in life; here they halt and turn back, again and again, and are a wall between them."""
     rng = plan.rng
     is_level = corridor.width >= corridor.depth
     length, across = (corridor.width, corridor.depth) if is_level else (corridor.depth, corridor.width)
     if length < 6.0 or across < 1.5:
-        return
+        return False
     begin, end = sorted(float(v) for v in rng.uniform(1.0, length - 1.0, 2))
     middle = float(rng.uniform(0.35, 0.65)) * across
     off = 0.15 * across
     if end - begin < 4.0:
-        return
+        return False
     for half in (off, 0.0):
         place = Rect(begin, middle - half, end, middle + half).inset(-0.35)
         if is_level:
             place = Rect(corridor.x0 + place.x0, corridor.y0 + place.y0, corridor.x0 + place.x1, corridor.y0 + place.y1)
         else:
             place = Rect(corridor.x0 + place.y0, corridor.y0 + place.x0, corridor.x0 + place.y1, corridor.y0 + place.x1)
-        if not any(place.overlaps(piece.place) for piece in plan.pieces):
+        taken = (*(piece.place for piece in plan.pieces), *plan.walks)
+        if not any(place.overlaps(other) for other in taken):
+            plan.walks.append(place)
             line = place.inset(0.35)
             way = [(line.x0, line.y0), (line.x1, line.y0), (line.x1, line.y1), (line.x0, line.y1)]
             plan.person(way if half else [way[0], way[2]], float(rng.uniform(0.8, 1.3)))
-            return
+            return True
+    return False
