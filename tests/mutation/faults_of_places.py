@@ -74,8 +74,8 @@ PLACES = (
     PlantedFault(
         "people of drawn places walk through furniture",
         "sim/generator/rooms.py",
-        "if not any(place.overlaps(piece.place) for piece in plan.pieces):",
-        "if plan.pieces is not None:",
+        "if not any(place.overlaps(other) for other in taken):",
+        "if taken is not None:",
         ("tests/sim/test_generator.py::test_people_walk_where_nothing_stands",),
     ),
     PlantedFault(
