@@ -111,6 +111,10 @@ def test_a_long_way_without_a_closure_and_an_unsolved_graph_are_told() -> None:
     assert any(warning.startswith("no loop closure in ") for warning in replace(result, poses=far).warnings())
     assert not any("loop" in warning for warning in replace(result, poses=far, seeks_loops=False).warnings())
     assert any("did not converge" in warning for warning in replace(result, is_converged=False).warnings())
+    doubtful = result.covariances.copy()
+    doubtful[3, :3, :3] = [[2.0, 0.0, 0.0], [0.0, 5.0, 4.0], [0.0, 4.0, 5.0]]  # 3 m along a diagonal
+    told = replace(result, degenerate=7, covariances=doubtful).warnings()
+    assert any(line.startswith("7 scans left a direction") and "3.00 m at worst" in line for line in told)
 
 
 def test_the_mount_is_refined_for_all_poses() -> None:

@@ -676,4 +676,11 @@ LIO = (
         "follows &= [True or any(",
         DOCTOR,
     ),
+    PlantedFault(
+        "the doubt of a position is told along one axis",
+        "lio/offline.py",
+        "np.linalg.eigvalsh(self.covariances[:, :3, :3])[:, -1].max()",
+        "self.covariances[:, 0, 0].max()",
+        ("tests/lio/test_lio_verb.py",),
+    ),
 )
