@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambler.core.messages import OccupancyGrid
+from ambler.core.messages import Frontier, OccupancyGrid
 
 Mask = NDArray[np.bool_]
 AROUND = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx)
@@ -26,6 +28,38 @@ class NarrowPlace:
 
     def __str__(self) -> str:
         return f"about {self.width:.2f} m wide at ({self.x:.2f}, {self.y:.2f})"
+
+
+def tell_narrow_ways(
+    frontiers: Sequence[Frontier],
+    occupancy: OccupancyGrid,
+    free_below: int,
+    reached: Mask,
+    *,
+    near: float,
+    width: float,
+) -> tuple[Frontier, ...]:
+    """Return the frontiers, with the narrowest place of the widest way in the reason of each that is at least as long as the robot's `width` (m) and not come near: no
+    free ground within `near` metres (along each axis) of its middle is `reached`, [iy, ix], because ways there are less than twice as wide as the robot."""
+    spec, steps = occupancy.spec, round(near / occupancy.spec.resolution)
+    is_free = (occupancy.data >= 0) & (occupancy.data < free_below)
+    wanted = np.zeros(spec.shape, np.int64)
+    for number, frontier in enumerate(frontiers, 1):
+        if len(frontier.cells) * spec.resolution < width:
+            continue
+        iy, ix = spec.cell_of(*min(frontier.cells.tolist(), key=lambda cell: math.dist(cell, frontier.centroid)))
+        y0, x0 = max(0, iy - steps), max(0, ix - steps)
+        around = np.s_[y0 : iy + steps + 1, x0 : ix + steps + 1]
+        pieces, _ = ndimage.label(is_free[around], np.ones((3, 3)))  # not through a wall
+        is_near = pieces == pieces[iy - y0, ix - x0]
+        if is_free[iy, ix] and not reached[around][is_near].any():
+            wanted[around][is_near] = number
+    told = list(frontiers)
+    for number, place in narrowest_places(occupancy, free_below, reached, wanted).items():
+        if place.width < 2.0 * width:
+            reason = f"{frontiers[number - 1].reason}; the widest way there is {place}"
+            told[number - 1] = replace(frontiers[number - 1], reason=reason)
+    return tuple(told)
 
 
 def narrowest_places(

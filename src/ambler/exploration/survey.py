@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ambler.core.errors import BadInputError, PlanningError
 from ambler.core.grid import OCC_UNKNOWN, GridSpec
@@ -19,7 +18,7 @@ from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
-from ambler.exploration.narrow_ways import narrowest_places
+from ambler.exploration.narrow_ways import tell_narrow_ways
 from ambler.exploration.overlooked import Overlooked, is_hidden
 from ambler.exploration.pockets import are_in_pockets
 from ambler.exploration.specks import Specks, SpecksConfig
@@ -223,29 +222,14 @@ class FrontierSurvey:
         return self.config.assumed is not None and is_hidden(frontier, occupancy, self.config.assumed)
 
     def explained(self, survey: Survey, occupancy: OccupancyGrid, map_from_base: SE2) -> Survey:
-        """Return the survey with what keeps the robot from frontiers that it cannot come near: how wide the widest way is where it is
-        narrowest, should that be less than twice the robot's width."""
+        """Return the survey with what keeps the robot from frontiers that it cannot come near, should that be a way less than twice as wide as the robot."""
         c, spec, shift = self.config, occupancy.spec, occupancy.spec.offset_in(survey.costs.spec)
         cells = np.argwhere(np.isfinite(self._distances(survey.costs, map_from_base))) - shift
-        reached, wanted = np.zeros(spec.shape, np.bool_), np.zeros(spec.shape, np.int64)
+        reached = np.zeros(spec.shape, np.bool_)
         reached[tuple(cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)].T)] = True
-        near, frontiers = round(0.5 * c.goal_reach / spec.resolution), list(survey.frontiers)
-        is_free = (occupancy.data >= 0) & (occupancy.data < c.free_below)
-        for k, frontier in enumerate(frontiers):
-            if self._too_small(frontier.cells, spec.resolution):
-                continue
-            iy, ix = spec.cell_of(*min(frontier.cells.tolist(), key=lambda cell: math.dist(cell, frontier.centroid)))
-            y0, x0 = max(0, iy - near), max(0, ix - near)
-            around = np.s_[y0 : iy + near + 1, x0 : ix + near + 1]
-            pieces, _ = ndimage.label(is_free[around], np.ones((3, 3)))  # not through a wall
-            is_near = pieces == pieces[iy - y0, ix - x0]
-            if is_free[iy, ix] and not reached[around][is_near].any():
-                wanted[around][is_near] = k + 1
-        for number, place in narrowest_places(occupancy, c.free_below, reached, wanted).items():
-            if place.width < 2.0 * c.min_size:
-                frontier = frontiers[number - 1]
-                frontiers[number - 1] = replace(frontier, reason=f"{frontier.reason}; the widest way there is {place}")
-        return replace(survey, frontiers=tuple(frontiers))
+        near, width = 0.5 * c.goal_reach, c.min_size
+        told = tell_narrow_ways(survey.frontiers, occupancy, c.free_below, reached, near=near, width=width)
+        return replace(survey, frontiers=told)
 
     def look_at_speck(self, survey: Survey, map_from_base: SE2) -> SE2 | None:
         """Return from where to look at a small thing that alone shuts the way to a frontier of `survey`; None where there is none, or it was looked at often enough."""
