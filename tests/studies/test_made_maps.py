@@ -124,13 +124,13 @@ def test_as_many_people_walk_about_as_there_is_room_for() -> None:
 
 def test_people_that_fit_do_find_their_ways() -> None:
     """A robot that starts behind furniture shares its floor with nobody, though the rest of the office has room for many."""
-    drive = DriveCase("office-7101-day1", "diff", 23, 7101)
+    drive = DriveCase("office-7101-day1", "diff", 21, 7101)
     world = load_world(drive.world)
     start = world.start @ start_of(drive)
-    faults = tuple(Fault.parse(text) for text in people_fault(6, world, 7124, start))
+    faults = tuple(Fault.parse(text) for text in people_fault(6, world, 7122, start))
     assert faults == ()
-    assert people_fault(6, world, 7124, world.start) == ("people@6",)
-    simulated = World(world, [BodySpec("robot", robot_named("diff"), start)], SimulationConfig(7124, faults=faults))
+    assert people_fault(6, world, 7122, world.start) == ("people@6",)
+    simulated = World(world, [BodySpec("robot", robot_named("diff"), start)], SimulationConfig(7122, faults=faults))
     assert simulated.spec.people == world.people
 
 
