@@ -45,3 +45,12 @@ def _asked() -> tuple[np.ndarray, np.ndarray]:
     reached[1:41, 1:37] = True
     wanted[1:41, 77] = 7
     return reached, wanted
+
+
+def test_what_lies_far_behind_is_not_searched_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second room has 1400 cells before its edge: with 100 of them it is not come to, with all of them it is."""
+    occupancy = two_rooms((20, 6))
+    monkeypatch.setattr("ambler.exploration.narrow_ways.CELLS_MOST", 100)
+    assert narrowest_places(occupancy, 50, *_asked()) == {}
+    monkeypatch.setattr("ambler.exploration.narrow_ways.CELLS_MOST", 2000)
+    assert list(narrowest_places(occupancy, 50, *_asked())) == [7]
