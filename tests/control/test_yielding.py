@@ -191,6 +191,22 @@ def test_no_corner_of_a_creeping_robot_is_fast(robot, wanted: BodyVelocity) -> N
     assert yielding.creeping(BodyVelocity(0.01)) == BodyVelocity(0.01)
 
 
+@pytest.mark.parametrize("robot", [DIFF, SPOT])
+def test_among_people_a_robot_is_worth_its_speed_or_creeps(robot) -> None:
+    """Between creeping, which starts no contact that counts, and a tenth of a metre per second there is more to lose than to gain."""
+    speeds = set()
+    for away in np.arange(1.0, 3.0, 0.05):
+        yielding = Yielding(YieldConfig(), robot)
+        yielding.set_movers(walker(away, 0.3, 0.0, 0.0), SE2(), BodyVelocity())
+        for wanted in (BodyVelocity(0.5), BodyVelocity(0.0, 0.0, -0.6), BodyVelocity(0.07)):
+            v = sent(yielding, wanted)
+            x, y = robot.footprint.T
+            speeds.add(round(float(np.hypot(v.vx - v.wz * y, v.vy + v.wz * x).max()), 3))
+    assert not [v for v in speeds if 0.041 < v < 0.1]
+    assert max(speeds) > 0.3
+    assert 0.04 in speeds
+
+
 def test_a_robot_does_not_creep_into_who_stands_at_it() -> None:
     yielding = Yielding(YieldConfig(), DIFF)
     yielding.set_movers(walker(0.65, 0.0, 0.0, 0.0), SE2(), BodyVelocity())

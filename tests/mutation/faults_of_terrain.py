@@ -30,6 +30,15 @@ TERRAIN = (
         ("tests/perception/test_ground_map.py",),
     ),
     PlantedFault(
+        "a slope that is seen with holes is a row of steps",
+        "kernels/terrain_steps.py",
+        "behind4, _own_rise(h, ahead, ahead2, ahead3, ahead4))",
+        "behind4, 0.5 * (h - ahead2))",
+        (
+            "tests/perception/test_terrain.py::test_a_slope_that_is_seen_with_holes_is_no_row_of_steps_and_a_kerb_on_it_is",
+        ),
+    ),
+    PlantedFault(
         "a step of which half is seen is none any more",
         "kernels/terrain_steps.py",
         "if before > step and HOLD * step < most:",

@@ -517,6 +517,33 @@ def test_the_rim_of_a_slope_is_no_step(seen_of_it: int) -> None:
         assert not (classes == ground.OBSTACLE).any()
 
 
+@pytest.mark.parametrize("angle", [11.0, 15.0])
+@pytest.mark.parametrize(("share_seen", "least"), [(0.35, 30), (0.5, 80)])
+def test_a_slope_that_is_seen_with_holes_is_no_row_of_steps_and_a_kerb_on_it_is(
+    angle: float, share_seen: float, least: int
+) -> None:
+    """Close to a LiDAR that looks over the ground half of the cells are known, and three cells of a slope are as high as a step."""
+    m, rng = 40, np.random.default_rng(5)
+    iy, ix = np.mgrid[0:m, 0:m]
+    sure, slopes = np.empty((m + 8, m + 8), np.float32), np.zeros((2, m, m), np.float32)
+    many, nothing = np.full((m, m), 50.0, np.float32), np.zeros((m, m), np.uint8)
+    false, found = 0, 0
+    for toward in np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False):
+        slope = 0.2 * math.tan(math.radians(angle)) * (ix * math.cos(toward) + iy * math.sin(toward))
+        is_seen = (rng.random((m, m)) < share_seen).astype(np.uint8)
+        for kerb in (0.0, 0.16):
+            heights = (slope + 0.005 * rng.standard_normal((m, m)) + kerb * (ix >= 20)).astype(np.float32)
+            excess, classes = np.zeros((m, m), np.float32), np.zeros((m, m), np.uint8)
+            known = (heights, is_seen, heights, heights, many, nothing)
+            steps.judge_ground(*known, np.zeros(2, np.int64), 0.1, 0.08, 0.4, sure, slopes, excess, classes)
+            if kerb:
+                found += np.count_nonzero(classes[:, 19:22] == ground.OBSTACLE)
+            else:
+                false += np.count_nonzero(classes == ground.OBSTACLE)
+    assert false <= 4, "of 16 times 560 or 800 cells"
+    assert found > least
+
+
 @pytest.mark.parametrize(("left", "is_step"), [(0.06, True), (0.02, False)])
 def test_a_step_of_which_half_is_seen_stays_one_and_does_not_become_one(left: float, *, is_step: bool) -> None:
     """Few returns tell of a kerb's end, and fewer from near: it had been ground one second and a step the next, and ground when the robot reached it."""

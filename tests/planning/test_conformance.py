@@ -154,6 +154,32 @@ def test_a_start_in_the_inscribed_zone_is_left_and_one_in_a_block_is_refused(mak
         make().plan(costs, SPEC, SE2(*SPEC.center_of(80, 100)), SE2(6.0, 4.0))
 
 
+def pocket(rim: int = 253) -> np.ndarray:
+    """Return costs with a mark around a robot at cell (80, 100), whose own cells are free: it was there."""
+    costs = np.zeros(SPEC.shape, np.uint8)
+    costs[74:87, 94:107] = rim
+    costs[79:82, 99:102] = 0
+    return costs
+
+
+def test_who_stands_free_in_the_midst_of_a_mark_gets_out_of_it(make: Make) -> None:
+    start = SE2(*SPEC.center_of(80, 100))
+    for goal in (SE2(6.0, 4.0), SE2(-2.5, 2.0)):
+        result = make().plan(pocket(), SPEC, start, goal)
+        np.testing.assert_allclose(result.path[0, :2], [start.x, start.y])
+        np.testing.assert_allclose(result.path[-1, :2], [goal.x, goal.y])
+    assert np.isfinite(distance_field(pocket(), SPEC, start)[150, 190])
+
+
+def test_a_goal_within_a_pocket_is_gone_to_and_walls_about_one_are_not_passed(make: Make) -> None:
+    start, near = SE2(*SPEC.center_of(80, 100)), SE2(*SPEC.center_of(81, 101))
+    path = make().plan(pocket(), SPEC, start, near).path
+    assert np.hypot(*(path[:, :2] - path[0, :2]).T).max() < 0.1
+    with pytest.raises(NoValidPathError):
+        make().plan(pocket(rim=254), SPEC, start, SE2(6.0, 4.0))
+    assert np.isinf(distance_field(pocket(rim=254), SPEC, start)[150, 190])
+
+
 def test_bad_requests_have_names(make: Make) -> None:
     costs = np.zeros(SPEC.shape, np.uint8)
     with pytest.raises(StartOutsideMapError):

@@ -39,6 +39,8 @@ class YieldConfig:
     slow           m/s that do not count as moving towards somebody
     creep          m/s of the fastest corner of a robot that may go no faster: it stands within a centimetre, and a contact by less than
                    0.05 m/s is no collision
+    least          m/s of the fastest corner that are worth going in company: below it the robot creeps, because what it would gain is less
+                   than what a contact would cost
     step           seconds between the moments that are looked at
     scales         shares of a wanted velocity that are tried, the greatest first
     speed_min      below this a mover stands; he may walk again as he last did, or turn round
@@ -64,6 +66,7 @@ class YieldConfig:
     calm: float = 0.65
     slow: float = 0.03
     creep: float = 0.04
+    least: float = 0.1
     step: float = 0.05
     scales: tuple[float, ...] = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.08)
     speed_min: float = 0.3
@@ -139,13 +142,13 @@ class Yielding:
         return all(self._fastest(v) <= self._config.creep or self.contact_in(v) < math.inf for v in tried)
 
     def limited(self, wanted: BodyVelocity) -> BodyVelocity:
-        """Return as much of a velocity, along the same arc, as starts no contact; nothing if that is no more than `creeping`."""
+        """Return as much of a velocity, along the same arc, as starts no contact; nothing if that is hardly more than `creeping`."""
         if self.is_alone or wanted == BodyVelocity():
             return wanted
         c, most = self._config, self._in_company(wanted)
         for scale in c.scales:
             slower = _scaled(most, scale)
-            if self._fastest(slower) <= c.creep:
+            if self._fastest(slower) < c.least:
                 break
             if self.contact_in(slower) == math.inf:
                 return slower

@@ -33,8 +33,10 @@ def _step_down(h, beside, two_on, three_on, four_on, own_rise):
     is the rise per cell towards the lower side, of this side; NaN where it is not known.
     """
     beyond = 0.5 * (two_on - four_on)
-    if math.isnan(beyond):  # the rim of what is seen
+    if math.isnan(beyond):  # the rim of what is seen, and ground that is seen with holes
         beyond = beside - two_on if math.isnan(three_on) else two_on - three_on
+    if math.isnan(beyond):
+        beyond = three_on - four_on
     fall = -own_rise if own_rise < 0.0 else 0.0
     fall = beyond if beyond > fall else fall
     # What is not known is NaN, and no comparison with that holds.
@@ -54,14 +56,27 @@ def _slopes(sure, y, x, dy, dx, h, cell):
 
 
 @jit_ieee
+def _own_rise(h, behind, behind2, behind3, behind4):
+    """Return the rise per cell up to a cell of height `h` from the ground behind it: over two cells, or over as many as there are to the nearest farther one that
+    is known; NaN where none is. A slope that is seen with holes is no row of steps."""
+    if not math.isnan(behind2):
+        return 0.5 * (h - behind2)
+    if not math.isnan(behind3):
+        return (h - behind3) / 3.0
+    if not math.isnan(behind4):
+        return 0.25 * (h - behind4)
+    return h - behind
+
+
+@jit_ieee
 def _steps_along(sure, y, x, dy, dx, top, h):
     """Return the larger of the two steps down from a cell's `top` along an axis; `h` is the height of its ground."""
     ahead, behind = np.float64(sure[y + dy, x + dx]), np.float64(sure[y - dy, x - dx])
     ahead2, behind2 = np.float64(sure[y + 2 * dy, x + 2 * dx]), np.float64(sure[y - 2 * dy, x - 2 * dx])
     ahead3, behind3 = np.float64(sure[y + 3 * dy, x + 3 * dx]), np.float64(sure[y - 3 * dy, x - 3 * dx])
     ahead4, behind4 = np.float64(sure[y + 4 * dy, x + 4 * dx]), np.float64(sure[y - 4 * dy, x - 4 * dx])
-    forth = _step_down(top, ahead, ahead2, ahead3, ahead4, 0.5 * (h - behind2))
-    back = _step_down(top, behind, behind2, behind3, behind4, 0.5 * (h - ahead2))
+    forth = _step_down(top, ahead, ahead2, ahead3, ahead4, _own_rise(h, behind, behind2, behind3, behind4))
+    back = _step_down(top, behind, behind2, behind3, behind4, _own_rise(h, ahead, ahead2, ahead3, ahead4))
     return max(forth, back)
 
 

@@ -17,16 +17,15 @@ def distance_field(
 ) -> NDArray[np.float32]:
     """Return the shortest path's length from `start` to every cell's centre, float32 [iy, ix] metres, inf where none leads.
 
-    Inscribed, lethal and unknown cells are forbidden; a start on one begins at the nearest allowed cell, as the planner does.
+    Inscribed, lethal and unknown cells are forbidden; a start on one, or in a pocket between such, begins at the nearest allowed cell, as the planner does.
     Raises StartOutsideMapError or StartOccupiedError.
     """
     if not spec.contains(start.x, start.y):
         raise StartOutsideMapError(f"the robot at ({start.x:.2f}, {start.y:.2f}) is outside the map")
     iy, ix = spec.cell_of(start.x, start.y)
     costs = np.ascontiguousarray(costs)
-    if costs[iy, ix] >= COST_INSCRIBED:
-        weights = np.pad((costs < COST_INSCRIBED).astype(np.uint16), 1)
-        iy, ix = find_escape(costs, weights, (iy, ix), escape_radius / spec.resolution, way_out / spec.resolution)[-1]
+    radius, reach = escape_radius / spec.resolution, way_out / spec.resolution
+    iy, ix = find_escape(costs, costs < COST_INSCRIBED, (iy, ix), radius, reach)[-1]
     out = np.empty(costs.shape, np.float32)
     kernels.distance_field(costs, iy, ix, COST_INSCRIBED, spec.resolution, out)
     return out

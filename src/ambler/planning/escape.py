@@ -14,39 +14,51 @@ from ambler.core.grid import COST_INSCRIBED
 INSCRIBED_WEIGHT, LETHAL_WEIGHT = 10.0, 1000.0
 
 
+Cell = tuple[int, int]
+
+
 def find_escape(
-    costs: NDArray[np.uint8], weights: NDArray[np.uint16], start: tuple[int, int], radius: float, reach: float = 0.0
-) -> list[tuple[int, int]]:
+    costs: NDArray[np.uint8],
+    is_allowed: NDArray[np.bool_],
+    start: Cell,
+    radius: float,
+    reach: float = 0.0,
+    goal: Cell | None = None,
+) -> list[Cell]:
     """Return the cells (iy, ix) from the start to the first allowed cell; only the start itself when that is allowed.
 
     Least cost within `radius` cells: a step into an inscribed cell counts 10 times, into a lethal or unknown one 1000 times
-    its length, so that the robot leaves a wall on its own side. Beyond, up to `reach` cells, only over inscribed cells: along a gap that is too narrow to turn in. `weights` has a border of one cell, 0 is forbidden.
-    Raises StartOccupiedError.
+    its length, so that the robot leaves a wall on its own side. Beyond, up to `reach` cells, only over inscribed cells: along a gap that is too narrow to turn in.
+    A pocket, allowed cells that lead nowhere farther than `radius` from the start, is left too, over inscribed cells, unless the goal lies in it or nothing else
+    is allowed: the cells on which a robot stands count as free, whatever was marked around it. `is_allowed` bool [iy, ix]. Raises StartOccupiedError.
     """
-    if weights[start[0] + 1, start[1] + 1]:
-        return [start]
     height, width = costs.shape
-    best: dict[tuple[int, int], float] = {start: 0.0}
-    came_from: dict[tuple[int, int], tuple[int, int]] = {}
+    best: dict[Cell, float] = {start: 0.0}
+    came_from: dict[Cell, Cell] = {}
+    pockets: set[Cell] = set()
+    in_pocket: Cell | None = None
     queue = [(0.0, start)]
     while queue:
         cost, cell = heapq.heappop(queue)
         if cost > best[cell]:
             continue
-        if weights[cell[0] + 1, cell[1] + 1]:
-            way = [cell]
-            while way[-1] != start:
-                way.append(came_from[way[-1]])
-            return way[::-1]
+        if is_allowed[cell] and cell not in pockets:
+            pocket = _pocket_of(is_allowed, cell, start, radius)
+            if pocket is None or goal in pocket:
+                return _way_to(cell, came_from)
+            pockets |= pocket
+            in_pocket = cell if in_pocket is None else in_pocket
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
                 iy, ix = cell[0] + dy, cell[1] + dx
                 if not (0 <= iy < height and 0 <= ix < width):
                     continue
-                is_crossed = weights[iy + 1, ix + 1] or costs[iy, ix] == COST_INSCRIBED
+                is_crossed = is_allowed[iy, ix] or costs[iy, ix] == COST_INSCRIBED
+                if is_allowed[start] and not is_crossed:
+                    continue
                 if math.hypot(iy - start[0], ix - start[1]) > (max(radius, reach) if is_crossed else radius):
                     continue
-                factor = 1.0 if weights[iy + 1, ix + 1] else LETHAL_WEIGHT
+                factor = 1.0 if is_allowed[iy, ix] else LETHAL_WEIGHT
                 if costs[iy, ix] == COST_INSCRIBED:
                     factor = INSCRIBED_WEIGHT
                 total = cost + math.hypot(dy, dx) * factor
@@ -54,4 +66,29 @@ def find_escape(
                     best[iy, ix] = total
                     came_from[iy, ix] = cell
                     heapq.heappush(queue, (total, (iy, ix)))
+    if in_pocket is not None:
+        return _way_to(in_pocket, came_from)
     raise StartOccupiedError("the robot stands on an occupied or unknown place, with no free one within its own radius")
+
+
+def _way_to(cell: Cell, came_from: dict[Cell, Cell]) -> list[Cell]:
+    way = [cell]
+    while way[-1] in came_from:
+        way.append(came_from[way[-1]])
+    return way[::-1]
+
+
+def _pocket_of(is_allowed: NDArray[np.bool_], cell: Cell, start: Cell, radius: float) -> set[Cell] | None:
+    """Return the allowed cells that hang together with one, None if some lie farther than `radius` from the start."""
+    height, width = is_allowed.shape
+    pocket, stack = {cell}, [cell]
+    while stack:
+        y, x = stack.pop()
+        if math.hypot(y - start[0], x - start[1]) > radius:
+            return None
+        for iy in range(max(0, y - 1), min(height, y + 2)):
+            for ix in range(max(0, x - 1), min(width, x + 2)):
+                if is_allowed[iy, ix] and (iy, ix) not in pocket:
+                    pocket.add((iy, ix))
+                    stack.append((iy, ix))
+    return pocket

@@ -77,7 +77,7 @@ class GridPlanner:
         """Return a path from start to goal in the frame of `spec`.
 
         A goal on a forbidden cell is replaced by the nearest reachable cell, and `goal_distance` says how far that lies. A start
-        on a forbidden cell leaves it by the cheapest way. Raises StartOutsideMapError, GoalOutsideMapError, StartOccupiedError
+        on a forbidden cell, or in a pocket between such, leaves it by the cheapest way. Raises StartOutsideMapError, GoalOutsideMapError, StartOccupiedError
         (nothing free within the escape radius) or NoValidPathError.
         """
         if self.config.is_unknown_allowed and costs.shape == spec.shape:
@@ -85,7 +85,7 @@ class GridPlanner:
         start_cell, goal_cell = self._cells(costs, spec, start, goal)
         self._weigh(costs)
         radius, reach = self.config.escape_radius / spec.resolution, self.config.way_out / spec.resolution
-        escape = find_escape(costs, self._weights, start_cell, radius, reach)
+        escape = find_escape(costs, self._weights[1:-1, 1:-1] != 0, start_cell, radius, reach, goal_cell)
         begin = escape[-1]
         reached = self._search(begin, goal_cell)
         if reached != goal_cell:

@@ -120,7 +120,7 @@ class VisibilityPlanner:
         self._begin(goal)
         cells = classes_of(costs, c.lethal_from, is_unknown_allowed=c.is_unknown_allowed)
         self.graph.update(spec, cells, self._level, self._hidden(costs, spec))
-        escape = self._escape(costs, cells, spec, start)
+        escape = self._escape(costs, cells, spec, start, goal)
         begin = escape[-1] if escape else (start.x, start.y)
         self.graph.drive(*begin, self._level)
         end = (goal.x, goal.y)
@@ -293,15 +293,12 @@ class VisibilityPlanner:
 
     # Paths
 
-    def _escape(self, costs: U8, cells: U8, spec: GridSpec, start: SE2) -> list[tuple[float, float]]:
+    def _escape(self, costs: U8, cells: U8, spec: GridSpec, start: SE2, goal: SE2) -> list[tuple[float, float]]:
         """Return the way (x, y) out of forbidden cells, the exact start first; empty when the start is on none."""
         cell = spec.cell_of(start.x, start.y)
-        if cells[cell] != FORBIDDEN:
-            return []
-        weights = np.pad((cells != FORBIDDEN).astype(np.uint16), 1)
         radius, reach = self.config.escape_radius / spec.resolution, self.config.way_out / spec.resolution
-        way = find_escape(costs, weights, cell, radius, reach)
-        return [(start.x, start.y), *(spec.center_of(*c) for c in way[1:])]
+        way = find_escape(costs, cells != FORBIDDEN, cell, radius, reach, spec.cell_of(goal.x, goal.y))
+        return [(start.x, start.y), *(spec.center_of(*c) for c in way[1:])] if len(way) > 1 else []
 
     def _extended(self, spec: GridSpec, way: F64) -> F64:
         """Return the way with its inner points away from what is near."""
