@@ -515,6 +515,13 @@ MOTION = (
         YIELDING,
     ),
     PlantedFault(
+        "who is known is forgotten with the room",
+        "perception/mover_tracker.py",
+        "if since > c.unknown:",
+        "if True:",
+        ("tests/perception/test_mover_tracker.py",),
+    ),
+    PlantedFault(
         "creeping counts as another motion",
         "control/yielding.py",
         "all(self._fastest(v) <= self._config.creep or",

@@ -145,6 +145,20 @@ def test_who_is_known_stays_where_he_is_when_the_map_is_corrected(correction: SE
             assert math.dist(movers.states[0, 2:4], (-1.0, 0.0)) < 0.3, f"scan {k}"
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("pace", [0.0, 0.04])
+def test_who_is_known_in_a_doorway_stays_known_when_the_room_is_forgotten(seed: int, pace: float) -> None:
+    """He comes up behind the robot, stops between the jambs, hardly two hands from one, and goes on slowly or not; he shoves the robot, so that corrections follow each other."""
+    tracker, rng = MoverTracker(), np.random.default_rng(seed)
+    jambs = [*ROOM, (1.0, 0.55, 1.0, 3.0), (1.0, -0.4, 1.0, -3.0)]
+    for k in range(60):
+        x = max(0.75, 3.0 - 0.1 * max(0, k - 5)) - pace * max(0, k - 28)
+        turned = SE2(0.0, 0.0, 0.03 * sum(k >= at for at in (30, 31, 36)))
+        movers = feed(tracker, k, [(x, 0.0)], jambs, SE2(), rng, None, NOTHING, NO_DRIFT, turned)
+        if k >= 15 and math.hypot(x, 0.0) > 0.35:
+            assert known_at(movers, (x, 0.0), 0.3), f"scan {k}"
+
+
 @pytest.mark.parametrize("correction", [SE2(-0.5, 0.3, 0.0), SE2(0.0, 0.0, 0.3)])
 def test_the_room_is_forgotten_when_a_correction_moves_it(correction: SE2) -> None:
     """A post that lies elsewhere in the map then, where rays had passed before, did not come."""

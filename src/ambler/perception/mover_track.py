@@ -44,6 +44,7 @@ class MoverConfig:
     hidden          metres from a direction that falls silent (`perception.silent_sectors`) within which somebody who is tracked may have stepped
                     nearer to the scanner than it sees, and within which he is expected again
     coast           seconds for which a track that nobody sees goes on
+    unknown         seconds after a correction that made the room unknown in which what comes into sight where somebody is expected is he
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
     still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
                     (a post that came into sight behind glass) would be yielded to for ever; `still_walker` for who has gone `walked` metres
@@ -75,6 +76,7 @@ class MoverConfig:
     twin: float = 0.25
     hidden: float = 0.8
     coast: float = 0.8
+    unknown: float = 2.0
     speed_max: float = 2.0
     speed_min: float = 0.3
     still: float = 10.0

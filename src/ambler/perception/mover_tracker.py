@@ -33,6 +33,7 @@ class MoverTracker:
         self._times = np.zeros((3, self._size * self._size))
         self._scan = 0
         self._begun_ns: int | None = None
+        self._forgotten = -math.inf
         self._tracks: list[MoverTrack] = []
         self._hidden = NOTHING
         self._map_from_odom = SE2()
@@ -54,7 +55,7 @@ class MoverTracker:
             self._begun_ns = scan.stamp_ns
         now = (scan.stamp_ns - self._begun_ns) * 1e-9
         if map_from_odom is not None:
-            self._correct(map_from_odom, starts.mean(axis=0) if len(starts) > 0 else np.zeros(2))
+            self._correct(map_from_odom, starts.mean(axis=0) if len(starts) > 0 else np.zeros(2), now)
         told = (points, free_ends, starts, free_starts, silent)
         points, free_ends, starts, free_starts, silent = (self._map_from_odom.transform(p) for p in told)
         points = np.require(points, np.float64, ["C", "W"])
@@ -63,6 +64,7 @@ class MoverTracker:
             kinds[self._is_low(points, starts, scan.falls)] = kernels.STANDING
         for track in self._tracks:
             if track.is_mover:
+                self._follow_in_unknown_room(track, points, kinds, alone, now)
                 self._follow_out_of_sight(track, points, kinds, starts, now)
         places = self._groups(points, kinds, starts)
         is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
@@ -86,7 +88,7 @@ class MoverTracker:
         self.movers = Movers(scan.stamp_ns, states, rests)
         return self.movers
 
-    def _correct(self, map_from_odom: SE2, scanner: F64) -> None:
+    def _correct(self, map_from_odom: SE2, scanner: F64, now: float) -> None:
         """Remember the room in the map's frame: odometry that drifts by a tenth of a radian in some minutes would bring walls back to where the
         room was seen free. People were seen from where the robot thought to be, and move with a correction; one that moves what the scanner at
         `scanner` (2,) of the odom frame sees by more than a cell makes the room unknown."""
@@ -96,6 +98,7 @@ class MoverTracker:
         self._map_from_odom = map_from_odom
         if shift + self._config.reach * abs(new_from_old.yaw) > self._config.resolution:
             self._grid[0] = np.iinfo(np.int64).min
+            self._forgotten = now
         for track in self._tracks:
             track.move(new_from_old)
         self._hidden = new_from_old.transform(self._hidden)
@@ -272,6 +275,23 @@ class MoverTracker:
         away = math.dist(expected, place)
         is_anothers = track.is_mover and bool((np.hypot(*(walkers - place).T) < away - 1e-9).any())
         return math.inf if is_anothers else away
+
+    def _follow_in_unknown_room(
+        self, track: MoverTrack, points: F64, kinds: NDArray[np.uint8], alone: NDArray[np.uint8], now: float
+    ) -> None:
+        """Count as moving what is where somebody should be who is known, after a correction made the room unknown, and what comes into sight there
+        in the next moments: nothing else tells him from a wall at which he stands. Changes `kinds` and `alone` (N,)."""
+        c, since = self._config, now - self._forgotten
+        if since > c.unknown:
+            return
+        near = np.flatnonzero(np.hypot(*(points - track.predicted(now)).T) <= 0.7 * c.gate)
+        fresh = np.zeros(len(near), np.uint8)
+        after = -math.inf if since == 0.0 else self._forgotten
+        kernels.came_into_sight(points[near], after, c.resolution, self._grid, self._times, fresh)
+        his = near[fresh != 0]
+        if len(his) >= c.min_points:
+            kinds[his], alone[his] = kernels.MOVING, kernels.ALONE
+            kernels.make_free_before(points[his], c.resolution, self._grid, self._times)
 
     def _follow_out_of_sight(
         self, track: MoverTrack, points: F64, kinds: NDArray[np.uint8], starts: F64, now: float
