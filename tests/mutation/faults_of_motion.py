@@ -594,8 +594,8 @@ MOTION = (
     PlantedFault(
         "who walks to where no ray has been is a part of the room",
         "perception/mover_tracker.py",
-        "            if track.is_mover:\n                self._follow_out_of_sight",
-        "            if track.is_mover and now < 0.0:\n                self._follow_out_of_sight",
+        "self._follow_out_of_sight(track, points, kinds, starts, now)",
+        "pass",
         MOVERS,
     ),
     PlantedFault(

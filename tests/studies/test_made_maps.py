@@ -20,7 +20,6 @@ from ambler.sim.world_file import load_world
 from ambler.studies.made_drives import MADE_METHODS, judged, nees, people_fault, rms
 from ambler.studies.made_map import is_mapped
 from ambler.studies.made_maps_study import summarize
-from ambler.studies.random_drives import DriveCase, start_of
 
 S = 1_000_000_000
 
@@ -124,21 +123,28 @@ def test_as_many_people_walk_about_as_there_is_room_for() -> None:
 
 def test_people_that_fit_do_find_their_ways() -> None:
     """A robot that starts behind furniture shares its floor with nobody, though the rest of the office has room for many."""
-    drive = DriveCase("office-7101-day1", "diff", 21, 7101)
-    world = load_world(drive.world)
-    start = world.start @ start_of(drive)
-    faults = tuple(Fault.parse(text) for text in people_fault(6, world, 7122, start))
+    office = load_world("office")
+    shut_in = office.start @ SE2(-4.0, 0.0, 0.0)
+    world = replace(office, solids=(*office.solids, *boxes_beside(shut_in, 0.6)), people=())
+    faults = tuple(Fault.parse(text) for text in people_fault(6, world, 7122, shut_in))
     assert faults == ()
     assert people_fault(6, world, 7122, world.start) == ("people@6",)
-    simulated = World(world, [BodySpec("robot", robot_named("diff"), start)], SimulationConfig(7122, faults=faults))
-    assert simulated.spec.people == world.people
+    for start, told, people in ((shut_in, faults, 0), (world.start, (Fault.parse("people@6"),), 6)):
+        simulated = World(world, [BodySpec("robot", robot_named("diff"), start)], SimulationConfig(7122, faults=told))
+        assert len(simulated.spec.people) == people
 
 
-def boxes_beside(start: SE2) -> list[Solid]:
-    """Four walls of 3 m around a pose."""
+def boxes_beside(start: SE2, half: float = 1.5) -> list[Solid]:
+    """Four walls of twice `half` metres around a pose."""
     return [
         Solid(
-            f"closet{k}", Shape.BOX, start @ SE2(0.0, 0.0, 0.5 * math.pi * k) @ SE2(1.5, 0.0, 0.0), 0.1, 3.1, 0.0, 2.0
+            f"closet{k}",
+            Shape.BOX,
+            start @ SE2(0.0, 0.0, 0.5 * math.pi * k) @ SE2(half, 0.0, 0.0),
+            0.1,
+            2.0 * half + 0.1,
+            0.0,
+            2.0,
         )
         for k in range(4)
     ]

@@ -13,7 +13,7 @@ from ambler.sim.generator.rect import Rect
 from ambler.sim.solids import WorldSpec
 from ambler.sim.truth import reachable_floor
 
-RADIUS = 0.45  # metres: half the width of the widest built-in robot and 5 cm
+RADIUS = 0.3  # metres: half the width of `spot` and 5 cm; a wider robot finds doors that it does not pass, as in real buildings
 HEIGHTS = (0.05, 0.85)  # between the undersides of the robots and the top of the tallest one's scanner
 LARGE = 4000.0  # square metres from which cells are coarser
 LEAST_SHARE = 0.6  # of the clear cells of a room that must be reached

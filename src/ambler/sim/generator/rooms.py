@@ -26,7 +26,7 @@ def office(plan: Plan) -> None:
     style = Style(
         inner=float(rng.choice([0.08, 0.1, 0.125, 0.15, 0.2])),
         outer=float(rng.choice([0.24, 0.3, 0.365])),
-        door=(1.0, 1.15),
+        door=(0.75, 1.1),
         extra_doors=float(rng.uniform(0.05, 0.3)),
         windows=float(rng.uniform(0.2, 0.9)),
         glass_fronts=float(rng.choice([0.0, 0.0, 0.5])),
@@ -132,14 +132,14 @@ def core_rooms(rng: Rng, rect: Rect) -> list[Zone]:
 
 
 def flat(plan: Plan) -> None:
-    """A flat of 60 to 170 m² with wide doors: a hall, a living room, bedrooms, kitchen and bath."""
+    """A flat of 60 to 170 m²: a hall, a living room, bedrooms, kitchen and bath."""
     rng = plan.rng
     plan.wall_height = float(rng.uniform(2.4, 2.9))
     plan.ceiling = plan.wall_height + 0.02
     style = Style(
         inner=float(rng.choice([0.1, 0.115, 0.15, 0.175])),
         outer=float(rng.choice([0.3, 0.365, 0.42])),
-        door=(0.98, 1.05),
+        door=(0.7, 0.95),
         extra_doors=float(rng.uniform(0.05, 0.35)),
         windows=float(rng.uniform(0.4, 0.9)),
     )
@@ -175,7 +175,7 @@ def ward(plan: Plan) -> None:
     style = Style(
         inner=float(rng.choice([0.125, 0.15, 0.2])),
         outer=float(rng.choice([0.3, 0.365, 0.42])),
-        door=(1.2, 1.4),
+        door=(0.9, 1.3),
         extra_doors=0.03,
         windows=float(rng.uniform(0.5, 0.95)),
     )
@@ -196,7 +196,7 @@ def ward(plan: Plan) -> None:
         zones += [Zone(Rect(ends.x1, ends.y0, width, ends.y1), space=0)]
         makers = (f.nurse_station, f.storage, f.kitchenette, f.toilets, f.nurse_station)
         rects = ends.cut_x(drawn_widths(rng, ends.width, 3.5, 8.0))
-        zones += [Zone(r, makers[k % len(makers)], door=(1.0, 1.2)) for k, r in enumerate(rects)]
+        zones += [Zone(r, makers[k % len(makers)], door=(0.8, 1.1)) for k, r in enumerate(rects)]
     number = 1
     for row, door_at_top in ((below, True), (above, False)):
         for rect in row.cut_x(drawn_widths(rng, row.width, 3.6, float(rng.choice([4.6, 6.5])))):
@@ -229,7 +229,7 @@ def _patient_zones(rng: Rng, rect: Rect, number: int, *, door_at_top: bool) -> l
     if luck < 0.12:
         return [Zone(rect, f.nurse_station, space=0)]
     if luck < 0.3 or rect.width < 3.5:
-        return [Zone(rect, (f.storage, f.cell_office, f.kitchenette)[int(rng.integers(3))], door=(1.0, 1.2))]
+        return [Zone(rect, (f.storage, f.cell_office, f.kitchenette)[int(rng.integers(3))], door=(0.8, 1.1))]
     deep, wide = float(rng.uniform(2.1, 2.5)), float(rng.uniform(1.75, 2.1))
     main, wet = rect.cut_y([rect.depth - deep, deep] if door_at_top else [deep, rect.depth - deep])
     if not door_at_top:
@@ -241,7 +241,7 @@ def _patient_zones(rng: Rng, rect: Rect, number: int, *, door_at_top: bool) -> l
     return [
         Zone(main, f.patient_room, space=number, has_doors=False),
         Zone(entry, space=number),
-        Zone(bath, f.bathroom, door=(0.98, 1.05)),
+        Zone(bath, f.bathroom, door=(0.7, 0.9)),
     ]
 
 
