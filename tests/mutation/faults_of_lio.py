@@ -377,6 +377,27 @@ LIO = (
         NODE,
     ),
     PlantedFault(
+        "KITTI's scanner turns the other way round",
+        "recordings/kitti_drive.py",
+        "seconds * 0.5 * (1.0 - azimuth / np.pi)",
+        "seconds * 0.5 * (1.0 + azimuth / np.pi)",
+        ("tests/recordings/test_cloud_folder.py",),
+    ),
+    PlantedFault(
+        "KITTI's forces are those of the level frame",
+        "recordings/kitti_drive.py",
+        "(row[11], row[12], row[13])",
+        "(row[14], row[15], row[16])",
+        ("tests/recordings/test_cloud_folder.py",),
+    ),
+    PlantedFault(
+        "a fifth column of a BIN is the next point's x",
+        "wire/cloud_files.py",
+        "for columns in (6, 5):",
+        "for columns in ():",
+        ("tests/wire/test_cloud_files.py",),
+    ),
+    PlantedFault(
         "clouds may go backwards in time",
         "recordings/cloud_folder.py",
         "if (np.diff(stamps) <= 0).any():",

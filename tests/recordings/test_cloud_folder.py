@@ -120,3 +120,74 @@ def test_lists_of_times_go_by_many_forms(form: str, tmp_path: Path) -> None:
 def test_seconds_and_nanoseconds_in_names_are_times(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, [f"cloud_{ns // 10**9}_{ns % 10**9}.pcd" for ns in STAMPS])
     assert open_cloud_folder(folder).stamps_ns == STAMPS
+
+
+def kitti_drive(path: Path, rate: float) -> Path:
+    """Write a raw drive of three scans, each of eight points all around, with inertial measurements at a rate (Hz)."""
+    scans, oxts = path / "velodyne_points", path / "oxts"
+    (scans / "data").mkdir(parents=True)
+    (oxts / "data").mkdir(parents=True)
+    azimuth = np.radians([179.0, 90.0, 0.0, -90.0, -179.0])
+    points = np.stack((5.0 * np.cos(azimuth), 5.0 * np.sin(azimuth), 0.0 * azimuth, 0.3 + 0.0 * azimuth), axis=1)
+
+    def dates(seconds: np.ndarray) -> str:
+        return "\n".join(f"2011-09-26 13:02:{25.0 + t:012.9f}" for t in seconds) + "\n"
+
+    middle = 0.05 + 0.1 * np.arange(3)
+    for name, late in (("timestamps", 0.0), ("timestamps_start", -0.05), ("timestamps_end", 0.05)):
+        (scans / f"{name}.txt").write_text(dates(middle + late))
+    for k in range(3):
+        points.astype("<f4").tofile(scans / "data" / f"{k:010d}.bin")
+    times = np.arange(0.0, 0.3, 1.0 / rate)
+    (oxts / "timestamps.txt").write_text(dates(times))
+    for k in range(len(times)):
+        row = np.zeros(30)
+        row[11:14], row[17:20] = (0.1, 0.2, 9.8), (0.01, 0.02, 0.03)
+        row[14:17], row[20:23] = 7.0, 7.0  # the same in the vehicle's level frame
+        (oxts / "data" / f"{k:010d}.txt").write_text(" ".join(str(v) for v in row))
+    (path.parent / "calib_imu_to_velo.txt").write_text(
+        "calib_time: 25-May-2012 16:47:16\nR: 0 1 0 -1 0 0 0 0 1\nT: -8.086759e-01 3.195559e-01 -7.997231e-01\n"
+    )
+    return path
+
+
+def test_a_kitti_drive_has_its_inertial_measurements_its_mount_and_its_sweeps(tmp_path: Path) -> None:
+    recording = open_cloud_folder(kitti_drive(tmp_path / "drive_0001", 100.0))
+    assert len(recording.imu) == 30
+    assert recording.imu[0].linear_acceleration == (0.1, 0.2, 9.8)
+    assert recording.imu[0].angular_velocity == (0.01, 0.02, 0.03)
+    mount = recording.lidar_from_imu
+    assert mount is not None
+    np.testing.assert_allclose(
+        mount.transform(np.array([[1.0, 2.0, 3.0]]))[0], [2.0 - 0.8086759, -1.0 + 0.3195559, 3.0 - 0.7997231]
+    )
+    scans = list(recording.scans())
+    assert np.diff([s.cloud.stamp_ns for s in scans]).tolist() == [100_000_000] * 2
+    assert scans[0].cloud.stamp_ns == recording.imu[0].stamp_ns
+    for scan in scans:  # clockwise from behind
+        np.testing.assert_allclose(scan.cloud.time, [0.1 * f for f in (1 / 360, 0.25, 0.5, 0.75, 359 / 360)], atol=1e-6)
+        np.testing.assert_allclose(scan.cloud.points[2], [5.0, 0.0, 0.0], atol=1e-5)
+
+
+def test_a_synchronized_kitti_drive_is_one_without_inertial_measurements(tmp_path: Path) -> None:
+    recording = open_cloud_folder(kitti_drive(tmp_path / "drive_0001", 10.0))
+    assert recording.imu_topic is None
+    assert "0.1 s apart" in recording.notes[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("oxts/timestamps.txt", "2011-09-26 13:02:25.0\n", "1 times for 30 measurements"),
+        ("oxts/data/0000000003.txt", "1 2 3", "not 3"),
+        ("oxts/data/0000000003.txt", "a b c", "is no measurement"),
+        ("../calib_imu_to_velo.txt", "R: 1 0 0 0 1 0 0 0 2\nT: 0 0 0\n", "no rotation"),
+        ("../calib_imu_to_velo.txt", "T: 0 0 0\n", "no rotation R"),
+        ("velodyne_points/timestamps_end.txt", "2011-09-26 13:02:20.0\n" * 3, "must end after they begin"),
+    ],
+)
+def test_a_broken_kitti_drive_says_what_is_wrong(name: str, text: str, why: str, tmp_path: Path) -> None:
+    drive = kitti_drive(tmp_path / "drive_0001", 100.0)
+    (drive / name).write_text(text)
+    with pytest.raises(BadInputError, match=why):
+        open_cloud_folder(drive)

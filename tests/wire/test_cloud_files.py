@@ -98,3 +98,20 @@ def test_what_is_no_cloud_is_named(tmp_path: Path) -> None:
 def test_an_empty_text_cloud_has_no_points(tmp_path: Path, name: str, head: str) -> None:
     (tmp_path / name).write_text(head)
     assert xyz(tmp_path / name).shape == (0, 3)
+
+
+@pytest.mark.parametrize("columns", [4, 5, 6])
+def test_a_bin_may_tell_rings_and_times_behind_the_reflectance(columns: int, tmp_path: Path) -> None:
+    """120 rows of any of them have a length that is a multiple of the others' too."""
+    rng = np.random.default_rng(columns)
+    table = np.column_stack((rng.normal(size=(120, 4)), np.arange(120) % 32, np.linspace(0.0, 0.1, 120))).astype("<f4")
+    table[:, :columns].tofile(tmp_path / "a.bin")
+    read = read_cloud(tmp_path / "a.bin")
+    assert read.dtype.names == ("x", "y", "z", "intensity", "ring", "time")[:columns]
+    for k, name in enumerate(read.dtype.names):
+        np.testing.assert_array_equal(read[name], table[:, k])
+
+
+def test_a_bin_of_whole_numbers_stays_one_of_four_columns(tmp_path: Path) -> None:
+    np.ones((30, 4), "<f4").tofile(tmp_path / "a.bin")
+    assert len(read_cloud(tmp_path / "a.bin")) == 30

@@ -1,4 +1,4 @@
-"""A folder of clouds as a recording: PCD, PLY or BIN files with `times.txt`, KITTI's `velodyne` folders too, and perhaps `imu.txt` or `imu.csv`.
+"""A folder of clouds as a recording: PCD, PLY or BIN files with `times.txt`, KITTI's folders too (`kitti_drive`), and perhaps `imu.txt` or `imu.csv`.
 
 Inertial files have seven columns: seconds, three rates (rad/s) and three forces, or the forces first; a header line (t, wx, wy, wz, ax, ay,
 az in any order) says which, else the three that are longer on average are the forces.
@@ -20,6 +20,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, PointCloud
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_scan import CloudScan, returns_in_order
+from ambler.recordings.kitti_drive import read_mount, read_oxts, read_sweeps, times_in_sweep
 from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times
 from ambler.wire.cloud_files import kind_of, read_cloud
 
@@ -42,6 +43,8 @@ class CloudFolder:
     lidar_from_imu: SE3 | None
     base_from_lidar: SE3 | None
     notes: tuple[str, ...]
+    sweeps: tuple[float, ...] = ()
+    """Seconds that each sweep took from its stamp on, where points have no times of their own but the folder tells that."""
 
     @property
     def clouds(self) -> int:
@@ -54,15 +57,18 @@ class CloudFolder:
     def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
         """Yield the clouds with the inertial measurements up to their end and one more; their stamps lag `lidar_clock` s behind those of the measurements. Raises BadInputError for a file that cannot be read."""
         at = 0
-        for file, stamp_ns in zip(self.files, self.stamps_ns, strict=True):
+        for k, (file, stamp_ns) in enumerate(zip(self.files, self.stamps_ns, strict=True)):
             table = read_cloud(file)
             points = np.stack([np.asarray(table[axis], np.float32) for axis in "xyz"], axis=1)
+            times = point_times(table, stamp_ns)
+            if self.sweeps and not times.any():
+                times = times_in_sweep(points, self.sweeps[k])
             cloud = PointCloud(
                 stamp_ns,
                 "lidar",
                 points,
                 column(table, INTENSITY, np.dtype(np.float32)),
-                point_times(table, stamp_ns),
+                times,
                 column(table, RING, np.dtype(np.uint16)),
             )
             cloud = returns_in_order(cloud)
@@ -82,16 +88,25 @@ def open_cloud_folder(path: Path, lidar_from_imu: SE3 | None = None) -> CloudFol
         raise BadInputError(f"{path}: neither a bag nor clouds (.pcd, .ply, .bin, also .gz) are in this folder")
     files = _clouds_of(folder)
     stamps, origin = _stamps(path, folder, files)
+    sweeps = read_sweeps(folder.parent, _listed)
+    if sweeps is not None and len(sweeps) == len(files):
+        stamps, origin = sweeps[:, 0], "the sweeps' begins and ends"
+    else:
+        sweeps = None
     if (np.diff(stamps) <= 0).any():
         k = int(np.argmax(np.diff(stamps) <= 0))
         raise BadInputError(f"{path}: time goes backwards or stands still from {files[k].name} to {files[k + 1].name}")
     source = next((f for name in IMUS if (f := path / name).exists()), None)
-    imu = () if source is None else _read_imu(source)
+    imu, told = ((), "none") if source is None else (found := _read_imu(source), f"{len(found)} of {source.name}")
+    if source is None and (path / "oxts" / "data").is_dir():
+        imu, told = read_oxts(path / "oxts", _listed)
     notes = (
         f"clouds: {len(files)} files {files[0].name} to {files[-1].name}, times from {origin}",
-        f"inertial measurements: {'none' if source is None else f'{len(imu)} of {source.name}'}",
+        f"inertial measurements: {told}",
     )
-    return CloudFolder(path, tuple(files), tuple(stamps.tolist()), imu, lidar_from_imu, None, notes)
+    seconds = () if sweeps is None else tuple((np.diff(sweeps, axis=1)[:, 0] * 1e-9).tolist())
+    mount = lidar_from_imu if lidar_from_imu is not None else read_mount(path)
+    return CloudFolder(path, tuple(files), tuple(stamps.tolist()), imu, mount, None, notes, seconds)
 
 
 def _clouds_of(folder: Path) -> list[Path]:

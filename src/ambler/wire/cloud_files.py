@@ -1,4 +1,4 @@
-"""Clouds of points in files: PCD (text, binary, compressed), PLY and KITTI's BIN; read (also gzipped) and, as PCD or PLY, written.
+"""Clouds of points in files: PCD (text, binary, compressed), PLY and BIN as KITTI, nuScenes and Boreas have it; read (also gzipped) and, as PCD or PLY, written.
 
 A cloud is a table whose columns have the drivers' names (`wire.cloud_columns`): x, y, z and what else there is.
 """
@@ -26,7 +26,8 @@ KINDS = (".pcd", ".ply", ".bin")
 _PCD_KINDS = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (letter, size): f"<{letter.lower()}{size}" for letter in "IU" for size in (1, 2, 4, 8)
 }
-_BIN = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+_BIN = [(name, "<f4") for name in ("x", "y", "z", "intensity", "ring", "time")]
+RING_MOST = 255
 
 
 def kind_of(path: Path) -> str | None:
@@ -78,10 +79,16 @@ def write_cloud(path: Path, points: NDArray[np.float32], intensity: NDArray[np.f
 
 
 def _read_bin(data: bytes) -> Table:
-    """KITTI's layout: x, y, z, reflectance, float32."""
-    if len(data) % _BIN.itemsize:
-        raise ValueError(f"{len(data)} bytes are no multiple of {_BIN.itemsize} (x, y, z, intensity as float32)")
-    return np.frombuffer(data, _BIN)
+    """KITTI's layout, x, y, z and reflectance as float32; with the ring behind them as nuScenes has it, or ring and seconds as Boreas: a fifth column of whole numbers."""
+    for columns in (6, 5):
+        if data and len(data) % (4 * columns) == 0:
+            ring = np.frombuffer(data, "<f4").reshape(-1, columns)[:, 4]
+            if ((ring >= 0.0) & (ring <= RING_MOST) & (ring == np.floor(ring))).all() and np.ptp(ring) > 0.0:
+                return np.frombuffer(data, np.dtype(_BIN[:columns]))
+    layout = np.dtype(_BIN[:4])
+    if len(data) % layout.itemsize:
+        raise ValueError(f"{len(data)} bytes are no multiple of {layout.itemsize} (x, y, z, intensity as float32)")
+    return np.frombuffer(data, layout)
 
 
 def _read_pcd(data: bytes) -> Table:
