@@ -166,7 +166,7 @@ def test_a_kitti_drive_has_its_inertial_measurements_its_mount_and_its_sweeps(tm
     assert scans[0].cloud.stamp_ns == recording.imu[0].stamp_ns
     for scan in scans:  # clockwise from behind
         np.testing.assert_allclose(scan.cloud.time, [0.1 * f for f in (1 / 360, 0.25, 0.5, 0.75, 359 / 360)], atol=1e-6)
-        np.testing.assert_allclose(scan.cloud.points[2], [5.0, 0.0, 0.0], atol=1e-5)
+        np.testing.assert_allclose(scan.cloud.points[1:3], [[0.0, 5.0, 0.0], [5.0, 0.0, 0.0]], atol=1e-5)
 
 
 def test_a_synchronized_kitti_drive_is_one_without_inertial_measurements(tmp_path: Path) -> None:
