@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,40 @@ def test_lists_of_times_go_by_many_forms(form: str, tmp_path: Path) -> None:
 def test_seconds_and_nanoseconds_in_names_are_times(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, [f"cloud_{ns // 10**9}_{ns % 10**9}.pcd" for ns in STAMPS])
     assert open_cloud_folder(folder).stamps_ns == STAMPS
+
+
+@pytest.mark.parametrize(
+    ("unit", "begin", "spacing"),
+    [
+        *((unit, begin, 0.1) for unit in (1, 1000, 10**6, 10**9) for begin in (0.0, 5000.0, 1.7e9)),
+        (1, 0.0, 10.0),
+        (1, 1.7e9, 60.0),
+        (1000, 0.0, 0.05),
+        (10**9, 0.0, 0.5),
+    ],
+)
+def test_the_unit_of_a_list_is_told_by_how_clouds_follow_each_other(
+    unit: int, begin: float, spacing: float, tmp_path: Path
+) -> None:
+    """Whole nanoseconds from 0 on had been taken for seconds or milliseconds."""
+    count = 30
+    names = [f"{k:03d}.pcd" for k in range(count)]
+    told = [Decimal(str(begin)) + Decimal(str(spacing)) * k for k in range(count)]
+    folder_of(tmp_path, names)
+    (tmp_path / "times.txt").write_text("\n".join(format((t * unit).normalize(), "f") for t in told))
+    assert open_cloud_folder(tmp_path).stamps_ns == tuple(int(t * 10**9) for t in told)
+
+
+@pytest.mark.parametrize("unit", [1, 1000, 10**6, 10**9])
+@pytest.mark.parametrize("begin", [0.0, 1.7e9])
+def test_the_unit_of_inertial_times_is_told_by_how_they_follow_each_other(
+    unit: int, begin: float, tmp_path: Path
+) -> None:
+    folder_of(tmp_path, ["0.pcd", "1.pcd"], [begin, begin + 0.1])
+    told = [Decimal(str(begin)) + Decimal("0.005") * k for k in range(40)]
+    rows = (f"{format((t * unit).normalize(), 'f')} 0 0 0.1 0 0 9.8" for t in told)
+    (tmp_path / "imu.txt").write_text("\n".join(rows))
+    assert [i.stamp_ns for i in open_cloud_folder(tmp_path).imu] == [int(t * 10**9) for t in told]
 
 
 def kitti_drive(path: Path, rate: float) -> Path:

@@ -1,6 +1,6 @@
 """A folder of clouds as a recording: PCD, PLY or BIN files with `times.txt`, KITTI's folders too (`kitti_drive`), and perhaps `imu.txt` or `imu.csv`.
 
-Inertial files have seven columns: seconds, three rates (rad/s) and three forces, or the forces first; a header line (t, wx, wy, wz, ax, ay,
+Inertial files have seven columns: times (s, ms, µs or ns), three rates (rad/s) and three forces, or the forces first; a header line (t, wx, wy, wz, ax, ay,
 az in any order) says which, else the three that are longer on average are the forces.
 """
 
@@ -26,8 +26,10 @@ from ambler.wire.cloud_files import kind_of, read_cloud
 
 F64 = NDArray[np.float64]
 TIMES = ("times.txt", "timestamps.txt", "times.csv")
-LATEST = 9e9  # s: later than any clock
 LATEST_NS = 9 * 10**18
+SINCE_NS, HOUR_NS = 10**18, 3600 * 10**9  # times from 2001 on are dates, unless clouds were hours apart then
+SPACING_NS = (4 * 10**6, 20 * 10**9)  # of clouds: 250 a second to three a minute
+IMU_SPACING_NS = (10**5, 5 * 10**8)  # of inertial measurements: ten thousand a second to two
 IMUS = ("imu.txt", "imu.csv")
 COLUMNS = ("t", "wx", "wy", "wz", "ax", "ay", "az")
 
@@ -161,12 +163,24 @@ def _listed(source: Path) -> NDArray[np.int64]:
             times = [time + Decimal(word).scaleb(-9) for time, word in zip(times, seconds, strict=True)]
     except (ValueError, ArithmeticError, OSError) as error:
         raise BadInputError(f"{source}: is no list of seconds or dates: {error}") from error
-    unit_ns = next(
-        unit for unit in (*UNITS_NS, 0) if unit == 0 or abs(max(times, default=Decimal(0))) * unit <= LATEST_NS
-    )
+    unit_ns = _unit_of(times)
     if unit_ns == 0:
         raise BadInputError(f"{source}: {max(times):g} is no time in s, ms, µs or ns")
     return np.array([round(time * unit_ns) for time in times], np.int64)
+
+
+def _unit_of(times: list[Decimal], spacing_ns: tuple[int, int] = SPACING_NS) -> int:
+    """Return the unit (ns) of times: the one in which they are of this age of clocks, else the one in which they follow each other as what they are of does, else the largest that any clock
+    counts; 0 if there is none."""
+    latest = max(map(abs, times), default=Decimal(0))
+    usable = [unit for unit in UNITS_NS if latest * unit <= LATEST_NS]
+    if not usable:
+        return 0
+    spacing = Decimal(float(np.median(np.diff(np.array(times, np.float64))))) if len(times) > 1 else Decimal(0)
+    if latest * usable[0] >= SINCE_NS and spacing * usable[0] <= HOUR_NS:
+        return usable[0]
+    low, high = spacing_ns
+    return next((unit for unit in usable if low <= spacing * unit <= high), usable[0])
 
 
 def _is_number(word: str) -> bool:
@@ -203,16 +217,16 @@ def _read_imu(path: Path) -> tuple[Imu, ...]:
         table = table[:, [named.index(name) for name in COLUMNS]]
     elif _mean_length(table[:, 1:4]) > _mean_length(table[:, 4:7]):
         table = table[:, [0, 4, 5, 6, 1, 2, 3]]
-    times = table[:, 0]
-    if not np.isfinite(times).all():
+    if not np.isfinite(table[:, 0]).all():
         raise BadInputError(f"{path}: a time is not finite")
-    is_ns = len(times) > 0 and abs(times[0]) > EPOCH_NS
-    if not is_ns and (np.abs(times) > LATEST).any():
-        raise BadInputError(f"{path}: times must be seconds, or nanoseconds since 1970; {times[0]:g} is neither")
     at = 0 if named is None else named.index("t")
-    stamps = [int(Decimal(row[at])) for row in rows] if is_ns else np.rint(times * 1e9).astype(np.int64)
+    times = [Decimal(row[at]) for row in rows]
+    unit_ns = _unit_of(times, IMU_SPACING_NS)
+    if unit_ns == 0:
+        raise BadInputError(f"{path}: {max(times, key=abs):g} is no time in s, ms, µs or ns")
+    stamps = [round(time * unit_ns) for time in times]
     return tuple(
-        Imu(int(stamp), "imu", (r[1], r[2], r[3]), (r[4], r[5], r[6]))
+        Imu(stamp, "imu", (r[1], r[2], r[3]), (r[4], r[5], r[6]))
         for stamp, r in zip(stamps, table.tolist(), strict=True)
     )
 
