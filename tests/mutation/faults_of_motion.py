@@ -522,6 +522,13 @@ MOTION = (
         ("tests/perception/test_mover_tracker.py",),
     ),
     PlantedFault(
+        "walls that turn with a stuck scanner are people",
+        "nodes/local_view.py",
+        "if self._is_repeated(scan.frame, scan.ranges, scan.stamp_ns):",
+        "if False:",
+        ("tests/scenarios/test_faults.py::test_a_stuck_scanner_is_found_and_named",),
+    ),
+    PlantedFault(
         "creeping counts as another motion",
         "control/yielding.py",
         "all(self._fastest(v) <= self._config.creep or",

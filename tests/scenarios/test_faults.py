@@ -8,8 +8,11 @@ import pytest
 from ambler.apps.judgement import judge
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
+from ambler.core.messages import PointCloud
 from ambler.evaluation.exploration_run import read_exploration
+from ambler.runtime.topics import MOVERS
 from ambler.sim.world_file import load_world
+from ambler.wire.mcap_reader import read_recording
 from tests.scenarios.conftest import explore
 
 DOOR = 3.5  # metres, x of the door of `two_rooms` in the map frame
@@ -60,6 +63,8 @@ def test_a_stuck_scanner_is_found_and_named(tmp_path: Path) -> None:
     assert fields["ate_rms_m"] <= 0.10
     assert_it_stood(demo, 15.3, 19.0)
     assert "SCANNER_STUCK" in demo.folder.log.read_text()
+    movers = [m.decode_as(PointCloud) for m in read_recording(demo.folder.recording, [MOVERS.ros_name])]
+    assert not any(len(cloud.points) for cloud in movers), "walls that turn with a stuck scanner are nobody who walks"
 
 
 @pytest.mark.slow

@@ -33,6 +33,7 @@ from ambler.perception.planar import PlanarConfig, cloud_to_points, default_plan
 from ambler.perception.silent_sectors import SilentSectors, sees_too_late
 from ambler.registration.planar_scan import PlanarScan
 from ambler.runtime.topics import CLOUD, MERGED_CLOUD, MERGED_FREE, SCAN, Topic
+from ambler.safety.stuck_scan import StuckScan
 
 F64 = NDArray[np.float64]
 
@@ -58,6 +59,7 @@ class LocalView:
         self._planar = planar if planar is not None else default_planar(robot)
         self._motion = BaseMotion()
         self._tracker = MoverTracker(movers)
+        self._repeats: dict[str, StuckScan] = {}
         self._panes = PaneReturns(specular)
         self._silences = {m.frame: SilentSectors(m.range_min) for m in robot.clouds if sees_too_late(robot, m)}
         self._obstacles = next((layer for layer in costmap.layers if isinstance(layer, ObstacleLayer)), None)
@@ -127,12 +129,16 @@ class LocalView:
             )
 
     def add_scan(self, scan: LaserScan) -> None:
-        """Mark and clear with a planar scan."""
+        """Mark and clear with a planar scan, unless the scanner repeats itself."""
+        if self._is_repeated(scan.frame, scan.ranges, scan.stamp_ns):
+            return
         self.add_panes(scan)
         self._mark(scan_to_points(scan, self._mount(scan), self._sweep(scan), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:
-        """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells."""
+        """Mark and clear with the height band of a cloud, levelled by the lean that the odometry tells, unless the scanner repeats itself."""
+        if self._is_repeated(cloud.frame, cloud.points, cloud.stamp_ns):
+            return
         ground = LEVEL_GROUND
         with suppress(StaleInputError):
             ground = self._ground.under(self._motion.pose_at(cloud.stamp_ns))
@@ -156,6 +162,12 @@ class LocalView:
             return NOTHING
         hidden = self._silences[cloud.frame].update(cloud.points)
         return self._mounts[cloud.frame].transform(np.column_stack((hidden, np.zeros(len(hidden)))))[:, :2]
+
+    def _is_repeated(self, frame: str, values: NDArray[np.float32], stamp_ns: int) -> bool:
+        """Whether a scanner tells the same again while the robot moves: walls that turn with it would be somebody who walks."""
+        with suppress(StaleInputError):
+            return self._repeats.setdefault(frame, StuckScan()).update(values, self._motion.planar_at(stamp_ns))
+        return False
 
     def _mount(self, message: LaserScan | PointCloud) -> Mount:
         return level_mount(self._mounts[message.frame], self._motion, message.stamp_ns, scan_duration(message))
