@@ -61,13 +61,14 @@ def test_what_shines_beside_a_wall_counts_though_nothing_is_seen_behind_it() -> 
 def walkers_beside(*, tells_intensities: bool) -> int:
     """Drive 3 m along a pane at 0.5 m/s; in how many scans the controller's view of `diff` knows somebody who walks there."""
     model, nothing, met = robot_model("diff"), np.zeros((6, 6)), 0
-    view = LocalView(model, LocalCostmap(LocalCostmapConfig(), model))
+    view, rng = LocalView(model, LocalCostmap(LocalCostmapConfig(), model)), np.random.default_rng(3)
     mount = model.scanners[0].base_from_sensor.to_se2()
     for k in range(72):
         stamp_ns, y = round(k / 12 * 1e9), 0.5 * k / 12
         pose = SE3.from_se2(SE2(0.0, y, 0.0) @ mount.inverse())
         view.add_odometry(Odometry(stamp_ns, "odom", "base", pose, (0.0, 0.5, 0.0), (0.0,) * 3, nothing, nothing))
         scan = replace(scan_at(y, everywhere, pane=1.2), stamp_ns=stamp_ns, frame=model.scanners[0].frame)
+        scan = replace(scan, ranges=scan.ranges + rng.normal(0.0, 1e-3, len(scan.ranges)).astype(np.float32))
         view.add_scan(scan if tells_intensities else replace(scan, intensities=np.zeros(0, np.float32)))
         met += len(view.tracked) > 0
     return met
