@@ -166,14 +166,18 @@ ROWS: Sequence[Row] = (
     ),
     *(
         Row(
-            f"a drawn {kind}, `{robot}`: explored, saved; switched on elsewhere, lost; five way-points",
+            f"drawn {kind}, {robots}: explored, saved; switched on elsewhere, lost; five way-points",
             "10 sites: all of it with nobody's hand, 0 collisions",
-            f"return_{kind}_{robot}.json",
+            f"return_{name}.json",
             "{done} of {runs}; found itself after {found_s_worst:.1f} s, {found_m_worst:.3f} m off; {way_points_reached} of {way_points} way-points, "
             "{way_point_error_max_m_worst:.3f} m off at worst; {collisions} collisions",
             every("", "done", of=10),
         )
-        for kind, robot in (("garage", "mecanum"), ("garage", "spot"), ("plot", "go2"))
+        for name, kind, robots in (
+            ("garage_mecanum", "garages", "`mecanum`"),
+            ("garage_spot", "garages", "`spot`"),
+            ("plot", "plots", "`go2`, `mecanum`, `spot`"),
+        )
     ),
     Row(
         "goals in unknown offices and flats, drawn, `diff`: visibility graph beside the grid planner in the same run",
