@@ -294,7 +294,7 @@ class VisibilityPlanner:
     # Paths
 
     def _escape(self, costs: U8, cells: U8, spec: GridSpec, start: SE2, goal: SE2) -> list[tuple[float, float]]:
-        """Return the way (x, y) out of forbidden cells, the exact start first; empty when the start is on none."""
+        """Return the way (x, y) out of forbidden cells, or of a pocket between such, the exact start first; empty when the start is in neither."""
         cell = spec.cell_of(start.x, start.y)
         radius, reach = self.config.escape_radius / spec.resolution, self.config.way_out / spec.resolution
         way = find_escape(costs, cells != FORBIDDEN, cell, radius, reach, spec.cell_of(goal.x, goal.y))

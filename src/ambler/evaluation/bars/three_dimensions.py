@@ -171,12 +171,12 @@ ROWS: Sequence[Row] = (
             f"return_{name}.json",
             "{done} of {runs}; found itself after {found_s_worst:.1f} s, {found_m_worst:.3f} m off; {way_points_reached} of {way_points} way-points, "
             "{way_point_error_max_m_worst:.3f} m off at worst; {collisions} collisions",
-            every("", "done", of=10),
+            every("", "done", of=10 * count),
         )
-        for name, kind, robots in (
-            ("garage_mecanum", "garages", "`mecanum`"),
-            ("garage_spot", "garages", "`spot`"),
-            ("plot", "plots", "`go2`, `mecanum`, `spot`"),
+        for name, kind, robots, count in (
+            ("garage_mecanum", "garages", "`mecanum`", 1),
+            ("garage_spot", "garages", "`spot`", 1),
+            ("plot", "plots", "each with `go2`, `mecanum` and `spot`", 3),
         )
     ),
     Row(
