@@ -503,8 +503,8 @@ MOTION = (
     PlantedFault(
         "walls about a pocket are passed",
         "planning/escape.py",
-        "if is_allowed[start] and not is_crossed:",
-        "if False:",
+        "if cost > best[cell] or (in_pocket is not None and not _is_crossed(costs, is_allowed, cell)):",
+        "if cost > best[cell]:",
         ("tests/planning/test_conformance.py",),
     ),
     PlantedFault(

@@ -175,9 +175,13 @@ def test_a_goal_within_a_pocket_is_gone_to_and_walls_about_one_are_not_passed(ma
     start, near = SE2(*SPEC.center_of(80, 100)), SE2(*SPEC.center_of(81, 101))
     path = make().plan(pocket(), SPEC, start, near).path
     assert np.hypot(*(path[:, :2] - path[0, :2]).T).max() < 0.1
-    with pytest.raises(NoValidPathError):
-        make().plan(pocket(rim=254), SPEC, start, SE2(6.0, 4.0))
-    assert np.isinf(distance_field(pocket(rim=254), SPEC, start)[150, 190])
+    niche = np.zeros(SPEC.shape, np.uint8)  # its walls are a cell thin
+    niche[77:84, 97:104] = 254
+    niche[78:83, 98:103] = np.where(pocket()[78:83, 98:103] == 0, 0, 253)
+    for begin in (start, SE2(*SPEC.center_of(78, 98))):  # free, and in the inscribed zone of the walls about it
+        with pytest.raises(NoValidPathError):
+            make().plan(niche, SPEC, begin, SE2(6.0, 4.0))
+        assert np.isinf(distance_field(niche, SPEC, begin)[150, 190])
 
 
 def test_bad_requests_have_names(make: Make) -> None:

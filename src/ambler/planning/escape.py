@@ -12,8 +12,6 @@ from ambler.core.errors import StartOccupiedError
 from ambler.core.grid import COST_INSCRIBED
 
 INSCRIBED_WEIGHT, LETHAL_WEIGHT = 10.0, 1000.0
-
-
 Cell = tuple[int, int]
 
 
@@ -40,7 +38,7 @@ def find_escape(
     queue = [(0.0, start)]
     while queue:
         cost, cell = heapq.heappop(queue)
-        if cost > best[cell]:
+        if cost > best[cell] or (in_pocket is not None and not _is_crossed(costs, is_allowed, cell)):
             continue
         if is_allowed[cell] and cell not in pockets:
             pocket = _pocket_of(is_allowed, cell, start, radius)
@@ -53,9 +51,7 @@ def find_escape(
                 iy, ix = cell[0] + dy, cell[1] + dx
                 if not (0 <= iy < height and 0 <= ix < width):
                     continue
-                is_crossed = is_allowed[iy, ix] or costs[iy, ix] == COST_INSCRIBED
-                if is_allowed[start] and not is_crossed:
-                    continue
+                is_crossed = _is_crossed(costs, is_allowed, (iy, ix))
                 if math.hypot(iy - start[0], ix - start[1]) > (max(radius, reach) if is_crossed else radius):
                     continue
                 factor = 1.0 if is_allowed[iy, ix] else LETHAL_WEIGHT
@@ -69,6 +65,11 @@ def find_escape(
     if in_pocket is not None:
         return _way_to(in_pocket, came_from)
     raise StartOccupiedError("the robot stands on an occupied or unknown place, with no free one within its own radius")
+
+
+def _is_crossed(costs: NDArray[np.uint8], is_allowed: NDArray[np.bool_], cell: Cell) -> bool:
+    """Say whether a robot may cross a cell though its body may not fit there in every heading: no wall, and known."""
+    return bool(is_allowed[cell]) or costs[cell] == COST_INSCRIBED
 
 
 def _way_to(cell: Cell, came_from: dict[Cell, Cell]) -> list[Cell]:
