@@ -433,7 +433,11 @@ def test_a_standing_robot_gets_out_of_the_way_only_where_it_may() -> None:
     yielding = Yielding(YieldConfig(), SPOT)
     yielding.set_movers(walker(2.0, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
     assert abs(yielding.evasion(lambda heading, length: length).vy) > 0.1, "sideways"
-    assert yielding.evasion(lambda heading, length: 0.3) == BodyVelocity(), "not far enough"
+    assert yielding.evasion(lambda heading, length: 0.3) == BodyVelocity(), "not far enough: he comes straight on"
+    yielding.set_movers(walker(2.0, 0.35, -1.0, 0.0), SE2(), BodyVelocity())
+    assert yielding.evasion(lambda heading, length: 0.3).vy < -0.1, "to the wall, beside which he passes"
+    assert yielding.evasion(lambda heading, length: 0.15) == BodyVelocity(), "hardly any room"
+    yielding.set_movers(walker(2.0, 0.0, -1.0, 0.0), SE2(), BodyVelocity())
     only_left = yielding.evasion(lambda heading, length: length if abs(heading - math.pi / 2) < 0.1 else 0.0)
     assert only_left.vy > 0.1
     yielding.set_movers(walker(2.0, 2.0, -1.0, 0.0), SE2(), BodyVelocity())

@@ -18,8 +18,8 @@ S = 1_000_000_000
 
 def test_a_state_lasts_until_the_next_one() -> None:
     states = [(0, "PLANNING"), (1 * S, "RECOVERING"), (4 * S, "PLANNING"), (5 * S, "RECOVERING"), (7 * S, "RECOVERING")]
-    assert seconds_in("RECOVERING", [*states, (8 * S, "FAILED")]) == 6.0
-    assert seconds_in("RECOVERING", []) == 0.0
+    assert seconds_in(("RECOVERING",), [*states, (8 * S, "FAILED")]) == 6.0
+    assert seconds_in(("RECOVERING",), []) == 0.0
 
 
 def test_only_the_navigator_of_a_recording_counts(tmp_path: Path) -> None:

@@ -50,6 +50,8 @@ class Script:
         self.texts: list[str] = []
         self.base: SE2 | None = None
         self.is_marked = self.has_company = False
+        self.somebody = self.is_past = False
+        self.seeking: list[Callable[[SE2 | None], None]] = []
         self.blocked: list[Path] = []
         self.held: list[bool] = []
 
@@ -94,6 +96,15 @@ class Script:
 
     def is_in_company(self) -> bool:
         return self.has_company
+
+    def is_held_up(self, path: Path | None) -> bool:
+        return self.somebody
+
+    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+        self.seeking.append(done)
+
+    def is_let_by(self) -> bool:
+        return self.is_past
 
     def report(self, state: str, text: str) -> None:
         assert text

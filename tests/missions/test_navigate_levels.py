@@ -134,6 +134,9 @@ class House:
     def mark_blocked(self, path: Path, *, is_held: bool) -> bool:
         return False
 
+    def is_held_up(self, path: Path | None) -> bool:
+        return False
+
     def report(self, state: str, text: str) -> None:
         assert text
 

@@ -587,8 +587,8 @@ MOTION = (
     PlantedFault(
         "a robot gets out of the way to where it cannot go",
         "control/yielding.py",
-        "if free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length) >= c.evade_length - 1e-6:",
-        "if True:",
+        "is_enough = free >= c.evade_length - 1e-6 or (free >= c.evade_least and gap > 0.0)",
+        "is_enough = True",
         YIELDING,
     ),
     PlantedFault(

@@ -173,7 +173,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: S
             specular=config.specular,
             unseen=config.unseen_ground if has_levels else None,
         ),
-        NavigatorNode(config.navigation, has_levels=has_levels),
+        NavigatorNode(config.navigation, robot, has_levels=has_levels),
     ]
 
 

@@ -41,7 +41,7 @@ class OmniPursuit:
         self._outline = _samples_of(robot.footprint, 0.1)
         self._tracker = PathTracker()
         self._turn_sign = 0.0
-        self._is_turning = False
+        self._is_turning = self._is_sliding = False
         self._has_arrived = False
         self._last: tuple[SE2, BodyVelocity] | None = None
         self._movers = NOBODY
@@ -63,13 +63,13 @@ class OmniPursuit:
     def reset(self) -> None:
         """Forget the path and everything remembered about it."""
         self._tracker = PathTracker()
-        self._is_turning = self._has_arrived = False
+        self._is_turning = self._is_sliding = self._has_arrived = False
         self._last = None
 
     def set_path(self, path_odom: F64) -> None:
         """Take a new path float64 (N, 3); raises InvalidPathError."""
         if not self._tracker.set_path(path_odom):
-            self._is_turning = self._has_arrived = False
+            self._is_turning = self._is_sliding = self._has_arrived = False
 
     def set_movers(self, movers: Movers) -> None:
         """Take the movers of now, in the odom frame; they count until the next call."""
@@ -113,8 +113,8 @@ class OmniPursuit:
             error = wrap_angle(math.atan2(y - start.y, x - start.x) - start.yaw)
         self._is_turning = abs(error) > (c.end_yaw if self._is_turning else c.start_yaw)
         if self._is_turning:
-            return BodyVelocity(0.0, 0.0, self._turn_rate(start, error) if is_resting else 0.0)
-        self._turn_sign = 0.0
+            return self._turn_or_slide(start, error, is_resting)
+        self._turn_sign, self._is_sliding = 0.0, False
         aside, push = self._aside(start), self._push(start) - self._give_way(start)
         speed = min(lim.vx_max, self._approach_speed(left), self._clear_speed(start))
         speed = min(speed, c.curve_speed * reach / max(abs(error), 1e-6))
@@ -125,6 +125,23 @@ class OmniPursuit:
             vy = 0.0
             wz = c.yaw_gain * error + c.lateral_gain * aside * speed + c.cost_yaw_gain * push / max(speed, 0.3)
         return BodyVelocity(speed, vy, float(np.clip(wz, -lim.wz_max, lim.wz_max)))
+
+    def _turn_or_slide(self, start: SE2, error: float, is_resting: bool) -> BodyVelocity:
+        """Turn in place towards the path; where there is no room for that, an omnidirectional base moves along it without turning until there is."""
+        if not is_resting and not self._is_sliding:
+            return BodyVelocity()
+        try:
+            rate = self._turn_rate(start, error)
+        except NoValidControlError:
+            if not self._is_omni:
+                raise
+            self._is_sliding, lim = True, self._limits
+            most_x = lim.vx_max if math.cos(error) > 0.0 else -lim.vx_min
+            shares = ((abs(math.cos(error)), most_x), (abs(math.sin(error)), lim.vy_max))
+            speed = min(self._clear_speed(start), *(most / share for share, most in shares if share > 1e-6))
+            return BodyVelocity(speed * math.cos(error), speed * math.sin(error), 0.0)
+        self._is_sliding = False
+        return BodyVelocity(0.0, 0.0, rate if is_resting else 0.0)
 
     def _to_goal(self, start: SE2, goal: SE2) -> BodyVelocity:
         """Move along all axes to the goal; each slows down so that it can stop there."""

@@ -55,6 +55,7 @@ class YieldConfig:
     patience       seconds of yielding that do not count as lack of progress
     evade_speed, evade_length, evade_seconds   m/s with which the robot gets out of somebody's way, by how many metres at most, and how long
                    ahead it sees him come
+    evade_least    metres that are enough for that where they let him pass: in a corridor there is often no more room to the wall
     evade_gain     metres that it must gain by that
     """
 
@@ -82,6 +83,7 @@ class YieldConfig:
     patience: float = 30.0
     evade_speed: float = 0.4
     evade_length: float = 0.8
+    evade_least: float = 0.2
     evade_seconds: float = 2.0
     evade_gain: float = 0.15
 
@@ -182,28 +184,28 @@ class Yielding:
     def evasion(self, free_slide: Callable[[float, float], float]) -> BodyVelocity:
         """Return a velocity straight out of the way of who is about to walk into a robot that stands; nothing if nobody is, or if there is
         nowhere to go. `free_slide(heading, length)` says how far the robot may slide along a heading of the odom frame, at most
-        `length` metres, through what it has seen to be free."""
-        c, stay = self._config, self._gap_after(BodyVelocity())
+        `length` metres, through what it has seen to be free; in a corridor that is as far as the wall."""
+        c, stay = self._config, self._gap_after(BodyVelocity(), 0.0)
         best, chosen = stay + c.evade_gain, BodyVelocity()
         if stay > 0.0:
             return chosen
         for vx, vy in self._ways_out:
             wanted = BodyVelocity(vx * c.evade_speed, vy * c.evade_speed)
-            gap = self._gap_after(wanted)
-            if gap <= best or self._contact_in(wanted, self._likely) < math.inf:
-                continue
-            if free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length) >= c.evade_length - 1e-6:
+            free = free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length)
+            gap = self._gap_after(wanted, free)
+            is_enough = free >= c.evade_length - 1e-6 or (free >= c.evade_least and gap > 0.0)
+            if is_enough and gap > best and self._contact_in(wanted, self._likely) == math.inf:
                 best, chosen = gap, wanted
         return chosen
 
-    def _gap_after(self, wanted: BodyVelocity) -> float:
-        """Return the least gap (m) to those who go on as they do while the robot moves on straight, over the time that is looked ahead."""
+    def _gap_after(self, wanted: BodyVelocity, length: float) -> float:
+        """Return the least gap (m) to those who go on as they do while the robot moves so many metres straight, over the time that is looked ahead."""
         c, rows = self._config, self._going_on
         cos, sin = math.cos(self._pose[2]), math.sin(self._pose[2])
         vx, vy = cos * wanted.vx - sin * wanted.vy, sin * wanted.vx + cos * wanted.vy
         least, nearest = math.inf, np.empty(2)
         for t in np.arange(0.0, c.evade_seconds + 1e-9, 0.2):
-            moved = min(float(t), c.evade_length / c.evade_speed)
+            moved = min(float(t), length / c.evade_speed)
             place = SE2(self._pose[0] + vx * moved, self._pose[1] + vy * moved, self._pose[2]).inverse()
             for x, y in place.transform(rows[:, :2] + t * rows[:, 2:4]):
                 gap = outline_distance(x, y, self._normals, self._offsets, self._corners, nearest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from pathlib import Path
@@ -21,7 +21,8 @@ _TOPICS = (
     *(topics.TRUE_POSE, topics.SLAM_POSE, topics.LOCALIZED_POSE),
     *(topics.MAP, topics.TRUE_MAP, topics.CONTACT, topics.STATUS),
 )
-RECOVERING, NAVIGATOR = "RECOVERING", "navigator"  # what a navigation says of itself while it recovers
+NAVIGATOR = "navigator"
+RECOVERING = ("RECOVERING", "GIVING_WAY")  # what it says of itself while it does not drive to its goal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,9 +100,9 @@ def read_exploration(
     )
 
 
-def seconds_in(state: str, states: Sequence[tuple[int, str]]) -> float:
-    """Return how long a machine was in a state that tells (stamp in ns, state) whenever it enters one."""
-    return 1e-9 * sum(b[0] - a[0] for a, b in pairwise(states) if a[1] == state)
+def seconds_in(wanted: Collection[str], states: Sequence[tuple[int, str]]) -> float:
+    """Return how long a machine was in one of the wanted states that tells (stamp in ns, state) whenever it enters one."""
+    return 1e-9 * sum(b[0] - a[0] for a, b in pairwise(states) if a[1] in wanted)
 
 
 def known_share(built: tuple[GridSpec, NDArray[np.int8]], truth: tuple[GridSpec, NDArray[np.int8]]) -> float:

@@ -1,7 +1,7 @@
 """Driving to one goal: plan, follow, replan, recover, and end with a named state. It knows no bus.
 
-PLANNING -> FOLLOWING -> SUCCEEDED, or NEAREST_REACHED when the goal itself cannot be reached; a failed plan or drive leads to RECOVERING and back to PLANNING; WAITING bridges moments
-without a pose or fresh input. A goal on another level of a map of ground is driven to in legs: to a passage, until the robot is on the next level, and on from there. Everything that takes time is asked of a `Driver` and answered by a callback; an answer that
+PLANNING -> FOLLOWING -> SUCCEEDED, or NEAREST_REACHED when the goal itself cannot be reached; a failed plan or drive leads to RECOVERING and back to PLANNING, or, where somebody is in the way,
+to GIVING_WAY: the robot stands aside until he is past. WAITING bridges moments without a pose or fresh input. A goal on another level of a map of ground is driven to in legs: to a passage, until the robot is on the next level, and on from there. Everything that takes time is asked of a `Driver` and answered by a callback; an answer that
 comes after the state has moved on is ignored.
 """
 
@@ -11,6 +11,7 @@ import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ParamSpec, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ from ambler.core.grid import COST_INSCRIBED, COST_UNKNOWN
 from ambler.core.messages import CostGrid, GroundLevels, Path
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.missions.blocked_ways import BlockedWaysConfig
+from ambler.missions.giving_way import GivingWayConfig
 from ambler.missions.level_route import Hop, LevelRoute
 from ambler.missions.recovery import DEFAULT_SEQUENCE, RecoveryAction, RecoverySequence, RecoveryStep
 from ambler.runtime.tasks import LEVEL_NOT_REACHED, NEAREST_REACHED, NO_SUCH_LEVEL, NavigateGoal, PlanReply
@@ -35,6 +37,7 @@ class NavigationState(enum.Enum):
     FOLLOWING = "FOLLOWING"
     RECOVERING = "RECOVERING"
     WAITING = "WAITING"
+    GIVING_WAY = "GIVING_WAY"
     SUCCEEDED = "SUCCEEDED"
     NEAREST_REACHED = NEAREST_REACHED
     FAILED = "FAILED"
@@ -51,6 +54,7 @@ MISSING = (TransformError.code, StaleInputError.code)
 TICK_PERIOD = 1.0
 BLOCKED_REST = 3.0
 HELD = "HELD"
+ASIDE_XY, ASIDE_YAW = 0.15, 0.3  # metres and radians within which the robot stands aside
 IN_THE_WAY = ("NO_VALID_CONTROL", "FAILED_TO_MAKE_PROGRESS", HELD)
 HOPELESS = ("GOAL_OUTSIDE_MAP", "START_OUTSIDE_MAP")
 
@@ -90,6 +94,18 @@ class Driver(Protocol):
         """Return whether people are about, or were lately."""
         ...
 
+    def is_held_up(self, path: Path | None) -> bool:
+        """Return whether somebody right before the robot, on its path, has not let it get on for some time."""
+        ...
+
+    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+        """Seek where to stand aside for him; `done` gets None where there is no such place."""
+        ...
+
+    def is_let_by(self) -> bool:
+        """Return whether he is past, or has gone elsewhere."""
+        ...
+
     def report(self, state: str, text: str) -> None: ...
 
     def finish(self, code: str, text: str) -> None: ...
@@ -115,6 +131,7 @@ class NavigationConfig:
     level_near: float = 0.5
     recoveries: tuple[RecoveryStep, ...] = DEFAULT_SEQUENCE
     blocked: BlockedWaysConfig = field(default_factory=BlockedWaysConfig)
+    giving_way: GivingWayConfig = field(default_factory=GivingWayConfig)
 
 
 class Navigation:
@@ -146,6 +163,8 @@ class Navigation:
         self._blocked = 0.0
         self._seconds = 0.0
         self._got_on_at = 0.0
+        self._asides = 0
+        self._refuge: SE2 | None = None  # where it could not go yet to stand aside
         self._path: Path | None = None
         self._arrived_at: Path | None = None
         self._lost_hop = ""
@@ -185,6 +204,10 @@ class Navigation:
         self._seconds += TICK_PERIOD
         if self.state is NavigationState.WAITING:
             self._plan()
+        elif self.state is NavigationState.GIVING_WAY:
+            self._stand_aside()
+        elif self.state is NavigationState.FOLLOWING and self._gives_way("the robot does not get on", self._plan):
+            return
         elif self.state is NavigationState.RECOVERING and self._rest > 0.0:
             self._rest -= TICK_PERIOD
             if self._rest <= 0.0:
@@ -340,7 +363,7 @@ class Navigation:
             if self._hop is not None and distance <= self._config.level_near:
                 self._ask_for_level(self._hop)
             if self._recoveries.update(distance):
-                self._got_on_at = self._seconds
+                self._got_on_at, self._asides = self._seconds, 0
 
     def _on_followed(self, code: str, text: str) -> None:
         self._cancel_motion = None
@@ -351,6 +374,8 @@ class Navigation:
             self._arrive()
         elif code in MISSING:
             self._wait(text)
+        elif code in IN_THE_WAY and self._gives_way(f"{code}: {text}", partial(self._on_followed, code, text)):
+            return
         elif code in IN_THE_WAY and self._path is not None and self._marks(self._path, code):
             self._plan()  # around what is marked now
         else:
@@ -368,7 +393,59 @@ class Navigation:
         else:
             self._enter(NavigationState.WAITING, text)
 
+    def _gives_way(self, why: str, otherwise: Callable[[], None]) -> bool:
+        """Where somebody holds the robot up, seek a place to stand aside, and do `otherwise` where there is none; say whether it is sought."""
+        if self._asides >= self._config.giving_way.tries or not self._driver.is_held_up(self._path):
+            return False
+        self._asides += 1
+        self._stop_motion()
+        self._enter(NavigationState.GIVING_WAY, f"somebody holds the robot up: {why}")
+        self._driver.find_refuge(self._guarded(partial(self._on_refuge, otherwise)))
+        return True
+
+    def _on_refuge(self, otherwise: Callable[[], None], refuge: SE2 | None) -> None:
+        if refuge is None:
+            self._asides = self._config.giving_way.tries  # until the robot has got on
+            otherwise()
+        else:
+            self._go_aside(refuge)
+
+    def _go_aside(self, refuge: SE2) -> None:
+        self._refuge = None
+        self._driver.plan(refuge, self._guarded(partial(self._follow_aside, refuge)))
+
+    def _follow_aside(self, refuge: SE2, reply: PlanReply | Exception) -> None:
+        if not isinstance(reply, PlanReply):
+            self._go_on()
+            return
+        self._driver.replace_path(reply.path)
+        done = self._guarded(partial(self._on_aside, refuge))
+        goal = NavigateGoal(refuge, ASIDE_XY, ASIDE_YAW)
+        self._cancel_motion = self._driver.follow(reply.path, goal, done, lambda left: None)
+
+    def _on_aside(self, refuge: SE2, code: str, text: str) -> None:
+        self._cancel_motion = None
+        if code in MISSING:
+            self._wait(text)
+        elif code != "SUCCEEDED":
+            self._refuge = refuge  # he, or the gate because of him, holds the robot where it is
+
+    def _stand_aside(self) -> None:
+        """Wait until he is past; try again to get there where that failed."""
+        if self._driver.is_let_by():
+            self._go_on()
+        elif self._refuge is not None:
+            self._go_aside(self._refuge)
+
+    def _go_on(self) -> None:
+        """Go on after somebody was let by, or because the place to stand aside cannot be reached."""
+        self._stop_motion()
+        self._has_cleared = False  # where he walked, what was seen of him may be left
+        self._plan()
+
     def _recover_or_fail(self, code: str, text: str) -> None:
+        if self._gives_way(text, partial(self._recover_or_fail, code, text)):
+            return
         step = self._recoveries.peek()
         # Moving does not open a way that the map denies; forgetting obstacles may, or whoever stands there leaves.
         is_denied = code == "NO_VALID_PATH" and (step is None or step.action is not RecoveryAction.CLEAR)
@@ -382,6 +459,7 @@ class Navigation:
         if step is None or is_denied:
             if self._seconds - self._got_on_at < self._config.company_patience and self._driver.is_in_company():
                 self._recoveries.try_again()
+                self._has_cleared = False  # they may have left marks where they stood
                 self._rest_because(text)
             else:
                 self._fail(code, text)

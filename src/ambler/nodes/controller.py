@@ -518,15 +518,11 @@ class ControllerNode(Node):
     def _seen_slide(self, heading: float, length: float) -> float:
         """Return how far the robot may slide along a heading of the odom frame through what it has seen to be free, at most `length` m."""
         odom_from_base, _ = self._view.now(self.ctx.now_ns)
-        end = SE2(
-            odom_from_base.x + length * math.cos(heading),
-            odom_from_base.y + length * math.sin(heading),
-            odom_from_base.yaw,
-        )
-        if not self._view.has_seen(end.transform(self._robot.footprint)):
-            return 0.0
         self._window.update(self._view.costmap.costs, self._view.costmap.spec)
-        return self._window.free_slide(odom_from_base, heading, length)
+        free = self._window.free_slide(odom_from_base, heading, length)
+        x, y = odom_from_base.x + free * math.cos(heading), odom_from_base.y + free * math.sin(heading)
+        there = SE2(x, y, odom_from_base.yaw).transform(self._robot.footprint)
+        return free if self._view.has_seen(there) else 0.0
 
     def _is_yielding(self) -> bool:
         """Whether the robot waits for people, and has not done so for too long."""

@@ -41,6 +41,8 @@ from ambler.missions.explore_commands import (
     StopDriving,
     TurnAround,
 )
+from ambler.missions.navigate import NavigationState
+from ambler.nodes.navigator import NavigatorNode
 from ambler.runtime.node import PREEMPTED, GoalHandle, GoalTicket, Node, Service, Task, TaskOutcome
 from ambler.runtime.tasks import (
     CHOOSE_LEVEL,
@@ -115,7 +117,7 @@ class ExplorerNode(Node):
         self._handle: Handle | None = None
         self._ticket: GoalTicket | None = None
         self._drive: DriveTo | TurnAround | None = None
-        self._is_yielding = False
+        self._is_yielding = self._gives_way = self._is_told_to_wait = False
         self._levels: GroundLevels | None = None
         self._told = ""
 
@@ -152,10 +154,13 @@ class ExplorerNode(Node):
             self._tree.set(edge.parent, edge.child, edge.stamp_ns, edge.parent_from_child)
 
     def _on_status(self, message: Status) -> None:
-        """Hear from SLAM whether the map is in doubt. When a person's own goal is over, go on with the drive that it displaced, unless another program
+        """Hear from SLAM whether the map is in doubt, and from the navigator whether it lets somebody by: nothing is decided meanwhile. When a person's own goal is over, go on with the drive that it displaced, unless another program
         drives by now."""
         if message.code in ("SLAM_GOOD", "SLAM_DEGRADED", "SLAM_LOST"):
             self._mission.doubt("" if message.code == "SLAM_GOOD" else message.text, self.ctx.now_ns)
+        if message.node.rpartition("/")[2] == NavigatorNode.name and message.code in NavigationState.__members__:
+            self._gives_way = message.code == NavigationState.GIVING_WAY.value
+            self._pause()
         if self._is_yielding and message.code == CLICKED_GOAL_OVER:
             self._is_yielding = False
             self._mission.resume(self.ctx.now_ns)
@@ -179,11 +184,15 @@ class ExplorerNode(Node):
 
     def _on_gate(self, gate: GateStatus) -> None:
         self._mission.hold(gate.reason if gate.state is GateState.FAULT else "", self.ctx.now_ns)
-        self._mission.pause(self.ctx.now_ns, is_paused=gate.state in (GateState.PAUSED, GateState.EMERGENCY_STOP))
+        self._is_told_to_wait = gate.state in (GateState.PAUSED, GateState.EMERGENCY_STOP)
+        self._pause()
+
+    def _pause(self) -> None:
+        self._mission.pause(self.ctx.now_ns, is_paused=self._is_told_to_wait or self._gives_way)
 
     def _on_goal(self, handle: Handle) -> None:
         self._handle = handle
-        self._is_yielding = False
+        self._is_yielding = self._gives_way = False
         self._mission.begin(handle.goal, self.ctx.now_ns)
         self._update()
 

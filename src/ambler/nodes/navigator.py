@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from ambler.core.errors import TransformError
 from ambler.core.messages import CostGrid, GroundLevels, Path, PointCloud, PointStamped, PoseStamped, Status, Transforms
+from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.company import Company
+from ambler.missions.giving_way import GivingWay
 from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
 from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
-from ambler.runtime.node import PREEMPTED, GoalHandle, Node, Offers, TaskOutcome, Topics
+from ambler.runtime.node import PREEMPTED, GoalHandle, Node, Offers, TaskOutcome, Topics, WorkKind
 from ambler.runtime.tasks import (
     CHOOSE_LEVEL,
     CLEAR_GLOBAL_COSTMAP,
@@ -54,12 +57,13 @@ from ambler.runtime.topics import (
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, NavigateResult]
 
 FEEDBACK_PERIOD = 0.25
+SEARCH_TIME = 0.05  # seconds that the search for a place to stand aside takes
 KINDS = {RecoveryAction.ROTATE: RecoveryKind.ROTATE, RecoveryAction.BACK_UP: RecoveryKind.BACK_UP}
 
 
 class NavigatorNode(Node):
     """Runs one `Navigation` at a time; a new goal preempts the old one. `has_levels`: the map is one of ground, whose levels can be chosen; a goal that somebody
-    clicks then lies on the level that the map shows."""
+    clicks then lies on the level that the map shows. Only a node that knows its `robot` stands aside for people."""
 
     name = "navigator"
     inputs = (TRANSFORMS,)
@@ -70,7 +74,9 @@ class NavigatorNode(Node):
     calls: Offers = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
     latency = 0.002
 
-    def __init__(self, config: NavigationConfig | None = None, *, has_levels: bool = False) -> None:
+    def __init__(
+        self, config: NavigationConfig | None = None, robot: RobotModel | None = None, *, has_levels: bool = False
+    ) -> None:
         if has_levels:
             self.calls = (*type(self).calls, CHOOSE_LEVEL)
         self._has_levels = has_levels
@@ -82,6 +88,7 @@ class NavigatorNode(Node):
         self._clicks = 0
         self._levels: GroundLevels | None = None
         self._company = Company(self._config.company_time, 0)
+        self._giving_way = None if robot is None else GivingWay(self._config.giving_way, robot)
         self._blocked = {0: BlockedWays(self._config.blocked)}  # by level
         self._marked = 0
 
@@ -169,11 +176,44 @@ class NavigatorNode(Node):
 
     def _on_movers(self, movers: PointCloud) -> None:
         self._company.meet(self.ctx.now_ns, is_here=len(movers.points) > 0)
+        base = self.map_from_base()
+        if self._giving_way is not None and base is not None:
+            with suppress(TransformError):
+                places = self._tree.lookup("map", movers.frame).to_se2().transform(movers.points[:, :2].astype(float))
+                self._giving_way.meet(self.ctx.now_ns, places, base)
 
     @property
     def is_in_company(self) -> bool:
         """Whether people are about, or were lately."""
         return self._company.is_about(self.ctx.now_ns)
+
+    def is_held_up(self, path: Path | None) -> bool:
+        """Whether somebody right before the robot, on its path, has not let it get on for some time."""
+        base = self.map_from_base()
+        if self._giving_way is None or base is None:
+            return False
+        return self._giving_way.is_held_up(self.ctx.now_ns, base, None if path is None else path.poses)
+
+    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+        """Seek where to stand aside for him; `done` gets None where there is no such place."""
+        giving_way, base, costs = self._giving_way, self.map_from_base(), self._costmap
+        search = None
+        if giving_way is not None and base is not None and costs is not None:
+            search = giving_way.seek(self.ctx.now_ns, base, costs)
+        if giving_way is None or search is None:
+            self.ctx.after(0.0, lambda: done(None))
+            return
+
+        def found(refuge: SE2 | None) -> None:
+            if refuge is not None:
+                giving_way.go_to(refuge)
+            done(refuge)
+
+        self.ctx.background(search, SEARCH_TIME, found, WorkKind.PERCEPTION)
+
+    def is_let_by(self) -> bool:
+        """Whether whom the robot stands aside for is past, or has gone elsewhere."""
+        return self._giving_way is None or self._giving_way.is_over(self.ctx.now_ns)
 
     def choose_level(self, level: int) -> None:
         """Have a level taken for the one that the robot is on, as soon as what it sees fits it."""
@@ -289,6 +329,15 @@ class _Drive:
 
     def is_in_company(self) -> bool:
         return self._node.is_in_company
+
+    def is_held_up(self, path: Path | None) -> bool:
+        return self._node.is_held_up(path)
+
+    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+        self._node.find_refuge(done)
+
+    def is_let_by(self) -> bool:
+        return self._node.is_let_by()
 
     def report(self, state: str, text: str) -> None:
         self._node.say(state, text, self.navigation.recoveries)

@@ -1,0 +1,317 @@
+"""Who holds a robot up, where it stands aside for him, and when it goes on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from ambler.apps.judgement import judge
+from ambler.apps.run_folder import RunFolder
+from ambler.apps.scene import RunOptions
+from ambler.apps.simulated import SimulatedRun
+from ambler.core.errors import BadInputError, NoValidPathError
+from ambler.core.grid import COST_INSCRIBED, COST_LETHAL, GridSpec
+from ambler.core.messages import CostGrid
+from ambler.core.se2 import SE2
+from ambler.missions.giving_way import GivingWay, GivingWayConfig
+from ambler.missions.navigate import Navigation, NavigationConfig, NavigationState
+from ambler.nodes.steps import NavigateStep
+from ambler.planning.refuge import RefugeConfig
+from ambler.robots.catalog import robot_model
+from ambler.runtime.tasks import PlanReply
+from tests.missions.test_navigate import GOAL, Script, plan_to
+
+ROBOT = robot_model("amr_omni")
+AHEAD = np.column_stack((np.linspace(0.0, 6.0, 60), np.zeros(60), np.zeros(60)))
+CONFIG = GivingWayConfig()
+
+
+def met(
+    *places: tuple[float, float], seconds: float = 10.0, begin: float = 0.0, giving: GivingWay | None = None
+) -> GivingWay:
+    """People who are at these places for so long, while the robot stands at the origin."""
+    giving_way = GivingWay(CONFIG, ROBOT) if giving is None else giving
+    for t in np.arange(begin, begin + seconds + 1e-9, 0.1):
+        giving_way.meet(round(t * 1e9), np.array(places, np.float64).reshape(-1, 2), SE2())
+    return giving_way
+
+
+def walk(giving_way: GivingWay, begin: float, start: tuple[float, float], end: tuple[float, float]) -> float:
+    """Somebody walks at 1 m/s; returns when he is there."""
+    length = math.dist(start, end)
+    for s in np.arange(0.0, length + 1e-9, 0.1):
+        share = s / length
+        place = np.array([[start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])]])
+        giving_way.meet(round((begin + s) * 1e9), place, SE2())
+    return begin + length
+
+
+@pytest.mark.parametrize(
+    ("place", "is_held"),
+    [((1.0, 0.0), True), ((1.2, 0.6), True), ((-1.0, 0.0), False), ((1.2, 2.0), False), ((3.5, 0.0), False)],
+    ids=["before it", "half beside its path", "behind it", "beside its path", "far ahead"],
+)
+def test_only_who_is_on_the_path_ahead_holds_a_robot_up(place: tuple[float, float], *, is_held: bool) -> None:
+    assert met(place).is_held_up(round(10e9), SE2(), AHEAD) == is_held
+
+
+def test_a_robot_that_gets_on_or_has_just_met_him_is_not_held_up() -> None:
+    assert not met((1.0, 0.0), seconds=5.0).is_held_up(round(5e9), SE2(), AHEAD), "not for long enough"
+    moving = GivingWay(CONFIG, ROBOT)
+    for t in np.arange(0.0, 20.0, 0.1):
+        here = SE2(0.15 * t, 0.0, 0.0)
+        moving.meet(round(t * 1e9), np.array([[here.x + 1.0, 0.0]]), here)
+    assert not moving.is_held_up(round(20e9), here, AHEAD), "it drives behind somebody slow"
+    later = met((1.0, 0.0), begin=100.0, seconds=1.0, giving=met((1.0, 0.0)))
+    assert not later.is_held_up(round(101e9), SE2(), AHEAD), "another meeting, long after"
+    assert not met(seconds=10.0).is_held_up(round(10e9), SE2(), AHEAD), "nobody is there"
+
+
+def test_without_a_path_who_stands_anywhere_near_counts() -> None:
+    assert met((-1.0, 0.0)).is_held_up(round(10e9), SE2(), None)
+    assert not met((-4.0, 0.0)).is_held_up(round(10e9), SE2(), None)
+
+
+def corridor_grid() -> CostGrid:
+    """A corridor of 2 m along x, whose middle is y = 0, with a room behind a door at x = -3 in its left wall."""
+    spec = GridSpec(0.05, 400, 140, -10.0, -3.5)
+    walls = np.ones(spec.shape, np.bool_)
+    walls[50:90] = False
+    walls[90:125, 126:154] = False
+    near = distance_transform_edt(~walls) * 0.05 < ROBOT.inscribed_radius
+    return CostGrid(0, "map", spec, np.where(walls, COST_LETHAL, np.where(near, COST_INSCRIBED, 0)).astype(np.uint8))
+
+
+def aside(giving_way: GivingWay, now: float) -> SE2:
+    search = giving_way.seek(round(now * 1e9), SE2(), corridor_grid())
+    assert search is not None
+    refuge = search()
+    assert refuge is not None
+    giving_way.go_to(refuge)
+    return refuge
+
+
+def test_it_waits_until_he_is_past_and_not_until_he_has_turned_round() -> None:
+    giving_way = GivingWay(CONFIG, ROBOT)
+    now = walk(giving_way, 0.0, (5.0, 0.0), (0.9, 0.0))
+    refuge = aside(giving_way, now)
+    assert refuge.y > 1.0
+    now = walk(giving_way, now, (0.9, 0.0), (3.0, 0.0))
+    assert not giving_way.is_over(round(now * 1e9)), "he has turned round: he may come back"
+    now = walk(giving_way, now, (3.0, 0.0), (refuge.x, 0.0))
+    assert not giving_way.is_over(round(now * 1e9)), "he is before the door"
+    now = walk(giving_way, now, (refuge.x, 0.0), (refuge.x - 2.0, 0.0))
+    assert giving_way.is_over(round(now * 1e9))
+
+
+def test_his_line_is_the_one_that_he_walked_not_the_one_to_the_robot() -> None:
+    """At the robot's nose, half a metre aside, the line to its middle would lead through a wall."""
+    giving_way = GivingWay(CONFIG, ROBOT)
+    now = walk(giving_way, 0.0, (5.0, -0.5), (0.9, -0.5))
+    aside(giving_way, now)
+    assert giving_way.walk is not None
+    assert giving_way.walk.along == pytest.approx((-1.0, 0.0), abs=0.02)
+    stranger = met((0.9, -0.5), seconds=1.0)
+    aside(stranger, 1.0)
+    assert stranger.walk is not None
+    assert stranger.walk.along[1] > 0.3, "who never walked is thought to come straight on"
+
+
+def test_who_has_gone_is_waited_for_twice_as_long_each_time() -> None:
+    giving_way, now, waited = GivingWay(CONFIG, ROBOT), 0.0, []
+    for _ in range(3):
+        now = walk(giving_way, now, (3.0, 0.0), (0.9, 0.0))
+        aside(giving_way, now)
+        begun = now
+        while not giving_way.is_over(round(now * 1e9)):
+            now += 0.5
+            giving_way.meet(round(now * 1e9), np.zeros((0, 2)), SE2())
+        waited.append(now - begun)
+    assert waited == pytest.approx([CONFIG.gone, 2.0 * CONFIG.gone, 4.0 * CONFIG.gone], abs=0.6)
+
+
+def test_it_never_waits_longer_than_the_longest() -> None:
+    giving_way = GivingWay(CONFIG, ROBOT)
+    now = walk(giving_way, 0.0, (3.0, 0.0), (0.9, 0.0))
+    aside(giving_way, now)
+    met((1.5, 0.0), begin=now, seconds=CONFIG.longest - 1.0, giving=giving_way)
+    assert not giving_way.is_over(round((now + CONFIG.longest - 1.0) * 1e9))
+    assert giving_way.is_over(round((now + CONFIG.longest + 1.0) * 1e9))
+
+
+def test_nobody_is_given_way_to_before_anybody_was_seen() -> None:
+    giving_way = GivingWay(CONFIG, ROBOT)
+    assert giving_way.seek(0, SE2(), corridor_grid()) is None
+    assert giving_way.is_over(0)
+
+
+@pytest.mark.parametrize("wrong", [{"tries": -1}, {"held": 0.0}, {"gone": -1.0}])
+def test_numbers_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(BadInputError, match="giving way"):
+        GivingWayConfig(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(BadInputError, match="refuge"):
+        RefugeConfig(reach=0.0)
+
+
+class Crowded(Script):
+    """A driver with somebody in the way; plans to the refuge are told apart."""
+
+    refuge = SE2(-3.0, 1.5, 1.5)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.somebody = True
+        self.aside_plans: list[Callable[[PlanReply | Exception], None]] = []
+
+    def plan(self, map_from_goal: SE2, done: Callable[[PlanReply | Exception], None]) -> None:
+        (self.aside_plans if map_from_goal == self.refuge else self.plans).append(done)
+
+
+def begun(tries: int = 6) -> tuple[Crowded, Navigation]:
+    script = Crowded()
+    drive = Navigation(NavigationConfig(giving_way=GivingWayConfig(tries=tries)), script, GOAL)
+    drive.start()
+    script.plans[-1](plan_to(5.0))
+    return script, drive
+
+
+def test_a_drive_stands_aside_waits_and_goes_on() -> None:
+    script, drive = begun()
+    script.follows[-1][1]("NO_VALID_CONTROL", "blocked")
+    assert drive.state is NavigationState.GIVING_WAY
+    assert script.moving is None
+    assert not script.blocked, "no way is marked for it"
+    script.seeking[-1](script.refuge)
+    script.aside_plans[-1](plan_to(-3.0))
+    assert script.follows[-1][0].map_from_goal == script.refuge
+    script.follows[-1][1]("SUCCEEDED", "")
+    for _ in range(5):
+        drive.tick()
+    assert drive.state is NavigationState.GIVING_WAY
+    assert len(script.aside_plans) == 1
+    script.is_past = True
+    drive.tick()
+    assert drive.state is NavigationState.PLANNING
+    script.plans[-1](plan_to(5.0))
+    script.somebody = False
+    script.follows[-1][1]("SUCCEEDED", "")
+    assert script.ends[-1][0] == "SUCCEEDED"
+    assert drive.recoveries == 0
+
+
+def test_who_only_stands_in_the_way_of_a_moving_robot_is_noticed_too() -> None:
+    script, drive = begun()
+    drive.tick()
+    assert drive.state is NavigationState.GIVING_WAY
+    assert script.moving is None, "the robot stops before it looks for a place"
+    script.is_past = True
+    script.seeking[-1](script.refuge)
+    script.aside_plans[-1](plan_to(-3.0))
+    drive.tick()
+    assert drive.state is NavigationState.PLANNING, "he has passed while the robot was still on its way"
+    assert script.moving is None
+
+
+def test_what_holds_it_on_its_way_aside_is_tried_again() -> None:
+    script, drive = begun()
+    drive.tick()
+    script.seeking[-1](script.refuge)
+    script.aside_plans[-1](plan_to(-3.0))
+    script.follows[-1][1]("NO_VALID_CONTROL", "the gate holds it, because he leans on it")
+    drive.tick()
+    assert len(script.aside_plans) == 2
+    script.aside_plans[-1](NoValidPathError("he stands in the door"))
+    assert drive.state is NavigationState.PLANNING
+    script.plans[-1](plan_to(5.0))
+    assert drive.state is NavigationState.FOLLOWING
+
+
+def test_where_there_is_no_such_place_it_recovers_as_ever() -> None:
+    script, drive = begun()
+    script.follows[-1][1]("NO_VALID_CONTROL", "blocked")
+    script.seeking[-1](None)
+    assert drive.state is NavigationState.RECOVERING
+    assert len(script.blocked) == 1
+    script.clears[-1]()
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][1]("NO_VALID_CONTROL", "blocked")
+    assert len(script.seeking) == 1, "it is not looked for again from the same place"
+    script.recoveries[-1][1]("SUCCEEDED", "")
+    script.plans[-1](plan_to(5.0))
+    script.follows[-1][2](4.0)
+    script.follows[-1][2](3.0)
+    drive.tick()
+    assert len(script.seeking) == 2, "but from another one"
+
+
+def test_it_stands_aside_so_often_and_no_oftener() -> None:
+    script, drive = begun(tries=2)
+    script.is_past = True
+    for _ in range(2):
+        drive.tick()
+        script.seeking[-1](script.refuge)
+        script.aside_plans[-1](plan_to(-3.0))
+        drive.tick()
+        script.plans[-1](plan_to(5.0))
+    drive.tick()
+    assert drive.state is NavigationState.FOLLOWING
+    script.follows[-1][1]("NO_VALID_CONTROL", "blocked")
+    assert drive.state is NavigationState.RECOVERING
+
+
+@pytest.mark.parametrize("when", ["seeking", "planning", "driving", "standing"])
+def test_cancelling_while_it_stands_aside_stops_it(when: str) -> None:
+    script, drive = begun()
+    drive.tick()
+    if when != "seeking":
+        script.seeking[-1](script.refuge)
+    if when in ("driving", "standing"):
+        script.aside_plans[-1](plan_to(-3.0))
+    if when == "standing":
+        script.follows[-1][1]("SUCCEEDED", "")
+    drive.cancel()
+    assert drive.state is NavigationState.CANCELLED
+    assert script.moving is None
+    script.seeking[-1](script.refuge)
+    drive.tick()
+    assert drive.state is NavigationState.CANCELLED
+
+
+CORRIDOR = """
+start: {x: 1.5, y: 1.0, yaw_deg: 0}
+walls:
+  - {from: [0, 0], to: [19, 0], thickness: 0.1}
+  - {from: [19, 0], to: [19, 2], thickness: 0.1}
+  - {from: [0, 2], to: [8.3, 2], thickness: 0.1}
+  - {from: [9.7, 2], to: [19, 2], thickness: 0.1}
+  - {from: [8.3, 2], to: [8.3, 4], thickness: 0.1}
+  - {from: [9.7, 2], to: [9.7, 4], thickness: 0.1}
+  - {from: [8.3, 4], to: [9.7, 4], thickness: 0.1}
+  - {from: [0, 0], to: [0, 2], thickness: 0.1}
+people:
+  - {name: walker, way: [[5, 1.0], [16, 1.0]], speed: 1.0, yields: false}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_wide_robot_gets_past_somebody_who_never_yields(seed: int, tmp_path: FilePath) -> None:
+    """A corridor of 2 m, a robot of 0.8 m, and somebody who walks up and down its middle: there is one niche, and it is used."""
+    world = tmp_path / "corridor.yaml"
+    world.write_text(CORRIDOR)
+    options = RunOptions((NavigateStep(SE2(16.0, 0.0, 0.0)),), str(world), "amr_omni", seed=seed, port=None)
+    run = SimulatedRun(options, RunFolder(tmp_path / "run"))
+    try:
+        run.run(300.0)
+        fields = judge(run).fields
+        log = run.folder.log.read_text()
+    finally:
+        run.close()
+    assert fields["ended"] == "succeeded"
+    assert fields["collisions"] == 0
+    assert "NAVIGATION_GIVING_WAY" in log
