@@ -81,6 +81,16 @@ def test_it_brakes_within_its_deceleration_before_what_appears() -> None:
     assert 2.85 < log.poses[-1].x + 0.6 < 3.0
 
 
+def test_it_leaves_a_niche_that_it_cannot_turn_in_as_it_came() -> None:
+    niche = World().block(-0.8, 0.55, 1.0, 0.6).block(-0.8, -0.6, 1.0, -0.55).block(0.8, -0.6, 0.85, 0.6)
+    path = np.concatenate((line((0.0, 0.0), (-2.2, 0.0)), line((-2.2, 0.0), (-2.2, 3.0))))
+    log = drive(OmniPursuit(PursuitConfig(), AMR), AMR, niche, path, SE2(), 40.0)
+    assert log.is_reached
+    backwards = [v for p, v in zip(log.poses, log.velocities, strict=False) if p.x > -1.0]
+    assert min(v.vx for v in backwards) < -0.2, "not at a crawl: somebody may come"
+    assert all(abs(v.wz) < 1e-9 for v in backwards)
+
+
 def test_without_a_path_it_says_so() -> None:
     planner = OmniPursuit(PursuitConfig(), AMR)
     costs, spec = World().window(0.0, 0.0, 5.0)

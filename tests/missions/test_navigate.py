@@ -100,7 +100,7 @@ class Script:
     def is_held_up(self, path: Path | None) -> bool:
         return self.somebody
 
-    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+    def find_refuge(self, path: Path | None, done: Callable[[SE2 | None], None]) -> None:
         self.seeking.append(done)
 
     def is_let_by(self) -> bool:

@@ -10,6 +10,7 @@ from tests.mutation.faults_of_localization import LOCALIZATION
 from tests.mutation.faults_of_mapping import MAPPING
 from tests.mutation.faults_of_metrics import METRICS
 from tests.mutation.faults_of_motion import MOTION
+from tests.mutation.faults_of_people import PEOPLE
 from tests.mutation.faults_of_places import PLACES
 from tests.mutation.faults_of_safety import SAFETY
 from tests.mutation.faults_of_sensors import SENSORS
@@ -31,4 +32,5 @@ FAULTS: tuple[PlantedFault, ...] = (
     + TERRAIN
     + DEPTH
     + STATIONS
+    + PEOPLE
 )

@@ -1349,8 +1349,8 @@ MOTION = (
     PlantedFault(
         "a drive that gets on has no patience left",
         "missions/navigate.py",
-        "self._got_on_at = self._seconds",
-        "pass",
+        "self._got_on_at, self._asides = self._seconds, 0",
+        "self._asides = 0",
         ("tests/missions/test_navigate.py",),
     ),
     PlantedFault(

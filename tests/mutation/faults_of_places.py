@@ -137,8 +137,8 @@ PLACES = (
     PlantedFault(
         "time in recoveries is counted to the state before",
         "evaluation/exploration_run.py",
-        "pairwise(states) if a[1] == state",
-        "pairwise(states) if b[1] == state",
+        "pairwise(states) if a[1] in wanted",
+        "pairwise(states) if b[1] in wanted",
         ("tests/evaluation/test_recovery_time.py",),
     ),
     PlantedFault(

@@ -98,7 +98,7 @@ class Driver(Protocol):
         """Return whether somebody right before the robot, on its path, has not let it get on for some time."""
         ...
 
-    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+    def find_refuge(self, path: Path | None, done: Callable[[SE2 | None], None]) -> None:
         """Seek where to stand aside for him; `done` gets None where there is no such place."""
         ...
 
@@ -400,7 +400,7 @@ class Navigation:
         self._asides += 1
         self._stop_motion()
         self._enter(NavigationState.GIVING_WAY, f"somebody holds the robot up: {why}")
-        self._driver.find_refuge(self._guarded(partial(self._on_refuge, otherwise)))
+        self._driver.find_refuge(self._path, self._guarded(partial(self._on_refuge, otherwise)))
         return True
 
     def _on_refuge(self, otherwise: Callable[[], None], refuge: SE2 | None) -> None:

@@ -194,19 +194,19 @@ class NavigatorNode(Node):
             return False
         return self._giving_way.is_held_up(self.ctx.now_ns, base, None if path is None else path.poses)
 
-    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
+    def find_refuge(self, path: Path | None, done: Callable[[SE2 | None], None]) -> None:
         """Seek where to stand aside for him; `done` gets None where there is no such place."""
         giving_way, base, costs = self._giving_way, self.map_from_base(), self._costmap
         search = None
         if giving_way is not None and base is not None and costs is not None:
-            search = giving_way.seek(self.ctx.now_ns, base, costs)
-        if giving_way is None or search is None:
+            search = giving_way.seek(self.ctx.now_ns, base, None if path is None else path.poses, costs)
+        if giving_way is None or base is None or search is None:
             self.ctx.after(0.0, lambda: done(None))
             return
 
         def found(refuge: SE2 | None) -> None:
             if refuge is not None:
-                giving_way.go_to(refuge)
+                giving_way.go_to(self.ctx.now_ns, base, refuge)
             done(refuge)
 
         self.ctx.background(search, SEARCH_TIME, found, WorkKind.PERCEPTION)
@@ -333,8 +333,8 @@ class _Drive:
     def is_held_up(self, path: Path | None) -> bool:
         return self._node.is_held_up(path)
 
-    def find_refuge(self, done: Callable[[SE2 | None], None]) -> None:
-        self._node.find_refuge(done)
+    def find_refuge(self, path: Path | None, done: Callable[[SE2 | None], None]) -> None:
+        self._node.find_refuge(path, done)
 
     def is_let_by(self) -> bool:
         return self._node.is_let_by()
