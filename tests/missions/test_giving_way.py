@@ -48,7 +48,7 @@ def walk(giving_way: GivingWay, begin: float, start: tuple[float, float], end: t
 
 @pytest.mark.parametrize(
     ("place", "is_held"),
-    [((1.0, 0.0), True), ((1.2, 0.6), True), ((-1.0, 0.0), False), ((1.2, 2.0), False), ((3.5, 0.0), False)],
+    [((1.0, 0.0), True), ((1.2, 0.6), True), ((-0.8, 0.0), False), ((1.2, 2.0), False), ((3.5, 0.0), False)],
     ids=["before it", "half beside its path", "behind it", "beside its path", "far ahead"],
 )
 def test_only_who_is_on_the_path_ahead_holds_a_robot_up(place: tuple[float, float], *, is_held: bool) -> None:
