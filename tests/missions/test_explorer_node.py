@@ -241,3 +241,47 @@ def test_a_door_that_is_wide_enough_is_gone_through_and_nothing_is_narrow(door: 
     assert client.outcome is not None
     assert robot.world.coverage() == pytest.approx(1.0, abs=0.01)
     assert not any("wide" in frontier.reason for frontier in client.outcome.result.remaining)
+
+
+class Courteous(IdealRobot):
+    """Stands aside for somebody from 3 s on, for 45 s, and says so, or does not."""
+
+    name = "navigator"
+    outputs = (MAP, GLOBAL_COSTMAP, TRANSFORMS, STATUS)
+
+    def __init__(self, *, says_so: bool) -> None:
+        super().__init__(two_rooms())
+        self.says_so, self.is_aside = says_so, False
+
+    def start(self) -> None:
+        super().start()
+        self.ctx.after(3.0, lambda: self._stand(is_aside=True))
+        self.ctx.after(48.0, lambda: self._stand(is_aside=False))
+
+    def _stand(self, *, is_aside: bool) -> None:
+        self.is_aside = is_aside
+        if self.says_so:
+            code = "GIVING_WAY" if is_aside else "FOLLOWING"
+            self.ctx.publish(STATUS, Status(self.ctx.now_ns, self.name, code, "somebody holds the robot up", "{}"))
+
+    def _tick(self) -> None:
+        handle = self.handle
+        self.handle = None if self.is_aside else handle
+        super()._tick()
+        self.handle = handle
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_while_the_navigator_lets_somebody_by_nothing_is_given_up(*, says_so: bool) -> None:
+    survey = FrontierSurvey(SurveyConfig(), distance_field)
+    explorer = ExplorerNode(ExploreConfig(), survey, strategy_named("tour", distance_field))
+    robot, client = Courteous(says_so=says_so), Client()
+    executor = LockstepExecutor(Stack([robot, explorer, client]))
+    try:
+        executor.run(170.0)
+    finally:
+        executor.close()
+    gave_up = [s for s in client.status if s.node == "explorer" and "no progress" in s.text]
+    assert (gave_up == []) == says_so
+    assert client.outcome is not None
+    assert client.outcome.is_success

@@ -72,6 +72,18 @@ def test_a_robot_that_gets_on_or_has_just_met_him_is_not_held_up() -> None:
     assert not met(seconds=10.0).is_held_up(round(14e9), SE2(), AHEAD), "nobody is there"
 
 
+def test_a_robot_that_is_paused_is_held_up_by_nobody() -> None:
+    giving_way = met((1.0, 0.0))
+    giving_way.rest()
+    assert not giving_way.is_held_up(round(14e9), SE2(), AHEAD)
+
+
+def test_while_the_place_is_looked_for_it_is_not_over() -> None:
+    giving_way = met((1.0, 0.0))
+    assert giving_way.seek(round(14e9), SE2(), AHEAD, corridor_grid()) is not None
+    assert not giving_way.is_over(round(14.1e9))
+
+
 def test_without_a_path_who_stands_anywhere_near_counts() -> None:
     assert met((-1.0, 0.0)).is_held_up(round(14e9), SE2(), None)
     assert not met((-4.0, 0.0)).is_held_up(round(14e9), SE2(), None)

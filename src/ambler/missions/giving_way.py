@@ -124,6 +124,10 @@ class GivingWay:
         if him is not None and math.hypot(him.place[0] - map_from_base.x, him.place[1] - map_from_base.y) < FAR:
             self._near_ns = now_ns
 
+    def rest(self) -> None:
+        """Take that the robot is not to move: nobody holds it up meanwhile."""
+        self._trail.clear()
+
     def is_held_up(self, now_ns: int, map_from_base: SE2, path: F64 | None) -> bool:
         """Whether the robot does not get on and somebody stands or walks right before it: on its path `path`, float64 (N, >= 2), ahead, or anywhere around a robot without one. From who comes from behind it gets away by driving on."""
         self._allowance.set(now_ns, is_spending=False)
@@ -141,6 +145,8 @@ class GivingWay:
             return None
         self._times = 1 if now_ns - self._begun_ns > self._config.memory * 1e9 else self._times + 1
         self._begun_ns = self._near_ns = now_ns
+        self._set_end(now_ns, self._config.refuge.reach)
+        self._ahead = math.inf
         self._allowance.set(now_ns, is_spending=True)
         self._who = him.number
         self.walk = walk = self._walk_of(him, now_ns, map_from_base)
@@ -152,8 +158,11 @@ class GivingWay:
         if self.walk is not None:
             corners = refuge.transform(np.asarray(self._robot.footprint, np.float64))
             self._ahead = float(self.walk.lengthwise(corners).max())
-        seconds = self._config.longest + map_from_base.distance_to(refuge) / SLOW
-        self._until_ns = now_ns + round(1e9 * seconds)
+        self._set_end(now_ns, map_from_base.distance_to(refuge))
+
+    def _set_end(self, now_ns: int, metres: float) -> None:
+        """Set when it goes on at the latest: so many metres lead to where it stands aside."""
+        self._until_ns = now_ns + round(1e9 * (self._config.longest + metres / SLOW))
 
     def is_over(self, now_ns: int) -> bool:
         """Whether the robot may leave its place: he is past, he has not been near for long, or it has stood there for very long."""

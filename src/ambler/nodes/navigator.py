@@ -11,7 +11,18 @@ from dataclasses import replace
 import numpy as np
 
 from ambler.core.errors import TransformError
-from ambler.core.messages import CostGrid, GroundLevels, Path, PointCloud, PointStamped, PoseStamped, Status, Transforms
+from ambler.core.messages import (
+    CostGrid,
+    GateState,
+    GateStatus,
+    GroundLevels,
+    Path,
+    PointCloud,
+    PointStamped,
+    PoseStamped,
+    Status,
+    Transforms,
+)
 from ambler.core.robot import RobotModel
 from ambler.core.se2 import SE2
 from ambler.core.transforms import TransformTree
@@ -43,6 +54,7 @@ from ambler.runtime.tasks import (
 )
 from ambler.runtime.topics import (
     BLOCKED,
+    GATE_STATUS,
     GLOBAL_COSTMAP,
     GOAL,
     GOAL_POINT,
@@ -68,7 +80,7 @@ class NavigatorNode(Node):
     name = "navigator"
     inputs = (TRANSFORMS,)
     kept_inputs: Topics = (TRANSFORMS, MOVERS)
-    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP, GROUND_LEVELS, MOVERS)
+    optional_inputs = (GOAL, GOAL_POINT, WAY_POINT, GLOBAL_COSTMAP, GROUND_LEVELS, MOVERS, GATE_STATUS)
     outputs = (PATH, STATUS, BLOCKED)
     serves = (NAVIGATE,)
     calls: Offers = (COMPUTE_PATH, FOLLOW_PATH, RECOVER, CLEAR_GLOBAL_COSTMAP, CLEAR_LOCAL_COSTMAP, NAVIGATE)
@@ -98,6 +110,7 @@ class NavigatorNode(Node):
         self.ctx.subscribe(GLOBAL_COSTMAP, self._on_costmap)
         self.ctx.subscribe(GROUND_LEVELS, self._on_levels)
         self.ctx.subscribe(MOVERS, self._on_movers)
+        self.ctx.subscribe(GATE_STATUS, self._on_gate)
         self.ctx.subscribe(GOAL, self._on_click)
         for topic in (GOAL_POINT, WAY_POINT):
             self.ctx.subscribe(topic, self._on_point)
@@ -181,6 +194,10 @@ class NavigatorNode(Node):
             with suppress(TransformError):
                 places = self._tree.lookup("map", movers.frame).to_se2().transform(movers.points[:, :2].astype(float))
                 self._giving_way.meet(self.ctx.now_ns, places, base)
+
+    def _on_gate(self, gate: GateStatus) -> None:
+        if self._giving_way is not None and gate.state not in (GateState.ARMED, GateState.PROTECTIVE_STOP):
+            self._giving_way.rest()
 
     @property
     def is_in_company(self) -> bool:
