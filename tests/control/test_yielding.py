@@ -17,6 +17,7 @@ from ambler.core.grid import GridSpec
 from ambler.core.movers import Movers
 from ambler.core.protocols import BodyVelocity, MoverAware, TakesNo
 from ambler.core.se2 import SE2
+from ambler.robots.catalog import robot_model
 from ambler.sim.movers import distance_to_polygon
 from tests.control.closed_loop import DIFF, ROBOTS, SPOT, World, drive, line, step_velocity
 
@@ -442,6 +443,19 @@ def test_a_standing_robot_gets_out_of_the_way_only_where_it_may() -> None:
     assert only_left.vy > 0.1
     yielding.set_movers(walker(2.0, 2.0, -1.0, 0.0), SE2(), BodyVelocity())
     assert yielding.evasion(lambda heading, length: length) == BodyVelocity(), "nobody comes"
+
+
+@pytest.mark.parametrize(("aside", "room"), [(0.35, 0.4), (0.5, 0.25)])
+def test_beside_a_wall_it_gets_as_far_aside_as_lets_him_pass(aside: float, room: float) -> None:
+    """It goes on although the room to the wall gets less while it does."""
+    yielding, y, x = Yielding(YieldConfig(), robot_model("amr_omni")), 0.0, 2.4
+    while x > 0.0:
+        yielding.set_movers(walker(x, aside, -1.0, 0.0), SE2(0.0, y, 0.0), BodyVelocity())
+        free = room + y
+        velocity = yielding.evasion(lambda heading, length: min(length, free) if heading < -1.0 else 0.0)  # noqa: B023
+        y = max(-room, y + 0.05 * velocity.vy)
+        x -= 0.05
+    assert aside - y - 0.4 >= YieldConfig().radius - 0.02, "his shoulder passes its side"
 
 
 def test_discs_stand_to_the_right_of_who_walks() -> None:

@@ -84,6 +84,31 @@ def test_while_the_place_is_looked_for_it_is_not_over() -> None:
     assert not giving_way.is_over(round(14.1e9))
 
 
+def test_who_comes_after_nobody_was_there_for_nine_seconds_holds_up_nobody_yet() -> None:
+    giving_way = GivingWay(CONFIG, ROBOT)
+    for t in np.arange(0.0, 1.0, 0.1):
+        giving_way.meet(round(t * 1e9), np.array([[1.0, 0.0]]), SE2())
+    for t in np.arange(9.5, 11.0, 0.1):
+        here = SE2(0.5 * t, 0.0, 0.0)
+        giving_way.meet(round(t * 1e9), np.array([[here.x + 1.0, 0.0]]), here)
+        assert not giving_way.is_held_up(round(t * 1e9), here, None)
+
+
+def test_what_was_not_spent_aside_is_not_lost() -> None:
+    """The drive was cancelled while it stood aside, and the robot stood about for an hour."""
+    giving_way = met((1.0, 0.0))
+    aside(giving_way, 14.0)
+    giving_way.end(round(16e9))
+    met((1.0, 0.0), begin=3600.0, giving=giving_way)
+    assert giving_way.is_held_up(round(3614e9), SE2(), None)
+
+
+def test_on_another_level_nobody_of_the_first_is_there() -> None:
+    giving_way = met((1.0, 0.0))
+    giving_way.forget()
+    assert not giving_way.is_held_up(round(14e9), SE2(), None)
+
+
 def test_without_a_path_who_stands_anywhere_near_counts() -> None:
     assert met((-1.0, 0.0)).is_held_up(round(14e9), SE2(), None)
     assert not met((-4.0, 0.0)).is_held_up(round(14e9), SE2(), None)
@@ -257,6 +282,29 @@ def test_what_holds_it_on_its_way_aside_is_tried_again() -> None:
     assert drive.state is NavigationState.PLANNING
     script.plans[-1](plan_to(5.0))
     assert drive.state is NavigationState.FOLLOWING
+
+
+def test_a_way_to_somewhere_else_is_not_standing_aside() -> None:
+    script, drive = begun()
+    drive.tick()
+    script.seeking[-1](script.refuge)
+    script.aside_plans[-1](plan_to(-2.0, goal_distance=0.8))
+    assert drive.state is NavigationState.PLANNING
+
+
+def test_where_it_could_not_go_the_last_time_is_forgotten() -> None:
+    script, drive = begun()
+    drive.tick()
+    script.seeking[-1](script.refuge)
+    script.aside_plans[-1](plan_to(-3.0))
+    script.follows[-1][1]("NO_VALID_CONTROL", "held")
+    script.is_past = True
+    drive.tick()
+    script.plans[-1](plan_to(5.0))
+    script.is_past = False
+    script.follows[-1][1]("NO_VALID_CONTROL", "blocked")
+    drive.tick()
+    assert len(script.aside_plans) == 1, "the new place is still looked for"
 
 
 def test_where_there_is_no_such_place_it_recovers_as_ever() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
@@ -12,6 +15,7 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.nodes.navigator import NavigatorNode
 from ambler.robots.catalog import robot_model
+from ambler.runtime.tasks import NAVIGATE, NavigateGoal
 from ambler.runtime.topics import GATE_STATUS, GLOBAL_COSTMAP, MOVERS, TRANSFORMS
 from tests.hand_made_context import HandMadeContext
 
@@ -28,10 +32,22 @@ def room() -> CostGrid:
     return CostGrid(0, "map", spec, np.where(walls, COST_LETHAL, np.where(near, COST_INSCRIBED, 0)).astype(np.uint8))
 
 
-def held_up(state: GateState | None, robot: bool = True) -> tuple[HandMadeContext, NavigatorNode]:
-    """A robot at the origin of odom, yawed along the map's x, before whom somebody stands a metre ahead for 14 s."""
-    context, node = HandMadeContext(), NavigatorNode(None, ROBOT if robot else None)
+class Deaf(HandMadeContext):
+    """Nobody answers what a drive asks for."""
+
+    def call(self, service: Any, request: Any, done: Any) -> None:
+        pass
+
+
+def held_up(
+    state: GateState | None, *, robot: bool = True, drives: bool = True
+) -> tuple[HandMadeContext, NavigatorNode]:
+    """A robot at the origin of odom, yawed along the map's x, that wants to drive, and before whom somebody stands a metre ahead for 14 s."""
+    context, node = Deaf(), NavigatorNode(None, ROBOT if robot else None)
     context.start(node)
+    if drives:
+        begin, _ = context.tasks[NAVIGATE.name]
+        begin(SimpleNamespace(goal=NavigateGoal(SE2(9.0, 1.0, 0.0)), feedback=lambda feedback: None))
     odom_from_base = SE2(0.0, 0.0, -0.5)
     edges = (("map", "odom", MAP_FROM_ODOM), ("odom", "base", odom_from_base))
     context.callbacks[TRANSFORMS.name](
@@ -56,6 +72,21 @@ def held_up(state: GateState | None, robot: bool = True) -> tuple[HandMadeContex
 def test_people_in_another_frame_hold_it_up_unless_it_is_paused(state: GateState | None, *, is_held: bool) -> None:
     _, node = held_up(state)
     assert node.is_held_up(AHEAD) == is_held
+
+
+def test_who_stands_about_while_nothing_is_to_be_done_holds_up_nobody() -> None:
+    """An operator clicks a goal behind himself: the robot first tries to get there."""
+    _, node = held_up(None, drives=False)
+    assert not node.is_held_up(AHEAD)
+
+
+def test_people_and_paths_that_are_none_are_borne() -> None:
+    context, node = held_up(None)
+    nowhere = np.full((1, 3), np.nan, np.float32)
+    zero = np.zeros(1, np.float32)
+    context.callbacks[MOVERS.name](PointCloud(context.now_ns, "odom", nowhere, zero, zero, zero.astype(np.uint16)))
+    assert not node.is_held_up(AHEAD)
+    assert not node.is_held_up(Path(0, "map", np.zeros((0, 3))))
 
 
 def test_the_place_is_handed_over_later_and_lies_beside_his_line() -> None:

@@ -587,7 +587,7 @@ MOTION = (
     PlantedFault(
         "a robot gets out of the way to where it cannot go",
         "control/yielding.py",
-        "is_enough = free >= c.evade_length - 1e-6 or (free >= c.evade_least and gap > 0.0)",
+        "is_enough = free >= c.evade_length - 1e-6 or (free >= (0.0 if goes_on else c.evade_least) and gap > 0.0)",
         "is_enough = True",
         YIELDING,
     ),

@@ -103,8 +103,8 @@ PEOPLE = (
     PlantedFault(
         "a base that moves in all directions stays in a niche that it cannot turn in",
         "control/omni_pursuit.py",
-        "            if not self._is_omni:\n                raise\n",
-        "            raise\n",
+        "if not self._is_omni or lim.vx_min >= 0.0:",
+        "if True:",
         PURSUIT,
     ),
 )

@@ -133,9 +133,10 @@ class OmniPursuit:
         try:
             rate = self._turn_rate(start, error)
         except NoValidControlError:
-            if not self._is_omni:
+            lim = self._limits
+            if not self._is_omni or lim.vx_min >= 0.0:
                 raise
-            self._is_sliding, lim = True, self._limits
+            self._is_sliding = True
             most_x = lim.vx_max if math.cos(error) > 0.0 else -lim.vx_min
             shares = ((abs(math.cos(error)), most_x), (abs(math.sin(error)), lim.vy_max))
             speed = min(self._clear_speed(start), *(most / share for share, most in shares if share > 1e-6))

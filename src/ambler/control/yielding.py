@@ -107,6 +107,7 @@ class Yielding:
         self._going_on = np.zeros((0, 4))
         sideways = ((0.0, -1.0), (0.0, 1.0)) if robot.drive is DriveKind.OMNI and lim.vy_max > 0.0 else ()
         self._ways_out = (*sideways, *(((-1.0, 0.0),) if lim.vx_min < 0.0 else ()), (1.0, 0.0))
+        self._way_out = (0.0, 0.0)  # the one that it takes
         self._past = np.zeros((MOMENTS, 6))
         self._pose = np.zeros(3)
         self._now = np.zeros(3)
@@ -189,13 +190,16 @@ class Yielding:
         best, chosen = stay + c.evade_gain, BodyVelocity()
         if stay > 0.0:
             return chosen
+        before, self._way_out = self._way_out, (0.0, 0.0)
         for vx, vy in self._ways_out:
+            goes_on = (vx, vy) == before  # what was begun is finished: the room is the less, the farther it has come
             wanted = BodyVelocity(vx * c.evade_speed, vy * c.evade_speed)
             free = free_slide(float(self._pose[2]) + math.atan2(vy, vx), c.evade_length)
             gap = self._gap_after(wanted, free)
-            is_enough = free >= c.evade_length - 1e-6 or (free >= c.evade_least and gap > 0.0)
-            if is_enough and gap > best and self._contact_in(wanted, self._likely) == math.inf:
-                best, chosen = gap, wanted
+            is_enough = free >= c.evade_length - 1e-6 or (free >= (0.0 if goes_on else c.evade_least) and gap > 0.0)
+            is_better = gap > best or (goes_on and chosen == BodyVelocity() and gap > max(stay, 0.0))
+            if is_enough and is_better and self._contact_in(wanted, self._likely) == math.inf:
+                best, chosen, self._way_out = gap, wanted, (vx, vy)
         return chosen
 
     def _gap_after(self, wanted: BodyVelocity, length: float) -> float:

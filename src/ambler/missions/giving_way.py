@@ -89,7 +89,12 @@ class _Allowance:
     def at(self, now_ns: int) -> float:
         """Return how much is left."""
         rate = -1.0 if self._is_spending else self._share
-        return min(self._most, self._left + rate * 1e-9 * (now_ns - self._since_ns))
+        return max(0.0, min(self._most, self._left + rate * 1e-9 * (now_ns - self._since_ns)))
+
+    @property
+    def is_spending(self) -> bool:
+        """Whether it is spent now."""
+        return self._is_spending
 
     def set(self, now_ns: int, *, is_spending: bool) -> None:
         """Begin to spend, or to save."""
@@ -116,6 +121,7 @@ class GivingWay:
 
     def meet(self, now_ns: int, places: F64, map_from_base: SE2) -> None:
         """Take where people are now, float64 (K, 2)."""
+        places = places[np.isfinite(places).all(axis=1)]
         self._note(now_ns, map_from_base)
         self._walkers = [self._walker_at(place) for place in places]
         for x, y in places:
@@ -128,9 +134,20 @@ class GivingWay:
         """Take that the robot is not to move: nobody holds it up meanwhile."""
         self._trail.clear()
 
+    def forget(self) -> None:
+        """Take that the robot is elsewhere: on another level of the map."""
+        self._trail.clear()
+        self._walkers.clear()
+        self._walked.clear()
+
+    def end(self, now_ns: int) -> None:
+        """Take that the robot does not stand aside, any more or at all: whoever meets it now holds it up anew."""
+        if self._allowance.is_spending:
+            self._allowance.set(now_ns, is_spending=False)
+            self._trail.clear()
+
     def is_held_up(self, now_ns: int, map_from_base: SE2, path: F64 | None) -> bool:
         """Whether the robot does not get on and somebody stands or walks right before it: on its path `path`, float64 (N, >= 2), ahead, or anywhere around a robot without one. From who comes from behind it gets away by driving on."""
-        self._allowance.set(now_ns, is_spending=False)
         if self._allowance.at(now_ns) < self._config.longest:
             return False
         gets_on = not any(self._has_stayed(now_ns, map_from_base, *pair) for pair in self._config.held)
@@ -171,7 +188,7 @@ class GivingWay:
         is_past = walk is not None and him is not None and walk.lengthwise(him.place[None])[0] > self._ahead + c.past
         is_over = walk is None or is_past or now_ns > self._until_ns or now_ns - self._near_ns > gone * 1e9
         if is_over:
-            self._allowance.set(now_ns, is_spending=False)
+            self.end(now_ns)
         return bool(is_over)
 
     def _note(self, now_ns: int, map_from_base: SE2) -> None:
@@ -184,10 +201,10 @@ class GivingWay:
     def _has_stayed(self, now_ns: int, map_from_base: SE2, seconds: float, metres: float) -> bool:
         """Whether the robot has been in company, and within so many metres of its place, for so long."""
         begin_ns = now_ns - round(seconds * 1e9)
-        if not self._trail or self._trail[0][0] > begin_ns:
-            return False
+        before = [place for place in self._trail if place[0] <= begin_ns]
+        since = [place for place in self._trail if place[0] > begin_ns]
         here = (map_from_base.x, map_from_base.y)
-        return all(math.dist((x, y), here) <= metres for t, x, y in self._trail if t >= begin_ns)
+        return bool(before) and all(math.dist((x, y), here) <= metres for _, x, y in (before[-1], *since))
 
     def _him(self) -> _Walker | None:
         """Return for whom it stands aside, None while he is not seen."""
@@ -201,7 +218,7 @@ class GivingWay:
             return None
         places = np.array([w.place for w in walkers])
         is_before = self._gaps(map_from_base, places) <= near
-        if path is not None:
+        if path is not None and len(path) > 0:
             ahead = path[int(np.argmin(np.hypot(*(path[:, :2] - here).T))) :, :2]
             ahead = ahead[np.hypot(*(ahead - ahead[0]).T) <= near + self._robot.circumscribed_radius]
             is_far = np.hypot(*(ahead - here).T) >= AHEAD

@@ -398,6 +398,7 @@ class Navigation:
         if self._asides >= self._config.giving_way.tries or not self._driver.is_held_up(self._path):
             return False
         self._asides += 1
+        self._refuge = None
         self._stop_motion()
         self._enter(NavigationState.GIVING_WAY, f"somebody holds the robot up: {why}")
         self._driver.find_refuge(self._path, self._guarded(partial(self._on_refuge, otherwise)))
@@ -415,7 +416,9 @@ class Navigation:
         self._driver.plan(refuge, self._guarded(partial(self._follow_aside, refuge)))
 
     def _follow_aside(self, refuge: SE2, reply: PlanReply | Exception) -> None:
-        if not isinstance(reply, PlanReply):
+        if (
+            not isinstance(reply, PlanReply) or reply.goal_distance > ASIDE_XY
+        ):  # what is nearest to it may be before him
             self._go_on()
             return
         self._driver.replace_path(reply.path)

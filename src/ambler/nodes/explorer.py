@@ -194,6 +194,7 @@ class ExplorerNode(Node):
         self._handle = handle
         self._is_yielding = self._gives_way = False
         self._mission.begin(handle.goal, self.ctx.now_ns)
+        self._pause()
         self._update()
 
     def _on_cancel(self, handle: Handle) -> None:

@@ -29,7 +29,7 @@ from ambler.core.transforms import TransformTree
 from ambler.missions.blocked_ways import BlockedWays
 from ambler.missions.company import Company
 from ambler.missions.giving_way import GivingWay
-from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig
+from ambler.missions.navigate import TICK_PERIOD, Cancel, Navigation, NavigationConfig, NavigationState
 from ambler.missions.recovery import RecoveryAction, RecoverySequence, RecoveryStep
 from ambler.runtime.node import PREEMPTED, GoalHandle, Node, Offers, TaskOutcome, Topics, WorkKind
 from ambler.runtime.tasks import (
@@ -182,6 +182,8 @@ class NavigatorNode(Node):
         if levels.active == before:
             return
         self._costmap = None  # of the level before
+        if self._giving_way is not None:
+            self._giving_way.forget()
         self._blocked.setdefault(levels.active, BlockedWays(self._config.blocked))
         self._tell_blocked()
         if self._drive is not None:
@@ -203,6 +205,11 @@ class NavigatorNode(Node):
     def is_in_company(self) -> bool:
         """Whether people are about, or were lately."""
         return self._company.is_about(self.ctx.now_ns)
+
+    def enter(self, state: NavigationState) -> None:
+        """Take in which state the drive is now."""
+        if self._giving_way is not None and state is not NavigationState.GIVING_WAY:
+            self._giving_way.end(self.ctx.now_ns)
 
     def is_held_up(self, path: Path | None) -> bool:
         """Whether somebody right before the robot, on its path, has not let it get on for some time."""
@@ -280,6 +287,8 @@ class NavigatorNode(Node):
             self._tell_blocked()
         if self._drive is not None:
             self._drive.navigation.tick()
+        elif self._giving_way is not None:
+            self._giving_way.rest()
 
     def _feedback(self) -> None:
         if self._drive is None:
@@ -357,6 +366,7 @@ class _Drive:
         return self._node.is_let_by()
 
     def report(self, state: str, text: str) -> None:
+        self._node.enter(NavigationState(state))
         self._node.say(state, text, self.navigation.recoveries)
 
     def finish(self, code: str, text: str) -> None:
