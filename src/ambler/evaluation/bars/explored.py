@@ -96,7 +96,7 @@ ROWS: Sequence[Row] = (
         for robot in ("diff", "spot")
     ),
     Row(
-        "explorations of drawn plans of at most 1500 m² that nobody had seen, measured when no door of them was narrower than a metre",
+        "explorations of drawn plans of at most 1500 m² that nobody had seen",
         "≥ 98 % of the reachable floor with proof in 59 of 60, 0 collisions; in the frame of the start ≤ 0.05 m (median), ≤ 0.10 m (95 %); recoveries ≤ 5 %",
         "exploration_fresh.json",
         "{fresh_all_done} of {fresh_all_runs} ({fresh_all_done_ratio_low_95:.0%} to {fresh_all_done_ratio_high_95:.0%}), {fresh_all_collisions} "
