@@ -416,9 +416,8 @@ class Navigation:
         self._driver.plan(refuge, self._guarded(partial(self._follow_aside, refuge)))
 
     def _follow_aside(self, refuge: SE2, reply: PlanReply | Exception) -> None:
-        if (
-            not isinstance(reply, PlanReply) or reply.goal_distance > ASIDE_XY
-        ):  # what is nearest to it may be before him
+        # What is nearest to a place that cannot be reached may be right before him.
+        if not isinstance(reply, PlanReply) or reply.goal_distance > ASIDE_XY:
             self._go_on()
             return
         self._driver.replace_path(reply.path)
