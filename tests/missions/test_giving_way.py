@@ -78,6 +78,21 @@ def test_a_robot_that_is_paused_is_held_up_by_nobody() -> None:
     assert not giving_way.is_held_up(round(14e9), SE2(), AHEAD)
 
 
+@pytest.mark.parametrize(
+    ("before", "idle", "after", "is_held"),
+    [(6.0, 4.0, 4.0, True), (5.0, 6.0, 1.0, False), (14.0, 12.0, 1.0, False)],
+    ids=["before and after together", "what was idle does not count", "long after is another meeting"],
+)
+def test_time_between_two_drives_does_not_count(before: float, idle: float, after: float, *, is_held: bool) -> None:
+    """An explorer decides for some seconds, or holds still for a scan, while he stands there."""
+    giving_way, end = met((1.0, 0.0), seconds=before), before + idle + after
+    giving_way.take_idle(round(before * 1e9), is_idle=True)
+    met((1.0, 0.0), begin=before, seconds=idle, giving=giving_way)
+    giving_way.take_idle(round((before + idle) * 1e9), is_idle=False)
+    met((1.0, 0.0), begin=before + idle, seconds=after, giving=giving_way)
+    assert giving_way.is_held_up(round(end * 1e9), SE2(), AHEAD) == is_held
+
+
 def test_while_the_place_is_looked_for_it_is_not_over() -> None:
     giving_way = met((1.0, 0.0))
     assert giving_way.seek(round(14e9), SE2(), AHEAD, corridor_grid()) is not None

@@ -24,6 +24,20 @@ PEOPLE = (
         GIVING_WAY,
     ),
     PlantedFault(
+        "the time between two drives counts as being held up",
+        "missions/giving_way.py",
+        "[(t + gap_ns, x, y) for",
+        "[(t, x, y) for",
+        GIVING_WAY,
+    ),
+    PlantedFault(
+        "between two drives the robot forgets who held it up",
+        "missions/giving_way.py",
+        "[] if gap_ns > ALONE * 1e9 else",
+        "[] if gap_ns > 0.0 else",
+        GIVING_WAY,
+    ),
+    PlantedFault(
         "somebody's way is the line to the robot, wherever he walked",
         "missions/giving_way.py",
         "if him.along is None else him.along",

@@ -111,6 +111,7 @@ class GivingWay:
         self._count = 0
         self._walked: dict[tuple[int, int], int] = {}
         self._trail: deque[tuple[int, float, float]] = deque(maxlen=TRAIL)  # where the robot was in company
+        self._idle_since_ns: int | None = None
         self._who = -1  # the number of whom it stands aside for
         self._near_ns = self._begun_ns = self._until_ns = 0
         self._times = 0
@@ -134,6 +135,15 @@ class GivingWay:
         """Take that the robot is not to move: nobody holds it up meanwhile."""
         self._trail.clear()
 
+    def take_idle(self, now_ns: int, *, is_idle: bool) -> None:
+        """Take whether anything is to be done now: between two drives nobody holds the robot up, and who did so before still does after."""
+        if is_idle and self._idle_since_ns is None:
+            self._idle_since_ns = now_ns
+        elif not is_idle and self._idle_since_ns is not None:
+            gap_ns, self._idle_since_ns = now_ns - self._idle_since_ns, None
+            trail = [] if gap_ns > ALONE * 1e9 else [(t + gap_ns, x, y) for t, x, y in self._trail]
+            self._trail = deque(trail, maxlen=TRAIL)
+
     def forget(self) -> None:
         """Take that the robot is elsewhere: on another level of the map."""
         self._trail.clear()
@@ -148,7 +158,7 @@ class GivingWay:
 
     def is_held_up(self, now_ns: int, map_from_base: SE2, path: F64 | None) -> bool:
         """Whether the robot does not get on and somebody stands or walks right before it: on its path `path`, float64 (N, >= 2), ahead, or anywhere around a robot without one. From who comes from behind it gets away by driving on."""
-        if self._allowance.at(now_ns) < self._config.longest:
+        if self._idle_since_ns is not None or self._allowance.at(now_ns) < self._config.longest:
             return False
         gets_on = not any(self._has_stayed(now_ns, map_from_base, *pair) for pair in self._config.held)
         return not gets_on and self._before(map_from_base, path) is not None
@@ -192,7 +202,9 @@ class GivingWay:
         return bool(is_over)
 
     def _note(self, now_ns: int, map_from_base: SE2) -> None:
-        """Remember where the robot is in company; another meeting begins anew."""
+        """Remember where the robot is in company, unless there is nothing to do; another meeting begins anew."""
+        if self._idle_since_ns is not None:
+            return
         if self._trail and now_ns - self._trail[-1][0] > ALONE * 1e9:
             self._trail.clear()
         if not self._trail or now_ns - self._trail[-1][0] >= 0.5e9:

@@ -285,10 +285,10 @@ class NavigatorNode(Node):
     def _tick(self) -> None:
         if self._marked and len(self._blocked[self._level].points(self.ctx.now_ns)) != self._marked:
             self._tell_blocked()
+        if self._giving_way is not None:
+            self._giving_way.take_idle(self.ctx.now_ns, is_idle=self._drive is None)
         if self._drive is not None:
             self._drive.navigation.tick()
-        elif self._giving_way is not None:
-            self._giving_way.rest()
 
     def _feedback(self) -> None:
         if self._drive is None:
