@@ -10,6 +10,13 @@ PURSUIT = ("tests/control/test_omni_pursuit.py",)
 
 PEOPLE = (
     PlantedFault(
+        "who comes into sight again where he hid is a stranger",
+        "perception/mover_tracker.py",
+        "            self._note_hidden(place, now)\n",
+        "            pass\n",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
         "who walks behind the robot holds it up",
         "missions/giving_way.py",
         "is_before &= (places - here) @ towards > 0.0",

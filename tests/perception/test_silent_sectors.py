@@ -83,7 +83,24 @@ def test_who_was_tracked_and_steps_out_of_sight_at_the_robot_stays_known() -> No
         if k >= 6:
             assert known_at(movers, place)
         assert not known_at(movers, (-0.3, -1.5))
-    assert len(feed(tracker, 60, [], ROOM, SE2(), rng)) == 0, "who no longer hides there has left"
+    for k in range(60, 70):
+        movers = feed(tracker, k, [], ROOM, SE2(), rng)
+    assert len(movers) == 0, "who no longer hides there has left"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_who_comes_into_sight_again_where_he_hid_is_known_at_once(seed: int) -> None:
+    """He leans on the robot for some seconds, and slides along it until rays meet a piece of him."""
+    tracker, rng = MoverTracker(), np.random.default_rng(seed)
+    for k in range(90):
+        place = (max(0.5, 3.0 - 0.12 * k), 0.2)
+        if k >= 60:
+            place = (0.5, 0.2 + 0.02 * (k - 60))
+        is_hidden = place[0] == 0.5 and k < 64
+        silent = np.array([[0.47, place[1]]]) if is_hidden else np.zeros((0, 2))
+        movers = feed(tracker, k, [] if is_hidden else [place], ROOM, SE2(), rng, silent=silent)
+        if k >= 10:
+            assert known_at(movers, place), k
 
 
 @pytest.mark.parametrize(("robot", "is_late"), [("spot", True), ("go2", False), ("mecanum", False)])

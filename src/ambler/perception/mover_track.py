@@ -115,6 +115,14 @@ class MoverTrack:
         """Take him to have stopped where he was last measured."""
         self.velocity, self.at = np.zeros(2), now
 
+    def hide(self, place: F64, now: float, config: MoverConfig) -> None:
+        """Take him to stand at a place where no ray meets him."""
+        self.place, self.velocity, self.surface = place, np.zeros(2), NOTHING
+        self.at = self.seen = now
+        self.is_mover = self.has_walked = True
+        if math.dist(place, self.rest) > config.way:
+            self.rest, self.resting_since = place, now
+
     def measure(self, place: F64, now: float, config: MoverConfig, points: F64, starts: F64) -> None:
         """Take a place; `points` (N, 2) are all that the scan hit, from `starts`."""
         self.count += 1

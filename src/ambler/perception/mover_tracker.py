@@ -79,11 +79,14 @@ class MoverTracker:
         came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
         for place in self._standing(points, came_alone, points[~came_alone & (kinds != kernels.MOVING)], starts):
             self._note_standing(place, now)
+        self._hidden = np.array([p for p in silent if self._is_hidden(p, now)]).reshape(-1, 2)
+        for place in self._hidden:
+            self._note_hidden(place, now)
         told_of = [t for t in self._tracks if t.is_mover and not self._is_still(t, now)]
         rows = [np.concatenate((t.predicted(now), t.pace(now), t.walk)) for t in told_of]
-        self._hidden = np.array([p for p in silent if self._is_hidden(p, now)]).reshape(-1, 2)
-        rows += [np.concatenate((place, np.zeros(4))) for place in self._hidden]
-        rests = np.array([now - t.resting_since for t in told_of] + [0.0] * len(self._hidden))
+        untold = [p for p in self._hidden if all(math.dist(p, row[:2]) > 1e-9 for row in rows)]
+        rows += [np.concatenate((place, np.zeros(4))) for place in untold]
+        rests = np.array([now - t.resting_since for t in told_of] + [0.0] * len(untold))
         states = _told_in(np.array(rows).reshape(-1, 6), self._map_from_odom.inverse())
         self.movers = Movers(scan.stamp_ns, states, rests)
         return self.movers
@@ -208,6 +211,16 @@ class MoverTracker:
             track.stands = True
         if not near:
             self._tracks.append(MoverTrack(place, now, stands=True))
+
+    def _note_hidden(self, place: F64, now: float) -> None:
+        """Follow whoever stands where the scanner fell silent, so that he is known still when he comes into sight."""
+        near = [t for t in self._tracks if t.is_mover and math.dist(place, t.predicted(now)) <= self._config.gate]
+        if not near:
+            self._tracks.append(MoverTrack(place, now))
+            near = self._tracks[-1:]
+        elif any(t.seen == now for t in near):
+            return
+        min(near, key=lambda t: math.dist(place, t.predicted(now))).hide(place, now, self._config)
 
     def _one_each(self, tracks: list[MoverTrack]) -> list[MoverTrack]:
         """Leave out every track that has come to be where one stands that has been measured more often: two of one person."""
