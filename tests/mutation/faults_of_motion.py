@@ -334,7 +334,7 @@ MOTION = (
     ),
     PlantedFault(
         "arcs of a scanner are compared as plain numbers",
-        "safety/blind_memory.py",
+        "safety/field_of_view.py",
         "shift = 2.0 * math.pi * round((sum(sector) - sum(window)) / (4.0 * math.pi))",
         "shift = 0.0",
         DOUBTS,
@@ -390,7 +390,7 @@ MOTION = (
     ),
     PlantedFault(
         "looks of a hanging scanner are mirrored",
-        "safety/blind_memory.py",
+        "safety/comers.py",
         "if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:",
         "if False:",
         ("tests/safety/test_visitors_under.py",),

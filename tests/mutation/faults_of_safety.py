@@ -8,6 +8,7 @@ NUMBERS = ("tests/safety/test_numbers.py",)
 FIELD = ("tests/safety/test_protective_field.py",)
 GATE = ("tests/safety/test_gate.py",)
 MEMORY = ("tests/safety/test_blind_memory.py",)
+COMERS = ("tests/safety/test_comers.py",)
 POINTS = ("tests/safety/test_gate_points.py",)
 
 SAFETY = (
@@ -292,10 +293,38 @@ SAFETY = (
     ),
     PlantedFault(
         "who once touched a robot holds it for ever",
-        "safety/blind_memory.py",
-        "is_kept &= ~(self._came & (seconds - near_at > GONE))",
-        "pass",
+        "safety/comers.py",
+        "self._seconds - self._near_at[self._came] > GONE",
+        "False",
         MEMORY,
+    ),
+    PlantedFault(
+        "who once passed a scanner of many rings holds the robot for ever",
+        "safety/comers.py",
+        "        has_left = np.hypot(*(followed - came).T) > LEFT",
+        "        has_left = np.zeros(len(came), np.bool_)",
+        COMERS,
+    ),
+    PlantedFault(
+        "who crouches before a scanner of many rings has left",
+        "safety/comers.py",
+        "        has_left = np.hypot(*(followed - came).T) > LEFT",
+        "        has_left = np.ones(len(came), np.bool_)",
+        COMERS,
+    ),
+    PlantedFault(
+        "who passes within two metres is whoever crouched there",
+        "safety/comers.py",
+        "STEP = 0.3",
+        "STEP = 2.0",
+        COMERS,
+    ),
+    PlantedFault(
+        "everything within sight of a scanner of many rings came by itself",
+        "safety/comers.py",
+        "came = _gaps(new, self._trunks) <= BESIDE",
+        "came = np.ones(len(new), np.bool_)",
+        COMERS,
     ),
     PlantedFault(
         "a robot with a blind side forgets who stands there",

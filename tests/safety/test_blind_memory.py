@@ -9,7 +9,8 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.kernels import looks
 from ambler.robots.catalog import robot_model
-from ambler.safety.blind_memory import BlindMemory, FieldOfView, see_all_around
+from ambler.safety.blind_memory import BlindMemory, see_all_around
+from ambler.safety.field_of_view import FieldOfView
 from ambler.safety.points import patch_means
 from ambler.safety.visitors import rim_of
 
@@ -285,7 +286,7 @@ def test_drifting_odometry_makes_no_visitor_of_a_post(drift: float) -> None:
         now += 0.05
         seen = around_corner(post, SE2(float(x), 0.0), 0.04)
         held += len(memory.update(seen, SE2(float(x), drift * float(x)), CORNER, SIDE, (), now))
-        assert not memory._came.any()
+        assert not memory._comers.came.any()
     assert held > 0
 
 

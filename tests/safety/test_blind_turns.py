@@ -6,7 +6,8 @@ import numpy as np
 
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.safety.blind_memory import BlindMemory, FieldOfView
+from ambler.safety.blind_memory import BlindMemory
+from ambler.safety.field_of_view import FieldOfView
 
 RADIUS, TRAVEL = 0.6, 12.0
 HIGH = SE3.from_se2(SE2(), 0.9)

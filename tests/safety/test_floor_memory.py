@@ -11,7 +11,8 @@ import pytest
 from ambler.core.messages import PointCloud
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.safety.blind_memory import BlindMemory, FieldOfView
+from ambler.safety.blind_memory import BlindMemory
+from ambler.safety.field_of_view import FieldOfView
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.points import Floor, points_of_cloud
 

@@ -14,8 +14,8 @@ from ambler.core.robot import SensorMount, VelocityLimits
 from ambler.core.se3 import SE3
 from ambler.nodes.gate import GateNode
 from ambler.robots.catalog import robot_model, robot_names
-from ambler.safety.blind_memory import overlap
 from ambler.safety.config import GateConfig, VelocitySource
+from ambler.safety.field_of_view import overlap
 from tests.safety.test_gaps import AHEAD, PUCK, Rig
 
 STILL = np.zeros((6, 6))

@@ -7,7 +7,8 @@ import pytest
 
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
-from ambler.safety.blind_memory import BlindMemory, FieldOfView
+from ambler.safety.blind_memory import BlindMemory
+from ambler.safety.field_of_view import FieldOfView
 from ambler.safety.visitors import AGE, DRIVEN, INSIDE, Visitors
 
 FOOTPRINT = np.array([[0.6, -0.4], [0.6, 0.4], [-0.6, 0.4], [-0.6, -0.4]])

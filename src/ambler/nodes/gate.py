@@ -58,8 +58,9 @@ from ambler.runtime.topics import (
     VELOCITY_REQUEST,
 )
 from ambler.safety.approach_permit import ApproachPermit
-from ambler.safety.blind_memory import BlindMemory, FieldOfView, IsFloor, overlap, see_all_around
+from ambler.safety.blind_memory import BlindMemory, IsFloor, see_all_around
 from ambler.safety.config import GateConfig
+from ambler.safety.field_of_view import FieldOfView, overlap
 from ambler.safety.floor_memory import FloorMemory
 from ambler.safety.gate import GateStep, VelocityGate
 from ambler.safety.points import (
@@ -332,7 +333,8 @@ class GateNode(Node):
             scan.frame, BlindMemory(self._radius, self._config.memory_travel, self._footprint)
         )
         others = [(self._mounts[f].base_from_sensor, seen) for f, seen in self._fields.items() if f != scan.frame]
-        seconds = scan.stamp_ns * 1e-9 if self._sees_all_around else 0.0
+        may_leave = self._sees_all_around or not field.is_planar
+        seconds = scan.stamp_ns * 1e-9 if may_leave else 0.0
         height = odom_from_base.translation[2]
         place = odom_from_base.to_se2()
         return memory.update(points, place, base_from_sensor, field, others, seconds, height, is_floor)

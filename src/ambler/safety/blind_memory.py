@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,75 +17,29 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
 from ambler.kernels import blind as kernels
-from ambler.safety.visitors import GONE, Visitors, is_seen_near
+from ambler.safety.comers import Comers
+from ambler.safety.field_of_view import BIN, CUT, FieldOfView, Rays
 
 F64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Rays = tuple[F64, F64, F64]
-"""Range (m), azimuth and elevation (rad) of points in a scanner's frame, each (N,)."""
 
 IsFloor = Callable[[F64], Flags]
 """Says of points (N, 3), level base frame, which belong to the floor."""
 
 COLUMN = 0.04  # metres; the side of a column of floor, of which one mean point is remembered
 MIN_POINTS = 3  # points of one scan that a column needs: fewer may be noise
-BIN = math.radians(2.0)  # of the image that tells where the scanner looks through
 THROUGH = 0.1  # metres that every return of a bin must lie behind a remembered point to prove it gone
 TO_AND_FRO = 0.1  # of what the outermost corner moves while the robot turns: how much of that counts as way even when it turns back
 SLACK = (0.1, 0.0)  # metres and radians inside the limits where a scanner is not yet sure to see
-CUT = 0.04  # metres beyond the blind side within which noise decides what is measured
 SOON = (
     0.3,
     math.radians(5.0),
 )  # metres and radians inside the limits from where a point may leave them before the next scan
 
 
-@dataclass(frozen=True, slots=True)
-class FieldOfView:
-    """What a scanner can measure in its own frame: ranges from `range_min` (m), azimuth and elevation limits (rad)."""
-
-    range_min: float = 0.0
-    azimuth: tuple[float, float] = (-math.pi, math.pi)
-    elevation: tuple[float, float] = (-math.pi, math.pi)
-
-    def shrunk(self, distance: float, angle: float) -> FieldOfView:
-        """Return the field without a rim of `distance` metres at its blind side and `angle` radians at its other sides."""
-        low, high = self.elevation
-        left, right = self.azimuth
-        if right - left < 2.0 * math.pi - 2.0 * BIN:
-            left, right = left + angle, right - angle
-        return replace(
-            self, range_min=self.range_min + distance, azimuth=(left, right), elevation=(low + angle, high - angle)
-        )
-
-    def has_all_beyond(self, distance: float) -> bool:
-        """Whether nothing that a planar scanner could hit at `distance` metres or farther is hidden from it."""
-        is_round = self.azimuth[1] - self.azimuth[0] >= 2.0 * math.pi - 2.0 * BIN
-        is_planar = self.elevation[1] - self.elevation[0] >= 2.0 * math.pi
-        return is_round and is_planar and self.range_min + CUT <= distance
-
-    def contains(self, rays: Rays) -> Flags:
-        """Return bool (N,)."""
-        out = np.empty(len(rays[0]), np.bool_)
-        kernels.are_inside(*rays, self.range_min, self.azimuth, self.elevation, out)
-        return out
-
-
-def overlap(sector: tuple[float, float], window: tuple[float, float]) -> tuple[float, float]:
-    """Return what two arcs (from, to; rad, counter-clockwise, each told in any turn) have in common, in the turn of the first one: all of the window where the
-    first goes all around; an empty arc where they have nothing in common."""
-    if window[1] - window[0] >= 2.0 * math.pi:
-        return sector
-    if sector[1] - sector[0] >= 2.0 * math.pi - 2.0 * BIN:
-        return window
-    shift = 2.0 * math.pi * round((sum(sector) - sum(window)) / (4.0 * math.pi))
-    low, high = max(sector[0], window[0] + shift), min(sector[1], window[1] + shift)
-    return low, max(low, high)
-
-
 class BlindMemory:
     """One scanner's memory. A point is forgotten after `max_travel` metres of way, and of the outermost corner at `radius` where the robot has turned on since: who turns to and fro looks again where he
-    looked before, and odometry with him. `footprint` (M, 2): see `Visitors`."""
+    looked before, and odometry with him. `footprint` (M, 2): see `comers.Comers`."""
 
     def __init__(self, radius: float, max_travel: float, footprint: F64 | None = None) -> None:
         self._radius = radius
@@ -93,9 +47,7 @@ class BlindMemory:
         self._means_odom = np.empty((0, 3))
         self._counts = np.empty(0)
         self._seen_at = np.empty((0, 2))  # `_way` and `_turned` of then
-        self._came = np.empty(0, np.bool_)
-        self._near_at = np.empty(0)
-        self._visitors = Visitors(footprint)
+        self._comers = Comers(footprint)
         self._travel = self._way = self._turned = 0.0
         self._odom_from_base: SE2 | None = None
 
@@ -112,7 +64,7 @@ class BlindMemory:
     ) -> F64:
         """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
         columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved. `seconds` is the
-        time of the scan, from any beginning; `height` (m) that of the base in the odom frame, which changes on slopes. `is_floor` says of points (N, 3) in the
+        time of the scan, from any beginning; 0: nobody is told from what the robot drove up to. `height` (m) that of the base in the odom frame, which changes on slopes. `is_floor` says of points (N, 3) in the
         base frame whether they belong to the floor, as far as that is known now: from afar a slope may have looked like an obstacle."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
@@ -120,26 +72,17 @@ class BlindMemory:
         is_central = field.shrunk(*SOON).contains(rays)
         is_fading = ~is_central
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
-        odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
-        self._visitors.stand(seconds, self._travel, odom_from_base)
-        polar, sector = rays[:2], field.azimuth
-        if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:  # it hangs: in the plane its azimuths run the other way
-            polar, sector = (polar[0], -polar[1]), (-sector[1], -sector[0])
-        self._visitors.look(seconds, self._travel, odom_from_sensor, polar, sector, field.range_min)
+        points_odom = _moved(odom_from_base, points_base, height)
+        self._comers.look(seconds, self._travel, odom_from_base, base_from_sensor, field, rays, points_odom[:, :2])
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom, -height), self._seen_at
-        near_at = self._near_at.copy()
-        near_at[self._came] = np.where(
-            is_seen_near(kept[self._came, :2], points_base[:, :2]), seconds, near_at[self._came]
-        )
         kept_rays = _rays(sensor_from_base, kept)
         sure = field.shrunk(*SLACK)
         looks_there = replace(field, range_min=0.0).contains(
             kept_rays
         )  # beside the sector nothing can be looked through
         is_hidden = ~sure.contains(kept_rays)
-        points_odom = _moved(odom_from_base, points_base, height)
         is_fading_still = _share_columns(self._means_odom, points_odom, is_fading)
         here = np.array([self._way, self._turned])
         is_kept = (is_hidden | is_fading_still) & ~_is_seen(kept, others)
@@ -147,11 +90,11 @@ class BlindMemory:
         is_kept &= ~_share_columns(self._means_odom, points_odom, is_central)  # at the rim, few may be left of a thing
         way, turned = (here - seen_at).T
         is_kept &= way + self._radius * np.abs(turned) < self._max_travel
-        is_kept &= ~(self._came & (seconds - near_at > GONE))
+        is_kept &= ~self._comers.have_left(self._means_odom[:, :2])
         if is_floor is not None:
             is_kept &= ~is_floor(kept)
         seen_at = np.where(is_fading_still[:, None], here, seen_at)
-        kept, seen_at, came, near_at = kept[is_kept], seen_at[is_kept], self._came[is_kept], near_at[is_kept]
+        kept, seen_at = kept[is_kept], seen_at[is_kept]
         fading, counts = _column_means(points_odom, rays[0], is_fading, field.range_min + CUT)
         together = np.concatenate((fading, self._means_odom[is_kept]))
         # While the rim passes over a thing, its near side goes first: the mean of what is left of a column replaces none of more points.
@@ -160,9 +103,7 @@ class BlindMemory:
         chosen = fullest[_first_of_columns(together[fullest])]
         self._means_odom, self._counts = together[chosen], counts[chosen]
         self._seen_at = np.concatenate((np.tile(here, (len(fading), 1)), seen_at))[chosen]
-        new = self._visitors.came(fading[:, :2], points_odom[:, :2], seconds, self._travel)
-        self._came = np.concatenate((new, came))[chosen]
-        self._near_at = np.concatenate((np.full(len(fading), seconds), near_at))[chosen]
+        self._comers.remember(fading[:, :2], is_kept, chosen)
         return kept[is_hidden[is_kept]]
 
     def _advance(self, odom_from_base: SE2) -> None:
@@ -180,7 +121,7 @@ def see_all_around(rim: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> boo
     cannot see is narrower than the rim, and nobody is hidden there whole; of a cloud's scanner this is never known, because he may crouch."""
     is_seen = np.zeros(len(rim), np.bool_)
     for base_from_sensor, field in scanners:
-        if field.elevation[1] - field.elevation[0] < 2.0 * math.pi:
+        if not field.is_planar:
             return False
         level = np.column_stack((rim, np.full(len(rim), base_from_sensor.translation[2])))
         is_seen |= field.contains(_rays(base_from_sensor.inverse(), level))

@@ -1,9 +1,8 @@
-"""Who came to the robot, and has left again: of what a scanner cannot see, only that may be forgotten without being looked through.
+"""Who came to the robot by himself: of what a scanner cannot see, only that may be forgotten without being looked through.
 
 What the robot itself drove up to stays where it is. What moves by itself is told from it by scans of a moment ago: they looked through its place, or,
-where that was beside their sector, through that of what is seen of it now. When for some time nothing at all is seen around its place, it has gone. Without this, somebody
-who once touched the side of a robot would hold it for ever. It holds only where scanners look all around (`blind_memory.see_all_around`): behind
-a robot that does not see backwards anybody may stand.
+where that was beside their sector, through that of what is seen of it now. Without this, somebody
+who once touched the side of a robot would hold it for ever.
 """
 
 from __future__ import annotations
@@ -25,13 +24,11 @@ LOOKS = 8  # scans that are kept
 SPACING = (0.1, 0.5)  # metres of the outermost corner, and seconds, between two of them: at rest the last ones stay
 DRIVEN = 1.0  # metres of the outermost corner after which odometry has drifted too far for a scan to tell
 AGE = 0.3  # seconds after which a scan tells what was there before
-FAR = 1.5  # metres up to which no thin leg slips through between two beams
 INSIDE = 0.05  # metres within the robot's outline: what odometry may have drifted meanwhile
 NEAR = 0.3  # metres around a remembered point: who stands there is wider than what a scanner cannot see of him
 TOLERANCES = (math.radians(1.0), 0.1, 0.15, NEAR)
 """Of the directions in which all returns must lie behind a place to prove it empty (rad), and by how much (m); around a place of which a scan says nothing
 (m), in which nothing may have stood, and what is seen of the same thing now."""
-GONE = 2.0  # seconds without a return within that
 RIM = 0.15  # metres around the robot that its scanners must look at, all of it: nobody is narrower
 
 
@@ -71,9 +68,9 @@ class Visitors:
         odom_from_sensor: SE2,
         polar: tuple[F64, F64],
         sector: tuple[float, float],
-        range_min: float,
+        reach: tuple[float, float],
     ) -> None:
-        """Take a scan's returns (`polar`: ranges, azimuths, each (N,)) when that is due; `travel` is how far (m) the outermost corner has come."""
+        """Take a scan's returns (`polar`: ranges, azimuths, each (N,)) of a scanner that tells of places between the ranges `reach` (m) when that is due; `travel` is how far (m) the outermost corner has come."""
         if self._looks:
             last = self._looks[-1]
             if travel - last.travel < SPACING[0] or seconds - last.seconds < SPACING[1]:
@@ -82,7 +79,7 @@ class Visitors:
         ranges, azimuth = polar[0][order], polar[1][order]
         points = ranges[:, None] * np.column_stack((np.cos(azimuth), np.sin(azimuth)))
         middle, half = 0.5 * (sector[0] + sector[1]), 0.5 * (sector[1] - sector[0])
-        limits = np.array(((middle, half), (range_min + TOLERANCES[1], FAR)))
+        limits = np.array(((middle, half), (reach[0] + TOLERANCES[1], reach[1])))
         self._looks.append(_Look(seconds, travel, odom_from_sensor.inverse(), azimuth, ranges, points, limits))
 
     def came(self, places: F64, returns: F64, seconds: float, travel: float) -> Flags:
@@ -123,11 +120,3 @@ def _are_within(points: F64, outline: F64, margin: float) -> Flags:
     inward = np.column_stack((-edge[:, 1], edge[:, 0])) / np.hypot(*edge.T)[:, None]
     depth = ((points[:, None] - outline[None]) * inward[None]).sum(axis=2)
     return np.asarray((depth >= margin).all(axis=1))
-
-
-def is_seen_near(places: F64, returns: F64) -> Flags:
-    """Return bool (N,): whether any of the returns (M, 2) lies within `NEAR` of a place."""
-    if len(places) == 0 or len(returns) == 0:
-        return np.zeros(len(places), np.bool_)
-    apart = np.hypot(*(places[:, None] - returns[None]).transpose(2, 0, 1))
-    return np.asarray(apart.min(axis=1) <= NEAR)

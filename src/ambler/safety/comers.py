@@ -1,0 +1,142 @@
+"""Which of the remembered points belong to somebody who came by himself, and whether he has left.
+
+From planar scanners that look all around (`blind_memory.see_all_around`) nobody hides: when for some time nothing at all is seen around a place, he has gone. Behind
+a robot that does not see backwards anybody may stand. A scanner of many rings looks over whoever crouches, so he must be seen to leave: of who stands near it sees
+the trunk, which is followed from scan to scan, away from what is remembered of him.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
+from ambler.safety.field_of_view import FieldOfView, Rays
+from ambler.safety.visitors import NEAR, Visitors
+
+F64 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+GONE = 2.0  # seconds without a return near a place
+FIRM = (
+    0.1,
+    math.radians(5.0),
+)  # metres and radians inside the limits where a cloud's scanner sees the same in every scan, however the robot nods
+DIRECTION = math.radians(0.5)  # of whose returns the nearest stands for all
+BESIDE = 0.15  # metres between a trunk and a leg of his
+STEP = 0.3  # metres that a trunk moves between two scans, and from its middle to its side
+LEFT = 0.8  # metres from where he was remembered to where he is seen now: nothing of him is there any more
+FAR = (
+    1.5,
+    3.0,
+)  # metres up to which no thin leg slips through between two beams of a planar scanner, and no trunk through those of a cloud's
+
+
+class Comers:
+    """Feed every scan of one scanner with `look`; then ask who `have_left`, and tell which points are remembered from now on. All places (N, 2) are in the odom frame, m."""
+
+    def __init__(self, footprint: F64 | None = None) -> None:
+        self._visitors = Visitors(footprint)
+        self._came = np.empty(0, np.bool_)
+        self._near_at = np.empty(0)
+        self._followed = np.empty((0, 2))  # where his trunk was last
+        self._seconds = self._travel = 0.0
+        self._points = self._trunks = np.empty((0, 2))
+        self._is_planar = True
+
+    @property
+    def came(self) -> Flags:
+        """Which of the remembered points are somebody's who came, (N,)."""
+        return self._came
+
+    def look(
+        self,
+        seconds: float,
+        travel: float,
+        odom_from_base: SE2,
+        base_from_sensor: SE3,
+        field: FieldOfView,
+        rays: Rays,
+        points: F64,
+    ) -> None:
+        """Take a scan of the time `seconds`, 0 where nothing may be told from it, when the outermost corner had come `travel` metres: its returns as `rays` and as `points` (N, 2)."""
+        self._seconds, self._travel, self._is_planar = seconds, travel, field.is_planar
+        self._visitors.stand(seconds, travel, odom_from_base)
+        odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
+        if not field.is_planar:
+            firm = points[field.shrunk(*FIRM).contains(rays)] if seconds > 0.0 else points[:0]
+            polar = _nearest_by_azimuth(odom_from_sensor.inverse().transform(firm))
+            reach = (field.range_min, FAR[1])
+            self._visitors.look(seconds, travel, odom_from_sensor, polar, field.azimuth, reach)
+            near = odom_from_sensor.transform(_from_polar(polar[0], polar[1])[polar[0] < FAR[1]])
+            self._trunks = near[self._visitors.came(near, near[:0], seconds, travel)]
+            return
+        self._points, azimuth, sector = points, rays[1], field.azimuth
+        if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:  # it hangs: in the plane its azimuths run the other way
+            azimuth, sector = -azimuth, (-sector[1], -sector[0])
+        reach = (field.range_min, FAR[0])
+        self._visitors.look(seconds, travel, odom_from_sensor, (rays[0], azimuth), sector, reach)
+
+    def have_left(self, places: F64) -> Flags:
+        """Return bool (N,), of the remembered points at `places`: whether they are somebody's who came, and has gone."""
+        came = places[self._came]
+        out = np.zeros(len(places), np.bool_)
+        if len(came) == 0:
+            return out
+        if self._is_planar:
+            near = _gaps(came, self._points) <= NEAR
+            self._near_at[self._came] = np.where(near, self._seconds, self._near_at[self._came])
+            out[self._came] = self._seconds - self._near_at[self._came] > GONE
+            return out
+        followed = _nearest(self._followed[self._came], self._trunks, STEP)
+        self._followed[self._came] = followed
+        has_left = np.hypot(*(followed - came).T) > LEFT
+        has_left &= _gaps(came, self._trunks) > NEAR
+        out[self._came] = has_left
+        return out
+
+    def remember(self, new: F64, is_kept: Flags, chosen: NDArray[np.int64]) -> None:
+        """Take which points are remembered now: `chosen` rows of those at `new` (M, 2) and, after them, of the old ones that are `is_kept` (N,)."""
+        if self._is_planar:
+            came = self._visitors.came(new, self._points, self._seconds, self._travel)
+        else:
+            came = _gaps(new, self._trunks) <= BESIDE
+        self._came = np.concatenate((came, self._came[is_kept]))[chosen]
+        self._near_at = np.concatenate((np.full(len(new), self._seconds), self._near_at[is_kept]))[chosen]
+        self._followed = np.concatenate((new, self._followed[is_kept]))[chosen]
+
+
+def _nearest_by_azimuth(points: F64) -> tuple[F64, F64]:
+    """Return range and azimuth of the nearest of the points (N, 2), scanner's frame, in every direction in which there are any."""
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    count = round(2.0 * math.pi / DIRECTION)
+    ranges = np.full(count, np.inf)
+    np.minimum.at(ranges, np.floor(azimuth / DIRECTION).astype(np.int64) % count, np.hypot(*points.T))
+    has_any = np.isfinite(ranges)
+    middles = DIRECTION * (np.arange(count) + 0.5)
+    return ranges[has_any], (middles[has_any] + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def _from_polar(ranges: F64, azimuth: F64) -> F64:
+    return np.asarray(ranges[:, None] * np.column_stack((np.cos(azimuth), np.sin(azimuth))))
+
+
+def _apart(places: F64, others: F64) -> F64:
+    return np.asarray(np.hypot(*(places[:, None] - others[None]).transpose(2, 0, 1)))
+
+
+def _gaps(places: F64, others: F64) -> F64:
+    """Return how far places (N, 2) are from the nearest of others (M, 2), (N,)."""
+    return np.asarray(_apart(places, others).min(axis=1, initial=np.inf))
+
+
+def _nearest(places: F64, others: F64, within: float) -> F64:
+    """Return of each of the places (N, 2) the nearest of the others (M, 2) that lies so many metres from it at most, else itself."""
+    if len(others) == 0:
+        return places
+    apart = _apart(places, others)
+    k = apart.argmin(axis=1)
+    return np.where((apart[np.arange(len(places)), k] <= within)[:, None], others[k], places)

@@ -1,0 +1,97 @@
+"""Who was seen to leave a scanner of many rings is forgotten below its lowest ring; who crouches there, and what the robot drove up to, is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ambler.core.se2 import SE2
+from ambler.safety.blind_memory import BlindMemory
+from tests.safety.test_blind_memory import MOUNT, PUCK, RING, SIGMA
+
+HEIGHT = 0.8  # of the scanner
+PERIOD = 0.1
+Pillar = tuple[float, float, float, float]
+"""x, y (odom frame), radius and height, m."""
+
+
+def sweep(pose: SE2, pillars: list[Pillar], rng: np.random.Generator, wall: float = 5.0) -> np.ndarray:
+    """Return the returns (N, 3), base frame, 0.15 to 0.9 m high, of a 16-ring scanner among pillars and people in a round room."""
+    azimuth, elevation = (a.ravel() for a in np.meshgrid(np.radians(np.arange(-180, 180, 0.5)), RING, indexing="ij"))
+    flat = np.full(len(azimuth), wall)
+    for x, y, radius, height in pillars:
+        place = pose.inverse().transform(np.array([[x, y]]))[0]
+        along = np.cos(azimuth) * place[0] + np.sin(azimuth) * place[1]
+        square = radius**2 - (float(place @ place) - along**2)
+        reach = np.where((square > 0.0) & (along > 0.0), along - np.sqrt(np.maximum(square, 0.0)), np.inf)
+        flat = np.where((reach < flat) & (HEIGHT + reach * np.tan(elevation) < height), reach, flat)
+    flat = flat + rng.normal(0.0, SIGMA, len(flat))
+    z = HEIGHT + flat * np.tan(elevation)
+    is_return = (flat / np.cos(elevation) > PUCK.range_min) & (z > 0.15) & (z < 0.9)
+    return np.column_stack((flat * np.cos(azimuth), flat * np.sin(azimuth), z))[is_return]
+
+
+def held(scenes: list[tuple[SE2, list[Pillar]]], seed: int = 0) -> list[int]:
+    """Return how many remembered places hold the robot in each of some scenes, 0.1 s apart."""
+    memory, rng, counts = BlindMemory(0.6, 12.0), np.random.default_rng(seed), []
+    for k, (pose, pillars) in enumerate(scenes):
+        points = sweep(pose, pillars, rng)
+        counts.append(len(memory.update(points, pose, MOUNT, PUCK, seconds=100.0 + PERIOD * k)))
+    return counts
+
+
+def somebody(x: float, y: float, height: float = 1.75) -> Pillar:
+    return x, y, 0.25, height
+
+
+def creeping(speed: float, count: int, begin: float = 0.0) -> list[SE2]:
+    return [SE2(begin + speed * PERIOD * k, 0.0) for k in range(count)]
+
+
+@pytest.mark.parametrize("ahead", [1.3, 1.6])
+def test_who_walks_past_leaves_nothing_behind(ahead: float) -> None:
+    """The robot drives on to where he crossed its way: what was seen of his legs goes below its lowest ring, and no ray looks through it any more."""
+    people = [[somebody(ahead + 0.5, -3.0 + 0.1 * k)] if k < 60 else [] for k in range(80)]
+    runs = [held(list(zip(creeping(0.3, 80), people, strict=True)), seed) for seed in range(6)]
+    assert any(max(counts) > 0 for counts in runs), "his legs are below the lowest ring while he is there"
+    assert [counts[-1] for counts in runs] == [0] * len(runs)
+
+
+def test_who_slides_along_the_robot_and_goes_does_not_hold_it() -> None:
+    scenes = [(SE2(), [somebody(3.0 - 0.1 * k, 1.2 - 0.02 * k)]) for k in range(60)] + [(SE2(), [])] * 10
+    runs = [held(scenes, seed) for seed in range(4)]
+    assert any(max(counts) > 0 for counts in runs)
+    assert [counts[-1] for counts in runs] == [0] * len(runs)
+
+
+@pytest.mark.parametrize("seconds", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("passes", [None, 0.9, 1.4], ids=["alone", "somebody passes close", "somebody passes"])
+def test_who_crouches_before_the_robot_holds_it(seconds: float, passes: float | None) -> None:
+    """He is below its rays a moment later, and nothing is seen of him for long."""
+    comes = [somebody(4.0 - 0.1 * k, 0.0) for k in range(31)]
+    steps = round(seconds / PERIOD)
+    sinks = [somebody(1.0, 0.0, 1.75 - 1.35 * (k + 1) / steps) for k in range(steps)]
+    scenes = [(SE2(), [p]) for p in [*comes, *sinks]]
+    for k in range(150):
+        pillars = [sinks[-1]]
+        if passes is not None and k < 80:
+            pillars.append(somebody(1.0 + passes, -4.0 + 0.1 * k))
+        scenes.append((SE2(), pillars))
+    assert held(scenes)[-1] > 0
+
+
+@pytest.mark.parametrize("height", [0.25, 0.4])
+def test_a_box_that_the_robot_drove_up_to_holds_it_though_somebody_walks_past_it(height: float) -> None:
+    """The body nods by a degree, so that the box comes into sight now and then."""
+    box = (2.2, 0.0, 0.2, height)
+    poses = [*creeping(0.3, 100, -1.65), *[SE2(1.35, 0.0)] * 100]
+    scenes = [(pose, [box, somebody(2.9, -8.5 + 0.1 * k)] if k < 170 else [box]) for k, pose in enumerate(poses)]
+    assert held(scenes)[-1] > 0
+
+
+def test_nothing_is_told_of_people_without_a_time() -> None:
+    memory, rng = BlindMemory(0.6, 12.0), np.random.default_rng(0)
+    for k in range(60):
+        points = sweep(SE2(), [somebody(4.0 - 0.1 * min(k, 30), 0.0)], rng)
+        memory.update(points, SE2(), MOUNT, PUCK)
+        assert not memory._comers.came.any()
