@@ -494,6 +494,13 @@ MOTION = (
         ("tests/planning/test_conformance.py",),
     ),
     PlantedFault(
+        "cells that touch at corners lead out of a pocket",
+        "planning/escape.py",
+        "is_allowed[iy, ix] and is_allowed[y, ix] and is_allowed[iy, x]",
+        "is_allowed[iy, ix]",
+        ("tests/planning/test_conformance.py",),
+    ),
+    PlantedFault(
         "who stands in a pocket leaves it for a goal in it",
         "planning/escape.py",
         "if pocket is None or goal in pocket:",

@@ -171,6 +171,18 @@ def test_who_stands_free_in_the_midst_of_a_mark_gets_out_of_it(make: Make) -> No
     assert np.isfinite(distance_field(pocket(), SPEC, start)[150, 190])
 
 
+def test_cells_that_touch_at_corners_lead_nowhere_and_are_left_all_the_same(make: Make) -> None:
+    """A gap at 45° between two marks, no wider than the robot: its middle is free in a row of cells that no search passes."""
+    start, costs = SE2(*SPEC.center_of(80, 100)), pocket()
+    for k in range(2, 7):
+        costs[80 + k, 100 + k] = 0
+    for goal in (SE2(6.0, 4.0), SE2(-2.5, 2.0)):
+        result = make().plan(costs, SPEC, start, goal)
+        np.testing.assert_allclose(result.path[-1, :2], [goal.x, goal.y])
+        assert costs_under(costs, SPEC, result.path).max() <= 253
+    assert np.isfinite(distance_field(costs, SPEC, start)[150, 190])
+
+
 def test_a_goal_within_a_pocket_is_gone_to_and_walls_about_one_are_not_passed(make: Make) -> None:
     start, near = SE2(*SPEC.center_of(80, 100)), SE2(*SPEC.center_of(81, 101))
     path = make().plan(pocket(), SPEC, start, near).path

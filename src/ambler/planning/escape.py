@@ -27,8 +27,8 @@ def find_escape(
 
     Least cost within `radius` cells: a step into an inscribed cell counts 10 times, into a lethal or unknown one 1000 times
     its length, so that the robot leaves a wall on its own side. Beyond, up to `reach` cells, only over inscribed cells: along a gap that is too narrow to turn in.
-    A pocket, allowed cells that lead nowhere farther than `radius` from the start, is left too, over inscribed cells, unless the goal lies in it or nothing else
-    is allowed: the cells on which a robot stands count as free, whatever was marked around it. `is_allowed` bool [iy, ix]. Raises StartOccupiedError.
+    A pocket, allowed cells that lead nowhere farther than `radius`, is left too, over inscribed cells, unless the goal lies in it or nothing else
+    is allowed, and so is the next one, where cells touch at corners only: the cells on which a robot stands count as free, whatever was marked around it. `is_allowed` bool [iy, ix]. Raises StartOccupiedError.
     """
     height, width = costs.shape
     best: dict[Cell, float] = {start: 0.0}
@@ -41,7 +41,7 @@ def find_escape(
         if cost > best[cell] or (in_pocket is not None and not _is_crossed(costs, is_allowed, cell)):
             continue
         if is_allowed[cell] and cell not in pockets:
-            pocket = _pocket_of(is_allowed, cell, start, radius)
+            pocket = _pocket_of(is_allowed, cell, radius)
             if pocket is None or goal in pocket:
                 return _way_to(cell, came_from)
             pockets |= pocket
@@ -79,17 +79,18 @@ def _way_to(cell: Cell, came_from: dict[Cell, Cell]) -> list[Cell]:
     return way[::-1]
 
 
-def _pocket_of(is_allowed: NDArray[np.bool_], cell: Cell, start: Cell, radius: float) -> set[Cell] | None:
-    """Return the allowed cells that hang together with one, None if some lie farther than `radius` from the start."""
+def _pocket_of(is_allowed: NDArray[np.bool_], cell: Cell, radius: float) -> set[Cell] | None:
+    """Return the allowed cells that hang together with one as the searches see it, None if some lie farther than `radius` from it."""
     height, width = is_allowed.shape
     pocket, stack = {cell}, [cell]
     while stack:
         y, x = stack.pop()
-        if math.hypot(y - start[0], x - start[1]) > radius:
+        if math.hypot(y - cell[0], x - cell[1]) > radius:
             return None
         for iy in range(max(0, y - 1), min(height, y + 2)):
             for ix in range(max(0, x - 1), min(width, x + 2)):
-                if is_allowed[iy, ix] and (iy, ix) not in pocket:
+                is_next = is_allowed[iy, ix] and is_allowed[y, ix] and is_allowed[iy, x]  # no corner is cut
+                if is_next and (iy, ix) not in pocket:
                     pocket.add((iy, ix))
                     stack.append((iy, ix))
     return pocket
