@@ -313,6 +313,20 @@ SAFETY = (
         COMERS,
     ),
     PlantedFault(
+        "who leans nearer than a scanner of many rings sees has left with the next one who passes",
+        "safety/comers.py",
+        "has_left[has_left] = self._is_looked_through(came[has_left])",
+        "pass",
+        COMERS,
+    ),
+    PlantedFault(
+        "where no wall is near nobody is seen to leave",
+        "safety/blind_memory.py",
+        "far = np.empty((0, 2)) if beyond is None",
+        "far = np.empty((0, 2)) if True",
+        COMERS,
+    ),
+    PlantedFault(
         "who passes within two metres is whoever crouched there",
         "safety/comers.py",
         "STEP = 0.3",

@@ -15,8 +15,10 @@ Pillar = tuple[float, float, float, float]
 """x, y (odom frame), radius and height, m."""
 
 
-def sweep(pose: SE2, pillars: list[Pillar], rng: np.random.Generator, wall: float = 5.0) -> np.ndarray:
-    """Return the returns (N, 3), base frame, 0.15 to 0.9 m high, of a 16-ring scanner among pillars and people in a round room."""
+def sweep(
+    pose: SE2, pillars: list[Pillar], rng: np.random.Generator, wall: float = 3.8
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the returns (N, 3), base frame, within 4 m and 0.15 to 0.9 m high, of a 16-ring scanner among pillars and people in a round room, and all of them."""
     azimuth, elevation = (a.ravel() for a in np.meshgrid(np.radians(np.arange(-180, 180, 0.5)), RING, indexing="ij"))
     flat = np.full(len(azimuth), wall)
     for x, y, radius, height in pillars:
@@ -27,16 +29,22 @@ def sweep(pose: SE2, pillars: list[Pillar], rng: np.random.Generator, wall: floa
         flat = np.where((reach < flat) & (HEIGHT + reach * np.tan(elevation) < height), reach, flat)
     flat = flat + rng.normal(0.0, SIGMA, len(flat))
     z = HEIGHT + flat * np.tan(elevation)
-    is_return = (flat / np.cos(elevation) > PUCK.range_min) & (z > 0.15) & (z < 0.9)
-    return np.column_stack((flat * np.cos(azimuth), flat * np.sin(azimuth), z))[is_return]
+    with np.errstate(divide="ignore"):
+        to_floor = np.where(elevation < 0.0, HEIGHT / -np.tan(elevation), np.inf)
+    flat, z = np.minimum(flat, to_floor), np.maximum(z, 0.0)
+    is_return = (flat / np.cos(elevation) > PUCK.range_min) & (flat < 60.0)
+    is_near = is_return & (z > 0.15) & (z < 0.9) & (flat < 4.0)
+    points = np.column_stack((flat * np.cos(azimuth), flat * np.sin(azimuth), z))
+    return points[is_near], points[is_return]
 
 
-def held(scenes: list[tuple[SE2, list[Pillar]]], seed: int = 0) -> list[int]:
+def held(scenes: list[tuple[SE2, list[Pillar]]], seed: int = 0, wall: float = 3.8) -> list[int]:
     """Return how many remembered places hold the robot in each of some scenes, 0.1 s apart."""
     memory, rng, counts = BlindMemory(0.6, 12.0), np.random.default_rng(seed), []
     for k, (pose, pillars) in enumerate(scenes):
-        points = sweep(pose, pillars, rng)
-        counts.append(len(memory.update(points, pose, MOUNT, PUCK, seconds=100.0 + PERIOD * k)))
+        points, more = sweep(pose, pillars, rng, wall)
+        seconds = 100.0 + PERIOD * k
+        counts.append(len(memory.update(points, pose, MOUNT, PUCK, seconds=seconds, beyond=more[::7])))
     return counts
 
 
@@ -48,11 +56,12 @@ def creeping(speed: float, count: int, begin: float = 0.0) -> list[SE2]:
     return [SE2(begin + speed * PERIOD * k, 0.0) for k in range(count)]
 
 
+@pytest.mark.parametrize("wall", [3.8, 1000.0], ids=["in a room", "in the open"])
 @pytest.mark.parametrize("ahead", [1.3, 1.6])
-def test_who_walks_past_leaves_nothing_behind(ahead: float) -> None:
+def test_who_walks_past_leaves_nothing_behind(ahead: float, wall: float) -> None:
     """The robot drives on to where he crossed its way: what was seen of his legs goes below its lowest ring, and no ray looks through it any more."""
     people = [[somebody(ahead + 0.5, -3.0 + 0.1 * k)] if k < 60 else [] for k in range(80)]
-    runs = [held(list(zip(creeping(0.3, 80), people, strict=True)), seed) for seed in range(6)]
+    runs = [held(list(zip(creeping(0.3, 80), people, strict=True)), seed, wall) for seed in range(6)]
     assert any(max(counts) > 0 for counts in runs), "his legs are below the lowest ring while he is there"
     assert [counts[-1] for counts in runs] == [0] * len(runs)
 
@@ -80,6 +89,16 @@ def test_who_crouches_before_the_robot_holds_it(seconds: float, passes: float | 
     assert held(scenes)[-1] > 0
 
 
+def test_who_leans_where_the_scanner_sees_nothing_holds_it_though_his_companion_leaves() -> None:
+    """They come up side by side; no ray meets the one who leans on the robot any more, but for his sides, and the other one is seen to go."""
+    comes = [(somebody(0.1, 3.0 - 0.1 * k), somebody(0.55, max(0.8, 3.0 - 0.1 * k))) for k in range(26)]
+    leans = comes[-1][0]
+    leaves = [(leans, somebody(0.55 + 0.05 * k, 0.8 + 0.1 * k)) for k in range(40)]
+    scenes = [(SE2(), list(people)) for people in (*comes, *[comes[-1]] * 20, *leaves, *[(leans,)] * 20)]
+    counts = held(scenes)
+    assert counts[-1] >= 0.8 * counts[45] > 0, "all that is remembered of his front and of his sides"
+
+
 @pytest.mark.parametrize("height", [0.25, 0.4])
 def test_a_box_that_the_robot_drove_up_to_holds_it_though_somebody_walks_past_it(height: float) -> None:
     """The body nods by a degree, so that the box comes into sight now and then."""
@@ -92,6 +111,6 @@ def test_a_box_that_the_robot_drove_up_to_holds_it_though_somebody_walks_past_it
 def test_nothing_is_told_of_people_without_a_time() -> None:
     memory, rng = BlindMemory(0.6, 12.0), np.random.default_rng(0)
     for k in range(60):
-        points = sweep(SE2(), [somebody(4.0 - 0.1 * min(k, 30), 0.0)], rng)
+        points, _ = sweep(SE2(), [somebody(4.0 - 0.1 * min(k, 30), 0.0)], rng)
         memory.update(points, SE2(), MOUNT, PUCK)
         assert not memory._comers.came.any()

@@ -73,6 +73,7 @@ from ambler.safety.points import (
     points_of_cloud,
     points_of_scan,
     pulled_nearer,
+    some_of_cloud,
 )
 from ambler.safety.stuck_scan import StuckScan
 from ambler.safety.visitors import rim_of
@@ -261,6 +262,7 @@ class GateNode(Node):
             lambda _: points_of_cloud(cloud, sweep, *around, floor, mount.elevation[0]),
             lambda _: self._panes_of_cloud(cloud),
             None if floor is None else lambda points: floor.holds(points, self._z_band[0]),
+            some_of_cloud(cloud, sweep, self._twist),
         )
 
     def _floor_at(self, cloud: PointCloud) -> Floor | None:
@@ -292,6 +294,7 @@ class GateNode(Node):
         points_of: Callable[[SE3], F64],
         panes_of: Callable[[SE3], F64],
         is_floor: IsFloor | None = None,
+        beyond: F64 | None = None,
     ) -> None:
         if not has_measured(scan):
             return  # as if it had not come; if that lasts, its points are stale
@@ -304,7 +307,7 @@ class GateNode(Node):
         level_from_sensor = _level_from_base(odom_from_base) @ self._mounts[scan.frame].base_from_sensor
         points, panes = points_of(level_from_sensor), panes_of(level_from_sensor)
         seen = np.concatenate((points, panes))
-        unseen = self._unseen(scan, seen, odom_from_base, level_from_sensor, field, is_floor)
+        unseen = self._unseen(scan, seen, odom_from_base, level_from_sensor, field, is_floor, beyond)
         if isinstance(scan, PointCloud):
             points = patch_means(points, level_from_sensor.translation[:2])
             unseen = pulled_nearer(bridged(unseen, points), UNSEEN_NEARER, *self._edges)
@@ -324,6 +327,7 @@ class GateNode(Node):
         base_from_sensor: SE3,
         field: FieldOfView,
         is_floor: IsFloor | None,
+        beyond: F64 | None,
     ) -> F64:
         """Return what was seen before and is in the scanner's blind zone now, float64 (N, 3) in the level base frame."""
         normals, offsets = self._edges
@@ -337,7 +341,7 @@ class GateNode(Node):
         seconds = scan.stamp_ns * 1e-9 if may_leave else 0.0
         height = odom_from_base.translation[2]
         place = odom_from_base.to_se2()
-        return memory.update(points, place, base_from_sensor, field, others, seconds, height, is_floor)
+        return memory.update(points, place, base_from_sensor, field, others, seconds, height, is_floor, beyond)
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""

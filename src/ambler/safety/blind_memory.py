@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
 from ambler.kernels import blind as kernels
-from ambler.safety.comers import Comers
+from ambler.safety.comers import FAR, FIRM, Comers
 from ambler.safety.field_of_view import BIN, CUT, FieldOfView, Rays
 
 F64 = NDArray[np.float64]
@@ -61,11 +61,13 @@ class BlindMemory:
         seconds: float = 0.0,
         height: float = 0.0,
         is_floor: IsFloor | None = None,
+        beyond: F64 | None = None,
     ) -> F64:
         """Take a scan's points (N, 3) in the level base frame of its stamp; return float64 (M, 3) in the same frame: the means of
         columns that neither the scanner nor any of the `others` (mount, field of view) can see now and nothing has disproved. `seconds` is the
         time of the scan, from any beginning; 0: nobody is told from what the robot drove up to. `height` (m) that of the base in the odom frame, which changes on slopes. `is_floor` says of points (N, 3) in the
-        base frame whether they belong to the floor, as far as that is known now: from afar a slope may have looked like an obstacle."""
+        base frame whether they belong to the floor, as far as that is known now: from afar a slope may have looked like an obstacle. `beyond` (K, 3): some more
+        returns of a cloud, base frame, whatever they met, which show that rays passed what is nearer."""
         self._advance(odom_from_base)
         sensor_from_base = base_from_sensor.inverse()
         rays = _rays(sensor_from_base, points_base)
@@ -73,7 +75,8 @@ class BlindMemory:
         is_fading = ~is_central
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
         points_odom = _moved(odom_from_base, points_base, height)
-        self._comers.look(seconds, self._travel, odom_from_base, base_from_sensor, field, rays, points_odom[:, :2])
+        far = np.empty((0, 2)) if beyond is None else odom_from_base.transform(_far(beyond, sensor_from_base, field))
+        self._comers.look(seconds, self._travel, odom_from_base, base_from_sensor, field, rays, points_odom[:, :2], far)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom, -height), self._seen_at
@@ -126,6 +129,13 @@ def see_all_around(rim: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> boo
         level = np.column_stack((rim, np.full(len(rim), base_from_sensor.translation[2])))
         is_seen |= field.contains(_rays(base_from_sensor.inverse(), level))
     return bool(is_seen.all())
+
+
+def _far(points_base: F64, sensor_from_base: SE3, field: FieldOfView) -> F64:
+    """Return those points (K, 2) of some (N, 3), base frame, that a scanner sees however the robot nods, farther than it tells whether anybody came."""
+    rays = _rays(sensor_from_base, points_base)
+    is_far = field.shrunk(*FIRM).contains(rays) & (rays[0] * np.cos(rays[2]) > FAR[1])
+    return points_base[is_far, :2]
 
 
 def _moved(pose: SE2, points: F64, height: float) -> F64:

@@ -14,25 +14,22 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.kernels import looks as kernels
 from ambler.safety.field_of_view import FieldOfView, Rays
-from ambler.safety.visitors import NEAR, Visitors
+from ambler.safety.visitors import NEAR, TOLERANCES, Visitors
 
 F64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 GONE = 2.0  # seconds without a return near a place
-FIRM = (
-    0.1,
-    math.radians(5.0),
-)  # metres and radians inside the limits where a cloud's scanner sees the same in every scan, however the robot nods
+# Metres and radians inside the limits where a cloud's scanner sees the same in every scan, however the robot nods.
+FIRM = (0.1, math.radians(5.0))
 DIRECTION = math.radians(0.5)  # of whose returns the nearest stands for all
 BESIDE = 0.15  # metres between a trunk and a leg of his
 STEP = 0.3  # metres that a trunk moves between two scans, and from its middle to its side
 LEFT = 0.8  # metres from where he was remembered to where he is seen now: nothing of him is there any more
-FAR = (
-    1.5,
-    3.0,
-)  # metres up to which no thin leg slips through between two beams of a planar scanner, and no trunk through those of a cloud's
+# Metres up to which no thin leg slips through between two beams of a planar scanner, and no trunk through those of a cloud's.
+FAR = (1.5, 3.0)
 
 
 class Comers:
@@ -46,6 +43,7 @@ class Comers:
         self._seconds = self._travel = 0.0
         self._points = self._trunks = np.empty((0, 2))
         self._is_planar = True
+        self._sensor_from_odom, self._polar = SE2(), (np.empty(0), np.empty(0))
 
     @property
     def came(self) -> Flags:
@@ -61,23 +59,25 @@ class Comers:
         field: FieldOfView,
         rays: Rays,
         points: F64,
+        far: F64,
     ) -> None:
-        """Take a scan of the time `seconds`, 0 where nothing may be told from it, when the outermost corner had come `travel` metres: its returns as `rays` and as `points` (N, 2)."""
+        """Take a scan of the time `seconds`, 0 where nothing may be told from it, when the outermost corner had come `travel` metres: its returns as `rays` and as `points` (N, 2). `far` (M, 2) are
+        some of the returns of a cloud that are too far to be obstacles, or are the floor: its rays passed what is nearer."""
         self._seconds, self._travel, self._is_planar = seconds, travel, field.is_planar
         self._visitors.stand(seconds, travel, odom_from_base)
-        odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
         if not field.is_planar:
             firm = points[field.shrunk(*FIRM).contains(rays)] if seconds > 0.0 else points[:0]
-            polar = _nearest_by_azimuth(odom_from_sensor.inverse().transform(firm))
-            reach = (field.range_min, FAR[1])
-            self._visitors.look(seconds, travel, odom_from_sensor, polar, field.azimuth, reach)
-            near = odom_from_sensor.transform(_from_polar(polar[0], polar[1])[polar[0] < FAR[1]])
+            odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
+            polar = _nearest_by_azimuth(odom_from_sensor.inverse().transform(np.concatenate((firm, far))))
+            self._visitors.look(seconds, travel, odom_from_sensor, polar, field.azimuth, (field.range_min, FAR[1]))
+            near = odom_from_sensor.transform(_from_polar(*polar)[polar[0] < FAR[1]])
             self._trunks = near[self._visitors.came(near, near[:0], seconds, travel)]
+            self._sensor_from_odom, self._polar = odom_from_sensor.inverse(), polar
             return
         self._points, azimuth, sector = points, rays[1], field.azimuth
         if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:  # it hangs: in the plane its azimuths run the other way
             azimuth, sector = -azimuth, (-sector[1], -sector[0])
-        reach = (field.range_min, FAR[0])
+        odom_from_sensor, reach = odom_from_base @ base_from_sensor.to_se2(), (field.range_min, FAR[0])
         self._visitors.look(seconds, travel, odom_from_sensor, (rays[0], azimuth), sector, reach)
 
     def have_left(self, places: F64) -> Flags:
@@ -95,8 +95,29 @@ class Comers:
         self._followed[self._came] = followed
         has_left = np.hypot(*(followed - came).T) > LEFT
         has_left &= _gaps(came, self._trunks) > NEAR
+        has_left[has_left] = self._is_looked_through(came[has_left])
         out[self._came] = has_left
         return out
+
+    def _is_looked_through(self, places: F64) -> Flags:
+        """Return bool (N,): whether there are returns in the direction of a place, and all of them behind it. Who leans on the robot nearer to a scanner than it sees leaves none."""
+        everywhere = np.array(((0.0, math.pi), (0.0, math.inf)))
+        out, nothing = np.zeros(len(places), np.uint8), np.empty((0, 2))
+        there = self._sensor_from_odom.transform(places)
+        kernels.mark_comers(
+            *(
+                self._polar[1],
+                self._polar[0],
+                nothing,
+                everywhere,
+                TOLERANCES,
+                there,
+                nothing,
+                np.empty(0, np.uint8),
+                out,
+            )
+        )
+        return np.asarray(out == kernels.CAME)
 
     def remember(self, new: F64, is_kept: Flags, chosen: NDArray[np.int64]) -> None:
         """Take which points are remembered now: `chosen` rows of those at `new` (M, 2) and, after them, of the old ones that are `is_kept` (N,)."""
@@ -110,14 +131,14 @@ class Comers:
 
 
 def _nearest_by_azimuth(points: F64) -> tuple[F64, F64]:
-    """Return range and azimuth of the nearest of the points (N, 2), scanner's frame, in every direction in which there are any."""
+    """Return range and azimuth, ascending, of the nearest of the points (N, 2), scanner's frame, in every direction in which there are any."""
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     count = round(2.0 * math.pi / DIRECTION)
     ranges = np.full(count, np.inf)
-    np.minimum.at(ranges, np.floor(azimuth / DIRECTION).astype(np.int64) % count, np.hypot(*points.T))
+    np.minimum.at(ranges, np.floor((azimuth + math.pi) / DIRECTION).astype(np.int64) % count, np.hypot(*points.T))
     has_any = np.isfinite(ranges)
-    middles = DIRECTION * (np.arange(count) + 0.5)
-    return ranges[has_any], (middles[has_any] + math.pi) % (2.0 * math.pi) - math.pi
+    middles = DIRECTION * (np.arange(count) + 0.5) - math.pi
+    return ranges[has_any], middles[has_any]
 
 
 def _from_polar(ranges: F64, azimuth: F64) -> F64:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ STANDING, ABOVE_LOWEST = (
     1.4,
     math.radians(5.0),
 )  # metres, and angle above the lowest beam: who is seen there stands on the floor
+SOME = 7  # no divisor of a scanner's number of rings
 GAP, GAP_STEP = 0.15, 0.05  # metres between remembered points that nothing passes through, and that are left open
 PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
 
@@ -107,6 +108,19 @@ def points_of_cloud(
         heights = floor.heights(points)
     out = np.empty((count, 3))
     return out[: kernels.standing_points(points, times, heights, is_lowest, z_band, STANDING, twist, out)]
+
+
+def some_of_cloud(cloud: PointCloud, sweep: Sequence[SE3], twist: F64) -> F64:
+    """Return every `SOME`-th return of a cloud, whatever it met and however far, float64 (N, 3), as `points_of_cloud` does."""
+    some = slice(None, None, SOME)
+    few = replace(
+        cloud,
+        points=cloud.points[some],
+        intensity=cloud.intensity[some],
+        time=cloud.time[some],
+        ring=cloud.ring[some],
+    )
+    return points_of_cloud(few, sweep, twist, math.inf, (-math.inf, math.inf))
 
 
 def patch_means(points: F64, origin: tuple[float, float]) -> F64:
