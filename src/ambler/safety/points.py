@@ -27,7 +27,7 @@ STANDING, ABOVE_LOWEST = (
     1.4,
     math.radians(5.0),
 )  # metres, and angle above the lowest beam: who is seen there stands on the floor
-SOME = 7  # no divisor of a scanner's number of rings
+SOME = 13  # no divisor of a scanner's number of rings
 GAP, GAP_STEP = 0.15, 0.05  # metres between remembered points that nothing passes through, and that are left open
 PATCHES_BEHIND = 3  # patches behind a lone return within which a surface makes it that surface's noise
 
