@@ -93,6 +93,14 @@ def test_time_between_two_drives_does_not_count(before: float, idle: float, afte
     assert giving_way.is_held_up(round(end * 1e9), SE2(), AHEAD) == is_held
 
 
+def test_who_comes_after_long_without_anybody_half_of_it_between_two_drives_is_somebody_new() -> None:
+    giving_way = met((1.0, 0.0), seconds=8.0)
+    giving_way.take_idle(round(17.5e9), is_idle=True)
+    giving_way.take_idle(round(27.0e9), is_idle=False)
+    met((1.0, 0.0), begin=27.0, seconds=1.0, giving=giving_way)
+    assert not giving_way.is_held_up(round(28e9), SE2(), AHEAD)
+
+
 def test_while_the_place_is_looked_for_it_is_not_over() -> None:
     giving_way = met((1.0, 0.0))
     assert giving_way.seek(round(14e9), SE2(), AHEAD, corridor_grid()) is not None

@@ -494,10 +494,17 @@ MOTION = (
         ("tests/planning/test_conformance.py",),
     ),
     PlantedFault(
+        "the way out of a pocket cuts corners of walls",
+        "planning/escape.py",
+        "if not all(side in (cell, (iy, ix)) or _is_crossed(costs, is_allowed, side) for side in beside):",
+        "if False:",
+        ("tests/planning/test_escape.py",),
+    ),
+    PlantedFault(
         "cells that touch at corners lead out of a pocket",
         "planning/escape.py",
-        "is_allowed[iy, ix] and is_allowed[y, ix] and is_allowed[iy, x]",
-        "is_allowed[iy, ix]",
+        "((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1))",
+        "[(y + dy, x + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]",
         ("tests/planning/test_conformance.py",),
     ),
     PlantedFault(

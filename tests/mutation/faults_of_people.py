@@ -40,8 +40,8 @@ PEOPLE = (
     PlantedFault(
         "between two drives the robot forgets who held it up",
         "missions/giving_way.py",
-        "[] if gap_ns > ALONE * 1e9 else",
-        "[] if gap_ns > 0.0 else",
+        "trail = [] if is_over else",
+        "trail = [] if gap_ns > 0 else",
         GIVING_WAY,
     ),
     PlantedFault(

@@ -141,7 +141,8 @@ class GivingWay:
             self._idle_since_ns = now_ns
         elif not is_idle and self._idle_since_ns is not None:
             gap_ns, self._idle_since_ns = now_ns - self._idle_since_ns, None
-            trail = [] if gap_ns > ALONE * 1e9 else [(t + gap_ns, x, y) for t, x, y in self._trail]
+            is_over = not self._trail or now_ns - self._trail[-1][0] > ALONE * 1e9
+            trail = [] if is_over else [(t + gap_ns, x, y) for t, x, y in self._trail]
             self._trail = deque(trail, maxlen=TRAIL)
 
     def forget(self) -> None:

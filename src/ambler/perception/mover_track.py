@@ -44,6 +44,7 @@ class MoverConfig:
     hidden          metres from a direction that falls silent (`perception.silent_sectors`) within which somebody who is tracked may have stepped
                     nearer to the scanner than it sees, and within which he is expected again
     coast           seconds for which a track that nobody sees goes on
+    hides           seconds without a measurement after which nobody vouches for it that a direction that falls silent hides him
     unknown         seconds after a correction that made the room unknown in which what comes into sight where somebody is expected is he
     speed_max       faster than this nobody walks, m/s; below `speed_min` he counts as standing
     still           seconds after which somebody who has not moved by `way` is an obstacle like others, until he does: what is no person at all
@@ -76,6 +77,7 @@ class MoverConfig:
     twin: float = 0.25
     hidden: float = 0.8
     coast: float = 0.8
+    hides: float = 15.0
     unknown: float = 2.0
     speed_max: float = 2.0
     speed_min: float = 0.3
@@ -89,7 +91,7 @@ class MoverTrack:
 
     def __init__(self, place: F64, now: float, *, stands: bool = False) -> None:
         self.place, self.velocity, self.walk = place, np.zeros(2), np.zeros(2)
-        self.born, self.seen, self.at = place, now, now
+        self.born, self.seen, self.at, self.measured = place, now, now, now
         self.count = 1
         self.is_mover = self.has_walked = False
         self.stands = stands
@@ -136,7 +138,7 @@ class MoverTrack:
         speed = math.hypot(*self.velocity)
         if speed > config.speed_max:
             self.velocity = self.velocity * (config.speed_max / speed)
-        self.at = self.seen = now
+        self.at = self.seen = self.measured = now
         is_close = float(np.hypot(*(starts - self.place).T).min()) < config.close
         enough, way = (config.close_confirmed, config.close_way) if is_close else (config.confirmed, config.way)
         moved = math.dist(self.place, self.rest)

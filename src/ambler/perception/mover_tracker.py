@@ -108,7 +108,8 @@ class MoverTracker:
 
     def _is_hidden(self, place: F64, now: float) -> bool:
         """Say whether somebody stands where the scanner fell silent: one who was there already, or whoever was tracked near it."""
-        known = [*self._hidden, *(t.predicted(now) for t in self._tracks if t.is_mover)]
+        vouching = [t for t in self._tracks if t.is_mover and now - t.measured <= self._config.hides]
+        known = [*self._hidden, *(t.predicted(now) for t in vouching)]
         return any(math.dist(place, other) < self._config.hidden for other in known)
 
     def _is_low(self, points: F64, starts: F64, falls: RayFalls) -> NDArray[np.bool_]:
@@ -216,8 +217,9 @@ class MoverTracker:
         """Follow whoever stands where the scanner fell silent, so that he is known still when he comes into sight."""
         near = [t for t in self._tracks if t.is_mover and math.dist(place, t.predicted(now)) <= self._config.gate]
         if not near:
-            self._tracks.append(MoverTrack(place, now))
-            near = self._tracks[-1:]
+            near = [MoverTrack(place, now)]
+            near[0].measured = -math.inf
+            self._tracks += near
         elif any(t.seen == now for t in near):
             return
         min(near, key=lambda t: math.dist(place, t.predicted(now))).hide(place, now, self._config)

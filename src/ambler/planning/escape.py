@@ -51,6 +51,9 @@ def find_escape(
                 iy, ix = cell[0] + dy, cell[1] + dx
                 if not (0 <= iy < height and 0 <= ix < width):
                     continue
+                beside = ((cell[0], ix), (iy, cell[1]))  # of a diagonal step: no corner of a wall is cut
+                if not all(side in (cell, (iy, ix)) or _is_crossed(costs, is_allowed, side) for side in beside):
+                    continue
                 is_crossed = _is_crossed(costs, is_allowed, (iy, ix))
                 if math.hypot(iy - start[0], ix - start[1]) > (max(radius, reach) if is_crossed else radius):
                     continue
@@ -87,10 +90,9 @@ def _pocket_of(is_allowed: NDArray[np.bool_], cell: Cell, radius: float) -> set[
         y, x = stack.pop()
         if math.hypot(y - cell[0], x - cell[1]) > radius:
             return None
-        for iy in range(max(0, y - 1), min(height, y + 2)):
-            for ix in range(max(0, x - 1), min(width, x + 2)):
-                is_next = is_allowed[iy, ix] and is_allowed[y, ix] and is_allowed[iy, x]  # no corner is cut
-                if is_next and (iy, ix) not in pocket:
-                    pocket.add((iy, ix))
-                    stack.append((iy, ix))
+        for iy, ix in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):  # no corner is cut
+            is_inside = 0 <= iy < height and 0 <= ix < width
+            if is_inside and is_allowed[iy, ix] and (iy, ix) not in pocket:
+                pocket.add((iy, ix))
+                stack.append((iy, ix))
     return pocket
