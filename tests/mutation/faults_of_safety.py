@@ -322,8 +322,8 @@ SAFETY = (
     PlantedFault(
         "where no wall is near nobody is seen to leave",
         "safety/blind_memory.py",
-        "far = np.empty((0, 2)) if beyond is None",
-        "far = np.empty((0, 2)) if True",
+        "np.empty((0, 3)) if beyond is None else beyond",
+        "np.empty((0, 3))",
         COMERS,
     ),
     PlantedFault(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3
 from ambler.kernels import blind as kernels
-from ambler.safety.comers import FAR, FIRM, Comers
+from ambler.safety.comers import Comers
 from ambler.safety.field_of_view import BIN, CUT, FieldOfView, Rays
 
 F64 = NDArray[np.float64]
@@ -75,8 +75,11 @@ class BlindMemory:
         is_fading = ~is_central
         is_fading[is_fading] = ~_is_seen(points_base[is_fading], others)
         points_odom = _moved(odom_from_base, points_base, height)
-        far = np.empty((0, 2)) if beyond is None else odom_from_base.transform(_far(beyond, sensor_from_base, field))
-        self._comers.look(seconds, self._travel, odom_from_base, base_from_sensor, field, rays, points_odom[:, :2], far)
+        told = (seconds, self._travel, odom_from_base, base_from_sensor, field)
+        if field.is_planar:
+            self._comers.look(*told, rays, points_odom[:, :2])
+        else:
+            self._comers.look_around(*told, points_base, np.empty((0, 3)) if beyond is None else beyond)
         if len(self._means_odom) == 0 and not is_fading.any():
             return np.empty((0, 3))
         kept, seen_at = _moved(odom_from_base.inverse(), self._means_odom, -height), self._seen_at
@@ -129,13 +132,6 @@ def see_all_around(rim: F64, scanners: Sequence[tuple[SE3, FieldOfView]]) -> boo
         level = np.column_stack((rim, np.full(len(rim), base_from_sensor.translation[2])))
         is_seen |= field.contains(_rays(base_from_sensor.inverse(), level))
     return bool(is_seen.all())
-
-
-def _far(points_base: F64, sensor_from_base: SE3, field: FieldOfView) -> F64:
-    """Return those points (K, 2) of some (N, 3), base frame, that a scanner sees however the robot nods, farther than it tells whether anybody came."""
-    rays = _rays(sensor_from_base, points_base)
-    is_far = field.shrunk(*FIRM).contains(rays) & (rays[0] * np.cos(rays[2]) > FAR[1])
-    return points_base[is_far, :2]
 
 
 def _moved(pose: SE2, points: F64, height: float) -> F64:

@@ -2,7 +2,8 @@
 
 From planar scanners that look all around (`blind_memory.see_all_around`) nobody hides: when for some time nothing at all is seen around a place, he has gone. Behind
 a robot that does not see backwards anybody may stand. A scanner of many rings looks over whoever crouches, so he must be seen to leave: of who stands near it sees
-the trunk, which is followed from scan to scan, away from what is remembered of him.
+the trunk, which is followed from scan to scan, away from what is remembered of him. That needs a scanner that stands level and looks all around: one that is tilted sees over low
+things in one heading that it meets in another, and holds what it remembers.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ F64 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 GONE = 2.0  # seconds without a return near a place
-# Metres and radians inside the limits where a cloud's scanner sees the same in every scan, however the robot nods.
+# Metres and radians inside the limits where a cloud's scanner sees the same in every scan, however the robot nods, up to LEAN radians.
 FIRM = (0.1, math.radians(5.0))
+LEAN = FIRM[1]
+SAME = 0.05  # metres by which a scan was taken from nearer to a place at most: from nearer, more of what is low is out of sight
 DIRECTION = math.radians(0.5)  # of whose returns the nearest stands for all
 BESIDE = 0.15  # metres between a trunk and a leg of his
 STEP = 0.3  # metres that a trunk moves between two scans, and from its middle to its side
@@ -37,6 +40,7 @@ class Comers:
 
     def __init__(self, footprint: F64 | None = None) -> None:
         self._visitors = Visitors(footprint)
+        self._lower = Visitors()  # the same with all that a cloud's scanner sees
         self._came = np.empty(0, np.bool_)
         self._near_at = np.empty(0)
         self._followed = np.empty((0, 2))  # where his trunk was last
@@ -59,26 +63,51 @@ class Comers:
         field: FieldOfView,
         rays: Rays,
         points: F64,
-        far: F64,
     ) -> None:
-        """Take a scan of the time `seconds`, 0 where nothing may be told from it, when the outermost corner had come `travel` metres: its returns as `rays` and as `points` (N, 2). `far` (M, 2) are
-        some of the returns of a cloud that are too far to be obstacles, or are the floor: its rays passed what is nearer."""
-        self._seconds, self._travel, self._is_planar = seconds, travel, field.is_planar
+        """Take a planar scan of the time `seconds`, 0 where nothing may be told from it, when the outermost corner had come `travel` metres: its returns as `rays` and as `points` (N, 2)."""
+        self._seconds, self._travel, self._is_planar, self._points = seconds, travel, True, points
         self._visitors.stand(seconds, travel, odom_from_base)
-        if not field.is_planar:
-            firm = points[field.shrunk(*FIRM).contains(rays)] if seconds > 0.0 else points[:0]
-            odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
-            polar = _nearest_by_azimuth(odom_from_sensor.inverse().transform(np.concatenate((firm, far))))
-            self._visitors.look(seconds, travel, odom_from_sensor, polar, field.azimuth, (field.range_min, FAR[1]))
-            near = odom_from_sensor.transform(_from_polar(*polar)[polar[0] < FAR[1]])
-            self._trunks = near[self._visitors.came(near, near[:0], seconds, travel)]
-            self._sensor_from_odom, self._polar = odom_from_sensor.inverse(), polar
-            return
-        self._points, azimuth, sector = points, rays[1], field.azimuth
+        azimuth, sector = rays[1], field.azimuth
         if base_from_sensor.rotate((0.0, 0.0, 1.0))[2] < 0.0:  # it hangs: in the plane its azimuths run the other way
             azimuth, sector = -azimuth, (-sector[1], -sector[0])
         odom_from_sensor, reach = odom_from_base @ base_from_sensor.to_se2(), (field.range_min, FAR[0])
         self._visitors.look(seconds, travel, odom_from_sensor, (rays[0], azimuth), sector, reach)
+
+    def look_around(
+        self,
+        seconds: float,
+        travel: float,
+        odom_from_base: SE2,
+        base_from_sensor: SE3,
+        field: FieldOfView,
+        points: F64,
+        beyond: F64,
+    ) -> None:
+        """The same with a cloud: its returns (N, 3) in the level base, and some more (M, 3), whatever they met: where they lie far away, their rays passed what is nearer."""
+        self._seconds, self._travel, self._is_planar = seconds, travel, False
+        self._trunks, self._polar = np.empty((0, 2)), (np.empty(0), np.empty(0))
+        is_level = base_from_sensor.rotate((0.0, 0.0, 1.0))[2] >= math.cos(LEAN)
+        if seconds <= 0.0 or not is_level or not field.is_round:
+            return
+        self._visitors.stand(seconds, travel, odom_from_base)
+        odom_from_sensor = odom_from_base @ base_from_sensor.to_se2()
+        self._sensor_from_odom = odom_from_sensor.inverse()
+        away = np.concatenate((points, beyond)) - np.asarray(base_from_sensor.translation)
+        flat = np.hypot(away[:, 0], away[:, 1])
+        is_told = np.arange(len(away)) < len(points)
+        is_told |= flat > FAR[1]
+        lowest, highest = (math.tan(field.elevation[k] + sign * FIRM[1]) for k, sign in ((0, 1.0), (1, -1.0)))
+        is_firm = is_told & (flat >= field.range_min + FIRM[0])
+        is_firm &= (away[:, 2] >= lowest * flat) & (away[:, 2] <= highest * flat)
+        turn = SE2(0.0, 0.0, -base_from_sensor.to_se2().yaw)
+        reach = (field.range_min, FAR[1])
+        self._polar = polar = _nearest_by_azimuth(turn.transform(away[is_firm, :2]))
+        self._visitors.look(seconds, travel, odom_from_sensor, polar, field.azimuth, reach)
+        lower = _nearest_by_azimuth(turn.transform(away[is_told, :2]))
+        reach = (field.range_min - TOLERANCES[1], FAR[1])  # whose rays come back from behind a place have passed it
+        self._lower.look(seconds, travel, odom_from_sensor, lower, field.azimuth, reach)
+        near = odom_from_sensor.transform(_from_polar(*polar)[polar[0] < FAR[1]])
+        self._trunks = near[self._visitors.came(near, near[:0], seconds, travel)]
 
     def have_left(self, places: F64) -> Flags:
         """Return bool (N,), of the remembered points at `places`: whether they are somebody's who came, and has gone."""
@@ -125,6 +154,8 @@ class Comers:
             came = self._visitors.came(new, self._points, self._seconds, self._travel)
         else:
             came = _gaps(new, self._trunks) <= BESIDE
+            least = np.hypot(*self._sensor_from_odom.transform(new[came]).T) - SAME
+            came[came] = self._lower.agree_that_came(new[came], self._seconds, self._travel, least)
         self._came = np.concatenate((came, self._came[is_kept]))[chosen]
         self._near_at = np.concatenate((np.full(len(new), self._seconds), self._near_at[is_kept]))[chosen]
         self._followed = np.concatenate((new, self._followed[is_kept]))[chosen]

@@ -31,7 +31,7 @@ class FieldOfView:
         """Return the field without a rim of `distance` metres at its blind side and `angle` radians at its other sides."""
         low, high = self.elevation
         left, right = self.azimuth
-        if right - left < 2.0 * math.pi - 2.0 * BIN:
+        if not self.is_round:
             left, right = left + angle, right - angle
         return replace(
             self, range_min=self.range_min + distance, azimuth=(left, right), elevation=(low + angle, high - angle)
@@ -42,10 +42,14 @@ class FieldOfView:
         """Whether its rays lie in a plane, so that nothing is above or below them."""
         return self.elevation[1] - self.elevation[0] >= 2.0 * math.pi
 
+    @property
+    def is_round(self) -> bool:
+        """Whether it looks into every direction."""
+        return self.azimuth[1] - self.azimuth[0] >= 2.0 * math.pi - 2.0 * BIN
+
     def has_all_beyond(self, distance: float) -> bool:
         """Whether nothing that a planar scanner could hit at `distance` metres or farther is hidden from it."""
-        is_round = self.azimuth[1] - self.azimuth[0] >= 2.0 * math.pi - 2.0 * BIN
-        return is_round and self.is_planar and self.range_min + CUT <= distance
+        return self.is_round and self.is_planar and self.range_min + CUT <= distance
 
     def contains(self, rays: Rays) -> Flags:
         """Return bool (N,)."""

@@ -95,6 +95,25 @@ class Visitors:
                     )
         return np.asarray(out == kernels.CAME) | self._was_under(places, seconds, travel)
 
+    def agree_that_came(self, places: F64, seconds: float, travel: float, least: F64) -> Flags:
+        """Return bool (N,): whether scans that were kept, from at least so many metres (N,), looked through a place until somebody came, and none found anything there before or looked through it after: what is
+        seen now and then only, because the robot nods, was there all the time."""
+        came, stood, is_odd = (np.zeros(len(places), np.bool_) for _ in range(3))
+        nothing, asked = np.empty((0, 2)), np.empty(0, np.uint8)
+        for look in self._looks:
+            if len(places) == 0 or seconds - look.seconds < AGE or travel - look.travel > DRIVEN:
+                continue
+            there, out = look.sensor_from_odom.transform(places), np.zeros(len(places), np.uint8)
+            kernels.mark_comers(
+                *(look.azimuth, look.ranges, look.points, look.limits, TOLERANCES, there, nothing, asked, out)
+            )
+            counts = np.hypot(*there.T) >= least
+            was_free, was_not = counts & (out == kernels.CAME), counts & (out == kernels.WAS_THERE)
+            is_odd |= (was_free & stood) | (was_not & ~came)
+            came |= was_free
+            stood |= was_not
+        return np.asarray(came & ~is_odd)
+
     def _was_under(self, places: F64, seconds: float, travel: float) -> Flags:
         """Return bool (N,): whether the robot itself stood on a place a moment ago."""
         out = np.zeros(len(places), np.bool_)
