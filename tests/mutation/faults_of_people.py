@@ -10,6 +10,13 @@ PURSUIT = ("tests/control/test_omni_pursuit.py",)
 
 PEOPLE = (
     PlantedFault(
+        "a silence that flickers keeps somebody for ever",
+        "perception/mover_tracker.py",
+        "if t.is_mover and now - t.measured <= self._config.hides]",
+        "if t.is_mover]",
+        ("tests/perception/test_silent_sectors.py",),
+    ),
+    PlantedFault(
         "who comes into sight again where he hid is a stranger",
         "perception/mover_tracker.py",
         "            self._note_hidden(place, now)\n",

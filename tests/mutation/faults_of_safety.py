@@ -327,17 +327,24 @@ SAFETY = (
         COMERS,
     ),
     PlantedFault(
+        "what somebody stood at leaves with him",
+        "safety/comers.py",
+        "came[came] = self._lower.agree_that_came(new[came], self._seconds, self._travel, least)",
+        "pass",
+        COMERS,
+    ),
+    PlantedFault(
+        "a tilted scanner tells who came",
+        "safety/comers.py",
+        "if seconds <= 0.0 or not is_level or not field.is_round:",
+        "if seconds <= 0.0 or not field.is_round:",
+        COMERS,
+    ),
+    PlantedFault(
         "who passes within two metres is whoever crouched there",
         "safety/comers.py",
         "STEP = 0.3",
         "STEP = 2.0",
-        COMERS,
-    ),
-    PlantedFault(
-        "everything within sight of a scanner of many rings came by itself",
-        "safety/comers.py",
-        "came = _gaps(new, self._trunks) <= BESIDE",
-        "came = np.ones(len(new), np.bool_)",
         COMERS,
     ),
     PlantedFault(

@@ -88,6 +88,20 @@ def test_who_was_tracked_and_steps_out_of_sight_at_the_robot_stays_known() -> No
     assert len(movers) == 0, "who no longer hides there has left"
 
 
+def test_a_silence_that_comes_and_goes_is_nobody_after_some_seconds() -> None:
+    """A wall as near as the scanner begins to see flickers, where somebody was a moment ago."""
+    tracker, rng = MoverTracker(), np.random.default_rng(3)
+    known = []
+    for k in range(400):
+        place = (max(0.5, 3.0 - 0.12 * k), 0.2)
+        flickers = place[0] == 0.5 and k % 3 > 0
+        silent = np.array([[0.47, 0.18]]) if flickers else np.zeros((0, 2))
+        movers = feed(tracker, k, [] if place[0] == 0.5 else [place], ROOM, SE2(), rng, silent=silent)
+        known.append(known_at(movers, place))
+    assert all(known[30:150]), "he may hide there"
+    assert not any(known[210:]), "nobody has been seen for long"
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_who_comes_into_sight_again_where_he_hid_is_known_at_once(seed: int) -> None:
     """He leans on the robot for some seconds, and slides along it until rays meet a piece of him."""

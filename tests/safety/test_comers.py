@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
+from ambler.core.se3 import SE3
 from ambler.safety.blind_memory import BlindMemory
 from tests.safety.test_blind_memory import MOUNT, PUCK, RING, SIGMA
 
@@ -106,6 +107,45 @@ def test_a_box_that_the_robot_drove_up_to_holds_it_though_somebody_walks_past_it
     poses = [*creeping(0.3, 100, -1.65), *[SE2(1.35, 0.0)] * 100]
     scenes = [(pose, [box, somebody(2.9, -8.5 + 0.1 * k)] if k < 170 else [box]) for k, pose in enumerate(poses)]
     assert held(scenes)[-1] > 0
+
+
+def test_a_low_thing_that_came_without_anybody_holds_the_robot_though_somebody_walks_past_it() -> None:
+    cart = [(4.0 - 0.1 * min(k, 22), 0.0, 0.2, 0.45) for k in range(60)]
+    poses = [*[SE2()] * 30, *creeping(0.3, 20), *[SE2(0.6, 0.0)] * 10]
+    scenes = [(pose, [pillar]) for pose, pillar in zip(poses, cart, strict=True)]
+    scenes += [(poses[-1], [cart[-1], somebody(4.0 - 0.1 * k, 0.48)]) for k in range(80)] + [scenes[-1]] * 10
+    counts = held(scenes)
+    assert counts[-1] >= counts[59] > 0
+
+
+@pytest.mark.parametrize(("radius", "at"), [(0.1, (2.35, 0.25)), (0.15, (2.4, 0.2)), (0.1, (2.45, 0.0))])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_box_holds_the_robot_though_somebody_who_stood_at_it_leaves(
+    radius: float, at: tuple[float, float], seed: int
+) -> None:
+    """The robot waits before the box, somebody comes to it, the robot drives nearer, and he walks off."""
+    box, waits, end = (2.1, 0.0, radius, 0.5), SE2(0.2, 0.0), SE2(1.0, 0.0)
+    poses = [*creeping(0.3, 40, -1.0), *[waits] * 30, *creeping(0.3, 27, 0.2), *[end] * 60]
+    scenes = []
+    for k, pose in enumerate(poses):
+        way = max(0.0, 3.0 - 0.1 * (k - 40)) if k < 97 else 0.1 * (k - 97)
+        scenes.append((pose, [box, somebody(at[0] + way, at[1])] if k >= 40 else [box]))
+    counts = held(scenes, seed)
+    assert counts[96] > 0
+    assert counts[-1] >= 0.7 * counts[96]
+
+
+def test_a_tilted_scanner_tells_nobody_apart_and_neither_does_a_scan_of_time_zero() -> None:
+    comes = [[somebody(4.0 - 0.1 * min(k, 30), 0.0)] for k in range(60)]
+    level = MOUNT
+    tilted = SE3.from_rpy(MOUNT.translation, 0.0, 0.2, 0.0)
+    for mount, later, is_told in ((level, 100.0, True), (tilted, 100.0, False), (level, -6.0, False)):
+        memory, rng = BlindMemory(0.6, 12.0), np.random.default_rng(0)
+        for k, people in enumerate(comes):
+            points, more = sweep(SE2(), people, rng)
+            seconds = max(0.0, later + PERIOD * k)
+            memory.update(points, SE2(), mount, PUCK, seconds=seconds, beyond=more[::7])
+        assert memory._comers.came.any() == is_told
 
 
 def test_nothing_is_told_of_people_without_a_time() -> None:
