@@ -415,8 +415,8 @@ MAPPING = (
     PlantedFault(
         "all scanners of a robot are in its middle",
         "perception/mover_tracker.py",
-        "self._middle(came[near], _of_rays(seen_from, near))",
-        "self._middle(came[near], starts.mean(axis=0))",
+        "track.measure(self._middle(came.points[his], _of_rays(came.starts, his))",
+        "track.measure(self._middle(came.points[his], starts.mean(axis=0))",
         ("tests/perception/test_mover_tracker.py",),
     ),
     PlantedFault(

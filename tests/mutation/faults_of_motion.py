@@ -552,7 +552,7 @@ MOTION = (
     PlantedFault(
         "a wall along which somebody walked takes his place",
         "perception/mover_tracker.py",
-        "int((near & is_new).sum()) >= c.new_share * int(near.sum())",
+        "np.count_nonzero(is_new) >= c.new_share * count",
         "True",
         ("tests/perception/test_mover_tracker.py",),
     ),
@@ -664,8 +664,8 @@ MOTION = (
     PlantedFault(
         "who stands takes the points of who stands beside him",
         "perception/mover_tracker.py",
-        "return [away[k] <= least if k in away else whole for k in range(len(places))]",
-        "return [whole] * len(places)",
+        "                owned[k] = is_nearest",
+        "                pass",
         MOVERS,
     ),
     PlantedFault(
@@ -699,7 +699,7 @@ MOTION = (
     PlantedFault(
         "who stopped out of sight is sought where he would be",
         "perception/mover_tracker.py",
-        "            near = np.hypot(*(came - track.place).T) <= 0.7 * c.gate",
+        "            near = came.near(track.place, 0.7 * c.gate)",
         "            near = near",
         MOVERS,
     ),

@@ -5,10 +5,39 @@ from __future__ import annotations
 from tests.mutation.planted import PlantedFault
 
 GIVING_WAY = ("tests/missions/test_giving_way.py",)
+MOVERS = ("tests/perception/test_mover_tracker.py",)
 REFUGE = ("tests/planning/test_refuge.py",)
 PURSUIT = ("tests/control/test_omni_pursuit.py",)
 
 PEOPLE = (
+    PlantedFault(
+        "who stops takes the points of who stands beside him",
+        "perception/mover_tracker.py",
+        "range(SETTLING)",
+        "range(1)",
+        MOVERS,
+    ),
+    PlantedFault(
+        "who stops settles among what stood there before him",
+        "perception/mover_tracker.py",
+        "is_nearest & came.is_new & (to",
+        "is_nearest & (to",
+        MOVERS,
+    ),
+    PlantedFault(
+        "who stops is measured with what stood there before him",
+        "perception/mover_tracker.py",
+        "his = is_new if np.count_nonzero(is_new) >= c.min_points else near",
+        "his = near",
+        MOVERS,
+    ),
+    PlantedFault(
+        "who stands and is thought to move follows the edge that moved last",
+        "perception/mover_tracker.py",
+        "2 * np.count_nonzero(his & came.is_old) <= np.count_nonzero(his)",
+        "2 * np.count_nonzero(his & came.is_old) <= np.count_nonzero(his) or math.hypot(*track.velocity) >= c.speed_min",
+        MOVERS,
+    ),
     PlantedFault(
         "a silence that flickers keeps somebody for ever",
         "perception/mover_tracker.py",

@@ -315,6 +315,54 @@ def test_who_walks_up_to_another_does_not_take_his_place(y: float, gap: float, s
             assert known_at(movers, other, 0.3), f"scan {k}"
 
 
+@pytest.mark.parametrize(
+    ("stands", "stops", "course", "seed"),
+    [
+        ((0.9, -1.04), (0.74, -0.52), -1.82, 76),
+        ((0.78, -0.81), (0.71, -0.32), -1.47, 974),
+        ((1.05, 0.02), (0.66, 0.36), -0.92, 883),
+    ],
+)
+def test_who_stops_beside_another_does_not_slide_onto_him(
+    stands: tuple[float, float], stops: tuple[float, float], course: float, seed: int
+) -> None:
+    """He was expected to go on, and what moves of him last is the edge that is beside the other one."""
+    tracker, rng = MoverTracker(), np.random.default_rng(seed)
+    ahead = np.array([math.cos(course), math.sin(course)])
+    for k in range(70):
+        other = np.array(stops) - 0.09 * max(0, 45 - k) * ahead
+        people = [(stands[0] + 0.09 * max(0, 20 - k), stands[1])] if k >= 5 else []
+        movers = feed(tracker, k, [*people, tuple(other)] if k >= 15 else people, ROOM, SE2(), rng)
+        if k >= 40:
+            assert known_at(movers, stands, 0.3), f"scan {k}"
+            assert known_at(movers, tuple(other), 0.3), f"scan {k}"
+
+
+@pytest.mark.parametrize(
+    ("stands", "stops", "course", "pace", "seed"),
+    [
+        ((-0.48, -0.97), (-0.72, -0.55), -1.54, 0.09, 5),
+        ((0.2, -1.33), (-0.2, -1.08), -0.35, 0.09, 25),
+        ((0.93, -0.48), (0.73, -0.02), -1.69, 0.05, 283),
+        ((0.13, 1.36), (0.47, 0.95), 2.29, 0.05, 46),
+    ],
+)
+@pytest.mark.parametrize("third", [True, False])
+def test_who_stops_beside_what_stood_there_before_him_stays_where_he_is(
+    stands: tuple[float, float], stops: tuple[float, float], course: float, pace: float, seed: int, third: bool
+) -> None:
+    """What has stood there since the first look is seen anew after some scans without it, and seems to have come; a third one stands far off, or nobody."""
+    tracker, rng = MoverTracker(), np.random.default_rng(seed)
+    ahead = np.array([math.cos(course), math.sin(course)])
+    for k in range(70):
+        other = np.array(stops) - pace * max(0, 45 - k) * ahead
+        people = [] if 8 <= k < 13 else [stands]
+        people += [(-2.5, 1.8 - 0.09 * max(0, 20 - k))] if third and k >= 5 else []
+        movers = feed(tracker, k, [*people, tuple(other)] if k >= 15 else people, ROOM, SE2(), rng)
+        if k >= 40:
+            assert known_at(movers, tuple(other), 0.3), f"scan {k}"
+
+
 @pytest.mark.parametrize("hidden", [5, 6])
 def test_who_stops_while_somebody_hides_him_is_found_where_he_was(hidden: int) -> None:
     tracker, rng = MoverTracker(), np.random.default_rng(20)

@@ -9,6 +9,7 @@ set out. Of a cloud only what goes on above its height band counts.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ambler.perception.mover_track import NOTHING, MoverConfig, MoverTrack
 from ambler.registration.planar_scan import PlanarScan, RayFalls
 
 F64 = NDArray[np.float64]
+SETTLING = 3  # times that everybody's points are asked for
 
 
 class MoverTracker:
@@ -68,12 +70,15 @@ class MoverTracker:
                 self._follow_out_of_sight(track, points, kinds, starts, now)
         places = self._groups(points, kinds, starts)
         is_here = kinds != kernels.STANDING  # beside a wall, too: who is known may lean on it
-        came, is_old, is_new = points[is_here], kinds[is_here] != kernels.MOVING, alone[is_here] == kernels.ALONE
-        seen_from = _of_rays(starts, is_here)
+        came = _Came(
+            points[is_here],
+            _of_rays(starts, is_here),
+            kinds[is_here] != kernels.MOVING,
+            alone[is_here] == kernels.ALONE,
+        )
         walkers = np.array([t.predicted(now) for t in self._tracks if t.is_mover]).reshape(-1, 2)
-        for track, is_his in zip(self._tracks, self._owned(came, now), strict=True):
-            his = came[is_his], _of_rays(seen_from, is_his), is_old[is_his], is_new[is_his]
-            self._follow(track, places, walkers, *his, points, starts, now)
+        for track, place, is_his in zip(self._tracks, *self._owned(came, now), strict=True):
+            self._follow(track, place, places, walkers, came.some(is_his), points, starts, now)
         self._tracks += [MoverTrack(place, now) for place in places]
         self._tracks = self._one_each([t for t in self._tracks if now - t.seen <= self._config.coast or self._hides(t)])
         came_alone = (kinds == kernels.CAME) & (alone == kernels.ALONE)
@@ -240,50 +245,59 @@ class MoverTracker:
         behind = group + self._config.to_middle * away / ranges[:, None]
         return np.asarray(ranges @ behind / ranges.sum())
 
-    def _owned(self, came: F64, now: float) -> list[NDArray[np.bool_]]:
-        """Say of every track which points lie no nearer to another one who may stand: two who stand side by side keep their own."""
-        whole = np.ones(len(came), np.bool_)
-        places = [t.predicted(now) if t.is_mover or t.stands else None for t in self._tracks]
-        away = {k: np.hypot(*(came - place).T) for k, place in enumerate(places) if place is not None}
-        if len(away) < 2 or len(came) == 0:
-            return [whole] * len(places)
-        least = np.min(list(away.values()), axis=0)
-        return [away[k] <= least if k in away else whole for k in range(len(places))]
+    def _owned(self, came: _Came, now: float) -> tuple[F64, list[NDArray[np.bool_]]]:
+        """Return where everybody who is followed should be (K, 2), and which points are whose: two who stand side by side keep their own. A place that
+        is expected wrong (he stopped, and was expected to go on) moves to the middle of those points around it that are nearer to it than to all
+        others, and is asked again (Lloyd 1982): else it takes the other one's points, and then his place."""
+        c, places = self._config, np.array([t.predicted(now) for t in self._tracks]).reshape(-1, 2)
+        owned = [np.ones(len(came.points), np.bool_) for _ in self._tracks]
+        rows = [k for k, t in enumerate(self._tracks) if t.is_mover or t.stands]
+        if len(rows) < 2 or len(came.points) == 0:
+            return places, owned
+        for _ in range(SETTLING):
+            away = np.hypot(*(came.points[None, :, :] - places[rows][:, None, :]).transpose(2, 0, 1))
+            for k, is_nearest, to in zip(rows, away <= away.min(axis=0), away, strict=True):
+                owned[k] = is_nearest
+                his = is_nearest & came.is_new & (to <= 0.7 * c.gate)
+                if np.count_nonzero(his) >= c.min_points:
+                    places[k] = self._middle(came.points[his], _of_rays(came.starts, his))
+        return places, owned
 
     def _follow(
         self,
         track: MoverTrack,
+        expected: F64,
         places: list[F64],
         walkers: F64,
-        came: F64,
-        seen_from: F64,
-        is_old: NDArray[np.bool_],
-        is_new: NDArray[np.bool_],
+        came: _Came,
         points: F64,
         starts: F64,
         now: float,
     ) -> None:
         """Give a track what stands where he stood, else the group that is nearest to where he should be, and to nobody else of the `walkers` (K, 2), else
-        whatever is there, or where he was last, that came later than the room was seen. `came` was seen from `seen_from`; `is_old` says which points of `came` have been where they are for a while, `is_new` in which places nothing
-        has ever stood: a wall beside which he passed is looked through by rays that graze it, and is not he."""
-        c, expected = self._config, track.predicted(now)
+        whatever is there (`expected`), or where he was last, that came later than the room was seen; where nothing ever stood, if anything is: a wall
+        beside which he passed is looked through by rays that graze it, and is not he, nor is who has stood beside him since before anybody looked."""
+        c, predicted = self._config, track.predicted(now)
         may_stand = track.is_mover or track.stands
-        near = np.hypot(*(came - expected).T) <= 0.7 * c.gate if may_stand else np.zeros(len(came), np.bool_)
-        away = [self._away(track, expected, place, walkers) for place in places]
+        near = came.near(expected, 0.7 * c.gate) if may_stand else np.zeros(len(came.points), np.bool_)
+        away = [self._away(track, predicted, place, walkers) for place in places]
         nearest = min(away, default=math.inf)
-        if may_stand and int(near.sum()) < c.min_points and nearest > c.gate:
-            near = np.hypot(*(came - track.place).T) <= 0.7 * c.gate
-            if int((near & is_new).sum()) >= c.min_points:
+        if may_stand and np.count_nonzero(near) < c.min_points and nearest > c.gate:
+            near = came.near(track.place, 0.7 * c.gate)
+            if np.count_nonzero(near & came.is_new) >= c.min_points:
                 track.halt(now)
-        has_walked_off = math.hypot(*track.velocity) >= c.speed_min or 2 * int((near & is_old).sum()) <= int(near.sum())
+        is_new = near & came.is_new
+        his = is_new if np.count_nonzero(is_new) >= c.min_points else near
+        has_walked_off = 2 * np.count_nonzero(his & came.is_old) <= np.count_nonzero(his)
         if nearest <= c.gate and (has_walked_off or not near.any()):
             track.surface = NOTHING
             track.measure(places.pop(away.index(nearest)), now, c, points, starts)
             return
-        if int(near.sum()) >= c.min_points and int((near & is_new).sum()) >= c.new_share * int(near.sum()):
+        count = np.count_nonzero(near)
+        if count >= c.min_points and np.count_nonzero(is_new) >= c.new_share * count:
             if math.hypot(*track.velocity) < c.speed_min:
-                track.surface = came[near]
-            track.measure(self._middle(came[near], _of_rays(seen_from, near)), now, c, points, starts)
+                track.surface = came.points[near]
+            track.measure(self._middle(came.points[his], _of_rays(came.starts, his)), now, c, points, starts)
 
     def _away(self, track: MoverTrack, expected: F64, place: F64, walkers: F64) -> float:
         """Return how far a group's `place` is from where a track should be; inf if it is nearer to another one of the `walkers` (K, 2)."""
@@ -340,6 +354,23 @@ class MoverTracker:
         return bool(track.walk.any()) and 2 * kernels.count_occupied(
             track.surface, self._config.resolution, self._grid
         ) > len(track.surface)
+
+
+@dataclass(frozen=True, slots=True)
+class _Came:
+    """What is here and stood not here from the first look on: points (N, 2), where their rays begin (N or 1, 2), which of them have been where they
+    are for a while, and which lie where nothing has ever stood."""
+
+    points: F64
+    starts: F64
+    is_old: NDArray[np.bool_]
+    is_new: NDArray[np.bool_]
+
+    def some(self, chosen: NDArray[np.bool_]) -> _Came:
+        return _Came(self.points[chosen], _of_rays(self.starts, chosen), self.is_old[chosen], self.is_new[chosen])
+
+    def near(self, place: F64, within: float) -> NDArray[np.bool_]:
+        return np.asarray(np.hypot(*(self.points - place).T) <= within)
 
 
 def _of_rays(starts: F64, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> F64:
