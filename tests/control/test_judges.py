@@ -1,4 +1,4 @@
-"""Goal checker, progress checker, path tracker, and the two recovery motions."""
+"""Goal checker, progress checker, path tracker, and the recovery motions."""
 
 import itertools
 import math
@@ -11,6 +11,7 @@ from ambler.control.path_tracker import PathTracker
 from ambler.control.recovery_motion import (
     BackUp,
     CollisionAheadError,
+    MakeRoom,
     RecoveryMotion,
     RecoveryTimeoutError,
     TurnInPlace,
@@ -81,6 +82,10 @@ def test_a_path_of_one_pose_or_of_repeated_poses_is_fine() -> None:
     tracker.set_path(np.array([[0.0, 0.0, 0.0]] * 3 + [[0.0, 1.0, 0.0]] * 2))
     assert math.isclose(tracker.length, 1.0)
     assert np.allclose(tracker.points[:, 3], math.pi / 2)
+
+
+def all_seen(heading: float, length: float) -> float:
+    return length
 
 
 def run_motion(
@@ -204,6 +209,49 @@ def test_who_was_carried_away_does_not_go_back() -> None:
     way_back, _ = came_by((0.6, 0.0, 0.0))
     way_back.add(SE2(5.0, 0.0))
     assert len(way_back) == 1
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5 * math.pi, math.pi])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_cannot_turn_goes_to_the_nearest_place_where_he_can(side: float, yaw: float) -> None:
+    """The nose is 3 cm before a wall, or the tail."""
+    near = side * (SPOT.footprint[:, 0].max() + 0.03)
+    corners = SE2(0.0, 0.0, yaw).transform(np.array([[near, -1.5], [near + 0.2 * side, 1.5]]))
+    world = World().block(*corners.min(axis=0), *corners.max(axis=0))
+    with pytest.raises(CollisionAheadError):
+        run_motion(TurnInPlace(SPOT, 0.8, 0.02), SPOT, world, start=SE2(0.0, 0.0, yaw))
+    poses = run_motion(MakeRoom(SPOT, 1.0, 0.02, all_seen), SPOT, world, start=SE2(0.0, 0.0, yaw))
+    moved = SE2(0.0, 0.0, yaw).inverse() @ poses[-1]
+    assert 0.02 < -side * moved.x < 0.35
+    assert abs(moved.y) < 0.01
+    assert abs(run_motion(TurnInPlace(SPOT, 0.8, 0.02), SPOT, world, start=poses[-1])[-1].yaw - yaw) > 0.7
+
+
+def test_room_is_made_only_where_it_was_seen_and_only_as_far_as_told() -> None:
+    wall = World().block(0.62, -1.5, 0.8, 1.5)
+    assert run_motion(MakeRoom(SPOT, 1.0, 0.02, all_seen), SPOT, wall)[-1].x < 0.0
+    with pytest.raises(CollisionAheadError):
+        run_motion(MakeRoom(SPOT, 1.0, 0.02, lambda heading, length: 0.0), SPOT, wall)
+    with pytest.raises(CollisionAheadError):
+        run_motion(MakeRoom(SPOT, 0.04, 0.02, all_seen), SPOT, wall)
+    aisle = World().block(-3, 0.35, 3, 0.6).block(-3, -0.6, 3, -0.35)
+    with pytest.raises(CollisionAheadError):
+        run_motion(MakeRoom(SPOT, 1.0, 0.02, all_seen), SPOT, aisle)
+    forward_only = RobotModel("f", SPOT.drive, SPOT.footprint, VelocityLimits(0.8, 0.0, 0.0, 1.5))
+    with pytest.raises(CollisionAheadError):
+        run_motion(MakeRoom(forward_only, 1.0, 0.02, all_seen), forward_only, wall)
+    assert run_motion(MakeRoom(SPOT, 1.0, 0.02, all_seen), SPOT, World()) == [], "where one can turn, there is room"
+
+
+def test_room_into_which_somebody_steps_is_not_gone_to() -> None:
+    wall, motion = World().block(0.62, -1.5, 0.8, 1.5), MakeRoom(SPOT, 1.0, 0.02, all_seen)
+    costs, spec = wall.window(0.0, 0.0, 5.0)
+    command = motion.compute_command(0, costs, spec, SE2())
+    assert command is not None
+    assert command.vx < 0.0
+    costs, spec = wall.block(-0.8, -0.3, -0.58, 0.3).window(0.0, 0.0, 5.0)
+    with pytest.raises(CollisionAheadError, match="come"):
+        motion.compute_command(50_000_000, costs, spec, SE2())
 
 
 @pytest.mark.parametrize("motion", [TurnInPlace(DIFF, 1.0, 0.02), BackUp(DIFF, 0.3, 0.02)])

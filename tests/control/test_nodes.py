@@ -285,6 +285,17 @@ def test_recoveries_on_the_bus() -> None:
     assert abs(robot.base.pose.y + 0.3) < 0.06
 
 
+def test_room_to_turn_is_made_on_the_bus() -> None:
+    """A wall 5 cm beside the tail: it cannot turn here, and goes ahead to where it can."""
+    wall = np.vstack((OPEN, [[-0.9, 0.28, 0.1, 0.28]]))
+    turn, go = RecoverGoal(RecoveryKind.ROTATE, 0.8), RecoverGoal(RecoveryKind.MAKE_ROOM, 1.5)
+    steps = [(0.8, turn), (2.0, go), (13.0, turn)]
+    robot = Robot([(t, lambda p, goal=goal: p.send(RECOVER, goal)) for t, goal in steps], wall).run(18.0)
+    assert robot.codes == ["COLLISION_AHEAD", "SUCCEEDED", "SUCCEEDED"]
+    assert abs(abs(robot.base.pose.yaw) - 0.8) < 0.1
+    assert robot.base.pose.x > 0.1
+
+
 def test_a_recovery_without_room_says_so() -> None:
     corner = np.vstack((OPEN, [[-0.28, -1.0, -0.28, 1.0]]))
     back = RecoverGoal(RecoveryKind.BACK_UP, 0.3)

@@ -1,6 +1,8 @@
-"""How long a program waits for the robot to find out where it is, whatever the clock says when it begins."""
+"""How long a program waits for the robot to find out where it is, whatever the clock says when it begins, and what it does meanwhile."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 
@@ -9,9 +11,10 @@ from ambler.nodes.operator import OperatorConfig, OperatorNode
 from ambler.nodes.steps import NavigateStep, ProgramEnd
 from ambler.runtime.clock import SystemClock
 from ambler.runtime.live import LiveExecutor
+from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import ARM, NAVIGATE, RECOVER, GateReply
+from ambler.runtime.tasks import ARM, NAVIGATE, RECOVER, GateReply, Nothing, RecoveryKind
 from ambler.runtime.topics import LOCALIZED_POSE
 
 
@@ -48,3 +51,38 @@ def test_it_waits_as_long_as_it_says(is_from_zero: bool) -> None:
     assert [end.code for end in ends] == ["NOT_LOCALIZED"]
     assert "--may-turn" in ends[0].text, "it has not turned"
     assert waited[0] > 1.5
+
+
+class Cramped(Node):
+    """Has room to turn once it has gone elsewhere; does not know where it is."""
+
+    name = "cramped"
+    outputs = (LOCALIZED_POSE,)
+    serves = (ARM, NAVIGATE, RECOVER)
+
+    def __init__(self) -> None:
+        self.told: list[tuple[RecoveryKind, float]] = []
+
+    def start(self) -> None:
+        self.ctx.serve(ARM, lambda _: GateReply(True, ""))
+        self.ctx.serve_task(NAVIGATE, lambda _: None, lambda handle: handle.cancelled())
+        self.ctx.serve_task(RECOVER, self._recover, lambda handle: handle.cancelled())
+
+    def _recover(self, handle: Any) -> None:
+        self.told.append((handle.goal.kind, handle.goal.amount))
+        if [kind for kind, _ in self.told] == [RecoveryKind.ROTATE]:
+            handle.fail("COLLISION_AHEAD", "there is no room to turn in place")
+        else:
+            handle.succeed(Nothing())
+
+
+def test_who_is_lost_and_cannot_turn_goes_where_it_can_and_turns_there() -> None:
+    cramped, config = Cramped(), OperatorConfig(may_turn=True, patience=3.0)
+    executor = LockstepExecutor(Stack([cramped, OperatorNode((NavigateStep(SE2(1.0, 0.0)),), config, lambda _: None)]))
+    executor.run(3.0)
+    assert cramped.told[:3] == [
+        (RecoveryKind.ROTATE, config.turn),
+        (RecoveryKind.MAKE_ROOM, config.room),
+        (RecoveryKind.ROTATE, config.turn),
+    ]
+    assert all(kind is RecoveryKind.ROTATE for kind, _ in cramped.told[3:])

@@ -93,7 +93,11 @@ def add_known_map_options(parser: argparse.ArgumentParser) -> None:
         help="what it looks at (default: scan; with a scanner of many rings: points)",
     )
     known.add_argument("--lost", action="store_true", help="do not tell the robot where it starts")
-    known.add_argument("--may-turn", action="store_true", help="it may turn in place to find out")
+    known.add_argument(
+        "--may-turn",
+        action="store_true",
+        help="it may turn in place to find out, and go up to 1 m ahead or back to where it can",
+    )
 
 
 def add_unknown_options(parser: argparse.ArgumentParser) -> None:

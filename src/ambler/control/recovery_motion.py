@@ -1,8 +1,9 @@
-"""Two simple motions that free a robot: turning in place and backing up, each simulated on the local costs before it is done."""
+"""Simple motions that free a robot: turning in place, backing up, and going where it can turn, each simulated on the local costs before it is done."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,8 @@ TURN_RATE_MIN, TURN_RATE_MAX = 0.3, 1.0  # rad/s
 BACK_SPEED = 0.15  # m/s
 REACTION_TIME = 0.15  # s
 TURN_FREE_MIN = 0.3  # rad that must be free before a turn begins
+ROOM = 0.8  # rad by which a robot can turn one way where there is room to turn
+ROOM_STEP = 0.05  # metres between the places at which room is looked for
 BACK_FREE_MIN = 0.05  # m that must be free before backing up begins
 STRAIGHT_LEAST = 0.8  # of the distance that must be free straight behind for the base not to go back as it came
 ALLOWANCE = 5.0  # s beyond the time that the motion should take
@@ -163,3 +166,55 @@ class BackUp:
                 return None
             raise CollisionAheadError("there is no room to back up")
         return BodyVelocity(-max(speed, min(0.05, -self._limits.vx_min)), 0.0, 0.0)
+
+
+class MakeRoom:
+    """Goes straight ahead or back, by `amount` metres at most, to the nearest place where the robot can turn. `seen_slide(heading, length)` says how far it may
+    slide along a heading of the odom frame, at most `length` metres, through what it has seen to be free."""
+
+    def __init__(
+        self, robot: RobotModel, amount: float, padding: float, seen_slide: Callable[[float, float], float]
+    ) -> None:
+        self._limits = robot.limits
+        self._window = LocalWindow(robot, padding)
+        self._amount = abs(amount)
+        self._seen_slide = seen_slide
+        self._begin: SE2 | None = None
+        self._way, self._sign = 0.0, 1.0
+        self._clock = _Clock(self._amount / BACK_SPEED * 1.5 + ALLOWANCE)
+
+    def compute_command(
+        self, now_ns: int, costs: NDArray[np.uint8], spec: GridSpec, odom_from_base: SE2
+    ) -> BodyVelocity | None:
+        """Return the next velocity, or None when done; raises CollisionAheadError or RecoveryTimeoutError."""
+        self._clock.check(now_ns)
+        self._window.update(costs, spec)
+        if self._begin is None:
+            self._begin = odom_from_base
+            self._way, self._sign = self._nearest_room(odom_from_base)
+        left = self._way - self._begin.distance_to(odom_from_base)
+        if left <= 0.01:
+            return None
+        heading = odom_from_base.yaw + (0.0 if self._sign > 0.0 else math.pi)
+        if self._window.free_slide(odom_from_base, heading, left) < min(BACK_FREE_MIN, left - 1e-9):
+            raise CollisionAheadError("something has come to where there was room to turn")
+        speed = min(BACK_SPEED, self._fastest(), approach_limit(left, 0.6 * self._limits.ax_brake, REACTION_TIME))
+        return BodyVelocity(self._sign * max(speed, min(0.05, self._fastest())), 0.0, 0.0)
+
+    def _fastest(self) -> float:
+        return self._limits.vx_max if self._sign > 0.0 else -self._limits.vx_min
+
+    def _nearest_room(self, odom_from_base: SE2) -> tuple[float, float]:
+        """Return how far away it is, and the sign of the velocity towards it."""
+        found = [(0.0, 1.0)] if self._can_turn(odom_from_base) else []
+        signs = (1.0, -1.0) if self._limits.vx_min < 0.0 else (1.0,)
+        for sign in signs:
+            free = self._seen_slide(odom_from_base.yaw + (0.0 if sign > 0.0 else math.pi), self._amount)
+            ways = np.arange(ROOM_STEP, free + 1e-9, ROOM_STEP)
+            found += [(float(w), sign) for w in ways if self._can_turn(odom_from_base @ SE2(sign * float(w), 0.0))][:1]
+        if not found:
+            raise CollisionAheadError("there is no room to turn, neither here nor ahead nor behind")
+        return min(found)
+
+    def _can_turn(self, odom_from_base: SE2) -> bool:
+        return any(abs(self._window.free_turn(odom_from_base, angle)) >= ROOM - 1e-9 for angle in (ROOM, -ROOM))

@@ -130,11 +130,12 @@ class RecoveryKind(enum.Enum):
 
     ROTATE = "rotate"
     BACK_UP = "back_up"
+    MAKE_ROOM = "make_room"
 
 
 @dataclass(frozen=True, slots=True)
 class RecoverGoal:
-    """Turn by `amount` radians in place, or back up by `amount` metres."""
+    """Turn by `amount` radians in place, back up by `amount` metres, or go at most `amount` metres ahead or back to where there is room to turn."""
 
     kind: RecoveryKind
     amount: float

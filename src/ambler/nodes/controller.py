@@ -17,7 +17,7 @@ import numpy as np
 from ambler.control.checkers import GoalChecker, ProgressChecker, StallChecker
 from ambler.control.held_motions import HeldMotions
 from ambler.control.local_window import LocalWindow
-from ambler.control.recovery_motion import BackUp, RecoveryMotion, TurnInPlace
+from ambler.control.recovery_motion import BackUp, MakeRoom, RecoveryMotion, TurnInPlace
 from ambler.control.unseen_ground import UnseenGround, UnseenGroundConfig
 from ambler.control.way_back import WayBack
 from ambler.control.yielding import YieldConfig, Yielding
@@ -325,8 +325,10 @@ class ControllerNode(Node):
         self._recover = handle
         if kind is RecoveryKind.ROTATE:
             self._motion = TurnInPlace(self._robot, amount, RECOVERY_PADDING)
-        else:
+        elif kind is RecoveryKind.BACK_UP:
             self._motion = BackUp(self._robot, amount, RECOVERY_PADDING, self._way_back)
+        else:
+            self._motion = MakeRoom(self._robot, amount, RECOVERY_PADDING, self._seen_slide)
         self._trouble_since_ns = None
 
     def _on_recover_cancelled(self, handle: RecoverHandle) -> None:

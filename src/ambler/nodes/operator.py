@@ -61,13 +61,15 @@ Progress = Callable[[int, str], None]
 @dataclass(frozen=True, slots=True)
 class OperatorConfig:
     """`map_stem`: where a made map is saved (None: in a known map, which is localized in first), `saves_with` what else is, beside it. While it
-    is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`; after `patience` seconds it gives up."""
+    is lost a robot stands, or turns in place by `turn` radians each time when it `may_turn`, and goes at most `room` metres ahead or back where it has no
+    room for that; after `patience` seconds it gives up."""
 
     map_stem: str | None = None
     saves_with: tuple[Service[SaveMapRequest, Nothing], ...] = ()
     settle_time: float = 1.0
     may_turn: bool = False
     turn: float = 0.8
+    room: float = 1.0
     patience: float = 60.0
 
 
@@ -158,7 +160,14 @@ class OperatorNode(Node):
             text = f"the robot did not find out within {config.patience:g} s where it is{advice}"
             self._finish("NOT_LOCALIZED", text)
         elif config.may_turn:
-            self.ctx.send_goal(RECOVER, RecoverGoal(RecoveryKind.ROTATE, config.turn), lambda _: self._look_again())
+            self.ctx.send_goal(RECOVER, RecoverGoal(RecoveryKind.ROTATE, config.turn), self._turned)
+        else:
+            self._look_again()
+
+    def _turned(self, outcome: TaskOutcome[Any]) -> None:
+        if outcome.code == "COLLISION_AHEAD" and not self._is_over:
+            go = RecoverGoal(RecoveryKind.MAKE_ROOM, self._config.room)
+            self.ctx.send_goal(RECOVER, go, lambda _: self._look_again())
         else:
             self._look_again()
 
