@@ -25,7 +25,30 @@ ERRORS = ("tests/evaluation/test_spatial_error.py",)
 COLUMNS = ("tests/recordings/test_cloud_recording.py",)
 HOLE = ("tests/lio/test_hole.py",)
 
+TURNING = ("tests/lio/test_turning.py",)
+
 LIO = (
+    PlantedFault(
+        "the mount of what hardly turned is refined",
+        "lio/offline.py",
+        "if not (is_turned or asked.estimates_mount):",
+        "if False:",
+        TURNING,
+    ),
+    PlantedFault(
+        "half a turn and a little more is a turn of nearly a whole one",
+        "lio/turning.py",
+        "    turns *= np.where(turns[:, :1] < 0.0, -1.0, 1.0)\n",
+        "",
+        TURNING,
+    ),
+    PlantedFault(
+        "the axis about which it turned most tells the mount",
+        "lio/turning.py",
+        "np.linalg.eigvalsh(vectors.T @ vectors / len(vectors))[0]",
+        "np.linalg.eigvalsh(vectors.T @ vectors / len(vectors))[-1]",
+        TURNING,
+    ),
     PlantedFault(
         "axes are accused at a shift that fits by chance",
         "lio/doctor.py",
@@ -197,7 +220,7 @@ LIO = (
     PlantedFault(
         "a mount that is learned turns the way",
         "lio/beginning.py",
-        "return began @ _mount(state) @ _mount(origin).inverse() @ began.inverse()",
+        "return began @ state.mount @ origin.mount.inverse() @ began.inverse()",
         "return SE3()",
         BEGINNING,
     ),

@@ -18,7 +18,7 @@ from ambler.kernels import inertial as k
 from ambler.lio.config import STANDARD_GRAVITY, LioConfig
 from ambler.lio.measurements import skew
 from ambler.lio.start import level_rotation
-from ambler.lio.state import FilterState, gravity_basis, to_se3
+from ambler.lio.state import FilterState, gravity_basis
 
 F64 = NDArray[np.float64]
 DEFINED = 1e-4  # m and rad; the map is defined by where the sensors begin in it
@@ -73,7 +73,7 @@ def start_from_map(origin: FilterState, state: FilterState) -> SE3:
     if origin.imu_from_lidar is state.imu_from_lidar or np.array_equal(origin.imu_from_lidar, state.imu_from_lidar):
         return SE3()
     began = origin.map_from_imu
-    return began @ _mount(state) @ _mount(origin).inverse() @ began.inverse()
+    return began @ state.mount @ origin.mount.inverse() @ began.inverse()
 
 
 def since_start_jacobian(origin: FilterState, state: FilterState, begin: SE3, n: int) -> F64:
@@ -90,7 +90,3 @@ def since_start_jacobian(origin: FilterState, state: FilterState, begin: SE3, n:
         out[:3, k.EXTRA + 3 : k.EXTRA + 6] = -skew(place - pivot) @ axes
         out[3:, k.EXTRA + 3 : k.EXTRA + 6] = (turn @ state.rotation).T @ axes
     return out
-
-
-def _mount(state: FilterState) -> SE3:
-    return to_se3(state.imu_from_lidar[:, 3], state.imu_from_lidar[:, :3])

@@ -26,7 +26,7 @@ from ambler.lio.health import Health, LioResult
 from ambler.lio.inertial_buffer import InertialBuffer
 from ambler.lio.measurements import Measurement, height_and_tilt, skew, standstill, wheel_velocity
 from ambler.lio.start import Start
-from ambler.lio.state import FilterState, gravity_basis, log, orthonormal, right_jacobian, to_se3
+from ambler.lio.state import FilterState, gravity_basis, log, orthonormal, right_jacobian
 from ambler.lio.voxel_map import VoxelMap
 from ambler.recordings.cloud_scan import CloudScan
 
@@ -123,7 +123,7 @@ class IteratedFilter:
             health,
             up,
             up_sigma,
-            to_se3(self.state.imu_from_lidar[:, 3], self.state.imu_from_lidar[:, :3]),
+            self.state.mount,
             begin,
         )
 

@@ -1,6 +1,7 @@
 """Runs LiDAR-inertial odometry and loop closure over a whole recording: a pose for every scan, the cloud of all, and what whoever uses it should know.
 
-A recording is known to its end before anything is told of its beginning, so the LiDAR's mount, which the filter refines on the way, is that of the end for all poses.
+A recording is known to its end before anything is told of its beginning, so the LiDAR's mount, which the filter refines on the way, is that of the end for all poses; the
+one that was told, if the recording hardly turned about all axes.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from ambler.lio.health import LioResult
 from ambler.lio.hole import Hole
 from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.turning import least_turn
 from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
@@ -29,6 +31,7 @@ DOUBTFUL = (
     0.1  # share of the poses that were lost, or contradict the IMU, from which on nobody may take the map for one
 )
 CLOCK_OFF = 3.0  # standard deviations that the LiDAR's clock is told to, from which on what was learned of it is worth a warning
+CLOCK_OFF_UNTURNED = 10.0  # the same of what hardly turned, which says little of the clock
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 
 
@@ -156,8 +159,9 @@ def run_offline(
 
     Raises LioInputError when the measurements cannot be what they are said to be, BadInputError when nothing could be mapped.
     """
-    config = offline_config(config)
+    asked, config = config, offline_config(config)
     odometry = LidarInertialOdometry(config, imu_from_lidar, imu_from_base, air)
+    told_mount = odometry.state.mount
     loops = LoopClosure(config)
     layers = _Layers(cell, config.loops.keyframe_m)
     results: list[tuple[LioResult, float]] = []
@@ -184,7 +188,11 @@ def run_offline(
         loops.finish()
     stamps_ns = np.array([result.stamp_ns for result, _ in results], np.int64)
     last = results[-1][0]
-    lidar_from_imu, start_from_map = last.imu_from_lidar.inverse(), last.start_from_map
+    is_turned = least_turn(stamps_ns, [result.map_from_imu for result, _ in results]) >= config.refined_turn
+    mount, start_from_map = last.imu_from_lidar, last.start_from_map
+    if not (is_turned or asked.estimates_mount):
+        mount, start_from_map = told_mount, SE3()
+    lidar_from_imu = mount.inverse()
     turn, shift = start_from_map.matrix()[:3, :3], start_from_map.matrix()[:3, 3]
     of_lidar = [result.map_from_lidar for result, _ in results]
     closed = [start_from_map @ pose for pose in loops.corrected(stamps_ns, of_lidar)]
@@ -192,7 +200,8 @@ def run_offline(
     residuals = [h.residual_m for h in health if h.residual_m is not None]
     assert odometry.start is not None
     clock = odometry.state.clock
-    is_clock_off = abs(clock - config.lidar_clock) > CLOCK_OFF * config.clock_sigma
+    clock_off = CLOCK_OFF if is_turned or asked.estimates_clock else CLOCK_OFF_UNTURNED
+    is_clock_off = abs(clock - config.lidar_clock) > clock_off * config.clock_sigma
     return OfflineLio(
         stamps_ns=stamps_ns,
         poses=tuple(pose @ lidar_from_imu for pose in closed),
@@ -216,7 +225,7 @@ def run_offline(
         is_converged=loops.is_converged,
         seeks_loops=config.loops.is_used,
         loop_seconds=loop_seconds,
-        imu_from_lidar=last.imu_from_lidar,
+        imu_from_lidar=mount,
         cut=cut,
         false_ratio=float(np.mean([h.false_ratio for h in health])),
         left_out=odometry.left_out,

@@ -75,6 +75,11 @@ class FilterState:
         """The pose of the IMU in the map."""
         return to_se3(self.position, self.rotation)
 
+    @property
+    def mount(self) -> SE3:
+        """Where the LiDAR sits on the IMU."""
+        return to_se3(self.imu_from_lidar[:, 3], self.imu_from_lidar[:, :3])
+
 
 def exp(vector: F64) -> F64:
     """Return the rotation matrix (3, 3) of a rotation vector (3,)."""
