@@ -243,6 +243,19 @@ def test_room_is_made_only_where_it_was_seen_and_only_as_far_as_told() -> None:
     assert run_motion(MakeRoom(SPOT, 1.0, 0.02, all_seen), SPOT, World()) == [], "where one can turn, there is room"
 
 
+def test_room_close_by_is_gone_to_although_what_lies_beyond_was_not_seen() -> None:
+    wall = World().block(0.62, -1.5, 0.8, 1.5)
+    poses = run_motion(MakeRoom(SPOT, 1.0, 0.02, lambda heading, length: length if length < 0.3 else 0.0), SPOT, wall)
+    assert -0.3 < poses[-1].x < 0.0
+
+
+def test_who_is_pushed_aside_has_not_gone_where_there_is_room() -> None:
+    wall, motion = World().block(0.62, -1.5, 0.8, 1.5), MakeRoom(SPOT, 1.0, 0.02, all_seen)
+    costs, spec = wall.window(0.0, 0.0, 5.0)
+    assert motion.compute_command(0, costs, spec, SE2()) is not None
+    assert motion.compute_command(50_000_000, costs, spec, SE2(0.0, 0.4)) is not None
+
+
 def test_room_into_which_somebody_steps_is_not_gone_to() -> None:
     wall, motion = World().block(0.62, -1.5, 0.8, 1.5), MakeRoom(SPOT, 1.0, 0.02, all_seen)
     costs, spec = wall.window(0.0, 0.0, 5.0)

@@ -48,8 +48,16 @@ def test_the_sign_of_a_quaternion_is_no_turn() -> None:
     assert least_turn(STAMPS_NS, poses) < 0.003
 
 
-def test_what_was_not_followed_for_long_is_not_judged() -> None:
-    assert least_turn(STAMPS_NS[:20], swayed(0.1, 0.1, 0.1)[:20]) == math.inf
+def test_what_was_not_followed_for_long_tells_nothing() -> None:
+    assert least_turn(STAMPS_NS[:20], swayed(0.1, 0.1, 0.1)[:20]) == 0.0
+
+
+def test_what_happened_in_a_hole_is_no_turn() -> None:
+    """Level for 15 s, then nothing for a minute, then level again with a lean about one axis, and so on."""
+    leans = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    poses = [SE3.from_rpy((0.0, 0.0, 0.0), *lean) for lean in leans for _ in range(150)]
+    assert least_turn(STAMPS_NS, poses) > 0.03
+    assert least_turn(STAMPS_NS + np.repeat(np.arange(4), 150) * 60_000_000_000, poses) < 1e-9
 
 
 def test_the_mount_of_what_hardly_turned_stays_as_it_was_told() -> None:

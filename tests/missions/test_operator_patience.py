@@ -14,7 +14,16 @@ from ambler.runtime.live import LiveExecutor
 from ambler.runtime.lockstep import LockstepExecutor
 from ambler.runtime.node import Node
 from ambler.runtime.stack import Stack
-from ambler.runtime.tasks import ARM, NAVIGATE, RECOVER, GateReply, Nothing, RecoveryKind
+from ambler.runtime.tasks import (
+    ARM,
+    END_PROGRAM,
+    NAVIGATE,
+    RECOVER,
+    EndProgramRequest,
+    GateReply,
+    Nothing,
+    RecoveryKind,
+)
 from ambler.runtime.topics import LOCALIZED_POSE
 
 
@@ -86,3 +95,37 @@ def test_who_is_lost_and_cannot_turn_goes_where_it_can_and_turns_there() -> None
         (RecoveryKind.ROTATE, config.turn),
     ]
     assert all(kind is RecoveryKind.ROTATE for kind, _ in cramped.told[3:])
+
+
+class Leaving(Cramped):
+    """Is on its way to where it has room."""
+
+    name = "leaving"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cancelled = 0
+
+    def start(self) -> None:
+        self.ctx.serve(ARM, lambda _: GateReply(True, ""))
+        self.ctx.serve_task(NAVIGATE, lambda _: None, lambda handle: handle.cancelled())
+        self.ctx.serve_task(RECOVER, self._recover, self._cancel)
+
+    def _recover(self, handle: Any) -> None:
+        if handle.goal.kind is RecoveryKind.ROTATE:
+            handle.fail("COLLISION_AHEAD", "there is no room to turn in place")
+
+    def _cancel(self, handle: Any) -> None:
+        self.cancelled += 1
+        handle.cancelled()
+
+
+def test_the_end_of_a_program_stops_who_is_on_the_way_to_where_it_has_room() -> None:
+    leaving, config = Leaving(), OperatorConfig(may_turn=True)
+    operator = OperatorNode((NavigateStep(SE2(1.0, 0.0)),), config, lambda _: None)
+    executor = LockstepExecutor(Stack([leaving, operator]))
+    executor.run(2.0)
+    assert leaving.cancelled == 0
+    executor.call(END_PROGRAM, EndProgramRequest("STOPPED", "enough"))
+    executor.run(1.0)
+    assert leaving.cancelled == 1

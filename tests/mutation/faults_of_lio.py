@@ -31,8 +31,15 @@ LIO = (
     PlantedFault(
         "the mount of what hardly turned is refined",
         "lio/offline.py",
-        "if not (is_turned or asked.estimates_mount):",
+        "if not (has_turned or asked.estimates_mount):",
         "if False:",
+        TURNING,
+    ),
+    PlantedFault(
+        "what happened in a hole is a turn",
+        "lio/turning.py",
+        "< 1.2 * WINDOW_NS",
+        "< math.inf",
         TURNING,
     ),
     PlantedFault(

@@ -44,15 +44,15 @@ MOTION = (
     PlantedFault(
         "room is made where nobody has looked",
         "control/recovery_motion.py",
-        "            free = self._seen_slide(odom_from_base.yaw + (0.0 if sign > 0.0 else math.pi), self._amount)",
-        "            free = self._amount",
+        "if self._seen_slide(self._heading(odom_from_base, sign), way) < way - 1e-6:",
+        "if False:",
         ("tests/control/test_judges.py",),
     ),
     PlantedFault(
-        "room is made at the farther end",
+        "who is pushed aside has gone where there is room",
         "control/recovery_motion.py",
-        "return min(found)",
-        "return max(found)",
+        "left = self._way - self._sign * (self._begin.inverse() @ odom_from_base).x",
+        "left = self._way - self._begin.distance_to(odom_from_base)",
         ("tests/control/test_judges.py",),
     ),
     PlantedFault(
@@ -61,6 +61,13 @@ MOTION = (
         'raise CollisionAheadError("something has come to where there was room to turn")',
         "pass",
         ("tests/control/test_judges.py",),
+    ),
+    PlantedFault(
+        "the end of a program leaves who is lost on its way",
+        "nodes/operator.py",
+        "self._looking.cancel()",
+        "pass",
+        ("tests/missions/test_operator_patience.py",),
     ),
     PlantedFault(
         "who is lost and cannot turn stands",

@@ -285,7 +285,7 @@ def can_map_ground(robot: RobotModel) -> bool:
 
 def on_ground(config: RobotConfig, robot: RobotModel) -> RobotConfig:
     """Return a configuration for sites: the planner leaves out gaps in which the robot could not turn, up to `TURNING_MOST` on either side. Between two parked cars
-    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either; it leaves a gap that proves too narrow by a planned way, up to `WAY_OUT` long. A frontier narrower than
+    a long body with one LiDAR that looks ahead can neither turn nor see where it backs up to; so no recovery backs up there either (one that is lost goes back through what it has seen); it leaves a gap that proves too narrow by a planned way, up to `WAY_OUT` long. A frontier narrower than
     what the planner goes through is none, and one whose floor the LiDAR sees only from afar is looked at from there."""
     room = min(TURNING_MOST, robot.circumscribed_radius - robot.inscribed_radius + PADDING)
     inscribed = robot.inscribed_radius + max(room, 2.0 * PADDING)

@@ -190,31 +190,33 @@ class MakeRoom:
         self._clock.check(now_ns)
         self._window.update(costs, spec)
         if self._begin is None:
-            self._begin = odom_from_base
             self._way, self._sign = self._nearest_room(odom_from_base)
-        left = self._way - self._begin.distance_to(odom_from_base)
+            self._begin = odom_from_base
+        left = self._way - self._sign * (self._begin.inverse() @ odom_from_base).x
         if left <= 0.01:
             return None
-        heading = odom_from_base.yaw + (0.0 if self._sign > 0.0 else math.pi)
-        if self._window.free_slide(odom_from_base, heading, left) < min(BACK_FREE_MIN, left - 1e-9):
+        free = self._window.free_slide(odom_from_base, self._heading(odom_from_base, self._sign), left)
+        if free < min(BACK_FREE_MIN, left - 1e-9):
             raise CollisionAheadError("something has come to where there was room to turn")
-        speed = min(BACK_SPEED, self._fastest(), approach_limit(left, 0.6 * self._limits.ax_brake, REACTION_TIME))
-        return BodyVelocity(self._sign * max(speed, min(0.05, self._fastest())), 0.0, 0.0)
+        fastest = min(BACK_SPEED, self._limits.vx_max if self._sign > 0.0 else -self._limits.vx_min)
+        speed = min(fastest, approach_limit(free, 0.6 * self._limits.ax_brake, REACTION_TIME))
+        return BodyVelocity(self._sign * max(speed, min(0.05, fastest)), 0.0, 0.0)
 
-    def _fastest(self) -> float:
-        return self._limits.vx_max if self._sign > 0.0 else -self._limits.vx_min
+    def _heading(self, odom_from_base: SE2, sign: float) -> float:
+        return odom_from_base.yaw + (0.0 if sign > 0.0 else math.pi)
 
     def _nearest_room(self, odom_from_base: SE2) -> tuple[float, float]:
-        """Return how far away it is, and the sign of the velocity towards it."""
-        found = [(0.0, 1.0)] if self._can_turn(odom_from_base) else []
-        signs = (1.0, -1.0) if self._limits.vx_min < 0.0 else (1.0,)
-        for sign in signs:
-            free = self._seen_slide(odom_from_base.yaw + (0.0 if sign > 0.0 else math.pi), self._amount)
-            ways = np.arange(ROOM_STEP, free + 1e-9, ROOM_STEP)
-            found += [(float(w), sign) for w in ways if self._can_turn(odom_from_base @ SE2(sign * float(w), 0.0))][:1]
-        if not found:
-            raise CollisionAheadError("there is no room to turn, neither here nor ahead nor behind")
-        return min(found)
+        """Return how far away it is, and the sign of the velocity towards it; rather ahead than behind."""
+        if self._can_turn(odom_from_base):
+            return 0.0, 1.0
+        open_signs = [1.0, -1.0] if self._limits.vx_min < 0.0 else [1.0]
+        for way in np.arange(ROOM_STEP, self._amount + 1e-9, ROOM_STEP).tolist():
+            for sign in tuple(open_signs):
+                if self._seen_slide(self._heading(odom_from_base, sign), way) < way - 1e-6:
+                    open_signs.remove(sign)
+                elif self._can_turn(odom_from_base @ SE2(sign * way, 0.0)):
+                    return way, sign
+        raise CollisionAheadError("there is no room to turn, neither here nor ahead nor behind")
 
     def _can_turn(self, odom_from_base: SE2) -> bool:
         return any(abs(self._window.free_turn(odom_from_base, angle)) >= ROOM - 1e-9 for angle in (ROOM, -ROOM))

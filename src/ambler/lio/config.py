@@ -373,7 +373,7 @@ class LioConfig:
     lidar_clock: float = 0.0
     estimates_mount: bool = False
     mount_sigma: tuple[float, float] = (0.05, 0.03)  # m and rad that the mount is told to, where it is estimated
-    refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses
+    refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses, if it turned about all axes
     refined_sigma: tuple[float, float] = (0.003, 0.003)  # m and rad that plates are built to, about 0.2 degrees
     refined_turn: float = (
         0.035  # rad RMS within 3 s about every axis, from which on a recording tells the mount (`lio.turning`)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ambler.control.recovery_motion import ROOM
 from ambler.core.messages import Odometry, Status
 from ambler.core.se2 import SE2
 from ambler.nodes.steps import (
@@ -68,7 +69,7 @@ class OperatorConfig:
     saves_with: tuple[Service[SaveMapRequest, Nothing], ...] = ()
     settle_time: float = 1.0
     may_turn: bool = False
-    turn: float = 0.8
+    turn: float = ROOM
     room: float = 1.0
     patience: float = 60.0
 
@@ -102,6 +103,7 @@ class OperatorNode(Node):
         self._where: SE2 | None = None
         self._begun_ns = 0
         self._ticket: GoalTicket | None = None
+        self._looking: GoalTicket | None = None
         self._is_saved = False
         self._is_over = False
 
@@ -146,7 +148,7 @@ class OperatorNode(Node):
             self._wait_for_pose()
 
     def _wait_for_pose(self) -> None:
-        """Go on once the pose is known; meanwhile turn, if that is permitted, so that localization sees another view."""
+        """Go on once the pose is known; meanwhile turn, if that is permitted, so that localization sees another view, and go to where there is room for that."""
         pose, config = self._pose, self._config
         if self._is_over:
             return
@@ -160,18 +162,20 @@ class OperatorNode(Node):
             text = f"the robot did not find out within {config.patience:g} s where it is{advice}"
             self._finish("NOT_LOCALIZED", text)
         elif config.may_turn:
-            self.ctx.send_goal(RECOVER, RecoverGoal(RecoveryKind.ROTATE, config.turn), self._turned)
+            turn = RecoverGoal(RecoveryKind.ROTATE, config.turn)
+            self._looking = self.ctx.send_goal(RECOVER, turn, self._turned)
         else:
             self._look_again()
 
     def _turned(self, outcome: TaskOutcome[Any]) -> None:
         if outcome.code == "COLLISION_AHEAD" and not self._is_over:
             go = RecoverGoal(RecoveryKind.MAKE_ROOM, self._config.room)
-            self.ctx.send_goal(RECOVER, go, lambda _: self._look_again())
+            self._looking = self.ctx.send_goal(RECOVER, go, lambda _: self._look_again())
         else:
             self._look_again()
 
     def _look_again(self) -> None:
+        self._looking = None
         self.ctx.after(0.5, self._wait_for_pose)
 
     # Steps
@@ -252,6 +256,8 @@ class OperatorNode(Node):
         if self._is_over:
             return Nothing()
         ticket, self._is_over = self._ticket, True
+        if self._looking is not None:
+            self._looking.cancel()
         if ticket is not None:
             self._note(request.code, request.text, None)
         if ticket is not None:

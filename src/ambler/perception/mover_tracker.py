@@ -246,7 +246,7 @@ class MoverTracker:
         return np.asarray(ranges @ behind / ranges.sum())
 
     def _owned(self, came: _Came, now: float) -> tuple[F64, list[NDArray[np.bool_]]]:
-        """Return where everybody who is followed should be (K, 2), and which points are whose: two who stand side by side keep their own. A place that
+        """Return where everybody who is followed should be (K, 2), and which points are whose: two who stand side by side keep their own. Where there are several, a place that
         is expected wrong (he stopped, and was expected to go on) moves to the middle of those points around it that are nearer to it than to all
         others, and is asked again (Lloyd 1982): else it takes the other one's points, and then his place."""
         c, places = self._config, np.array([t.predicted(now) for t in self._tracks]).reshape(-1, 2)
@@ -356,7 +356,7 @@ class MoverTracker:
         ) > len(track.surface)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Came:
     """What is here and stood not here from the first look on: points (N, 2), where their rays begin (N or 1, 2), which of them have been where they
     are for a while, and which lie where nothing has ever stood."""
