@@ -189,6 +189,6 @@ def test_the_table_is_complete():
 
 def test_constants_of_the_definitions_are_those_of_the_code():
     recover = record_class("ambler_msgs/action/Recover_Goal")
-    assert [getattr(recover, kind.name) for kind in RecoveryKind] == [0, 1]
+    assert [getattr(recover, kind.name) for kind in RecoveryKind] == list(range(len(RecoveryKind)))
     frontier = record_class("ambler_msgs/msg/Frontier")
     assert [getattr(frontier, state.name) for state in FrontierState] == [int(state) for state in FrontierState]
