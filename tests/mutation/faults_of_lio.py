@@ -30,9 +30,9 @@ TURNING = ("tests/lio/test_turning.py",)
 LIO = (
     PlantedFault(
         "the mount of what hardly turned is refined",
-        "lio/offline.py",
-        "if not (has_turned or asked.estimates_mount):",
-        "if False:",
+        "lio/turning.py",
+        "if asked.estimates_mount or is_turned(results, asked) else told",
+        "if True else told",
         TURNING,
     ),
     PlantedFault(

@@ -22,7 +22,7 @@ from ambler.lio.health import LioResult
 from ambler.lio.hole import Hole
 from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.odometry import LidarInertialOdometry
-from ambler.lio.turning import is_turned
+from ambler.lio.turning import believed_mount, is_turned
 from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
@@ -188,10 +188,9 @@ def run_offline(
         loops.finish()
     stamps_ns = np.array([result.stamp_ns for result, _ in results], np.int64)
     last = results[-1][0]
-    has_turned = is_turned([result for result, _ in results], config)
-    mount, start_from_map = last.imu_from_lidar, last.start_from_map
-    if not (has_turned or asked.estimates_mount):
-        mount, start_from_map = told_mount, SE3()
+    followed = [result for result, _ in results]
+    mount = believed_mount(followed, told_mount, asked)
+    start_from_map = SE3() if mount is told_mount else last.start_from_map
     lidar_from_imu = mount.inverse()
     turn, shift = start_from_map.matrix()[:3, :3], start_from_map.matrix()[:3, 3]
     of_lidar = [result.map_from_lidar for result, _ in results]
@@ -200,7 +199,7 @@ def run_offline(
     residuals = [h.residual_m for h in health if h.residual_m is not None]
     assert odometry.start is not None
     clock = odometry.state.clock
-    clock_off = CLOCK_OFF if has_turned or asked.estimates_clock else CLOCK_OFF_UNTURNED
+    clock_off = CLOCK_OFF if asked.estimates_clock or is_turned(followed, asked) else CLOCK_OFF_UNTURNED
     is_clock_off = abs(clock - config.lidar_clock) > clock_off * config.clock_sigma
     return OfflineLio(
         stamps_ns=stamps_ns,

@@ -41,3 +41,9 @@ def is_turned(results: Sequence[LioResult], config: LioConfig) -> bool:
     followed = [r for r in results if not r.health.is_lost]
     stamps_ns = np.array([r.stamp_ns for r in followed], np.int64)
     return least_turn(stamps_ns, [r.map_from_imu for r in followed]) >= config.refined_turn
+
+
+def believed_mount(results: Sequence[LioResult], told: SE3, asked: LioConfig) -> SE3:
+    """Return the mount that holds for all poses of a recording: what the filter knew at the end, if it was `asked` for that or the recording turned
+    about all axes; else `told`."""
+    return results[-1].imu_from_lidar if asked.estimates_mount or is_turned(results, asked) else told

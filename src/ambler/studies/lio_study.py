@@ -29,7 +29,7 @@ from ambler.lio.loop_closure import LoopClosure
 from ambler.lio.loop_match import Closure, error_of
 from ambler.lio.odometry import LidarInertialOdometry
 from ambler.lio.offline import offline_config
-from ambler.lio.turning import is_turned
+from ambler.lio.turning import believed_mount
 from ambler.perception.air_filter import AirFilter, AirFilterConfig
 from ambler.recordings.cloud_scan import CloudScan
 from ambler.runtime.topics import CLOUD, IMU, TRANSFORMS
@@ -177,7 +177,7 @@ def run_case(case: LioCase, folder: Path) -> dict[str, Any]:
     error = spatial_error(stamps, [r.start_from_imu for r in results], stamps, truth_poses)
     standing = int(np.searchsorted(stamps, BEGIN_NS + round(rig.path.standing_from * 1e9)))
     fields = _judged(case, results, error, truth_poses, standing)
-    fields |= _closed(case, config, rig, loops, results, truth_poses)
+    fields |= _closed(case, rig, loops, results, truth_poses)
     fields |= air.fields()
     if case.kind in AIRS:
         fields |= _beside_clear_air(case, config, error)
@@ -314,16 +314,11 @@ def _judged(
 
 
 def _closed(
-    case: LioCase,
-    config: LioConfig,
-    rig: HandRig,
-    loops: LoopClosure,
-    results: Sequence[LioResult],
-    truth: Sequence[SE3],
+    case: LioCase, rig: HandRig, loops: LoopClosure, results: Sequence[LioResult], truth: Sequence[SE3]
 ) -> dict[str, Any]:
     """Return the errors with loop closure and the mount as `run_offline` knows it at the end, and how many closures are false by the truth."""
     stamps = np.array([r.stamp_ns for r in results], np.int64)
-    lidar_from_imu = (results[-1].imu_from_lidar if is_turned(results, config) else rig.told_mount).inverse()
+    lidar_from_imu = believed_mount(results, rig.told_mount, recorded_config(case.settings.profile).lio).inverse()
     poses = [pose @ lidar_from_imu for pose in loops.corrected(stamps, [r.map_from_lidar for r in results])]
     error = spatial_error(stamps, poses, stamps, truth)
     world_from_lidar = {stamp: (pose @ rig.mount).matrix() for stamp, pose in zip(stamps.tolist(), truth, strict=True)}

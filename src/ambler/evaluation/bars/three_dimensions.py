@@ -43,7 +43,7 @@ ROWS: Sequence[Row] = (
         ),
     ),
     Row(
-        "`mecanum` driven around `campus` (300 m, noise and mounts drawn; simulated), mapped with loop closure",
+        "`mecanum` driven around `campus` (300 m, noise and mounts drawn; simulated; a development place), mapped with loop closure",
         "≤ 0.10 m RMS and ≤ 0.30 m at worst with the first pose aligned",
         "lio_campus.json",
         "{start_rms_m:.3f} m, {start_max_m:.3f} m over {path_length_m:.0f} m; {ate_rms_m:.3f} m after the best rigid motion",
