@@ -376,7 +376,7 @@ class LioConfig:
     refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses, if it turned about all axes
     refined_sigma: tuple[float, float] = (0.003, 0.003)  # m and rad that plates are built to, about 0.2 degrees
     refined_turn: float = (
-        0.035  # rad RMS within 3 s about every axis, from which on a recording tells the mount (`lio.turning`)
+        0.03  # rad RMS within 3 s about every axis, from which on a recording tells the mount (`lio.turning`)
     )
     refined_clock: float = 0.002  # s that two clocks on one plate agree to
     learned_share: float = 0.3  # of what a scan says of mount and clock that is believed: its errors are not new
