@@ -804,8 +804,8 @@ MOTION = (
     PlantedFault(
         "a creeping robot is as fast as its middle",
         "control/yielding.py",
-        "x, y = self._corners.T",
-        "x, y = 0.0 * self._corners.T",
+        "for x, y in self._corners.tolist())",
+        "for x, y in [(0.0, 0.0)])",
         YIELDING,
     ),
     PlantedFault(

@@ -111,6 +111,44 @@ def test_refinement_reaches_millimetres(seed: int) -> None:
         assert match.degeneracy > 0.3
 
 
+def test_the_minimum_is_found() -> None:
+    """Steps that go too far and are taken back are work for nothing, and twenty of them end before the minimum."""
+    rng = np.random.default_rng(3)
+    iterations, left = [], []
+    for _ in range(30):
+        room_from_base = random_pose(rng)
+        true = GRID_FROM_ROOM @ room_from_base
+        points = filter_voxels_adaptively(scan_at(room_from_base, rng=rng).points, 0.5, 200)
+        start = true @ SE2(*rng.uniform(-0.02, 0.02, 3))
+        match = refine(room_grid(), points, start, start, FREE)
+        best = match.grid_from_base
+        for _ in range(5):  # on from there, with the same prior
+            best = refine(room_grid(), points, best, start, FREE).grid_from_base
+        iterations.append(match.iterations)
+        left.append(match.grid_from_base.distance_to(best))
+    assert np.mean(iterations) < 15.0
+    assert np.quantile(left, 0.9) < 1e-4
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 1e-3, 1.0]))
+def test_information_is_weighed_along_its_axes(seed: int, along: float) -> None:
+    """The covariance and the degeneracy against NumPy's eigenvectors; `along` is what the points tell of the first axis."""
+    rng = np.random.default_rng(seed)
+    jacobian = rng.normal(size=(rng.integers(1, 9), 3)) * (along, 1.0, 3.0)
+    h = 10.0 ** rng.uniform(-1.0, 4.0) * jacobian.T @ jacobian
+    sigma, match = 0.5, MatchResult(SE2(), h, 1.0, 1.0, 0.0, 1, 0.25)
+    telling = h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2]
+    values, vectors = np.linalg.eigh(telling)
+    assert match.degeneracy == pytest.approx(max(0.0, values[0]) / values[1] if values[1] > 0.0 else 0.0, abs=1e-6)
+    share = np.clip(values / max(0.25 * values[1], 1e-9), 0.05, 1.0)
+    weighed = h.copy()
+    weighed[:2, :2] += (vectors * (values * share**2)) @ vectors.T - telling
+    expected = sigma**2 * np.linalg.inv(weighed + sigma**2 * np.diag([1.0, 1.0, 10.0]))
+    expected += np.diag([1e-4, 1e-4, 4e-4])
+    assert match.covariance(sigma, (0.01, 0.02)) == pytest.approx(expected, rel=1e-4, abs=1e-6 * expected.max())
+
+
 def test_errors_of_noisy_scans_agree_with_the_covariance() -> None:
     rng = np.random.default_rng(11)
     squared = []

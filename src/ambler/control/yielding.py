@@ -179,8 +179,8 @@ class Yielding:
 
     def _fastest(self, velocity: BodyVelocity) -> float:
         """Return how fast (m/s) the fastest corner moves."""
-        x, y = self._corners.T
-        return float(np.hypot(velocity.vx - velocity.wz * y, velocity.vy + velocity.wz * x).max())
+        vx, vy, wz = velocity.vx, velocity.vy, velocity.wz
+        return max(math.hypot(vx - wz * y, vy + wz * x) for x, y in self._corners.tolist())
 
     def evasion(self, free_slide: Callable[[float, float], float]) -> BodyVelocity:
         """Return a velocity straight out of the way of who is about to walk into a robot that stands; nothing if nobody is, or if there is
@@ -220,6 +220,8 @@ class Yielding:
         """Return where movers may go; for a robot that gets out of their way, no faster than they walk: whoever follows it anywhere would
         leave it nowhere to go."""
         c = self._config
+        if len(movers) == 0:
+            return np.zeros((0, 6))
         targets = np.vstack((self._pose[None, :2], SE2(*self._pose).transform(self._sides)))
         rows = []
         for k, (x, y, vx, vy, wx, wy) in enumerate(movers.states):

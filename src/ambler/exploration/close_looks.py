@@ -126,8 +126,10 @@ class CloseLooks:
         """Return the cells, within `around` of flat ones, that lie at one offset (dy, dx) each, and that offset; the grid's edge stands for what lies beyond it."""
         reach, (height, width) = self.config.around, self._surfaces.shape
         iy, ix = np.divmod(cells, width)
-        offsets = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
-        return [((np.clip(iy + dy, 0, height - 1), np.clip(ix + dx, 0, width - 1)), (dy, dx)) for dy, dx in offsets]
+        offsets = range(-reach, reach + 1)
+        rows = [np.minimum(np.maximum(iy + dy, 0), height - 1) for dy in offsets]
+        columns = [np.minimum(np.maximum(ix + dx, 0), width - 1) for dx in offsets]
+        return [((rows[dy + reach], columns[dx + reach]), (dy, dx)) for dy in offsets for dx in offsets]
 
     def _move_to(self, spec: GridSpec) -> None:
         """Take another geometry of the same lattice; what lies outside is forgotten."""

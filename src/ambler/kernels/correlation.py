@@ -10,6 +10,9 @@ from ambler.kernels.jit import jit
 
 P_LOW = 0.1
 P_PER_VALUE = 0.8 / 32766.0
+# On this surface the Gauss-Newton step is about twice as long as it should be, since J^T J leaves out the curvature of P: begun with less damping, most
+# steps would go beyond the minimum and be taken back.
+_FIRST_DAMPING = 1.0
 
 
 @jit
@@ -176,9 +179,9 @@ def _prior_cost(prior_information, pose, prior):
 def refine(cells, frame, points, pose, prior, weight, prior_information, max_iterations, unknown, h, g, info):
     """Move `pose` float64 (3,) in place to the minimum of weight^2 / N sum (1 - P)^2 + d^T W d, d = pose - prior, W = `prior_information`.
 
-    Levenberg-Marquardt. What `normal_equations` says of the pose at the start is in `h`, `g` and the first three of `info`. `h`
-    float64 (3, 3) gets sum J^T J of the points alone; `info` float64 (4,) gets mean probability, inlier ratio (P > 0.5), mean squared
-    residual, iterations.
+    Levenberg-Marquardt; the damping follows how well the model foretold the gain (Nielsen, IMM-REP-1999-05). What `normal_equations`
+    says of the pose at the start is in `h`, `g` and the first three of `info`. `h` float64 (3, 3) gets sum J^T J of the points alone;
+    `info` float64 (4,) gets mean probability, inlier ratio (P > 0.5), mean squared residual, iterations.
     """
     n = points.shape[0]
     scratch = np.empty(11)
@@ -189,7 +192,7 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
     scale = weight * weight / n
     total, inliers, probable = info[0], info[1], info[2]
     cost = scale * total + _prior_cost(prior_information, pose, prior)
-    damping = 1e-4
+    damping, grow = _FIRST_DAMPING, 2.0
     ht = np.empty((3, 3))
     gt = np.empty(3)
     iterations = 0
@@ -201,10 +204,12 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
                 hw[k, j] = scale * h[k, j] + prior_information[k, j]
                 gw[k] += prior_information[k, j] * (pose[j] - prior[j])
         if not solve3(hw, gw, damping, step):
-            damping = max(damping, 1e-6) * 10.0
+            damping *= 10.0
             continue
+        foretold = 0.0
         for k in range(3):
             trial[k] = pose[k] + step[k]
+            foretold += step[k] * (damping * hw[k, k] * step[k] - gw[k])
         total_t, inliers_t, probable_t = normal_equations(cells, frame, points, trial, unknown, ht, gt, scratch)
         cost_t = scale * total_t + _prior_cost(prior_information, trial, prior)
         moved = abs(step[0]) + abs(step[1]) + 5.0 * abs(step[2])
@@ -214,13 +219,16 @@ def refine(cells, frame, points, pose, prior, weight, prior_information, max_ite
             pose[:] = trial
             h[:, :] = ht
             g[:] = gt
-            damping = max(damping * 0.3, 1e-7)
+            as_foretold = gain / max(foretold, 1e-300)
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * as_foretold - 1.0) ** 3), 1e-7)
+            grow = 2.0
             if moved < 1e-4 or gain < 1e-7 * cost:
                 break
         else:
             if moved < 1e-4:
                 break
-            damping *= 8.0
+            damping *= grow
+            grow *= 2.0
             if damping > 1e4:
                 break
     info[0] = probable / n

@@ -90,6 +90,7 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
 @jit
 def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stood):
     keys, states, hits, misses, missed = grid[0], grid[1], grid[2], grid[3], grid[4]
+    pace, inverse = 0.7 * resolution, 1.0 / resolution
     for i in range(ends.shape[0]):
         s = min(i, starts.shape[0] - 1)
         dx, dy = ends[i, 0] - starts[s, 0], ends[i, 1] - starts[s, 1]
@@ -97,18 +98,20 @@ def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stoo
         if length <= short:
             continue
         dx, dy = dx / length, dy / length
-        last, last_x, last_y = -1, 0, 0
-        for j in range(int(min(length - short, reach) / (0.7 * resolution))):
-            d = 0.7 * resolution * j
-            x, y = starts[s, 0] + d * dx, starts[s, 1] + d * dy
-            ix, iy = int(math.floor(x / resolution)), int(math.floor(y / resolution))
+        last_x, last_y = 0, 0
+        for j in range(int(min(length - short, reach) / pace)):
+            d = pace * j
+            ix = int(math.floor((starts[s, 0] + d * dx) * inverse))
+            iy = int(math.floor((starts[s, 1] + d * dy) * inverse))
             if j > 0 and ix == last_x and iy == last_y:
                 continue
             last_x, last_y = ix, iy
-            k = _cell(x, y, resolution, size, keys, states)
-            if k == last or hits[k] == scan:
+            k = (iy & (size - 1)) * size + (ix & (size - 1))  # as `_cell`, which would find ix and iy again
+            key = iy * 1000003 + ix
+            if keys[k] != key:
+                keys[k], states[k] = key, UNKNOWN
+            if hits[k] == scan:
                 continue
-            last = k
             if states[k] == UNKNOWN:
                 states[k], stood[k] = FREE, 0.0
             elif missed[k] != scan and (states[k] == OCCUPIED or stood[k] > 0.0):

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit
+from ambler.kernels.jit import jit_short
 
 SIZE = 7
 TWIST = 0
@@ -51,7 +51,7 @@ RULES = np.dtype(
 )
 
 
-@jit
+@jit_short
 def predict(x, p, dt, density, acceleration, work):
     """Carry `x` float64 (7,) and `p` (7, 7) over `dt` seconds in place.
 
@@ -109,7 +109,7 @@ def predict(x, p, dt, density, acceleration, work):
     p[6, 6] += density[6] * dt
 
 
-@jit
+@jit_short
 def _invert(a, size, inverse):
     """Invert a symmetric positive definite matrix of `size` 1 or 3; False when it is not definite."""
     if size == 1:
@@ -131,7 +131,7 @@ def _invert(a, size, inverse):
     return True
 
 
-@jit
+@jit_short
 def correct(x, p, kind, z, r, gate, work):
     """Correct by one measurement in place and return its squared Mahalanobis distance; beyond `gate` nothing is changed (-1: bad S).
 
@@ -213,7 +213,7 @@ def correct(x, p, kind, z, r, gate, work):
     return distance
 
 
-@jit
+@jit_short
 def step(x, p, dt, density, acceleration, kind, z, r, gate, work):
     """Predict over `dt` and correct; see `predict` and `correct`."""
     if dt > 0.0:
@@ -221,7 +221,7 @@ def step(x, p, dt, density, acceleration, kind, z, r, gate, work):
     return correct(x, p, kind, z, r, gate, work)
 
 
-@jit
+@jit_short
 def _is_slipping(entry, rules):
     """Say whether wheels slip: their turning and the gyroscope's differ by more than what both state of themselves."""
     if entry.gyro_ns < 0 or entry.stamp_ns - entry.gyro_ns > GYRO_MAX_AGE_NS:
@@ -233,7 +233,7 @@ def _is_slipping(entry, rules):
     return entry.stamp_ns < entry.slip_until_ns
 
 
-@jit
+@jit_short
 def _weigh_wheels(entry, rules, r):
     """Write the covariance of the wheels' velocity, with what is known of lasting errors and of slip, into `r` (3, 3)."""
     r[:, :] = entry.r
@@ -245,7 +245,7 @@ def _weigh_wheels(entry, rules, r):
                 r[a, b] *= (turning if a == 2 else way) * (turning if b == 2 else way)
 
 
-@jit
+@jit_short
 def _filter(entry, before, rules, work):
     """Compute the filter after `entry` from the one after `before`."""
     entry.x[:] = before.x
@@ -264,7 +264,7 @@ def _filter(entry, before, rules, work):
     entry.refused = 0 if 0.0 <= distance <= gate else before.refused + 1
 
 
-@jit
+@jit_short
 def insert(entries, count, at, stamp_ns, kind, z, r, doubt, acceleration, rules, work):
     """Put a measurement in as number `at` (not the first) of `count` entries sorted by stamp, and filter it and what follows; returns
     whether it was used.

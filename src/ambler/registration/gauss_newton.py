@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,7 @@ from ambler.kernels import correlation
 from ambler.registration.cell_grid import CellGrid
 
 F32 = NDArray[np.float32]
+_DIAGONAL = np.diag_indices(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,33 +60,52 @@ class MatchResult:
         """
         h = self.information.copy()
         schur = translational(h)
-        values, vectors = np.linalg.eigh(schur)
-        share = np.clip(values / max(self.weak_ratio * values[-1], 1e-9), 0.05, 1.0)
-        h[:2, :2] += (vectors * (values * share**2)) @ vectors.T - schur
-        cov = sigma**2 * np.linalg.inv(h + sigma**2 * np.diag([1.0, 1.0, 10.0]))
-        return np.asarray(0.5 * (cov + cov.T) + np.diag([floor[0] ** 2, floor[0] ** 2, floor[1] ** 2]))
+        least = max(self.weak_ratio * _eigenvalues(schur)[1], 1e-9)
+        h[:2, :2] += _by_eigenvalue(schur, lambda value: value * min(max(value / least, 0.05), 1.0) ** 2) - schur
+        h[_DIAGONAL] += sigma**2 * np.array([1.0, 1.0, 10.0])
+        cov = sigma**2 * np.linalg.inv(h)
+        cov = 0.5 * (cov + cov.T)
+        cov[_DIAGONAL] += (floor[0] ** 2, floor[0] ** 2, floor[1] ** 2)
+        return cov
 
 
 def translational(h: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the translational information (2, 2) with the yaw marginalized."""
     if h[2, 2] <= 0.0:
         return h[:2, :2]
-    return np.asarray(h[:2, :2] - np.outer(h[:2, 2], h[2, :2]) / h[2, 2])
+    (a, b, c), (_, d, e), (_, _, f) = h.tolist()
+    return np.array([[a - c * c / f, b - c * e / f], [b - c * e / f, d - e * e / f]])
+
+
+def _eigenvalues(matrix: NDArray[np.float64]) -> tuple[float, float]:
+    """Return both of a symmetric matrix (2, 2), the smaller one first: so small a matrix takes NumPy ten times as long."""
+    (a, b), (_, d) = matrix.tolist()
+    middle, half = 0.5 * (a + d), math.hypot(0.5 * (a - d), b)
+    return middle - half, middle + half
+
+
+def _by_eigenvalue(matrix: NDArray[np.float64], value_of: Callable[[float], float]) -> NDArray[np.float64]:
+    """Return the symmetric matrix (2, 2) that has the same eigenvectors and other eigenvalues."""
+    low, high = _eigenvalues(matrix)
+    new_low, new_high = value_of(low), value_of(high)
+    slope = (new_high - new_low) / (high - low) if high > low else 0.0
+    (a, b), (_, d) = matrix.tolist()
+    return np.array([[new_low + slope * (a - low), slope * b], [slope * b, new_low + slope * (d - low)]])
 
 
 def degeneracy_of(h: NDArray[np.float64]) -> float:
     """Return the smallest over the largest eigenvalue of the translational information with the yaw marginalized: 0 in a corridor, 1 isotropic."""
-    low, high = np.linalg.eigvalsh(translational(h))
-    return float(max(0.0, low) / high) if high > 0.0 else 0.0
+    low, high = _eigenvalues(translational(h))
+    return max(0.0, low) / high if high > 0.0 else 0.0
 
 
 def _prior_information(h: NDArray[np.float64], config: RefineConfig) -> NDArray[np.float64]:
     """Return the prior's information (3, 3): stronger along directions in which the points say little."""
-    values, vectors = np.linalg.eigh(translational(h))
-    weakness = np.clip(1.0 - values / max(config.weak_ratio * values[-1], 1e-9), 0.0, 1.0)
+    telling = translational(h)
+    enough = max(config.weak_ratio * _eigenvalues(telling)[1], 1e-9)
     low, high = config.translation_weight**2, config.weak_translation_weight**2
     out = np.zeros((3, 3))
-    out[:2, :2] = (vectors * (low + (high - low) * weakness)) @ vectors.T
+    out[:2, :2] = _by_eigenvalue(telling, lambda value: low + (high - low) * min(max(1.0 - value / enough, 0.0), 1.0))
     out[2, 2] = config.rotation_weight**2
     return out
 

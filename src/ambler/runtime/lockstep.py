@@ -7,6 +7,7 @@ scheduled what first, so a recording replays to the same bits; and what one stac
 
 from __future__ import annotations
 
+import gc
 import heapq
 import threading
 from collections import deque
@@ -77,12 +78,14 @@ class LockstepExecutor(Executor):
         end_ns = None if duration is None else self.now_ns + round(duration * 1e9)
         self._is_stopping = False
         self._thread = threading.get_ident()
+        gc.freeze()  # what was there before is not searched for garbage again and again during the run
         try:
             self.start_nodes()
             for prefix, stream in feeds.items():
                 self._feed_next(self._bus(prefix), iter(stream))
             is_over = self._run_until(end_ns)
         finally:
+            gc.unfreeze()
             self._thread = None
             self.log.flush()
         self.end_run(is_over=is_over)

@@ -22,7 +22,7 @@ class StuckScan:
     def update(self, values: NDArray[np.floating[Any]], odom_from_base: SE2) -> bool:
         """Take a scan's ranges or points and the pose of its moment; return whether the scanner is stuck."""
         last = self._values
-        if last is None or not np.array_equal(values, last, equal_nan=True) or not np.isfinite(values).any():
+        if last is None or values.tobytes() != last.tobytes() or not np.isfinite(values).any():
             self._values, self._odom_from_base = values, odom_from_base
             return False
         has_moved = self._odom_from_base.distance_to(odom_from_base) > self._travel
