@@ -212,7 +212,9 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
     nearest, touched = np.empty(2), np.zeros((movers.shape[0], 3))
     stand = reaction + hold + max(abs(twist[0]) / plan[2], abs(twist[1]) / plan[3], abs(twist[2]) / plan[4])
     steps = min(past.shape[0] - 1, int(math.ceil((stand + plan[5]) / dt)))
-    x, y, yaw = pose[0], pose[1], pose[2]
+    x, y, yaw, farthest = pose[0], pose[1], pose[2], 0.0
+    for e in range(corners.shape[0]):
+        farthest = max(farthest, math.hypot(corners[e, 0], corners[e, 1]))
     for k in range(steps + 1):
         t = k * dt
         vx, vy, wz = _faster(now[0], twist[0]), _faster(now[1], twist[1]), _faster(now[2], twist[2])
@@ -233,6 +235,9 @@ def starts_contact(pose, now, twist, plan, movers, normals, offsets, corners, pa
                     return t
                 continue
             dx, dy = movers[m, 0] + movers[m, 2] * t - x, movers[m, 1] + movers[m, 3] * t - y
+            reach = farthest + movers[m, 4] + movers[m, 5] * t
+            if dx * dx + dy * dy > reach * reach:
+                continue
             bx, by = c * dx + s * dy, -s * dx + c * dy
             gap = outline_distance(bx, by, normals, offsets, corners, nearest)
             if gap <= movers[m, 4] + movers[m, 5] * t:
