@@ -84,7 +84,8 @@ class LoopConfig:
     move the map in the same way, spread over a way of `spread_ratio` times what they move it, within `spread` (m). Two closures move it the
     same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them. For each such closure the nodes are searched
     that come `follow` metres of way before or after its own, near where they would be if it were true.
-    `picks_middle` as in the front end.
+    `picks_middle` as in the front end. `refine` takes few steps: one that begins at the best cell of all needs no more, and what would need more slides to
+    another place.
     """
 
     max_voxel: float = 0.9
@@ -120,7 +121,7 @@ class LoopConfig:
     cached_stacks: int = 48
     picks_middle: bool = False
     drift: DriftConfig = field(default_factory=DriftConfig)
-    refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=10))
+    refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=4))
 
 
 @dataclass(frozen=True, slots=True)
