@@ -389,6 +389,13 @@ MOTION = (
         ("tests/runtime/test_mailbox.py",),
     ),
     PlantedFault(
+        "a lockstep run searches all that was there before it for garbage",
+        "runtime/lockstep.py",
+        "gc.freeze()  # what",
+        "gc.isenabled()  # what",
+        ("tests/runtime/test_executors.py",),
+    ),
+    PlantedFault(
         "degrees in a section that may be missing are lost",
         "settings/profiles.py",
         "return _checked(kinds[0], value, where) if len(kinds) == 1 and value is not None else value",

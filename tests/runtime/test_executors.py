@@ -1,5 +1,6 @@
 """Both executors keep the contract of `runtime.node.Context`."""
 
+import gc
 from typing import Any
 
 import pytest
@@ -27,6 +28,21 @@ def test_messages_arrive_in_order_and_none_is_lost(executor_type: type[Executor]
     values = [v for _, v in heard.heard]
     assert values == [float(i + 1) for i in range(len(values))]
     assert len(values) >= 8
+
+
+@pytest.mark.parametrize("executor_type", EXECUTORS)
+def test_what_was_there_before_a_run_is_not_searched_for_garbage_during_it(executor_type: type[Executor]) -> None:
+    before, during = gc.get_freeze_count(), []
+
+    class Looking(Source):
+        def _tick(self) -> None:
+            during.append(gc.get_freeze_count())
+
+    executor_type(Stack([Looking()])).run(0.2)
+    with pytest.raises(NodeFailedError):
+        executor_type(Stack([Source(), Bomb()])).run(0.2)
+    assert min(during) > before + 10_000
+    assert gc.get_freeze_count() == before
 
 
 def test_lockstep_delivers_after_the_declared_latency() -> None:
