@@ -811,7 +811,7 @@ MOTION = (
     PlantedFault(
         "a creeping robot is as fast as its middle",
         "control/yielding.py",
-        "for x, y in self._corners.tolist())",
+        "for x, y in self._corner_places)",
         "for x, y in [(0.0, 0.0)])",
         YIELDING,
     ),

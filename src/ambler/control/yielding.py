@@ -95,6 +95,7 @@ class Yielding:
         self._config = config
         self._normals, self._offsets = footprint_edges(robot.footprint, 0.0)
         self._corners = np.ascontiguousarray(robot.footprint, np.float64)
+        self._corner_places: list[tuple[float, float]] = [(x, y) for x, y in self._corners.tolist()]
         self._reach = config.reach + robot.circumscribed_radius
         lim, share = robot.limits, config.brake_share
         brakes = [share * lim.ax_brake, share * lim.ay_brake, share * lim.az_max]
@@ -141,8 +142,11 @@ class Yielding:
         """Say whether even half of a velocity would start a contact, or is no more than creeping."""
         if self.is_alone or wanted == BodyVelocity():
             return False
-        tried = (_scaled(self._in_company(wanted), scale) for scale in (1.0, 0.5))
-        return all(self._fastest(v) <= self._config.creep or self.contact_in(v) < math.inf for v in tried)
+        most = self._in_company(wanted)
+        creep = self._config.creep / max(self._fastest(most), 1e-9)  # such a share of it is no more than creeping
+        return all(
+            scale <= creep or self._contact_in(_scaled(most, scale), self.hypotheses) < math.inf for scale in (1.0, 0.5)
+        )
 
     def limited(self, wanted: BodyVelocity) -> BodyVelocity:
         """Return as much of a velocity, along the same arc, as starts no contact; nothing if that is hardly more than `creeping`."""
@@ -160,7 +164,7 @@ class Yielding:
     def _in_company(self, wanted: BodyVelocity) -> BodyVelocity:
         c = self._config
         fastest = max(math.hypot(wanted.vx, wanted.vy) / c.speed_max, abs(wanted.wz) / c.turn_max, 1.0)
-        return _scaled(wanted, 1.0 / fastest)
+        return wanted if fastest == 1.0 else _scaled(wanted, 1.0 / fastest)
 
     def creeping(self, wanted: BodyVelocity) -> BodyVelocity:
         """Return as much of a velocity, along the same arc, as moves no corner of the robot faster than what does not count; nothing if that
@@ -180,7 +184,7 @@ class Yielding:
     def _fastest(self, velocity: BodyVelocity) -> float:
         """Return how fast (m/s) the fastest corner moves."""
         vx, vy, wz = velocity.vx, velocity.vy, velocity.wz
-        return max(math.hypot(vx - wz * y, vy + wz * x) for x, y in self._corners.tolist())
+        return max(math.hypot(vx - wz * y, vy + wz * x) for x, y in self._corner_places)
 
     def evasion(self, free_slide: Callable[[float, float], float]) -> BodyVelocity:
         """Return a velocity straight out of the way of who is about to walk into a robot that stands; nothing if nobody is, or if there is

@@ -36,9 +36,9 @@ class SE3:
     def __matmul__(self, other: SE3) -> SE3:
         x, y, z = self.rotate(other.translation)
         tx, ty, tz = self.translation
-        q = quaternion_multiply(self.rotation, other.rotation)
-        n = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
-        return SE3((tx + x, ty + y, tz + z), (q[0] / n, q[1] / n, q[2] / n, q[3] / n))
+        qw, qx, qy, qz = quaternion_multiply(self.rotation, other.rotation)
+        n = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        return SE3((tx + x, ty + y, tz + z), (qw / n, qx / n, qy / n, qz / n))
 
     def rotate(self, v: Vector3) -> Vector3:
         """Rotate a vector of the child frame into the parent frame."""

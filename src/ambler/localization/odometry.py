@@ -206,7 +206,7 @@ class WheelInertialOdometry:
         """Fuse a velocity of the wheels with the covariance that they state."""
         config = self.config
         covariance = wheels.twist_covariance[_BLOCK]
-        if not covariance.any():
+        if np.count_nonzero(covariance) == 0:
             covariance = np.diag(config.wheel_variance)
         speed, turning = math.hypot(twist[0], twist[1]), abs(float(twist[2]))
         has_imu = self._imu_ns is not None and wheels.stamp_ns - self._imu_ns < config.imu_age * 1e9
@@ -234,10 +234,9 @@ class WheelInertialOdometry:
             pose = pose @ SE3((0.0, 0.0, 0.0), lean)
         v, sway = estimate.velocity, self._sway
         pose_covariance, twist_covariance = wheels.pose_covariance.copy(), wheels.twist_covariance.copy()
-        way = np.diag(wheels.pose_covariance)[:2]
         pose_covariance[_BLOCK] = estimate.covariance[:3, :3]
-        pose_covariance[0, 0] += way[0]
-        pose_covariance[1, 1] += way[1]
+        pose_covariance[0, 0] += wheels.pose_covariance[0, 0]
+        pose_covariance[1, 1] += wheels.pose_covariance[1, 1]
         twist_covariance[_BLOCK] = estimate.covariance[3:6, 3:6]
         return Odometry(
             wheels.stamp_ns,
@@ -257,7 +256,7 @@ def _twist(wheels: Odometry) -> F64:
 
 def _is_finite(wheels: Odometry) -> bool:
     numbers = (*wheels.pose.translation, *wheels.pose.rotation, *wheels.linear, *wheels.angular)
-    return all(map(math.isfinite, numbers)) and bool(np.isfinite(wheels.twist_covariance).all())
+    return all(map(math.isfinite, (*numbers, *wheels.twist_covariance.ravel().tolist())))
 
 
 def _roll_pitch(pose: SE3) -> tuple[float, float]:

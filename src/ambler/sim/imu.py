@@ -59,7 +59,8 @@ class ImuSensor:
         chance = self._rng.standard_normal(12)
         self._bias = self._keep * self._bias + self._drive * chance[:6]
         measured = self._scale * values + self._bias + self._white * chance[6:]
-        return np.asarray(np.minimum(np.maximum(measured, -self._limit), self._limit))
+        np.maximum(measured, -self._limit, out=measured)
+        return np.asarray(np.minimum(measured, self._limit, out=measured))
 
 
 class ImuForm:

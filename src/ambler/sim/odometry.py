@@ -81,4 +81,6 @@ class DeadReckoning:
         """Growth with the way gone: 2 % of the path and of the turning, as variances."""
         along = (0.02 * self._path) ** 2 + 1e-6
         turn = (0.02 * self._turned) ** 2 + (0.01 * self._path) ** 2 + 1e-6
-        return np.diag([along, along, 1e-6, 1e-6, 1e-6, turn])
+        covariance = np.zeros((6, 6))
+        covariance.flat[::7] = (along, along, 1e-6, 1e-6, 1e-6, turn)
+        return covariance
