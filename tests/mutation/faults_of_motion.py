@@ -587,8 +587,8 @@ MOTION = (
     PlantedFault(
         "creeping counts as another motion",
         "control/yielding.py",
-        "all(self._fastest(v) <= self._config.creep or",
-        "all(",
+        "scale <= creep or self._contact_in(",
+        "self._contact_in(",
         YIELDING,
     ),
     PlantedFault(
