@@ -79,17 +79,12 @@ class LockstepExecutor(Executor):
         self._is_stopping = False
         self._thread = threading.get_ident()
         gc.freeze()  # what was there before is not searched for garbage again and again during the run
-        thresholds = gc.get_threshold()
-        gc.set_threshold(
-            20 * thresholds[0], *thresholds[1:]
-        )  # hardly anything of a run is garbage that only a search finds
         try:
             self.start_nodes()
             for prefix, stream in feeds.items():
                 self._feed_next(self._bus(prefix), iter(stream))
             is_over = self._run_until(end_ns)
         finally:
-            gc.set_threshold(*thresholds)
             gc.unfreeze()
             self._thread = None
             self.log.flush()
