@@ -106,7 +106,8 @@ class ProbabilityGrid:
         high = -low
         for points in point_sets:
             if len(points):
-                x, y = points[:, 0], points[:, 1]  # one by one: along the first axis NumPy takes five times as long
+                # One by one: along the first axis of such an array NumPy takes five times as long.
+                x, y = points[:, 0], points[:, 1]
                 low, high = np.minimum(low, (x.min(), y.min())), np.maximum(high, (x.max(), y.max()))
         if not np.isfinite(low).all():
             return

@@ -106,7 +106,8 @@ def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stoo
             if j > 0 and ix == last_x and iy == last_y:
                 continue
             last_x, last_y = ix, iy
-            k = (iy & (size - 1)) * size + (ix & (size - 1))  # as `_cell`, the call of which takes as long as all the rest
+            # As `_cell`, the call of which takes as long as all the rest.
+            k = (iy & (size - 1)) * size + (ix & (size - 1))
             key = iy * 1000003 + ix
             if keys[k] != key:
                 keys[k], states[k] = key, UNKNOWN
