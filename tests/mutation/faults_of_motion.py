@@ -585,6 +585,13 @@ MOTION = (
         ("tests/scenarios/test_faults.py::test_a_stuck_scanner_is_found_and_named",),
     ),
     PlantedFault(
+        "who touches a corner of the robot is out of its reach",
+        "kernels/movers.py",
+        "farthest = max(farthest, math.hypot(",
+        "farthest = 0.5 * max(farthest, math.hypot(",
+        YIELDING,
+    ),
+    PlantedFault(
         "creeping counts as another motion",
         "control/yielding.py",
         "scale <= creep or self._contact_in(",
