@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.kernels import branch_bound
+from ambler.kernels.submap import EVEN
 from ambler.registration.cell_grid import CellGrid
 from ambler.registration.correlative import Window, angular_step, correlate
 
@@ -29,11 +30,14 @@ class BranchBoundResult:
 class BranchBoundMatcher:
     """Searches one finished grid; holds its stack of maxima, about `depth` bytes per cell.
 
-    With a `coarseness` above 1 its cells are as many times wider, and each counts as the best of those below it: scores are upper bounds.
+    With a `coarseness` above 1 its cells are as many times wider, and each counts as the best of those below it: scores are upper bounds. With `only_walls` cells
+    that are more likely free count as unknown ones: a scan of which much lies where the grid knows nothing would else be drawn to where it knows anything.
     """
 
-    def __init__(self, grid: CellGrid, depth: int = 7, coarseness: int = 1) -> None:
+    def __init__(self, grid: CellGrid, depth: int = 7, coarseness: int = 1, *, only_walls: bool = False) -> None:
         cells = _pooled(grid.cells, coarseness)
+        if only_walls:
+            cells = np.where(cells > EVEN, cells, np.uint16(0))
         h, w = cells.shape
         pad = (1 << (depth - 1)) - 1
         self.frame = grid.frame * np.array([coarseness, 1.0, 1.0])

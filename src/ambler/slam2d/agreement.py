@@ -1,4 +1,4 @@
-"""Which closures to believe: those that move the map little, and those that move it far and that several others, on a longer way, confirm.
+"""Which closures to believe: those that move the map little, and those that move it far, or that little speaks for, and that several others, on a longer way, confirm.
 
 One place that looks like another gives a closure that fits its scan well. Several such closures in a row that all move the map in the same
 way are what a true closure brings and chance does not (pairwise consistency: Mangelson, Dominic, Eustice and Vasudevan, ICRA 2018). Those who
@@ -29,7 +29,7 @@ def sort_closures(
     `poses` float64 (V, 3) are those of all vertices now, `ways` float64 (N,) the way driven until each node, metres.
     """
     moved = [moves_map_by(closure, poses) for closure in closures]
-    is_far = np.array([m > config.surprise for m in moved], np.bool_)
+    is_far = np.array([m > config.surprise or c.is_partial for c, m in zip(closures, moved, strict=True)], np.bool_)
     believed = [c for c, far in zip(closures, is_far, strict=True) if not far]
     far = [c for c, is_it in zip(closures, is_far, strict=True) if is_it]
     confirmed = _confirmed(far, np.array(moved)[is_far], poses, ways, config)

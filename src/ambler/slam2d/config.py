@@ -84,6 +84,9 @@ class LoopConfig:
     move the map in the same way, spread over a way of `spread_ratio` times what they move it, within `spread` (m). Two closures move it the
     same way within `agreement` (m, rad) and `agreement_per_metre` of the way between them. For each such closure the nodes are searched
     that come `follow` metres of way before or after its own, near where they would be if it were true.
+    A node sees farther than `max_view_distance`. Where closures hold nothing yet, and the window is within `partial_window` (m), it is compared with a submap of
+    which it sees `partial_share` of its points and `partial_points` of them or more, by these points alone, `partial_tries` times per pair of submaps; what is
+    found must be confirmed, however little it moves the map.
     `picks_middle` as in the front end. `refine` takes few steps: one that begins at the best cell of all needs no more, and what would need more slides to
     another place.
     """
@@ -103,6 +106,10 @@ class LoopConfig:
     most_pending: int = 600
     follow: tuple[float, ...] = (-8.0, -5.0, -3.0, -1.5, 1.5, 3.0, 5.0, 8.0)
     max_view_distance: float = 6.0
+    partial_share: float = 0.15
+    partial_points: int = 25
+    partial_window: tuple[float, float] = (0.7, 4.0)
+    partial_tries: int = 4
     turn_price: float = 4.0
     query_distance: float = 1.0
     final_distance: float = 0.4

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
 from ambler.registration.correlative import Window
+from ambler.registration.seen_by_both import seen_by_both
 from ambler.slam2d.config import LoopConfig
 from ambler.slam2d.drift import Drift
 from ambler.slam2d.submaps import Submap
@@ -21,6 +22,7 @@ I64 = NDArray[np.int64]
 Pair = tuple[int, int]
 
 _SIGMAS = 3.0
+_SIGHT_PERCENT = 80.0
 _VIEW_STRIDE = 4  # every how many nodes of a submap its views are judged
 
 
@@ -40,13 +42,15 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A node to be searched in a submap, where it is believed to be there, and how far to look. `covariance` (3, 3) is the drift's."""
+    """A node to be searched in a submap, where it is believed to be there, and how far to look. `covariance` (3, 3) is the drift's. `is_partial`: it was never near, and
+    sees only a part of what that submap shows."""
 
     node: int
     submap: int
     submap_from_base: SE2
     window: Window
     covariance: F64
+    is_partial: bool = False
 
 
 @dataclass(slots=True)
@@ -137,33 +141,50 @@ class CandidateChooser:
         return Candidate(query, submap, map_from_submap.inverse() @ map_from_base, window, covariance)
 
     def candidates(self, query: int, wanted: int, counts: PairCounts) -> list[Candidate]:
-        """Return the most promising finished submaps for a node, and count the tries."""
+        """Return the most promising finished submaps for a node, those first that it was near to, and count the tries."""
         config, node = self._config, self._nodes[query]
         if not len(self._indices):
             return []
         pose = self._poses[node.vertex]
         covariances = self._drift.of(node.submap)[self._indices]
         failures = counts.failures(node.submap, len(self._submap_vertices))[self._indices]
+        held = np.array([counts.edges_of((node.submap, k)) for k in self._indices.tolist()])
         sigmas = _SIGMAS * (1.0 + failures / config.tries_to_double)
         reach = np.minimum(config.window_base + sigmas * _largest_sigma(covariances), config.window_max)
-        is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii
-        is_near = (away < config.max_view_distance + reach) & (self._indices < node.submap - 1)
-        rows = np.flatnonzero(is_near & is_due & (failures < config.tries_per_pair))
-        rows = np.array(
-            [r for r in rows if counts.edges_of((node.submap, int(self._indices[r]))) < config.edges_per_pair], np.int64
-        )
+        is_older = self._indices < node.submap - 1
+        is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
+        is_near = is_older & is_due & (away < config.max_view_distance + reach)
+        is_near &= (failures < config.tries_per_pair) & (held < config.edges_per_pair)
+        sight = _sight(node)
+        low, high = config.partial_window
+        is_seen = is_older & (low < reach) & (reach < high) & (away < sight)
+        is_seen &= (failures < config.partial_tries) & (held == 0)
+        rows = np.flatnonzero(is_near | is_seen)
         if not len(rows):
             return []
         view = self._view_distances(rows, pose)
-        price = np.where(view < config.max_view_distance + reach[rows], view + 0.3 * failures[rows], np.inf)
-        out = []
-        for k in np.argsort(price, kind="stable")[:wanted]:
-            if np.isfinite(price[k]):
-                row = rows[k]
-                counts.count_try((node.submap, int(self._indices[row])))
-                out.append(self._candidate(query, int(row), float(reach[row]), float(sigmas[row]), covariances[row]))
+        was_near = view < config.max_view_distance + reach[rows]
+        is_wanted = np.where(was_near, is_near[rows], is_seen[rows] & (view < sight))
+        order = np.lexsort((view + 0.3 * failures[rows], ~was_near))
+        out: list[Candidate] = []
+        for k in order[is_wanted[order]].tolist():
+            if len(out) == wanted:
+                break
+            row = int(rows[k])
+            candidate = self._candidate(query, row, float(reach[row]), float(sigmas[row]), covariances[row])
+            if not was_near[k]:
+                candidate = replace(candidate, is_partial=True)
+                if self._overlap(candidate) < config.partial_share:
+                    continue
+            counts.count_try((node.submap, candidate.submap))
+            out.append(candidate)
         return out
+
+    def _overlap(self, candidate: Candidate) -> float:
+        """Return the share of a node's points that the submap knows too, where it is believed to be."""
+        node, grid = self._nodes[candidate.node], self._finished[candidate.submap].grid
+        return float(seen_by_both(grid, node.loop_points, node.origin, candidate.submap_from_base).mean())
 
     def _candidate(self, query: int, row: int, reach: float, sigmas: float, covariance: F64) -> Candidate:
         config, submap = self._config, int(self._indices[row])
@@ -180,6 +201,11 @@ class CandidateChooser:
         away = np.hypot(seen[:, 0] - pose[0], seen[:, 1] - pose[1])
         turned = self._config.turn_price * 0.5 * (1.0 - np.cos(seen[:, 2] - pose[2]))
         return np.minimum.reduceat(away + turned, starts)
+
+
+def _sight(node: Node) -> float:
+    """Return how far (m) a node saw, but for its farthest points."""
+    return float(np.percentile(np.hypot(*node.loop_points.T), _SIGHT_PERCENT))
 
 
 def _largest_sigma(covariances: F64) -> F64:
