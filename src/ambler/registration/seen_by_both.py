@@ -12,7 +12,11 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 B = NDArray[np.bool_]
 
-AHEAD = 0.25  # metres in front of a return that a grid must know too: a wall that was seen from behind only is another surface
+AHEAD = 0.4  # metres in front of a return that a grid must know too: a wall that was seen from behind only is another surface
+HERE = np.zeros((1, 2), np.int64)
+AROUND = np.array(
+    [(x, y) for x in (-2, 0, 2) for y in (-2, 0, 2)]
+)  # cells of which one must be known: beams leave gaps
 
 
 def seen_by_both(grid: CellGrid, points: F32, origin: tuple[float, float], grid_from_base: SE2) -> B:
@@ -20,14 +24,16 @@ def seen_by_both(grid: CellGrid, points: F32, origin: tuple[float, float], grid_
     rays = points - np.array(origin)
     away = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), AHEAD)
     before = points - rays * (AHEAD / away)[:, None]
-    return _is_known(grid, grid_from_base.transform(points)) & _is_known(grid, grid_from_base.transform(before))
+    return _is_known(grid, grid_from_base.transform(points), HERE) & _is_known(
+        grid, grid_from_base.transform(before), AROUND
+    )
 
 
-def _is_known(grid: CellGrid, points: F64) -> B:
+def _is_known(grid: CellGrid, points: F64, around: NDArray[np.int64]) -> B:
     resolution, x, y = grid.frame.tolist()
     height, width = grid.cells.shape
-    ix, iy = ((points - (x, y)) / resolution).astype(np.int64).T
-    inside = (points[:, 0] >= x) & (points[:, 1] >= y) & (ix < width) & (iy < height)
-    out = np.zeros(len(points), np.bool_)
-    out[inside] = grid.cells[iy[inside], ix[inside]] != 0
-    return out
+    cells = np.floor((points - (x, y)) / resolution).astype(np.int64)[:, None, :] + around
+    ix, iy = cells[..., 0], cells[..., 1]
+    inside = (ix >= 0) & (iy >= 0) & (ix < width) & (iy < height)
+    known = grid.cells[np.where(inside, iy, 0), np.where(inside, ix, 0)] != 0
+    return np.asarray((known & inside).any(axis=1))
