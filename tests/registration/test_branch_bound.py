@@ -1,6 +1,7 @@
 """Branch and bound finds what brute force finds, with fewer looks; its stack bounds every window from above."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -106,3 +107,24 @@ def test_below_the_asked_score_there_is_no_match() -> None:
     far = Window(0.5, 0.1)
     assert BranchBoundMatcher(room_grid()).match(points, GRID_FROM_ROOM @ SE2(30.0, 0.0, 0.0), far, 0.2) is None
     assert BranchBoundMatcher(room_grid()).match(points, GRID_FROM_ROOM @ SE2(0.2, 0.1, 0.0), far, 0.89) is None
+
+
+@pytest.mark.parametrize("coarseness", [1, 4])
+def test_known_free_ground_draws_a_scan_unless_only_walls_count(coarseness: int) -> None:
+    """A corner of which the grid shows a third, beside a field that was seen to be likely free: more points lie on the field than the corner has."""
+    cells = np.zeros((200, 200), np.uint16)
+    cells[40:60, 100] = cells[40, 100:120] = 29000
+    cells[:, 160:] = 12000
+    grid = SimpleNamespace(cells=cells, frame=np.array([0.05, 0.0, 0.0]))
+    along = np.arange(0.025, 3.0, 0.05)
+    points = np.concatenate([np.c_[np.zeros_like(along), along], np.c_[along, np.zeros_like(along)]]).astype(np.float32)
+    window, truth = Window(2.0, 0.02), SE2(5.025, 2.025, 0.0)
+    found = {
+        only_walls: BranchBoundMatcher(grid, 5, coarseness, only_walls=only_walls).match(
+            points, SE2(6.6, 2.6, 0.0), window, 0.11
+        )
+        for only_walls in (True, False)
+    }
+    assert all(found.values())
+    assert found[True].grid_from_base.distance_to(truth) < 0.05 * coarseness + 0.08
+    assert found[False].grid_from_base.distance_to(truth) > 0.5

@@ -46,4 +46,6 @@ def test_beyond_the_grid_nothing_is_known() -> None:
     active = ActiveSubmaps(InsertionConfig(), 1)
     active.insert(scan_at(SE2(-4.0, 0.0, 0.0), walls=WALLS, range_max=30.0), SE2(-4.0, 0.0, 0.0))
     points = np.array([[500.0, 0.0], [-500.0, 3.0], [0.0, 1e6]], np.float32)
-    assert not seen_by_both(active.submaps[0].grid, points, (0.0, 0.0), SE2()).any()
+    grid = active.submaps[0].grid
+    grid.cells[[0, -1], :] = grid.cells[:, [0, -1]] = 1
+    assert not seen_by_both(grid, points, (0.0, 0.0), SE2()).any()

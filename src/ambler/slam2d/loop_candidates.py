@@ -148,24 +148,23 @@ class CandidateChooser:
         pose = self._poses[node.vertex]
         covariances = self._drift.of(node.submap)[self._indices]
         failures = counts.failures(node.submap, len(self._submap_vertices))[self._indices]
-        held = np.array([counts.edges_of((node.submap, k)) for k in self._indices.tolist()])
         sigmas = _SIGMAS * (1.0 + failures / config.tries_to_double)
         reach = np.minimum(config.window_base + sigmas * _largest_sigma(covariances), config.window_max)
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii
         is_older = self._indices < node.submap - 1
         is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
-        is_near = is_older & is_due & (away < config.max_view_distance + reach)
-        is_near &= (failures < config.tries_per_pair) & (held < config.edges_per_pair)
-        sight = _sight(node)
+        is_near = is_older & is_due & (away < config.max_view_distance + reach) & (failures < config.tries_per_pair)
         low, high = config.partial_window
-        is_seen = is_older & (low < reach) & (reach < high) & (away < sight)
-        is_seen &= (failures < config.partial_tries) & (held == 0)
-        rows = np.flatnonzero(is_near | is_seen)
+        is_seen = is_older & (low < reach) & (reach < high) & (failures < config.partial_tries)
+        sight = _sight(node) if is_seen.any() else 0.0
+        rows = np.flatnonzero(is_near | (is_seen & (away < sight)))
+        held = np.array([counts.edges_of((node.submap, k)) for k in self._indices[rows].tolist()], np.int64)
         if not len(rows):
             return []
         view = self._view_distances(rows, pose)
         was_near = view < config.max_view_distance + reach[rows]
-        is_wanted = np.where(was_near, is_near[rows], is_seen[rows] & (view < sight))
+        may_be_seen = is_seen[rows] & (held == 0) & (view < sight)
+        is_wanted = np.where(was_near, is_near[rows] & (held < config.edges_per_pair), may_be_seen)
         order = np.lexsort((view + 0.3 * failures[rows], ~was_near))
         out: list[Candidate] = []
         for k in order[is_wanted[order]].tolist():
