@@ -22,7 +22,7 @@ I64 = NDArray[np.int64]
 Pair = tuple[int, int]
 
 _SIGMAS = 3.0
-_SIGHT_PERCENT = 80.0
+_SIGHT = 0.8  # share of the points of a node that are nearer than it is said to see
 _VIEW_STRIDE = 4  # every how many nodes of a submap its views are judged
 
 
@@ -204,7 +204,8 @@ class CandidateChooser:
 
 def _sight(node: Node) -> float:
     """Return how far (m) a node saw, but for its farthest points."""
-    return float(np.percentile(np.hypot(*node.loop_points.T), _SIGHT_PERCENT))
+    away = np.sort(np.hypot(*node.loop_points.T))
+    return float(away[int(_SIGHT * (len(away) - 1))])
 
 
 def _largest_sigma(covariances: F64) -> F64:
