@@ -36,7 +36,7 @@ def test_the_kernel_equals_the_twin_over_the_whole_window() -> None:
         center = rng.uniform(-0.1, 0.1, 3)
         weights = rng.uniform(0.0, 1.0, 2)
         half, half_angles, step = 3, 2, 0.11
-        best, sums = np.empty(4), np.empty((7, 7), np.int64)
+        best, sums = np.empty(4), np.empty((7, 7), np.int32)
         correlation.correlate(
             cells, frame, points, center, np.array([half, half_angles, step]), weights, UNKNOWN, sums, best
         )

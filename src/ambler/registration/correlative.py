@@ -54,7 +54,7 @@ def correlate(
     half = math.ceil(window.linear / resolution)
     search = np.array([half, math.ceil(window.angular / step), step])
     best = np.empty(4)
-    sums = np.empty((2 * half + 1, 2 * half + 1), np.int64)
+    sums = np.empty((2 * half + 1, 2 * half + 1), np.int32)
     weights = np.array([translation_weight, rotation_weight])
     correlation.correlate(grid.cells, grid.frame, points, center.as_array(), search, weights, unknown, sums, best)
     return CorrelationResult(SE2.from_array(best[:3]), float(best[3]))

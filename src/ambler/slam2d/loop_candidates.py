@@ -111,7 +111,8 @@ class CandidateChooser:
         self._submap_vertices = submap_vertices
         self._indices = np.array(sorted(finished), np.int64)
         views = [poses[[nodes[n].vertex for n in finished[k].nodes[::_VIEW_STRIDE]]] for k in sorted(finished)]
-        self._views = views
+        self._views = np.concatenate(views) if views else np.zeros((0, 3))
+        self._begins = np.cumsum([0, *(len(v) for v in views[:-1])])
         self._centers = np.array([v[:, :2].mean(axis=0) for v in views]).reshape(-1, 2)
         self._radii = np.array(
             [np.hypot(*(v[:, :2] - c).T).max(initial=0.0) for v, c in zip(views, self._centers, strict=True)]
@@ -131,7 +132,7 @@ class CandidateChooser:
         if not len(rows):
             return None
         map_from_base = moved @ SE2.from_array(self._poses[node.vertex])
-        views = self._view_distances(rows, map_from_base.as_array())
+        views = self._view_distances(map_from_base.as_array())[rows]
         if views.min() > config.max_view_distance:
             return None
         submap = int(self._indices[rows[np.argmin(views)]])
@@ -161,7 +162,7 @@ class CandidateChooser:
         held = np.array([counts.edges_of((node.submap, k)) for k in self._indices[rows].tolist()], np.int64)
         if not len(rows):
             return []
-        view = self._view_distances(rows, pose)
+        view = self._view_distances(pose)[rows]
         was_near = view < config.max_view_distance + reach[rows]
         may_be_seen = is_seen[rows] & (held == 0) & (view < sight)
         is_wanted = np.where(was_near, is_near[rows] & (held < config.edges_per_pair), may_be_seen)
@@ -192,14 +193,11 @@ class CandidateChooser:
         map_from_base = SE2.from_array(self._poses[self._nodes[query].vertex])
         return Candidate(query, submap, map_from_submap.inverse() @ map_from_base, Window(reach, turn), covariance)
 
-    def _view_distances(self, rows: I64, pose: F64) -> F64:
-        """Return how far a pose is from the nearest one that filled each submap; half a turn counts like some metres."""
-        views = [self._views[r] for r in rows]
-        seen = np.concatenate(views)
-        starts = np.cumsum([0, *(len(v) for v in views[:-1])])
-        away = np.hypot(seen[:, 0] - pose[0], seen[:, 1] - pose[1])
-        turned = self._config.turn_price * 0.5 * (1.0 - np.cos(seen[:, 2] - pose[2]))
-        return np.minimum.reduceat(away + turned, starts)
+    def _view_distances(self, pose: F64) -> F64:
+        """Return how far a pose is from the nearest one that filled each finished submap (K,); half a turn counts like some metres."""
+        away = np.hypot(self._views[:, 0] - pose[0], self._views[:, 1] - pose[1])
+        turned = self._config.turn_price * 0.5 * (1.0 - np.cos(self._views[:, 2] - pose[2]))
+        return np.minimum.reduceat(away + turned, self._begins)
 
 
 def _sight(node: Node) -> float:
