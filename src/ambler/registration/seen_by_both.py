@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
+from ambler.kernels.submap import EVEN
 from ambler.registration.cell_grid import CellGrid
 
 F32 = NDArray[np.float32]
@@ -27,6 +28,14 @@ def seen_by_both(grid: CellGrid, points: F32, origin: tuple[float, float], grid_
     return _is_known(grid, grid_from_base.transform(points), HERE) & _is_known(
         grid, grid_from_base.transform(before), AROUND
     )
+
+
+def contradiction(grid: CellGrid, points: F32, origin: tuple[float, float], grid_from_base: SE2) -> float:
+    """Return the share of a scan's points that lie where the grid looked from the same side and saw nothing stand; of a new view it knows nothing."""
+    is_seen = seen_by_both(grid, points, origin, grid_from_base)
+    resolution, x, y = grid.frame.tolist()
+    ix, iy = np.floor((grid_from_base.transform(points[is_seen]) - (x, y)) / resolution).astype(np.int64).T
+    return float(np.count_nonzero(grid.cells[iy, ix] <= EVEN)) / max(len(points), 1)
 
 
 def _is_known(grid: CellGrid, points: F64, around: NDArray[np.int64]) -> B:

@@ -19,7 +19,8 @@ class FrontEndConfig:
 
     A match of which less than `doubted_below` of the usual share of points lies on walls is doubted: up to the whole of the largest window where none does.
 
-    A match whose score is below `lost_score_ratio` of the usual one is sought in `lost_window` (m, rad) too, on cells `lost_coarseness` times as wide first.
+    A match whose score is below `lost_score_ratio` of the usual one is sought in `lost_window` (m, rad) too, on cells `lost_coarseness` times as wide first. But where
+    odometry is trusted and less than `lost_contradiction` of the points lie where the submap saw nothing, the view is new, and odometry is not left.
     """
 
     voxel_size: float = 0.025
@@ -38,6 +39,7 @@ class FrontEndConfig:
     rescue_margin: float = 0.05
     doubted_below: float = 0.5
     lost_score_ratio: float = 0.7
+    lost_contradiction: float = 0.15
     lost_window: tuple[float, float] = (2.0, math.radians(45.0))
     lost_coarseness: int = 4
     refine: RefineConfig = field(default_factory=lambda: RefineConfig(unknown=0.3))

@@ -14,6 +14,7 @@ from ambler.registration.correlative import Window, correlate
 from ambler.registration.gauss_newton import MatchResult, RefineConfig, refine, translational
 from ambler.registration.line_field import LineFit
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively, points_between_returns
+from ambler.registration.seen_by_both import contradiction
 from ambler.slam2d.config import FrontEndConfig
 from ambler.slam2d.extrapolator import SAME_INSTANT_NS, Prediction
 from ambler.slam2d.submaps import ActiveSubmaps, Submap
@@ -82,7 +83,7 @@ class FrontEnd:
         points = filter_voxels_adaptively(scan.points, *sizes, picks_middle=config.picks_middle)
         pose, match = prediction.local_from_base, None
         if target is not None and len(points) >= POINTS_LEAST:
-            match = self._match(target, points, prediction)
+            match = self._match(target, points, scan.origin, prediction)
             matched = target.local_from_submap @ match.grid_from_base
             self._stands_at_start &= self._scans_at_start < START_SCANS and self._is_still(prediction, matched)
             if self._stands_at_start and self._inserted is not None:
@@ -104,7 +105,7 @@ class FrontEnd:
         doubt = (0.0, 0.0) if target is None else self._doubt(match)
         return LocalResult(pose, match, scan, points, submaps, finished, doubt)
 
-    def _match(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult:
+    def _match(self, target: Submap, points: F32, origin: tuple[float, float], prediction: Prediction) -> MatchResult:
         """Correlate about the prediction and refine; doubt odometry and bad matches."""
         is_trusted = self._trusts(prediction)
         window = self._window(prediction.motion, is_trusted)
@@ -114,7 +115,7 @@ class FrontEnd:
         if prediction.is_measured and (not is_trusted or self._matches < FIRST_MATCHES):
             match = self._steady_match(target, points, prediction, window, match)
         if match.score < self._usual_score - self._config.rescue_score_drop:
-            match = self._rescued_match(target, points, prediction, match)
+            match = self._rescued_match(target, points, origin, prediction, match)
         rate = USUAL_RATE if self._matches else 1.0
         self._matches += 1
         self._usual_score += rate * (match.score - self._usual_score)
@@ -162,22 +163,34 @@ class FrontEnd:
         other = _match_near(target, points, steady, window, self._config.blind_refine)
         return other if other.score > match.score + self._config.rescue_margin else match
 
-    def _rescued_match(self, target: Submap, points: F32, prediction: Prediction, match: MatchResult) -> MatchResult:
+    def _rescued_match(
+        self,
+        target: Submap,
+        points: F32,
+        origin: tuple[float, float],
+        prediction: Prediction,
+        match: MatchResult,
+    ) -> MatchResult:
         """The match is unusually bad. Either the prediction was wrong, then the right place, searched in a wide window, fits as well as
-        usual; or the view is new, then nothing does, and the match stands."""
+        usual; or the view is new, then nothing does, and the match stands. Where trusted odometry leads into a new view, of which the submap knows too little to contradict it, what
+        looks alike elsewhere is not asked."""
         config = self._config
         wide = Window(config.window_linear_max, config.window_angular_max)
         usual = self._usual_score - config.rescue_score_drop
-        for pose in (prediction.local_from_base, prediction.steady_pose):
+        against = contradiction(target.grid, points, origin, match.grid_from_base)
+        is_new_view = self._trusts(prediction) and against < config.lost_contradiction
+        for pose in (
+            (prediction.local_from_base,) if is_new_view else (prediction.local_from_base, prediction.steady_pose)
+        ):
             start = correlate(
                 target.grid, points, target.to_submap(pose), wide, unknown=config.blind_refine.unknown
             ).grid_from_base
             rescued = refine(target.grid, points, start, start, config.blind_refine)
             if rescued.score > max(usual, match.score + config.rescue_margin):
                 match = rescued
-        if match.score < config.lost_score_ratio * self._usual_score:
-            return self._found_again(target, points, prediction) or match
-        return match
+        if is_new_view or match.score >= config.lost_score_ratio * self._usual_score:
+            return match
+        return self._found_again(target, points, prediction) or match
 
     def _found_again(self, target: Submap, points: F32, prediction: Prediction) -> MatchResult | None:
         """Hardly anything of the scan is where odometry led: wheels slip and are lifted, and tell more or less way than any gain allows. Search as far as a base
