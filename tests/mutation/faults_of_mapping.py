@@ -196,6 +196,20 @@ MAPPING = (
         ("tests/registration/test_branch_bound.py",),
     ),
     PlantedFault(
+        "a new view is sought where odometry does not lead",
+        "slam2d/front_end.py",
+        "is_new_view = self._trusts(prediction) and against < config.lost_contradiction",
+        "is_new_view = False",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
+        "nothing contradicts a scan",
+        "registration/seen_by_both.py",
+        "np.count_nonzero(grid.cells[iy, ix] <= EVEN)",
+        "0",
+        ("tests/registration/test_seen_by_both.py",),
+    ),
+    PlantedFault(
         "two sides of a wall are one surface",
         "registration/seen_by_both.py",
         "before = points - rays * (AHEAD / away)[:, None]",

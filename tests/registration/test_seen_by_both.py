@@ -8,7 +8,7 @@ import numpy as np
 
 from ambler.core.se2 import SE2
 from ambler.grids.probability_grid import InsertionConfig
-from ambler.registration.seen_by_both import seen_by_both
+from ambler.registration.seen_by_both import contradiction, seen_by_both
 from ambler.slam2d.submaps import ActiveSubmaps
 from tests.registration.room import loop_of, scan_at
 
@@ -49,3 +49,16 @@ def test_beyond_the_grid_nothing_is_known() -> None:
     grid = active.submaps[0].grid
     grid.cells[[0, -1], :] = grid.cells[:, [0, -1]] = 1
     assert not seen_by_both(grid, points, (0.0, 0.0), SE2()).any()
+
+
+def test_what_stands_where_nothing_stood_contradicts_and_a_new_view_does_not() -> None:
+    active = ActiveSubmaps(InsertionConfig(), 1)
+    view = SE2(-4.0, 0.0, 0.0)
+    for _ in range(3):
+        active.insert(scan_at(view, walls=WALLS, range_max=30.0), view)
+    grid, local = active.submaps[0].grid, active.submaps[0].local_from_submap.inverse()
+    scan = scan_at(view, walls=WALLS, range_max=30.0)
+    assert contradiction(grid, scan.points, scan.origin, local @ view) < 0.1
+    assert contradiction(grid, 0.6 * scan.points, scan.origin, local @ view) > 0.5
+    beside = scan_at(SE2(4.0, 0.0, 0.0), walls=WALLS, range_max=30.0)
+    assert contradiction(grid, beside.points, beside.origin, local @ SE2(4.0, 0.0, 0.0)) < 0.02

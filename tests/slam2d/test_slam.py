@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ambler.apps.config import SHARP
-from ambler.core.se2 import SE2
+from ambler.core.se2 import SE2, wrap_angle
 from ambler.registration.planar_scan import PlanarScan
 from ambler.slam2d.back_end import JobResult
 from ambler.slam2d.config import FrontEndConfig, Slam2dConfig
@@ -266,3 +266,24 @@ def test_the_map_shows_the_walls_within_one_cell() -> None:
     again = slam.render_map()
     assert again[0] == spec
     assert np.array_equal(again[1], occupancy)
+
+
+def test_trusted_odometry_that_leads_into_a_new_view_is_not_left_for_what_looks_alike() -> None:
+    """A square room that looks the same four ways, of which the robot sees a quarter at a time: after a turn in place nothing of the scan is known, and where the robot
+    looked before it would fit perfectly."""
+    walls = np.array([*loop_of((-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0))])
+    for yaw in (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi):
+        corners = SE2(0.0, 0.0, yaw).transform(np.array([[3.2, -0.4], [3.2, 0.4]]))
+        walls = np.concatenate([walls, corners.reshape(1, 4)])
+    ahead = [SE2(-0.45 + 0.03 * k, 0.0, 0.0) for k in range(16)]
+    turned = SE2(0.0, 0.0, 0.5 * math.pi)
+    slam = Slam2d(Slam2dConfig())
+    for k, pose in enumerate([*ahead, turned]):
+        stamp_ns = (k + 1) * 1_000_000_000
+        scan = scan_at(pose, stamp_ns, walls)
+        is_ahead = np.abs(np.arctan2(scan.points[:, 1], scan.points[:, 0])) < math.radians(42.0)
+        slam.add_odometry(stamp_ns, pose)
+        result = slam.update(replace(scan, points=scan.points[is_ahead]))
+    moved = ahead[0].inverse() @ turned
+    assert abs(wrap_angle(result.local_from_base.yaw - moved.yaw)) < 0.2
+    assert result.local_from_base.distance_to(moved) < 0.2
