@@ -245,7 +245,7 @@ def warm_up() -> None:
     pose = np.full(3, 2.0)
     correlate(
         *(cells, frame, points, pose, np.array([1.0, 1.0, 0.1]), np.ones(2), P_LOW),
-        *(np.zeros((3, 3), np.int64), np.zeros(4)),
+        *(np.zeros((3, 3), np.int32), np.zeros(4)),
     )
     surface(cells, 2.0, 2.0, P_LOW, np.zeros(4), np.zeros(4), np.zeros(3))
     h, g = np.zeros((3, 3)), np.zeros(3)
