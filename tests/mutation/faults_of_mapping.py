@@ -203,6 +203,13 @@ MAPPING = (
         ("tests/slam2d/test_slam.py",),
     ),
     PlantedFault(
+        "trusted odometry is not left, whatever contradicts it",
+        "slam2d/front_end.py",
+        "is_new_view = self._trusts(prediction) and against < config.lost_contradiction",
+        "is_new_view = self._trusts(prediction)",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
         "nothing contradicts a scan",
         "registration/seen_by_both.py",
         "np.count_nonzero(grid.cells[iy, ix] <= EVEN)",

@@ -179,9 +179,8 @@ class FrontEnd:
         usual = self._usual_score - config.rescue_score_drop
         against = contradiction(target.grid, points, origin, match.grid_from_base)
         is_new_view = self._trusts(prediction) and against < config.lost_contradiction
-        for pose in (
-            (prediction.local_from_base,) if is_new_view else (prediction.local_from_base, prediction.steady_pose)
-        ):
+        led_to = (prediction.local_from_base, prediction.steady_pose)
+        for pose in led_to[:1] if is_new_view else led_to:
             start = correlate(
                 target.grid, points, target.to_submap(pose), wide, unknown=config.blind_refine.unknown
             ).grid_from_base

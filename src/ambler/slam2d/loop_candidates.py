@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,17 @@ class PairCounts:
         return tuple((k, i) for i, row in self.edges.items() for k, n in row.items() if n > 0 and i != k)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Doubt:
+    """Where a node may be in the frame of each finished submap (K): covariances (K, 3, 3) of the drift, how often it was sought in vain, by how many standard deviations
+    a window is wide therefore, and how far that is (m)."""
+
+    covariances: F64
+    failures: I64
+    sigmas: F64
+    reach: F64
+
+
 class CandidateChooser:
     """Chooses on one snapshot: nodes, the finished submaps, their vertices and the poses (V, 3) of all vertices."""
 
@@ -143,14 +154,32 @@ class CandidateChooser:
 
     def candidates(self, query: int, wanted: int, counts: PairCounts) -> list[Candidate]:
         """Return the most promising finished submaps for a node, those first that it was near to, and count the tries."""
-        config, node = self._config, self._nodes[query]
+        out: list[Candidate] = []
         if not len(self._indices):
-            return []
-        pose = self._poses[node.vertex]
+            return out
+        node = self._nodes[query]
+        doubt = self._doubt(node, counts)
+        for row, is_partial in self._promising(node, doubt, counts):
+            if len(out) == wanted:
+                break
+            candidate = self._candidate(query, row, doubt, is_partial=is_partial)
+            if not is_partial or self._overlap(candidate) >= self._config.partial_share:
+                counts.count_try((node.submap, candidate.submap))
+                out.append(candidate)
+        return out
+
+    def _doubt(self, node: Node, counts: PairCounts) -> _Doubt:
+        config = self._config
         covariances = self._drift.of(node.submap)[self._indices]
         failures = counts.failures(node.submap, len(self._submap_vertices))[self._indices]
         sigmas = _SIGMAS * (1.0 + failures / config.tries_to_double)
         reach = np.minimum(config.window_base + sigmas * _largest_sigma(covariances), config.window_max)
+        return _Doubt(covariances, failures, sigmas, reach)
+
+    def _promising(self, node: Node, doubt: _Doubt, counts: PairCounts) -> list[tuple[int, bool]]:
+        """Return the rows of the submaps that a node may see, the best first, and of each whether it sees it only from afar."""
+        config, pose = self._config, self._poses[node.vertex]
+        reach, failures = doubt.reach, doubt.failures
         away = np.hypot(*(self._centers - pose[:2]).T) - self._radii
         is_older = self._indices < node.submap - 1
         is_due = int(node.way) % np.maximum(1, (reach / config.wide_window).astype(np.int64)) == 0
@@ -159,39 +188,29 @@ class CandidateChooser:
         is_seen = is_older & (low < reach) & (reach < high) & (failures < config.partial_tries)
         sight = _sight(node) if is_seen.any() else 0.0
         rows = np.flatnonzero(is_near | (is_seen & (away < sight)))
-        held = np.array([counts.edges_of((node.submap, k)) for k in self._indices[rows].tolist()], np.int64)
         if not len(rows):
             return []
+        held = np.array([counts.edges_of((node.submap, k)) for k in self._indices[rows].tolist()], np.int64)
         view = self._view_distances(pose)[rows]
         was_near = view < config.max_view_distance + reach[rows]
         may_be_seen = is_seen[rows] & (held == 0) & (view < sight)
         is_wanted = np.where(was_near, is_near[rows] & (held < config.edges_per_pair), may_be_seen)
         order = np.lexsort((view + 0.3 * failures[rows], ~was_near))
-        out: list[Candidate] = []
-        for k in order[is_wanted[order]].tolist():
-            if len(out) == wanted:
-                break
-            row = int(rows[k])
-            candidate = self._candidate(query, row, float(reach[row]), float(sigmas[row]), covariances[row])
-            if not was_near[k]:
-                candidate = replace(candidate, is_partial=True)
-                if self._overlap(candidate) < config.partial_share:
-                    continue
-            counts.count_try((node.submap, candidate.submap))
-            out.append(candidate)
-        return out
+        order = order[is_wanted[order]]
+        return list(zip(rows[order].tolist(), (~was_near[order]).tolist(), strict=True))
 
     def _overlap(self, candidate: Candidate) -> float:
         """Return the share of a node's points that the submap knows too, where it is believed to be."""
         node, grid = self._nodes[candidate.node], self._finished[candidate.submap].grid
         return float(seen_by_both(grid, node.loop_points, node.origin, candidate.submap_from_base).mean())
 
-    def _candidate(self, query: int, row: int, reach: float, sigmas: float, covariance: F64) -> Candidate:
-        config, submap = self._config, int(self._indices[row])
-        turn = min(config.angle_base + sigmas * math.sqrt(max(0.0, covariance[2, 2])), config.angle_max)
+    def _candidate(self, query: int, row: int, doubt: _Doubt, *, is_partial: bool) -> Candidate:
+        config, submap, covariance = self._config, int(self._indices[row]), doubt.covariances[row]
+        turn = config.angle_base + float(doubt.sigmas[row]) * math.sqrt(max(0.0, covariance[2, 2]))
         map_from_submap = SE2.from_array(self._poses[self._submap_vertices[submap]])
         map_from_base = SE2.from_array(self._poses[self._nodes[query].vertex])
-        return Candidate(query, submap, map_from_submap.inverse() @ map_from_base, Window(reach, turn), covariance)
+        window = Window(float(doubt.reach[row]), min(turn, config.angle_max))
+        return Candidate(query, submap, map_from_submap.inverse() @ map_from_base, window, covariance, is_partial)
 
     def _view_distances(self, pose: F64) -> F64:
         """Return how far a pose is from the nearest one that filled each finished submap (K,); half a turn counts like some metres."""
