@@ -204,6 +204,25 @@ def test_a_kitti_drive_has_its_inertial_measurements_its_mount_and_its_sweeps(tm
         np.testing.assert_allclose(scan.cloud.points[1:3], [[0.0, 5.0, 0.0], [5.0, 0.0, 0.0]], atol=1e-5)
 
 
+def test_a_kitti_drive_that_is_not_synchronized_has_its_points_as_text(tmp_path: Path) -> None:
+    drive = kitti_drive(tmp_path / "drive_0001", 100.0)
+    expected = [s.cloud for s in open_cloud_folder(drive).scans()]
+    for file in (drive / "velodyne_points" / "data").iterdir():
+        np.savetxt(file.with_suffix(".txt"), np.fromfile(file, "<f4").reshape(-1, 4), "%.6f")
+        file.unlink()
+    for cloud, as_text in zip(expected, open_cloud_folder(drive).scans(), strict=True):
+        np.testing.assert_allclose(as_text.cloud.points, cloud.points, atol=1e-5)
+        np.testing.assert_allclose(as_text.cloud.intensity, cloud.intensity, atol=1e-5)
+        np.testing.assert_allclose(as_text.cloud.time, cloud.time, atol=1e-6)
+        assert as_text.cloud.stamp_ns == cloud.stamp_ns
+
+
+def test_text_beside_clouds_is_no_cloud(tmp_path: Path) -> None:
+    folder_of(tmp_path, ["000000.pcd"], [0.0])
+    (tmp_path / "000000.txt").write_text("1 2 3 4\n")
+    assert [f.name for f in open_cloud_folder(tmp_path).files] == ["000000.pcd"]
+
+
 def test_a_synchronized_kitti_drive_is_one_without_inertial_measurements(tmp_path: Path) -> None:
     recording = open_cloud_folder(kitti_drive(tmp_path / "drive_0001", 10.0))
     assert recording.imu_topic is None

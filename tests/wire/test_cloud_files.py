@@ -74,10 +74,10 @@ def test_a_file_that_is_cut_off_is_named(tmp_path: Path, name: str, keep: int) -
 def test_what_is_no_cloud_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"x" * 17)
     (tmp_path / "a.pcd.gz").write_bytes(b"no gzip at all")
-    (tmp_path / "a.txt").write_text("1 2 3")
+    (tmp_path / "a.xyz").write_text("1 2 3")
     head = "FIELDS u v w\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n"
     (tmp_path / "b.pcd").write_text(head)
-    for name, text in {"a.bin": "no multiple", "a.pcd.gz": "gzip", "a.txt": "only", "b.pcd": "no column x", "c.ply": "No such"}.items():  # fmt: skip
+    for name, text in {"a.bin": "no multiple", "a.pcd.gz": "gzip", "a.xyz": "only", "b.pcd": "no column x", "c.ply": "No such"}.items():  # fmt: skip
         with pytest.raises(BadInputError, match=text):
             read_cloud(tmp_path / name)
 
@@ -115,3 +115,20 @@ def test_a_bin_may_tell_rings_and_times_behind_the_reflectance(columns: int, tmp
 def test_a_bin_of_whole_numbers_stays_one_of_four_columns(tmp_path: Path) -> None:
     np.ones((30, 4), "<f4").tofile(tmp_path / "a.bin")
     assert len(read_cloud(tmp_path / "a.bin")) == 30
+
+
+def test_a_line_of_text_is_a_point(tmp_path: Path) -> None:
+    (tmp_path / "1.txt").write_text("1.5 2 -3 0.25\n4 5 6 0\n")
+    table = read_cloud(tmp_path / "1.txt")
+    assert [tuple(row) for row in table.tolist()] == [(1.5, 2.0, -3.0, 0.25), (4.0, 5.0, 6.0, 0.0)]
+    (tmp_path / "2.txt").write_text("")
+    assert len(read_cloud(tmp_path / "2.txt")) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "why"), [("1 2 3\n", "3 numbers in a line"), ("1 2 3 4\n1 2\n", "columns"), ("a b c d", "convert")]
+)
+def test_text_that_is_no_cloud_is_named(text: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "1.txt").write_text(text)
+    with pytest.raises(BadInputError, match=why):
+        read_cloud(tmp_path / "1.txt")

@@ -22,7 +22,7 @@ from ambler.core.se3 import SE3
 from ambler.recordings.cloud_scan import CloudScan, returns_in_order
 from ambler.recordings.kitti_drive import read_mount, read_oxts, read_sweeps, times_in_sweep
 from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times
-from ambler.wire.cloud_files import kind_of, read_cloud
+from ambler.wire.cloud_files import is_text, kind_of, read_cloud
 
 F64 = NDArray[np.float64]
 TIMES = ("times.txt", "timestamps.txt", "times.csv")
@@ -85,10 +85,10 @@ def open_cloud_folder(path: Path, lidar_from_imu: SE3 | None = None) -> CloudFol
     """Look into a folder; raises BadInputError that names what is missing."""
     if not path.is_dir():
         raise BadInputError(f"{path}: no such folder")
-    folder = next((f for f in (path / "velodyne_points" / "data", path / "velodyne", path) if _clouds_of(f)), None)
-    if folder is None:
+    folders = (path / "velodyne_points" / "data", path / "velodyne", path)
+    folder, files = next(((f, files) for f in folders if (files := _clouds_of(f))), (path, []))
+    if not files:
         raise BadInputError(f"{path}: neither a bag nor clouds (.pcd, .ply, .bin, also .gz) are in this folder")
-    files = _clouds_of(folder)
     stamps, origin = _stamps(path, folder, files)
     sweeps = read_sweeps(folder.parent, _listed)
     if sweeps is not None and len(sweeps) == len(files):
@@ -112,9 +112,13 @@ def open_cloud_folder(path: Path, lidar_from_imu: SE3 | None = None) -> CloudFol
 
 
 def _clouds_of(folder: Path) -> list[Path]:
+    """Return the clouds in a folder, in their order; in that of a raw drive of KITTI's, which holds nothing else, text too."""
     if not folder.is_dir():
         return []
-    return sorted((f for f in folder.iterdir() if kind_of(f) is not None), key=_natural)
+    there = sorted(folder.iterdir(), key=_natural)
+    clouds = [f for f in there if kind_of(f) is not None]
+    is_drive = folder.parts[-2:] == ("velodyne_points", "data")
+    return clouds if clouds or not is_drive else [f for f in there if is_text(f)]
 
 
 def _natural(path: Path) -> tuple[object, ...]:

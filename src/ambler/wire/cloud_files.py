@@ -1,4 +1,5 @@
-"""Clouds of points in files: PCD (text, binary, compressed), PLY and BIN as KITTI, nuScenes and Boreas have it; read (also gzipped) and, as PCD or PLY, written.
+"""Clouds of points in files: PCD (text, binary, compressed), PLY, BIN as KITTI, nuScenes and Boreas have it, and TXT as KITTI's raw drives; read (also gzipped) and, as
+PCD or PLY, written.
 
 A cloud is a table whose columns have the drivers' names (`wire.cloud_columns`): x, y, z and what else there is.
 """
@@ -23,6 +24,7 @@ Table = NDArray[np.void]
 CLOUD_SUFFIX = ".cloud.pcd"
 """Of a cloud beside the map that was made with it."""
 KINDS = (".pcd", ".ply", ".bin")
+TEXT = ".txt"  # a point a line; times and measurements are lines of numbers, too, so that only who knows what is in them may take them for clouds
 _PCD_KINDS = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (letter, size): f"<{letter.lower()}{size}" for letter in "IU" for size in (1, 2, 4, 8)
 }
@@ -36,16 +38,21 @@ def kind_of(path: Path) -> str | None:
     return next((kind for kind in KINDS if name.endswith(kind)), None)
 
 
+def is_text(path: Path) -> bool:
+    """Say whether a file is a table of numbers by its name, with or without `.gz`."""
+    return path.name.lower().removesuffix(".gz").endswith(TEXT)
+
+
 def read_cloud(path: Path) -> Table:
     """Return the points of a file as a table with at least x, y and z; raises BadInputError that names the file and what is wrong."""
-    kind = kind_of(path)
+    kind = TEXT if is_text(path) else kind_of(path)
     if kind is None:
-        raise BadInputError(f"{path}: clouds are read from .pcd, .ply and .bin files only (also .gz)")
+        raise BadInputError(f"{path}: clouds are read from .pcd, .ply, .bin and .txt files only (also .gz)")
     try:
         data = path.read_bytes()
         if path.suffix.lower() == ".gz":
             data = gzip.decompress(data)
-        table = {".pcd": _read_pcd, ".ply": _read_ply, ".bin": _read_bin}[kind](data)
+        table = {".pcd": _read_pcd, ".ply": _read_ply, ".bin": _read_bin, TEXT: _read_text}[kind](data)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise BadInputError(f"{path}: is no gzip file, or cut off: {error}") from error
     except OSError as error:
@@ -89,6 +96,17 @@ def _read_bin(data: bytes) -> Table:
     if len(data) % layout.itemsize:
         raise ValueError(f"{len(data)} bytes are no multiple of {layout.itemsize} (x, y, z, intensity as float32)")
     return np.frombuffer(data, layout)
+
+
+def _read_text(data: bytes) -> Table:
+    """KITTI's layout of raw drives that are not synchronized: x, y, z and reflectance in a line."""
+    layout = np.dtype(_BIN[:4])
+    if not data.strip():
+        return np.zeros(0, layout)
+    values = np.loadtxt(io.BytesIO(data), np.float32, ndmin=2)
+    if values.shape[1] != 4:
+        raise ValueError(f"{values.shape[1]} numbers in a line, not x, y, z and intensity")
+    return np.ascontiguousarray(values).view(layout)[:, 0]
 
 
 def _read_pcd(data: bytes) -> Table:
