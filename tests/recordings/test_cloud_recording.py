@@ -247,6 +247,18 @@ def test_each_cloud_comes_with_all_measurements_up_to_its_end_and_one_more(
 KINDS = ("cloud", "imu", "odometry")
 
 
+@pytest.mark.parametrize(("begin_ns", "left_out"), [(START_NS, 2), (0, 0)])
+def test_messages_before_a_driver_has_a_clock_are_left_out(begin_ns: int, left_out: int) -> None:
+    """They bear a stamp of zero; where time begins there, the first of them is one like all."""
+    joiner, scans = ScanJoiner(waits_for_imu=False, waits_for_odometry=False), list[CloudScan]()
+    for k, stamp_ns in enumerate([0, *([0] if left_out else []), *(begin_ns + (j + 1) * SWEEP_NS for j in range(8))]):
+        joiner.add(cloud_at(stamp_ns, 1.0 + k))
+        scans += joiner.ready()
+    scans += joiner.rest()
+    assert [scan.cloud.points[0, 0] for scan in scans] == list(range(1 + left_out, 11 if left_out else 10))
+    assert sum(scan.left_out for scan in scans) == left_out
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows(kind: str) -> None:
     """Nor does a gap leave anything out; what is left out is counted with the next cloud."""

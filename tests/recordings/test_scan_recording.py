@@ -283,6 +283,26 @@ def test_scans_of_one_stamp_take_the_time_of_their_recording(stamp_ns: int, tmp_
     assert median_error(recording) < 0.02
 
 
+def test_messages_before_a_driver_has_a_clock_are_left_out(tmp_path: Path) -> None:
+    """They bear a stamp of zero, and 50 years do not lie between them and the next."""
+    late_ns = 1_700_000_000 * 10**9
+
+    def at(x: Any, ns: int) -> Any:
+        return replace(x, stamp_ns=ns) if hasattr(x, "stamp_ns") else x
+
+    recorded: Recorded = [
+        (topic, at(x, 0 if ns < 1_250_000_000 else x.stamp_ns + late_ns), ns + late_ns) for topic, x, ns in drive()
+    ]
+    assert len(recorded) > len([r for r in recorded if r[1].stamp_ns != 0]) > 0
+    recording = open_recording(write_ros2(tmp_path / "bag", recorded))
+    whole = open_recording(write_ros2(tmp_path / "whole", drive()))
+    of_whole = [1.7e9 + s for s in whole.stamps][-len(recording.stamps) :]
+    assert recording.stamps == pytest.approx(of_whole, rel=0.0, abs=1e-6)
+    assert 0 < len(whole.stamps) - len(recording.stamps) < 10
+    assert any("messages of /scan that bear no stamp" in note for note in recording.notes)
+    assert any("messages of /odom that bear no stamp" in note for note in recording.notes)
+
+
 def test_odometry_of_one_stamp_takes_the_time_of_its_recording(tmp_path: Path) -> None:
     recorded = with_odometry(lambda _, o: replace(o, stamp_ns=0))
     recording = open_recording(write_ros2(tmp_path / "bag", recorded))

@@ -14,6 +14,9 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
 HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
 JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
+BEFORE_NS = (
+    3600 * 10**9
+)  # by which a first stamp lies before the second when it is of no clock: drivers that have none yet stamp with zero
 
 M = TypeVar("M", Imu, Odometry, PointCloud)
 
@@ -40,7 +43,7 @@ class CloudScan:
 class _Stream(Generic[M]):
     """Messages in the order of their stamps, which wait for their cloud, or as clouds for their measurements.
 
-    One whose stamp jumps ahead, as the first one does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
+    One whose stamp is zero or jumps ahead, as the first one's does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
 
     waiting: deque[M] = field(default_factory=deque)
     last_ns: int = -1
@@ -53,14 +56,18 @@ class _Stream(Generic[M]):
             self.left_out += 1
             return
         doubtful, self.doubtful = self.doubtful, None
-        if doubtful is not None and doubtful.stamp_ns < message.stamp_ns:
+        if doubtful is not None and self._bears_out(message, doubtful):
             self._take_in(doubtful)
         elif doubtful is not None:
             self.left_out += 1
-        if self.last_ns < message.stamp_ns - JUMP_NS:
+        if message.stamp_ns == 0 or self.last_ns < message.stamp_ns - JUMP_NS:
             self.doubtful = message
         else:
             self._take_in(message)
+
+    def _bears_out(self, message: M, doubtful: M) -> bool:
+        ahead_ns = message.stamp_ns - doubtful.stamp_ns
+        return ahead_ns > 0 and (self.last_ns >= 0 or ahead_ns <= BEFORE_NS)
 
     def _take_in(self, message: M) -> None:
         self.waiting.append(message)

@@ -29,6 +29,7 @@ from ambler.recordings.bag_content import (
     plain_frame,
     usable_pose,
 )
+from ambler.recordings.cloud_scan import BEFORE_NS
 from ambler.recordings.log_scans import F64, CarmenScans, LogScan, LogScanConfig, OdometryFeed, planar_matrix
 from ambler.recordings.no_return import beam_numbers, find_no_return
 from ambler.recordings.sweep import Sweep, SweepFinder, swept
@@ -176,9 +177,16 @@ def _track_of(
 
 
 def _stamped(messages: list[_Stamped], log_ns: list[int], topic: str, notes: list[str]) -> list[_Stamped]:
-    """Return the messages of a topic, under the times at which they were recorded if all of them bear one and the same stamp."""
+    """Return the messages of a topic, under the times at which they were recorded if all of them bear one and the same stamp, and without those of
+    a driver that had no clock yet and stamped with zero."""
     if len({m.stamp_ns for m in messages}) > 1 or (len(messages) == 1 and messages[0].stamp_ns > 0):
-        return messages
+        first_ns = min(m.stamp_ns for m in messages if m.stamp_ns != 0)
+        stamped = messages if first_ns <= BEFORE_NS else [m for m in messages if m.stamp_ns != 0]
+        if len(stamped) < len(messages):
+            notes.append(
+                f"left out: {len(messages) - len(stamped)} of {len(messages)} messages of {topic} that bear no stamp"
+            )
+        return stamped
     notes.append(
         f"{topic}: all {len(messages)} messages bear the stamp {messages[0].stamp_ns * 1e-9:g} s; the times at which they were"
         " recorded are taken instead, which are later by an unknown delay"
