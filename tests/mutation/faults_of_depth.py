@@ -169,9 +169,16 @@ DEPTH = (
     PlantedFault(
         "one stamp that jumps ahead leaves out all that follows",
         "recordings/cloud_scan.py",
-        "if self.last_ns < message.stamp_ns - JUMP_NS:",
-        "if message.stamp_ns < 0:",
+        "if message.stamp_ns == 0 or self.last_ns < message.stamp_ns - JUMP_NS:",
+        "if message.stamp_ns == 0:",
         ("tests/recordings/test_cloud_recording.py::test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows",),
+    ),
+    PlantedFault(
+        "a message that was stamped before there was a clock is one like all",
+        "recordings/cloud_scan.py",
+        "return 0 < ahead_ns and (self.last_ns >= 0 or ahead_ns <= BEFORE_NS)",
+        "return 0 < ahead_ns",
+        ("tests/recordings/test_cloud_recording.py::test_messages_before_a_driver_has_a_clock_are_left_out",),
     ),
     PlantedFault(
         "edges do not know where in the rolled arrays their window begins",
