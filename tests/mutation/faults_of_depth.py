@@ -176,8 +176,8 @@ DEPTH = (
     PlantedFault(
         "a message that was stamped before there was a clock is one like all",
         "recordings/cloud_scan.py",
-        "return 0 < ahead_ns and (self.last_ns >= 0 or ahead_ns <= BEFORE_NS)",
-        "return 0 < ahead_ns",
+        "return ahead_ns > 0 and (self.last_ns >= 0 or ahead_ns <= BEFORE_NS)",
+        "return ahead_ns > 0",
         ("tests/recordings/test_cloud_recording.py::test_messages_before_a_driver_has_a_clock_are_left_out",),
     ),
     PlantedFault(
