@@ -16,9 +16,7 @@ HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundr
 JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
 BEFORE_NS = (
     3600 * 10**9
-)  # by which a first stamp lies before the second when it is of no clock: drivers that have none yet stamp with zero
-
-M = TypeVar("M", Imu, Odometry, PointCloud)
+)  # between a first stamp and the next when the first is of no clock: drivers without one stamp with zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
