@@ -14,9 +14,9 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
 HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
 JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
-BEFORE_NS = (
-    3600 * 10**9
-)  # between a first stamp and the next when the first is of no clock: drivers without one stamp with zero
+BEFORE_NS = 3600 * 10**9  # from a first stamp on; a second one later shows that the first is of no clock, as zero is
+
+M = TypeVar("M", Imu, Odometry, PointCloud)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
