@@ -297,6 +297,13 @@ METRICS = (
         TRAJECTORY,
     ),
     PlantedFault(
+        "the peak of memory is also that of the process that started this one",
+        "evaluation/peak_memory.py",
+        "    if told is not None:",
+        "    if told is None:",
+        ("tests/evaluation/test_peak_memory.py",),
+    ),
+    PlantedFault(
         "gaps of the truth are bridged whatever their length",
         "evaluation/trajectory.py",
         "inside & (exact | (gap <= max_gap))",

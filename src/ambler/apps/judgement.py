@@ -19,6 +19,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.collisions import Collision, find_collisions, find_contacts, split_shoved
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps, floor_coverage, reachable_coverage
+from ambler.evaluation.peak_memory import peak_memory_mb
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
 from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.steps import DockStep, NavigateStep, StepEnd, TeachStep, UndockStep, name_of
@@ -99,7 +100,7 @@ def judge(
         "sim_seconds": run.run_seconds,
         "run_seconds": run.wall_seconds,
         "real_time_factor": run.run_seconds / run.wall_seconds,
-        "peak_memory_mb": _peak_memory(),
+        "peak_memory_mb": peak_memory_mb(),
         "recording": str(robot.folder.recording),
     }
     return Verdict(fields, record, quality, trajectory, collisions)
@@ -228,10 +229,3 @@ def _supply(recording: Path) -> str | None:
     for recorded in read_recording(recording, [BATTERY.ros_name]):
         told = recorded.decode_as(BatteryState)
     return None if told is None else told.supply.name.lower()
-
-
-def _peak_memory() -> float:
-    """Return the peak resident memory of this process, MB."""
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -5,7 +5,6 @@ The drive runs in lockstep, so that the share is of processor time per second of
 
 from __future__ import annotations
 
-import resource
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from typing import Any
 from ambler.apps.drive import DriveRun, drive_scene
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
+from ambler.evaluation.peak_memory import peak_memory_mb
 from ambler.kernels.warmup import imported_kernel_modules, warm_up
 from ambler.runtime.node import WorkKind
 
@@ -45,7 +45,7 @@ def measure(world: str, robot: str, seed: int, seconds: float, out: Path, cloud:
         "recording_mb_per_s": sum(f.stat().st_size for f in run.folder.recording.rglob("*") if f.is_file())
         / 1e6
         / (counted + FIRST),
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "peak_memory_mb": peak_memory_mb(),
         "ended": ended,
         "is_met": sum(own) <= BAR and ended in ("time_limit", "succeeded"),
     }
