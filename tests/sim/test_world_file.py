@@ -193,7 +193,7 @@ def test_a_start_between_walls_of_which_every_corner_is_one_stays_in_the_middle(
     assert load_world(tmp_path / "slit.yaml").start.y == pytest.approx(2.25)
 
 
-@pytest.mark.parametrize("ending", ["png", "pgm", "jpg", "bmp"])
+@pytest.mark.parametrize("ending", ["png", "pgm", "pbm", "jpg", "bmp", "tif", "webp"])
 def test_pictures_of_every_usual_kind_are_worlds(tmp_path: Path, ending: str) -> None:
     pixels = np.full((60, 80), 0, np.uint8)
     pixels[8:32, 8:72] = 255

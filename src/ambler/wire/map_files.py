@@ -27,7 +27,7 @@ PIXEL_FREE, PIXEL_OCCUPIED, PIXEL_UNKNOWN = 254, 0, 205
 OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196  # just below the 50 / 255 of an unknown pixel; with 0.25 every map server reads unknown as free
 SAVED_FREE, SAVED_OCCUPIED = 25, 65  # occupancies written as free and as occupied
-PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp")
+PICTURES = (".png", ".pgm", ".pbm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
 MODES = ("trinary", "scale", "raw")
 
 
