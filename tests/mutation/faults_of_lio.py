@@ -29,6 +29,13 @@ TURNING = ("tests/lio/test_turning.py",)
 
 LIO = (
     PlantedFault(
+        "a cloud without a clock is thought to begin when it is recorded",
+        "recordings/cloud_recording.py",
+        "stamp_ns=log_ns - (round(float(times.max()) * 1e9) if len(times) else 0)",
+        "stamp_ns=log_ns",
+        COLUMNS,
+    ),
+    PlantedFault(
         "the mount of what hardly turned is refined",
         "lio/turning.py",
         "if asked.estimates_mount or is_turned(results, asked) else told",

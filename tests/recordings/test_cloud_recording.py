@@ -199,8 +199,16 @@ def cloud_at(stamp_ns: int, first: float) -> m.PointCloud:
     )
 
 
-def write(folder: Path, *, imus: tuple[str, ...] = ("/imu",), storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
-    """Ten clouds, logged when they are complete; 200 Hz of inertial measurements, logged 20 ms late; 50 Hz of odometry."""
+def write(
+    folder: Path,
+    *,
+    imus: tuple[str, ...] = ("/imu",),
+    storage: StoragePlugin = StoragePlugin.MCAP,
+    idle: tuple[str, ...] = (),
+    idle_ns: int = 0,
+) -> Path:
+    """Ten clouds, logged when they are complete; 200 Hz of inertial measurements, logged 20 ms late; 50 Hz of odometry. Topics of `idle` have no clock and bear
+    one stamp."""
     zero, none = np.zeros((6, 6)), (0.0, 0.0, 0.0)
     edges = (
         m.TransformStamped(0, "lidar", "imu", LIDAR_FROM_IMU),
@@ -222,6 +230,8 @@ def write(folder: Path, *, imus: tuple[str, ...] = ("/imu",), storage: StoragePl
         for log_ns, topic, message in sorted(out, key=lambda entry: entry[0]):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, ros_type_of(type(message)), typestore=STORE)
+            if topic in idle and not isinstance(message, m.Transforms):
+                message = replace(message, stamp_ns=idle_ns)
             writer.write(connections[topic], max(START_NS - 10**9, log_ns), encode(message))
     return folder
 
@@ -242,6 +252,27 @@ def test_each_cloud_comes_with_all_measurements_up_to_its_end_and_one_more(
     assert told == sorted(set(told)), "each once, in order"
     assert told[: len(scans[0].imu)] == [float(k) for k in range(26)], "also what was measured before the first cloud"
     assert [scan.cloud.stamp_ns for scan in recording.scans()] == [scan.cloud.stamp_ns for scan in scans], "again"
+
+
+@pytest.mark.parametrize("idle_ns", [0, 7_000_000_000])
+def test_messages_of_drivers_without_a_clock_are_of_the_time_at_which_they_were_recorded(
+    idle_ns: int, tmp_path: Path
+) -> None:
+    """A cloud is recorded when its last point has been taken; only those without a clock are touched."""
+    stamped = list(open_cloud_recording(write(tmp_path / "stamped")).scans())
+    for name, idle in {"all": ("/points", "/imu", "/odom"), "clouds": ("/points",), "imu": ("/imu",)}.items():
+        recording = open_cloud_recording(write(tmp_path / name, idle=idle, idle_ns=idle_ns))
+        scans = list(recording.scans())
+        told = [note for note in recording.notes if "the times at which they were recorded" in note]
+        assert [note.split(":")[0] for note in told] == sorted(idle)
+        assert sum(scan.left_out for scan in scans) == ("/points" not in idle)  # the cloud of an old stamp
+        shift_ns = SWEEP_NS - 99_900_000 if "/points" in idle else 0
+        kept = [scan for scan in scans if scan.cloud.points[0, 0] != 99.0]
+        for scan, usual in zip(kept, stamped, strict=True):
+            assert scan.cloud.stamp_ns == pytest.approx(usual.cloud.stamp_ns + shift_ns, abs=100)
+        late_ns = 20_000_000 if "/imu" in idle else 0
+        first = scans[0].imu[0].stamp_ns
+        assert first == START_NS - 25_000_000 + late_ns
 
 
 KINDS = ("cloud", "imu", "odometry")

@@ -5,8 +5,8 @@ Clouds are large, so a recording is read while it is used, and may be read again
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
 from ambler.wire.bags import BagReader, open_bag
 
 NONE = "none"
+LOOK_NS = 3_000_000_000  # of a recording in which a topic shows whether its messages bear stamps
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,8 @@ class CloudChoices:
 
 @dataclass(frozen=True, slots=True)
 class CloudRecording:
-    """What `open_cloud_recording` found. Poses are None where the recording does not tell; `notes` say what was chosen."""
+    """What `open_cloud_recording` found. Poses are None where the recording does not tell; `notes` say what was chosen. `idle_stamps` (ns) are those that
+    messages of a topic bear whose driver has no clock: what bears it was taken when it was recorded."""
 
     path: Path
     cloud_topic: str
@@ -44,6 +46,7 @@ class CloudRecording:
     base_from_lidar: SE3 | None
     notes: tuple[str, ...]
     clouds: int = 0
+    idle_stamps: Mapping[str, int] = field(default_factory=dict)
 
     def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
         """Yield the clouds in the order of the recording, whose stamps lag `lidar_clock` s behind those of the measurements; those whose stamp does not increase are left out, and counted in the next scan, so are measurements.
@@ -57,8 +60,9 @@ class CloudRecording:
                 lidar_clock=lidar_clock,
             )
             names = {name for name in (self.cloud_topic, self.imu_topic, self.odom_topic) if name is not None}
-            for _, message, _ in bag.messages(names):
-                joiner.add(message)
+            for topic, message, log_ns in bag.messages(names):
+                is_idle = topic in self.idle_stamps and _stamp_of(message) == self.idle_stamps[topic]
+                joiner.add(_recorded_at(message, log_ns) if is_idle else message)
                 yield from joiner.ready()
             yield from joiner.rest()
 
@@ -79,6 +83,7 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
             if isinstance(message, Transforms):
                 frames.add(message, is_static=topic.endswith("tf_static"))
         clouds = sum(t.count for t in bag.topics() if t.name == cloud_topic)
+        idle_stamps = _idle_stamps(bag, {name for name in (cloud_topic, imu_topic, odom_topic) if name is not None})
         cloud, imu = _first(bag, cloud_topic), None if imu_topic is None else _first(bag, imu_topic)
     assert isinstance(cloud, PointCloud)
     lidar_from_imu = choices.lidar_from_imu
@@ -96,8 +101,39 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
         + ("none" if imu_topic is None else f"{imu_topic}, pose in the LiDAR's frame {_known(lidar_from_imu)}"),
         f"odometry: {odom_topic or 'none'}",
         f"mount of the LiDAR: {_known(base_from_lidar)}",
+        *(
+            f"{topic}: its messages bear the stamp {stamp_ns * 1e-9:g} s; the times at which they were recorded are taken instead, which are later by an unknown delay"
+            for topic, stamp_ns in sorted(idle_stamps.items())
+        ),
     )
-    return CloudRecording(path, cloud_topic, imu_topic, odom_topic, lidar_from_imu, base_from_lidar, notes, clouds)
+    poses = (lidar_from_imu, base_from_lidar)
+    return CloudRecording(path, cloud_topic, imu_topic, odom_topic, *poses, notes, clouds, idle_stamps)
+
+
+def _idle_stamps(bag: BagReader, topics: set[str]) -> dict[str, int]:
+    """Return the one stamp (ns) that all messages of a topic bear, as far as its first seconds tell, of the topics of which that is so."""
+    seen: dict[str, list[int]] = {topic: [] for topic in topics}
+    moving, begin_ns = set[str](), -1
+    for topic, message, log_ns in bag.messages(topics):
+        begin_ns = log_ns if begin_ns < 0 else begin_ns
+        seen[topic].append(_stamp_of(message))
+        if seen[topic][-1] != seen[topic][0]:
+            moving.add(topic)
+        if moving == topics or log_ns - begin_ns > LOOK_NS:
+            break
+    return {topic: stamps[0] for topic, stamps in seen.items() if topic not in moving and len(stamps) > 1}
+
+
+def _stamp_of(message: object) -> int:
+    return message.stamp_ns if isinstance(message, (PointCloud, Imu, Odometry)) else -1
+
+
+def _recorded_at(message: object, log_ns: int) -> object:
+    """Return a message as one that was sent when it was recorded; a cloud is sent when its last point has been taken."""
+    if isinstance(message, PointCloud):
+        times = message.time[np.isfinite(message.time)]
+        return replace(message, stamp_ns=log_ns - (round(float(times.max()) * 1e9) if len(times) else 0))
+    return replace(message, stamp_ns=log_ns) if isinstance(message, (Imu, Odometry)) else message
 
 
 def _first(bag: BagReader, topic: str) -> object:
