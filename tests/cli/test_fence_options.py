@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from ambler.apps.config import robot_config
 from ambler.cli.demo import add_parser
@@ -13,13 +16,17 @@ from ambler.core.errors import BadInputError
 from ambler.exploration.fence import FenceConfig
 from ambler.nodes.steps import ExploreStep
 from ambler.robots.catalog import robot_model
+from ambler.settings.profiles import save_resolved
+
+
+def profile_of(*words: str) -> dict[str, Any]:
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    return dict(options_of(parser.parse_args(["demo", *words]), (ExploreStep(),)).profile)
 
 
 def fence_of(*words: str) -> FenceConfig:
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
-    options = options_of(parser.parse_args(["demo", *words]), (ExploreStep(),))
-    return robot_config(robot_model("diff"), options.profile).survey.fence
+    return robot_config(robot_model("diff"), profile_of(*words)).survey.fence
 
 
 def test_they_are_the_fence_of_the_survey() -> None:
@@ -28,6 +35,13 @@ def test_they_are_the_fence_of_the_survey() -> None:
     assert [tuple(corner) for corner in corners] == [(-1.0, -2.0), (8.0, -2.0), (8.0, 5.5)]
     assert fence_of().boundary == ()
     assert fence_of().radius == 0.0
+
+
+def test_a_run_keeps_them_in_its_configuration(tmp_path: Path) -> None:
+    save_resolved(tmp_path / "config.yaml", profile_of("--boundary=-1,-2;8,-2;8,5.5", "--radius", "3"))
+    fence = yaml.safe_load((tmp_path / "config.yaml").read_text("utf-8"))["survey"]["fence"]
+    assert fence["boundary"] == [[-1.0, -2.0], [8.0, -2.0], [8.0, 5.5]]
+    assert fence["radius"] == 3.0
 
 
 @pytest.mark.parametrize("words", [("--radius=-1",), ("--boundary=0,0;1,1",), ("--boundary=0,0;1,1;2",)])

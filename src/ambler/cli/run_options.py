@@ -203,7 +203,7 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
         fence["radius"] = args.radius
     if named.get("boundary"):
         fence["boundary"] = [
-            list(parse_pose(corner, "--boundary").as_array()[:2]) for corner in args.boundary.split(";")
+            parse_pose(corner, "--boundary").as_array()[:2].tolist() for corner in args.boundary.split(";")
         ]
     if fence:
         profile = merge(profile, {"survey": {"fence": fence}})

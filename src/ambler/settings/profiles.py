@@ -110,7 +110,7 @@ def as_values(config: Any) -> Any:
         return {f.name: as_values(getattr(config, f.name)) for f in dataclasses.fields(config)}
     if isinstance(config, enum.Enum):
         return config.value
-    if isinstance(config, np.ndarray):
+    if isinstance(config, (np.ndarray, np.generic)):
         return config.tolist()
     if isinstance(config, (list, tuple)):
         return [as_values(v) for v in config]
