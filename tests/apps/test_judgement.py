@@ -75,6 +75,7 @@ def judged(
     contacts: list[tuple[float, str, float]] | None = None,
     slam_error: float = 0.0,
     ends: tuple[StepEnd, ...] = ENDS,
+    failure: str | None = None,
 ) -> tuple[Verdict, SimulatedRun]:
     """Record the run, and judge it with a stand-in for its robot."""
     folder = RunFolder(root)
@@ -96,6 +97,7 @@ def judged(
         ended="succeeded",
         ended_of=lambda _: "succeeded",
         text_of=lambda _: "",
+        recording_failure_of=lambda _: failure,
         run_seconds=30.0,
         wall_seconds=10.0,
     )
@@ -142,6 +144,17 @@ def test_a_run_is_good_only_when_it_ended_well(tmp_path: Path) -> None:
     assert is_good(verdict)
     for ended in ("failed", "time_limit", "lost"):
         assert not is_good(replace(verdict, fields=verdict.fields | {"ended": ended}))
+
+
+def test_of_a_run_whose_recording_ends_before_it_nothing_is_thought_to_be_known(tmp_path: Path) -> None:
+    verdict, run = judged(tmp_path, failure="no space left on the device")
+    assert verdict.fields["ended"] == "not_recorded"
+    assert "no space left on the device" in verdict.fields["text"]
+    assert not is_good(verdict)
+    for name in ("collisions", "path_length_m", "ate_rms_m", "goals_reached", "dock_error_x_m"):
+        assert verdict.fields[name] is None, name
+    outcome = _outcome(DockingCase("random", 4, SE2(), 3.0), run, verdict.fields)
+    assert (outcome.is_docked, outcome.code, outcome.error) == (False, "NOT_RECORDED", None)
 
 
 def test_slams_error_is_that_of_its_poses(tmp_path: Path) -> None:

@@ -30,6 +30,14 @@ from ambler.wire.map_files import load_map, save_map
 from ambler.wire.mcap_reader import read_recording
 
 LEAST_COVERAGE = 0.98  # of the reachable floor, for an exploration to count as done
+NOT_RECORDED = "not_recorded"  # the end of a run whose recording ends before it
+OF_RECORDING = (
+    *("collisions", "collisions_shoved", "contacts", "path_length_m", "recovery_time_ratio"),
+    *("ate_rms_m", "ate_max_m", "ate_unaligned_rms_m", "ate_unaligned_max_m"),
+    *("position_error_rms_m", "position_error_max_m", "goals_reached", "worst_goal_error_m", "battery_supply"),
+    *("dock_error_m", "dock_error_deg", "dock_error_x_m", "dock_error_y_m", "dock_error_yaw_deg"),
+    *("undock_x_m", "undock_y_m"),
+)  # what nobody knows of such a run
 CLEARANCE = 0.15  # metres beside the robot on a way that it must take: what its planner keeps (2 x 5 cm), and a cell
 
 
@@ -103,6 +111,10 @@ def judge(
         "peak_memory_mb": peak_memory_mb(),
         "recording": str(robot.folder.recording),
     }
+    failure = run.recording_failure_of(robot)
+    if failure is not None:
+        text = f"the run ended as {fields['ended']}, but its recording ends before it, and what came after is not known: {failure}"
+        fields |= {"ended": NOT_RECORDED, "text": text, **dict.fromkeys(OF_RECORDING & fields.keys())}
     return Verdict(fields, record, quality, trajectory, collisions)
 
 

@@ -143,6 +143,10 @@ class Run:
             return str(self.executor.failure)
         return "" if robot.end is None else robot.end.text
 
+    def recording_failure_of(self, robot: RobotInRun) -> str | None:
+        """Return why the recording of a robot ends before its run did, None if it does not."""
+        return next(r.failure for r, member in zip(self.recorders, self.robots, strict=True) if member is robot)
+
     def run(self, time_limit: float) -> None:
         """Run for at most `time_limit` seconds of the executor. A signal or the time limit ends the programs in order: the maps so far are
         saved. A second signal raises KeyboardInterrupt."""

@@ -54,8 +54,8 @@ def _conclude(args: argparse.Namespace, run: SimulatedRun) -> int:
         if run.options.is_lost and run.end is not None and run.end.where is not None:
             x, y, yaw = run.end.where.as_array()
             print(f"the robot found itself at {x:.2f}, {y:.2f} m, {math.degrees(yaw):.0f} degrees", flush=True)
-        if run.text:
-            print(f"{run.ended}: {run.text}", flush=True)
+        if verdict.fields["text"]:
+            print(f"{verdict.fields['ended']}: {verdict.fields['text']}", flush=True)
         lack = missing_floor(verdict)
         if lack is not None:
             print(f"fell short: {lack}", flush=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ambler.apps.config import robot_config
 from ambler.apps.docks import dock_of_world, docks_of_world
-from ambler.apps.judgement import judge
+from ambler.apps.judgement import NOT_RECORDED, judge
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
 from ambler.apps.simulated import SimulatedRun
@@ -270,7 +270,8 @@ def _refused(case: DockingCase, text: str) -> DockingOutcome:
 
 def _outcome(case: DockingCase, run: SimulatedRun, verdict: dict[str, Any]) -> DockingOutcome:
     end = run.end.ends[0] if run.end is not None and run.end.ends else None
-    code = end.code if end is not None else run.ended.upper()
+    is_told = end is not None and verdict["ended"] != NOT_RECORDED
+    code = end.code if end is not None and is_told else str(verdict["ended"]).upper()
     is_docked = code == "SUCCEEDED"
     approach = docking = None
     if end is not None and end.result is not None and end.result.docking_seconds > 0.0:
