@@ -29,6 +29,20 @@ TURNING = ("tests/lio/test_turning.py",)
 
 LIO = (
     PlantedFault(
+        "between inertial measurements far apart a scan is bent by what lies between them",
+        "lio/iterated_filter.py",
+        "range(STRAIGHTENED if self._is_in_gap else 0)",
+        "range(0)",
+        ODOMETRY,
+    ),
+    PlantedFault(
+        "between inertial measurements far apart the motion is known nearly as well",
+        "lio/iterated_filter.py",
+        "alone**2)",
+        "0.0 * alone)",
+        ODOMETRY,
+    ),
+    PlantedFault(
         "a cloud without a clock is thought to begin when it is recorded",
         "recordings/cloud_recording.py",
         "stamp_ns=log_ns - (round(float(times.max()) * 1e9) if len(times) else 0)",

@@ -35,6 +35,9 @@ SCAN_LEAST = 0.05  # s; what parts of a turn differ by is their noise
 CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows its motion
 POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
 USUAL = 0.1  # what a scan says of that share
+STRAIGHTENED = (
+    2  # times that a scan between inertial measurements far apart is straightened by what it was found to have moved
+)
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
@@ -96,7 +99,13 @@ class IteratedFilter:
             self.covariance[:6, :6] += np.diag(np.repeat(np.square([c.rest.way_most, c.rest.turn_most]), 3))
         points, ranges, times = self._thin_out(scan.cloud, prior)
         points_imu = self._compensate(points, times)  # eq. (9)
-        state, weak, sums, iterations = self._update_from(prior, points_imu, ranges, end - self._time)  # eqs. (12)-(18)
+        predicted = self.covariance
+        found = self._update_from(prior, points_imu, ranges, end - self._time)  # eqs. (12)-(18)
+        for _ in range(STRAIGHTENED if self._is_in_gap else 0):
+            self._move_steadily_to(found[0], end)
+            points_imu, self.covariance = self._compensate(points, times), predicted
+            found = self._update_from(prior, points_imu, ranges, end - self._time)
+        state, weak, sums, iterations = found
         self._is_unmoved = self._is_unmoved and self._is_at_origin(state)
         if self._is_unmoved:  # its scans only build the map: they are of one place, and lean alike
             state, self.covariance = self.state.copy(), before
@@ -148,9 +157,19 @@ class IteratedFilter:
         jacobian[:, k.GRAVITY : k.EXTRA] = back @ skew(gravity) @ gravity_basis(gravity)
         return up, float(np.sqrt(np.linalg.eigvalsh(jacobian @ self.covariance @ jacobian.T)[-1]))
 
+    @property
+    def _is_alone(self) -> bool:
+        """Whether no IMU tells how the LiDAR moves: there is none, or its samples lie too far apart just now."""
+        return not self.config.has_imu or self._is_in_gap
+
+    @property
+    def _is_in_gap(self) -> bool:
+        return self._gap > self.config.hole.bridged
+
     def _samples(self, end: float) -> F64:
-        """Return the inertial samples of the scan; without an IMU those of a motion that goes on as it was."""
+        """Return the inertial samples until `end`, interpolated where they lie apart; without an IMU those of a motion that goes on as it was."""
         if self.config.has_imu:
+            self._gap = self._imu.longest_gap(self._time, end)
             return self._imu.between(self._time, end)
         force = -self.state.rotation.T @ self.state.gravity
         rows = np.tile(np.concatenate([[0.0], self._rate, force]), (2, 1))
@@ -158,18 +177,37 @@ class IteratedFilter:
         return rows
 
     def _propagate(self, samples: F64) -> FilterState:
-        """Predict the state at the end of the scan; the way there is kept for motion compensation."""
+        """Predict the state at the end of the `_samples`; the way there is kept for motion compensation."""
         prior = self.state.copy()
         if len(self._knots) != len(samples):
             self._knots = np.zeros((len(samples), k.KNOT))
-        # Between samples far apart the motion is unknown: the noise grows with the square of the gap.
-        self._gap = self._imu.longest_gap(samples[0, 0], samples[-1, 0]) if self.config.has_imu else 0.0
-        factor = max(1.0, self._gap / self.config.imu.gap_most) ** 2
         k.propagate(
             *(samples, prior.position, prior.rotation, prior.velocity, prior.gyro_bias, prior.accel_bias),
-            *(prior.gravity, self.covariance, self._densities * factor, self._knots),
+            *(prior.gravity, self.covariance, self._noise_between(), self._knots),
         )
         return prior
+
+    def _move_steadily_to(self, state: FilterState, end: float) -> None:
+        """Let the way of the scan lead from the present state to the one that it was found at, at one speed and one rate: what lies between samples far apart bends the scan more than that."""
+        seconds, here = end - self._time, self.state.copy()
+        here.velocity = (state.position - here.position) / seconds
+        rate, force = log(here.rotation.T @ state.rotation) / seconds, -here.rotation.T @ here.gravity
+        rows = np.tile(np.concatenate([[0.0], rate + here.gyro_bias, force + here.accel_bias]), (2, 1))
+        rows[:, 0] = self._time, end
+        self._knots = np.zeros((2, k.KNOT))
+        k.propagate(
+            *(rows, here.position, here.rotation, here.velocity, here.gyro_bias, here.accel_bias),
+            *(here.gravity, self.covariance.copy(), self._densities, self._knots),
+        )
+
+    def _noise_between(self) -> F64:
+        """Return the squared noise densities (4,) of the samples: the farther apart they are, the less is known of the motion between, in the end as little as of a LiDAR alone."""
+        c, densities = self.config, self._densities.copy()
+        if self._gap > c.imu.gap_most:
+            share = min(1.0, (self._gap - c.imu.gap_most) / max(c.hole.bridged - c.imu.gap_most, 1e-9)) ** 2
+            alone = share * np.array([c.alone.rate_density, c.alone.acceleration_density])
+            densities[:2] = np.maximum(densities[:2] * (self._gap / c.imu.gap_most) ** 2, alone**2)
+        return densities
 
     def _thin_out(self, cloud: PointCloud, prior: FilterState) -> tuple[NDArray[np.float32], F64, F64]:
         """Return one point per cell (M, 3), their ranges and times, without what floats in the air; the cell adapts to the number that is wanted."""
@@ -221,8 +259,10 @@ class IteratedFilter:
         one, too, as far as one turns in so many `seconds`, and takes the state at which most do."""
         before, count = self.covariance, max(len(points_imu), 1)
         found = self._update_iterated(prior, points_imu, ranges)
-        is_second = self._inserts == 1  # nothing has told yet how fast it is, nor how many points fit
-        if not self.config.has_imu and found[2][0] < (CLEAR if is_second else POOR * self._usual) * count:
+        is_second = (
+            not self.config.has_imu and self._inserts == 1
+        )  # nothing has told yet how fast it is, nor how many points fit
+        if self._is_alone and found[2][0] < (CLEAR if is_second else POOR * self._usual) * count:
             best = found, self.covariance
             begins = moved_states(prior, seconds) if is_second else turned_states(self.state, prior, seconds)
             for begin in begins:
@@ -248,7 +288,7 @@ class IteratedFilter:
         information, gradient, moments = np.empty((width, width)), np.empty(width), np.empty(4)
         queries = np.empty_like(points_imu)
         weak, searches, iteration, covariance = None, True, 0, self.covariance
-        most = c.iterations_most if c.has_imu else c.alone.iterations_most
+        most = c.alone.iterations_most if self._is_alone else c.iterations_most
         for iteration in range(1, most + 1):
             if searches:
                 k.place_points(points_imu, state.rotation, state.position, queries)
@@ -275,7 +315,7 @@ class IteratedFilter:
             if is_converged:
                 break
             # Planes are looked for again where the first step was large, and once more at the end of a long way.
-            searches = not c.has_imu or float(np.abs(delta[:3]).max()) > 0.02 or iteration == most - 2
+            searches = self._is_alone or float(np.abs(delta[:3]).max()) > 0.02 or iteration == most - 2
         if weak is None:
             return prior, Degeneracy.none(), moments, iteration
         if c.extras:
@@ -288,7 +328,7 @@ class IteratedFilter:
         """Say whether the scan, which came `seconds` after the one before, fits badly and elsewhere than the IMU led."""
         c = self.config
         speed = health.innovation_m / max(seconds, SCAN_LEAST)
-        return c.has_imu and speed > c.contradiction_speed and health.inlier_ratio < c.contradiction_ratio
+        return not self._is_alone and speed > c.contradiction_speed and health.inlier_ratio < c.contradiction_ratio
 
     def _standstill(self, state: FilterState, samples: F64) -> Measurement | None:
         assert self.start is not None
