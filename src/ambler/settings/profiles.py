@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ambler.core.errors import BadInputError
 from ambler.wire.atomic_file import write_whole
+from ambler.wire.yaml_text import parse_yaml, read_yaml
 
 T = TypeVar("T")
 _HEIGHTS = ("height_m", "band_")  # what these fields begin with is measured from a floor or a sensor
@@ -28,7 +29,7 @@ _HEIGHTS = ("height_m", "band_")  # what these fields begin with is measured fro
 def load_profile(path: Path) -> dict[str, Any]:
     """Read a profile; raises BadInputError when it is missing, broken or not a mapping."""
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = read_yaml(path)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -58,7 +59,7 @@ def parse_assignment(text: str) -> dict[str, Any]:
     if not separator or not name.strip():
         raise BadInputError(f"{text!r} is not of the form name=value")
     try:
-        nested: Any = yaml.safe_load(value)
+        nested: Any = parse_yaml(value, repr(text))
     except yaml.YAMLError as error:
         raise BadInputError(f"{text!r}: the value is not YAML: {' '.join(str(error).split())}") from error
     for key in reversed(name.strip().split(".")):
