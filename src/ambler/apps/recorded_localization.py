@@ -55,7 +55,8 @@ def localize_recording(
     is_supervised: bool = True,
 ) -> RecordedLocalization:
     """Localize every scan in the map `occupancy` int8 [iy, ix], from a pose or from nothing. Without supervision, which needs a pose, it
-    is believed to the end: for maps so old that they contradict every scan. Raises BadInputError without odometry."""
+    is believed to the end: for maps so old that they contradict every scan. A pose that is given up before any search has found one was
+    only told: nothing that followed from it is kept. Raises BadInputError without odometry."""
     surfaces = SurfaceMap.from_occupancy(occupancy, spec)
     localizer = make_localizer(surfaces)
     supervisor: Supervisor | None = None
@@ -64,6 +65,7 @@ def localize_recording(
     planar = []
     count = times_lost = 0
     first_ns, was_believed, corrections = 0, False, list[float]()
+    is_only_told = map_from_start is not None
     for scan in scans:
         count += 1
         for stamp_ns, odom_from_base in scan.odometry:
@@ -90,6 +92,10 @@ def localize_recording(
             corrections.append(correction)
             believed.append((scan.stamp_ns, pose, odom_from_base))
             planar.append(points)
+        elif is_only_told:
+            for kept in (believed, planar, corrections):
+                kept.clear()
+            is_only_told = False
         times_lost += was_believed and estimate is None
         was_believed = estimate is not None
     if supervisor is None:
