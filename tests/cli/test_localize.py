@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from ambler.core.se2 import SE2
 from ambler.evaluation.metrics import METRICS
 from ambler.localization.grid_tracker import GridTracker, GridTrackerConfig
 from ambler.recordings.log_scans import LogScan, planar_matrix
+from ambler.wire.map_files import save_map
 from tests.localization import rooms
 from tests.public_data import public
 
@@ -88,8 +90,45 @@ def test_a_wrong_pose_is_given_up_unless_nobody_watches() -> None:
         )
         return len(result.poses) / result.scans
 
-    assert localize(is_supervised=True) < 0.84  # it is given up after 3.3 s of 4
+    assert localize(is_supervised=True) < 0.8  # it is given up after 0.3 s of 4 and found after 1 s
     assert localize(is_supervised=False) == 1.0
+
+
+def test_what_a_wrong_pose_led_to_is_not_told_as_found() -> None:
+    scans, truth = recorded()
+    occupancy, spec = rooms.office().occupancy()
+    wrong = truth[0] @ SE2(3.0, 1.0, 2.0)
+    result = localize_recording(scans, spec, occupancy, lambda m: GridTracker(m, GridTrackerConfig()), wrong)
+    assert result.is_found_at_the_end
+    assert result.times_lost == 1
+    assert result.found_after is not None
+    assert result.found_after > 0.9
+    assert len(result.corrections) == len(result.stamps_ns) == len(result.poses) > 40
+    by_stamp = {scan.stamp_ns: pose for scan, pose in zip(scans, truth, strict=True)}
+    told = zip(result.stamps_ns.tolist(), result.poses, strict=True)
+    assert max(SE2.from_array(p).distance_to(by_stamp[s]) for s, p in told) < 0.1
+
+
+def test_what_a_search_found_is_kept_when_the_robot_is_lost_afterwards() -> None:
+    scans, _ = recorded()
+    occupancy, spec = rooms.office().occupancy()
+    hidden = [replace(s, ranges=np.full_like(s.ranges, 1.5)) for s in scans[80:]]
+    result = localize_recording([*scans[:80], *hidden], spec, occupancy, lambda m: GridTracker(m, GridTrackerConfig()))
+    assert result.times_lost == 1
+    assert not result.is_found_at_the_end
+    assert result.found_after is not None
+    assert result.found_after < 5.0
+    assert len(result.poses) > 30
+
+
+def test_a_pose_outside_of_the_map_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    occupancy, spec = rooms.office().occupancy()
+    save_map(tmp_path / "office", spec, occupancy)
+    known = tmp_path / "office.yaml"
+    assert main(["localize", "nothing.log", "--map", str(known), "--pose", "300,100,0"]) == 2
+    assert capsys.readouterr().err.strip().endswith("office.yaml: the pose 300, 100 m lies outside of it")
+    assert main(["localize", "nothing.log", "--map", str(known), "--pose", "0,0,0"]) == 2
+    assert "nothing.log" in capsys.readouterr().err
 
 
 def test_without_odometry_nothing_is_localized() -> None:

@@ -78,8 +78,8 @@ DEPTH = (
     PlantedFault(
         "far floor counts like near floor",
         "costmap/voxel_layer.py",
-        "lean: float = math.radians(4.5)",
-        "lean: float = math.radians(1.0)",
+        "lean: Radians = math.radians(4.5)",
+        "lean: Radians = math.radians(1.0)",
         LAYER,
     ),
     PlantedFault(

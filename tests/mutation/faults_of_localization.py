@@ -21,6 +21,13 @@ MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
 
 LOCALIZATION = (
     PlantedFault(
+        "what a wrong pose led to is told as found",
+        "apps/recorded_localization.py",
+        "is_only_told = map_from_start is not None",
+        "is_only_told = False",
+        ("tests/cli/test_localize.py::test_what_a_wrong_pose_led_to_is_not_told_as_found",),
+    ),
+    PlantedFault(
         "a robot at rest that sees nothing for a second is lost",
         "localization/supervisor.py",
         "if not (is_blind and self._is_at_rest(observation)):",

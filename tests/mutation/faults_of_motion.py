@@ -396,6 +396,20 @@ MOTION = (
         ("tests/runtime/test_executors.py",),
     ),
     PlantedFault(
+        "every number may be told in degrees",
+        "settings/profiles.py",
+        "if not _is_angle(units[plain]):",
+        "if False:",
+        ("tests/settings/test_profiles.py", "tests/settings/test_angles.py::test_nothing_else_has_degrees"),
+    ),
+    PlantedFault(
+        "of a key that is written twice the last counts",
+        "wire/yaml_text.py",
+        '        _refuse_twins(node, name, "", set())\n',
+        "",
+        ("tests/wire/test_yaml_text.py",),
+    ),
+    PlantedFault(
         "degrees in a section that may be missing are lost",
         "settings/profiles.py",
         "return _checked(kinds[0], value, where) if len(kinds) == 1 and value is not None else value",

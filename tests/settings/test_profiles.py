@@ -8,13 +8,14 @@ from typing import Literal
 import pytest
 
 from ambler.core.errors import BadInputError
+from ambler.core.units import Radians
 from ambler.settings.profiles import as_values, build, load_profile, merge, parse_assignment, save_resolved
 
 
 @dataclass(frozen=True, slots=True)
 class Inner:
     speed: float = 0.5
-    window: float = 0.1
+    window: Radians = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,9 @@ def test_degrees_become_radians_here() -> None:
         ({"inner": {"sped": 1}}, r"inner\.sped: no such name; there are speed, window"),
         ({"inner": {"speed": "fast"}}, r"inner\.speed: Input should be a valid number"),
         ({"inner": {"window_deg": "x"}}, r"inner\.window_deg: degrees must be a number"),
+        ({"inner": {"speed_deg": 90}}, r"inner\.speed_deg: speed is no angle"),
+        ({"inner": {"window": True}}, r"inner\.window: must be a number, not True"),
+        ({"inner": {"window": 0.1, "window_deg": 5}}, r"inner\.window: is given twice, without and with _deg"),
         ({"gains": [1]}, r"gains\.1: "),
     ],
 )
@@ -61,6 +65,18 @@ def test_assignments_and_merge() -> None:
     assert build(Outer, over) == Outer(Inner(2.0, 0.3))
     with pytest.raises(BadInputError, match="name=value"):
         parse_assignment("speed")
+
+
+@pytest.mark.parametrize("names", [("window", "window_deg"), ("window_deg", "window")])
+def test_an_angle_that_is_laid_over_wins_in_either_unit(names: tuple[str, str]) -> None:
+    below, above = ({"inner": {name: value}} for name, value in zip(names, (1.0, 2.0), strict=True))
+    wanted = math.radians(2.0) if names[1] == "window_deg" else 2.0
+    assert build(Outer, merge(below, above)).inner.window == wanted
+
+
+def test_two_units_in_one_profile_are_still_two_when_it_is_laid_over() -> None:
+    with pytest.raises(BadInputError, match="is given twice"):
+        build(Outer, merge(as_values(Outer()), {"inner": {"window": 0.1, "window_deg": 5}}))
 
 
 @pytest.mark.parametrize(("text", "wanted"), [("glass=on", "on"), ("glass=off", "off"), ("glass=auto", "auto")])
@@ -92,6 +108,7 @@ class Several:
     start: Inner | None = None
     steps: tuple[Inner, ...] = ()
     limit: float | None = None
+    lean: Radians | None = None
 
 
 def test_degrees_become_radians_in_sections_that_may_be_missing_and_in_rows() -> None:
@@ -100,6 +117,7 @@ def test_degrees_become_radians_in_sections_that_may_be_missing_and_in_rows() ->
     assert built.start.window == pytest.approx(0.5 * math.pi)
     assert [step.window for step in built.steps] == pytest.approx([0.1, math.pi])
     assert build(Several, {"start": None}) == Several()
+    assert build(Several, {"lean_deg": 180}).lean == pytest.approx(math.pi)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,9 @@ from ambler.slam2d.offline import points_on_walls
 BELIEVED = (LocalizationState.TRACKING, LocalizationState.DEGRADED)
 
 
+TRIED_NS = 10_000_000_000  # after which a pose that was told, and believed all the time, counts as right
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedLocalization:
     """`stamps_ns` int64 (N,) and `poses` float64 (N, 3), map_from_base, of the scans whose pose was believed, of `scans` in all. `found_after`
@@ -55,7 +58,8 @@ def localize_recording(
     is_supervised: bool = True,
 ) -> RecordedLocalization:
     """Localize every scan in the map `occupancy` int8 [iy, ix], from a pose or from nothing. Without supervision, which needs a pose, it
-    is believed to the end: for maps so old that they contradict every scan. Raises BadInputError without odometry."""
+    is believed to the end: for maps so old that they contradict every scan. A pose that is given up within its first
+    ten seconds was only told: nothing that followed from it is kept. Raises BadInputError without odometry."""
     surfaces = SurfaceMap.from_occupancy(occupancy, spec)
     localizer = make_localizer(surfaces)
     supervisor: Supervisor | None = None
@@ -64,6 +68,7 @@ def localize_recording(
     planar = []
     count = times_lost = 0
     first_ns, was_believed, corrections = 0, False, list[float]()
+    is_only_told = map_from_start is not None
     for scan in scans:
         count += 1
         for stamp_ns, odom_from_base in scan.odometry:
@@ -90,6 +95,11 @@ def localize_recording(
             corrections.append(correction)
             believed.append((scan.stamp_ns, pose, odom_from_base))
             planar.append(points)
+        elif is_only_told:
+            is_only_told = False
+            if scan.stamp_ns - first_ns < TRIED_NS:
+                for kept in (believed, planar, corrections):
+                    kept.clear()
         times_lost += was_believed and estimate is None
         was_believed = estimate is not None
     if supervisor is None:

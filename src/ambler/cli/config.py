@@ -63,12 +63,14 @@ def run_explain(args: argparse.Namespace) -> int:
 def run_check(args: argparse.Namespace) -> int:
     """Check a profile and print what it changes."""
     from ambler.apps.config import default_config, robot_config
+    from ambler.cli.run_options import take_faults
     from ambler.settings.explain import differences
     from ambler.settings.profiles import as_values, load_profile
     from ambler.sim.robots import robot_named
 
     model = robot_named(args.robot).model
-    profile = {name: value for name, value in load_profile(args.file).items() if name != "faults"}
+    profile = load_profile(args.file)
+    take_faults(profile)
     before, after = default_config(model, has_map=args.known_map), robot_config(model, profile, has_map=args.known_map)
     changes = differences(as_values(before), as_values(after))
     print(f"{args.file} is right for {model.name}; it changes {len(changes)} values")

@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
     config.check_localizer()
     start = None if args.pose is None else parse_pose("--pose", args.pose)
     spec, occupancy = _load(args.map)
+    if start is not None and not spec.contains(start.x, start.y):
+        raise BadInputError(f"{args.map}: the pose {start.x:g}, {start.y:g} m lies outside of it")
     recording = open_recording(args.recording, choices_of(args), find_sweep=find_sweep)
     for note in recording.notes:
         print(note)

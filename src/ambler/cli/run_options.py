@@ -177,16 +177,13 @@ def _map_file(path: Path | None, name: str) -> Path | None:
 
 
 def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return what --profile, --set and the choices among strategies and localizers say, and the faults that the profile names."""
-    from ambler.core.errors import BadInputError
+    """Return what --profile, --set and the choices among strategies and localizers say, and the faults that these name."""
     from ambler.settings.profiles import load_profile, merge, parse_assignment
 
     profile = load_profile(args.profile) if args.profile else {}
-    faults = profile.pop("faults", [])
-    if not isinstance(faults, list):
-        raise BadInputError(f"{args.profile}: faults must be a list such as [wheel_slip:10:20]")
     for text in args.set:
         profile = merge(profile, parse_assignment(text))
+    faults = take_faults(profile)
     named = vars(args)
     if named.get("strategy"):
         profile = merge(profile, {"strategy": args.strategy})
@@ -207,7 +204,22 @@ def profile_of(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...
         ]
     if fence:
         profile = merge(profile, {"survey": {"fence": fence}})
-    return profile, tuple(str(fault) for fault in faults)
+    return profile, faults
+
+
+def take_faults(profile: dict[str, Any]) -> tuple[str, ...]:
+    """Take the faults out of a profile; raises BadInputError for what no run would take."""
+    from ambler.core.errors import BadInputError
+
+    faults = profile.pop("faults", [])
+    if not isinstance(faults, list) or not all(isinstance(fault, str) for fault in faults):
+        raise BadInputError(f"configuration faults: must be a list such as [wheel_slip:10:20], not {faults!r}")
+    if faults:
+        from ambler.sim.faults import Fault
+
+        for fault in faults:
+            Fault.parse(fault)
+    return tuple(faults)
 
 
 def study_settings(args: argparse.Namespace, *own: str, takes_faults: bool = True) -> StudySettings:
@@ -219,7 +231,7 @@ def study_settings(args: argparse.Namespace, *own: str, takes_faults: bool = Tru
     settings, verb = StudySettings(*profile_of(args)), vars(args)[f"{args.verb}_verb"]
     settings.refuse(own, f"`ambler {args.verb} {verb}` sets this itself")
     if settings.faults and not takes_faults:
-        raise BadInputError(f"{args.profile}: `ambler {args.verb} {verb}` takes no faults")
+        raise BadInputError(f"configuration faults: `ambler {args.verb} {verb}` takes no faults")
     return settings
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ambler.core.errors import BadInputError
+from ambler.core.units import Radians
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +41,14 @@ class RolloutConfig:
     padding: float = 0.03
     reaction_time: float = 0.1
     look_ahead: float = 0.4
-    turn_start: float = 0.8
-    turn_end: float = 0.15
+    turn_start: Radians = 0.8
+    turn_end: Radians = 0.15
     window: float = 2.0
     arrive_radius: float = 0.03
     pass_radius: float = 0.12
-    arrive_yaw: float = 0.02
+    arrive_yaw: Radians = 0.02
     speed_min: float = 0.06
-    turn_min: float = 0.15
+    turn_min: Radians = 0.15
     escape_speed: float = 0.25
     escape_length: float = 1.5
     brake_share: float = 0.6

@@ -16,6 +16,7 @@ from ambler.control.local_window import LocalWindow
 from ambler.core.protocols import BodyVelocity, Lean
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.units import Radians
 from ambler.kernels.arc import free_arc
 from ambler.kernels.rollout import clearance_at
 
@@ -55,9 +56,9 @@ class FollowerConfig:
     near_speed: float = 0.3
     speed_per_clearance: float = 3.5
     slow_rates: tuple[float, float] = (0.5, 0.25)
-    slow_lean: float = math.radians(20.0)
-    stop_lean: float = math.radians(30.0)
-    lean_rate: float = math.radians(120.0)
+    slow_lean: Radians = math.radians(20.0)
+    stop_lean: Radians = math.radians(30.0)
+    lean_rate: Radians = math.radians(120.0)
     slow_time: float = 2.0
     stop_time: float = 5.0
     off_time: float = 0.2

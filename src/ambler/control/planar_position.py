@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.units import Radians
 
 F64 = NDArray[np.float64]
 Axes = tuple[float, float, float]
@@ -59,8 +60,8 @@ class PlanarConfig:
     acceleration: Axes = (0.5, 0.5, 1.0)
     braking: Axes = (0.5, 0.5, 1.0)
     reaction_time: float = 0.12
-    rotate_start: float = math.radians(6.0)
-    rotate_end: float = math.radians(1.0)
+    rotate_start: Radians = math.radians(6.0)
+    rotate_end: Radians = math.radians(1.0)
     funnel: float = 0.12
     funnel_end: float = 0.004
     tolerance: Axes = (0.002, 0.001, math.radians(0.05))

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from ambler.control.path_follower import FollowerConfig
+from ambler.core.units import Radians
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +50,19 @@ class PrimitivesConfig:
     range_step: float = 0.4
     scales: tuple[float, ...] = (0.9, 0.65, 0.4)
     hold_scale: float = 0.5
-    direction_reach: float = math.radians(90.0)
-    worthless_angle: float = math.radians(50.0)
+    direction_reach: Radians = math.radians(90.0)
+    worthless_angle: Radians = math.radians(50.0)
     keep: float = 1.15
     keep_turning: float = 5.0
     goal_clear: float = 0.05
     near_goal: float = 0.6
-    freeze_angle: float = math.radians(90.0)
+    freeze_angle: Radians = math.radians(90.0)
     freeze_time: float = 0.3
     arrive_radius: float = 0.03
     pass_radius: float = 0.12
-    arrive_yaw: float = 0.02
-    turn_start: float = 0.5
-    turn_end: float = 0.15
+    arrive_yaw: Radians = 0.02
+    turn_start: Radians = 0.5
+    turn_end: Radians = 0.15
     is_two_way: bool = False
     aside_speed: float = 0.3
     rough_costs: tuple[int, int] = (30, 60)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ambler.core.units import Radians
+
 
 @dataclass(frozen=True, slots=True)
 class PursuitConfig:
@@ -34,8 +36,8 @@ class PursuitConfig:
     reaction_time: float = 0.1
     lookahead: float = 0.4
     lookahead_time: float = 0.3
-    start_yaw: float = 0.6
-    end_yaw: float = 0.12
+    start_yaw: Radians = 0.6
+    end_yaw: Radians = 0.12
     yaw_gain: float = 2.0
     static_yaw_gain: float = 2.0
     lateral_gain: float = 1.0
@@ -51,12 +53,12 @@ class PursuitConfig:
     min_stop: float = 0.03
     brake_share: float = 0.6
     xy_tolerance: float = 0.01
-    yaw_tolerance: float = 0.005
+    yaw_tolerance: Radians = 0.005
     creep: float = 0.01
-    creep_yaw: float = 0.02
+    creep_yaw: Radians = 0.02
     give_way_gain: float = 0.3
     give_way_seconds: float = 2.0
     give_way_width: float = 1.0
     arrive_radius: float = 0.03
     pass_radius: float = 0.12
-    arrive_yaw: float = math.radians(1.1)
+    arrive_yaw: Radians = math.radians(1.1)

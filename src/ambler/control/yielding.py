@@ -19,6 +19,7 @@ from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2
+from ambler.core.units import Radians
 from ambler.kernels.footprint import footprint_edges
 from ambler.kernels.movers import outline_distance, starts_contact
 
@@ -73,13 +74,13 @@ class YieldConfig:
     speed_min: float = 0.3
     setting_out: float = 1.2
     stood: float = 1.0
-    line: float = 0.35
+    line: Radians = 0.35
     stopped: float = 1.0
     company: float = 1.2
     beside: float = 2.0
     brake_share: float = 0.8
     speed_max: float = 0.5
-    turn_max: float = 0.7
+    turn_max: Radians = 0.7
     patience: float = 30.0
     evade_speed: float = 0.4
     evade_length: float = 0.8

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.units import Radians
+
 F64 = NDArray[np.float64]
 
 
@@ -22,7 +24,7 @@ class SE2:
 
     x: float = 0.0
     y: float = 0.0
-    yaw: float = 0.0
+    yaw: Radians = 0.0
 
     def __matmul__(self, other: SE2) -> SE2:
         c, s = math.cos(self.yaw), math.sin(self.yaw)

@@ -19,6 +19,7 @@ from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_LETHAL, COST_UNKNOWN, GridSpec
 from ambler.core.se3 import SE3
+from ambler.core.units import Radians
 from ambler.costmap.layer import Box, Moment, box_around, box_within, cells_within, changed_box, moved, union, whole
 from ambler.kernels import costmap as cells_kernels
 from ambler.kernels import voxels as kernels
@@ -43,14 +44,14 @@ class VoxelConfig:
     level: float = 0.05
     reach: float = 4.0
     doubt: float = 0.07
-    lean: float = math.radians(4.5)
+    lean: Radians = math.radians(4.5)
     clearance: float = 0.1
     gain: int = 2
     most: int = 6
     enough: int = 3
     margin: float = 0.06
     spread: float = 0.008
-    step: float = math.radians(2.0)
+    step: Radians = math.radians(2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

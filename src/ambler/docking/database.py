@@ -29,6 +29,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.docking.dock import Dock
 from ambler.docking.dock_table import dock_of_table, table_of_dock
 from ambler.wire.atomic_file import write_whole
+from ambler.wire.yaml_text import read_yaml
 
 LEARNED = 20  # dockings after which a pose follows new ones no slower
 JUMP = (0.3, math.radians(10.0))  # metres and radians by which one docking may contradict the file
@@ -45,7 +46,7 @@ class DockDatabase:
     def load(cls, path: Path) -> DockDatabase:
         """Read a file; raises BadInputError that names file, dock and field."""
         try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            content = read_yaml(path)
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise BadInputError(f"{path}: cannot be read as YAML: {str(error).splitlines()[0]}") from error
         if not isinstance(content, dict) or set(content) != {"docks"} or not isinstance(content["docks"], dict):

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from ambler.core.errors import BadInputError
+from ambler.core.units import Radians
 
 STANDARD_GRAVITY = 9.80665
 
@@ -55,10 +56,10 @@ class ImuConfig:
     accel_density: float = 1e-2
     gyro_walk: float = 1e-5
     accel_walk: float = 1e-4
-    gyro_bias_sigma: float = 0.01
+    gyro_bias_sigma: Radians = 0.01
     accel_bias_sigma: float = 0.05
     gap_most: float = 0.05  # seconds between two samples; a longer gap is reported, and the noise grows with it
-    gyro_bias_most: float = 0.1
+    gyro_bias_most: Radians = 0.1
     accel_bias_most: float = 0.5
 
 
@@ -69,7 +70,7 @@ class StartConfig:
     rest: float = 1.0
     samples_least: int = 20
     patience: float = 3.0
-    rest_gyro_sigma: float = 0.03
+    rest_gyro_sigma: Radians = 0.03
     rest_accel_sigma: float = 0.25
     gravity_window: float = (
         0.06  # relative deviation of the mean force from 1 g or 9.81 m/s² that is believed at rest, and
@@ -93,13 +94,13 @@ class HoleConfig:
     bridged: float = 0.25
     way_least: float = 1.0
     speed_more: float = 1.0
-    turn_least: float = 0.3
-    rate_more: float = 0.7
+    turn_least: Radians = 0.3
+    rate_more: Radians = 0.7
     way_most: float = 20.0
     same_way: float = 0.3
-    same_turn: float = 0.05
+    same_turn: Radians = 0.05
     place_sigma: float = 0.1
-    turn_sigma: float = 0.02
+    turn_sigma: Radians = 0.02
 
     def __post_init__(self) -> None:
         if not self.bridged > 0.0:
@@ -114,11 +115,11 @@ class RestConfig:
     is_used: bool = True
     factor: float = 2.0
     speed_most: float = 0.04
-    rate_most: float = 0.02
+    rate_most: Radians = 0.02
     velocity_sigma: float = 0.01
-    rate_sigma: float = 0.002
+    rate_sigma: Radians = 0.002
     way_most: float = 0.01
-    turn_most: float = 0.003
+    turn_most: Radians = 0.003
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +154,7 @@ class PlanarConfig:
 
     is_used: bool = False
     height_sigma: float = 0.05
-    tilt_sigma: float = math.radians(0.5)
+    tilt_sigma: Radians = math.radians(0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +201,7 @@ class LoopConfig:
     match_sigma: tuple[float, float] = (0.01, 3e-4)  # m, rad; what submaps bent by drift leave of a match's exactness
     gate: float = 22.5  # squared normalized distance of a match from what the graph expects: 99.9 % of six dimensions
     window_most: float = 20.0  # m to each side that are searched where the drift is beyond `reach`: half a submap
-    tilt_sigma: float = 0.02  # rad; of gravity at one keyframe. Its errors are those of the accelerometer's bias, common to tens of keyframes in a row
+    tilt_sigma: Radians = 0.02  # rad; of gravity at one keyframe. Its errors are those of the accelerometer's bias, common to tens of keyframes in a row
     tilt_factor: float = 10.0  # of what the filter says of gravity, for the same reason
     robust_width: float = 3.0  # sigmas at which a closure begins to count less
 
@@ -250,7 +251,7 @@ class CloudMatchConfig:
     fine_rounds: int = 15
     near: float = 0.2
     facing: float = 0.7
-    tilt_most: float = math.radians(4.0)  # both maps are level
+    tilt_most: Radians = math.radians(4.0)  # both maps are level
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,16 +272,16 @@ class CloudRelocalizerConfig:
     refined: int = 12
     promising: float = 0.5
     guess_way: float = 2.5
-    guess_turn: float = math.radians(36.0)
+    guess_turn: Radians = math.radians(36.0)
     accept: float = 0.5
     flat_least: float = 0.3  # of the floors: below a deck 0.3 m thick planes lie between its two sides, and of the right place half of them are explained
     margin: float = 0.08
     margin_least: float = 0.03
     rest_ratio: float = 0.65
     same_way: float = 1.0
-    same_turn: float = math.radians(8.0)
+    same_turn: Radians = math.radians(8.0)
     viewpoint_way: float = 1.5
-    viewpoint_turn: float = 0.8
+    viewpoint_turn: Radians = 0.8
     viewpoints: int = 2
     viewpoints_barely: int = 3
     retry_after: float = 1.0
@@ -302,7 +303,7 @@ class CloudTrackerConfig:
     noise: float = 0.5
     accept: float = 0.3
     jump: float = 0.6
-    jump_turn: float = math.radians(5.0)
+    jump_turn: Radians = math.radians(5.0)
     misses_most: int = 10
     smooth: float = 1.0
 
@@ -375,7 +376,7 @@ class LioConfig:
     mount_sigma: tuple[float, float] = (0.05, 0.03)  # m and rad that the mount is told to, where it is estimated
     refines_mount: bool = True  # of whole recordings: the filter's last word on the mount holds for all poses, if it turned about all axes
     refined_sigma: tuple[float, float] = (0.003, 0.003)  # m and rad that plates are built to, about 0.2 degrees
-    refined_turn: float = (
+    refined_turn: Radians = (
         0.03  # rad RMS within 3 s about every axis, from which on a recording tells the mount (`lio.turning`)
     )
     refined_clock: float = 0.002  # s that two clocks on one plate agree to

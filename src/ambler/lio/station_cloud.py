@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Odometry, PointCloud
 from ambler.core.se3 import SE3
+from ambler.core.units import Radians
 from ambler.lio.thin_cloud import first_in_cells
 
 F32 = NDArray[np.float32]
@@ -33,9 +34,9 @@ class StationCloudConfig:
 
     rest_time: float = 0.5
     speed_most: float = 0.04
-    turn_most: float = 0.04
+    turn_most: Radians = 0.04
     shift_most: float = 0.03
-    twist_most: float = 0.02
+    twist_most: Radians = 0.02
     patience: float = 6.0
     least: float = 1.0
     cell: float = 0.02

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.units import Radians
 from ambler.localization.errors import NoPoseError
 from ambler.localization.localizer import INITIAL_COVARIANCE, Estimate, Mode, Observation
 from ambler.localization.matcher import MatcherConfig, MatchResult, ScanMatcher, fuse
@@ -43,7 +44,7 @@ class GridTrackerConfig:
     lattice_most: float = 0.5
     depth_sigma: float = 0.3
     novelty_way: float = 0.7
-    novelty_turn: float = 0.5
+    novelty_turn: Radians = 0.5
 
 
 class GridTracker:

@@ -17,6 +17,7 @@ from ambler.core.base_motion import LEVEL, lean_of
 from ambler.core.messages import Odometry
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.core.se3 import SE3, Vector3
+from ambler.core.units import Radians
 from ambler.localization.planar_ekf import EkfConfig, EkfEstimate, PlanarEkf
 
 F64 = NDArray[np.float64]
@@ -66,14 +67,14 @@ class OdometryConfig:
     gyro_variance: float = 1e-4
     wheel_variance: tuple[float, float, float] = (1e-3, 1e-3, 1e-3)
     turn_doubt: float = 1.0
-    way_doubt: float = 0.5
+    way_doubt: Radians = 0.5
     still: float = 1e-3
-    still_sigma: float = 1e-3
+    still_sigma: Radians = 1e-3
     gap_most: float = 0.25
     speed_most: float = 3.0
-    turn_most: float = 4.0
+    turn_most: Radians = 4.0
     jump_way: float = 0.05
-    jump_turn: float = 0.05
+    jump_turn: Radians = 0.05
     setbacks: int = 5
     imu_age: float = 0.2
     ekf: EkfConfig = field(default_factory=lambda: EkfConfig(slip_way_factor=1.0, gate=math.inf))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ambler.core.robot import DriveKind
 from ambler.core.se2 import SE2
+from ambler.core.units import Radians
 from ambler.kernels import likelihood_field as field_kernel
 from ambler.kernels import particles as kernel
 from ambler.localization.errors import NoPoseError
@@ -53,7 +54,7 @@ class ParticleFilterConfig:
     bin_size: tuple[float, float] = (0.5, math.pi / 18)
     alphas: tuple[float, float, float, float, float] = (0.05, 0.02, 0.05, 0.02, 0.05)
     update_way: float = 0.15
-    update_turn: float = 0.15
+    update_turn: Radians = 0.15
     max_beams: int = 60
     beam_trust: float = 0.3
     sigma_hit: float = 0.1

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.units import Radians
 from ambler.kernels import branch_bound
 from ambler.kernels import likelihood_field as field_kernel
 from ambler.kernels import relocalization as kernel
@@ -47,7 +48,7 @@ class RelocalizerConfig:
     accept: float = 0.5
     margin: float = 0.08
     viewpoint_way: float = 0.3
-    viewpoint_turn: float = 0.45
+    viewpoint_turn: Radians = 0.45
     sure_quality: float = 0.88
     sure_margin: float = 0.15
     sure_things: int = 4

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ambler.control.planar_position import PlanarConfig
 from ambler.core.protocols import BodyVelocity
 from ambler.core.se2 import SE2
+from ambler.core.units import Radians
 from ambler.docking.tracker import DockTrack
 from ambler.missions.drive_to import DriveTo
 
@@ -60,14 +61,14 @@ class DockConfig:
     attempts: int = 3
     stagings: int = 2
     staging_xy: float = 0.08
-    staging_yaw: float = 0.08
+    staging_yaw: Radians = 0.08
     staging_near: float = 0.35
     look_time: float = 0.8
     search_turns: tuple[float, ...] = (0.0, 0.35, -0.35, 0.7, -0.7, 0.0)
     search_moves: tuple[float, ...] = (0.2, -0.2)
     search_timeout: float = 40.0
     align_xy: float = 0.03
-    align_yaw: float = math.radians(1.5)
+    align_yaw: Radians = math.radians(1.5)
     align_timeout: float = 15.0
     align_sightings: int = 4
     approach_timeout: float = 20.0
@@ -77,11 +78,11 @@ class DockConfig:
     blind_push: float = 0.35
     limit_at: float = 0.25
     limit_y: float = 0.02
-    limit_yaw: float = math.radians(2.0)
+    limit_yaw: Radians = math.radians(2.0)
     contact_at: float = 0.05
     overrun: float = 0.008
     settle_xy: float = 0.003
-    settle_yaw: float = math.radians(0.15)
+    settle_yaw: Radians = math.radians(0.15)
     settle_time: float = 0.3
     confirm_time: float = 4.0
     contact_time: float = 0.2

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
+from ambler.core.units import Radians
 from ambler.exploration.choice import ChoiceConfig
 from ambler.missions.drive_to import DriveTo
 from ambler.missions.stations import StationsConfig
@@ -66,9 +67,9 @@ class ExploreConfig:
     held_timeout: float = 10.0
     max_resumes: int = 5
     xy_tolerance: float = 0.3
-    yaw_tolerance: float = 0.6
+    yaw_tolerance: Radians = 0.6
     home_xy_tolerance: float = 0.15
-    home_yaw_tolerance: float = 0.2
+    home_yaw_tolerance: Radians = 0.2
     home_near: float = 0.6
     wide_cells: int = 1_000_000
     level_tries: int = 4

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.core.units import Radians
 
 SPACING_LEAST = 1.0  # metres
 HOLD_MOST = 300.0  # seconds
@@ -26,7 +27,7 @@ class StationsConfig:
 
     spacing: float = 0.0
     hold: float = 5.0
-    tilt_most: float = math.radians(7.0)
+    tilt_most: Radians = math.radians(7.0)
 
     def __post_init__(self) -> None:
         if self.spacing != 0.0 and not SPACING_LEAST <= self.spacing < math.inf:

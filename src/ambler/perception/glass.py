@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambler.core.messages import LaserScan
 from ambler.core.se2 import wrap_angle
 from ambler.core.se3 import SE3
+from ambler.core.units import Radians
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -35,12 +36,12 @@ class SpecularConfig:
     intensity_max: float = 30.0
     tolerance: float = 0.04
     behind: float = 0.25
-    near: float = math.radians(2.5)
+    near: Radians = math.radians(2.5)
     near_points: int = 3
     near_share: float = 0.6
     sides: tuple[float, float] = (math.radians(14.0), math.radians(30.0))
     through_share: float = 0.6
-    pane_angle: float = math.radians(13.0)
+    pane_angle: Radians = math.radians(13.0)
     range_max: float = 8.0
 
 

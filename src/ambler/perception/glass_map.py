@@ -16,6 +16,7 @@ from scipy import ndimage
 from ambler.core.grid import OCC_FREE, GridSpec
 from ambler.core.messages import JudgedEcho, LaserScan
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.core.units import Radians
 from ambler.kernels.range_layer import draw_segments
 from ambler.perception.glass import SpecularPeak
 
@@ -33,7 +34,7 @@ class GlassMapConfig:
     within `echo_tolerance` metres. Beams within `square` radians of the normal must come back from glass."""
 
     join_distance: float = 0.15
-    join_angle: float = math.radians(8.0)
+    join_angle: Radians = math.radians(8.0)
     reach: float = 3.0
     bin: float = 0.1
     least: float = -6.0
@@ -43,7 +44,7 @@ class GlassMapConfig:
     bridge: float = 0.5
     length_min: float = 0.3
     echo_tolerance: float = 0.1
-    square: float = math.radians(3.0)
+    square: Radians = math.radians(3.0)
     contradiction_range: float = 6.0
     through: float = 0.3
     memory: float = 60.0

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ambler.core.base_motion import steady_sweep
 from ambler.core.messages import LaserScan, PointCloud
 from ambler.core.robot import RobotModel
+from ambler.core.units import Radians
 from ambler.kernels import scan_points
 from ambler.perception.ground_below import LEVEL_GROUND, GroundBelow
 from ambler.perception.level_mount import LevelMount, Mount, matrix_of
@@ -34,7 +35,7 @@ class PlanarConfig:
     height_max: float = 0.6
     azimuth_bins: int = 900
     surface_depth: float = 0.06
-    lean_doubt: float = math.radians(0.3)
+    lean_doubt: Radians = math.radians(0.3)
 
 
 def default_planar(robot: RobotModel) -> PlanarConfig:

@@ -13,6 +13,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.core.units import Radians
 from ambler.perception.merger_config import MergerConfig
 
 
@@ -39,11 +40,11 @@ class ScannerCalibration:
 
     x: float
     y: float
-    yaw: float
+    yaw: Radians
     clock_offset: float = 0.0
     sigma_x: float = 0.0
     sigma_y: float = 0.0
-    sigma_yaw: float = 0.0
+    sigma_yaw: Radians = 0.0
     sigma_clock_offset: float = 0.0
 
     @classmethod

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ambler.core.errors import BadInputError
 from ambler.core.robot import RobotModel, SensorKind
+from ambler.core.units import Radians
 
 WIDE_COLUMNS = 200  # of 0.2 m: 40 m
 SEEN_FLOOR = 4.5  # metres of floor ahead that the window shows at least: a level LiDAR sees none nearer than 5 m
@@ -43,7 +44,7 @@ class TerrainConfig:
     columns: int = 144
     voxel: float = 0.1
     step: float = 0.08
-    steep: float = math.radians(22.0)
+    steep: Radians = math.radians(22.0)
     clearance: float = 0.8
     own_radius: float = 0.45
     climbs_stairs: bool = False

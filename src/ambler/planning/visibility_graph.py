@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.grid import GridSpec
+from ambler.core.units import Radians
 from ambler.kernels import level_contour, line_of_sight
 from ambler.kernels import visibility as kernels
 from ambler.planning.clearance_map import TILE, Box, Changes, ClearanceMap, UnknownPrice, grown
@@ -44,7 +45,7 @@ class VisibilityGraphConfig:
     least: float = 1.0
     tolerance: float = 0.6  # slanted walls of a grid stay smooth from half a cell on
     level: float = 1.6
-    least_turn: float = 0.12  # rad; less is the wave of a slanted wall
+    least_turn: Radians = 0.12  # rad; less is the wave of a slanted wall
     slack: float = 0.1  # sine of the angle by which a leg may enter the obstacle that it should support
     reach: float = 40.0
     match: float = 2.5

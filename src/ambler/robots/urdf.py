@@ -63,10 +63,12 @@ def read_robot(path: Path) -> UrdfRobot:
     bottom, height = _body(tree, extension, floor, wheels)
     if extension.find("lidar") is None:
         raise BadInputError(f"{path}: <ambler>: a <lidar link=...> is missing; without one no robot can be safe")
+    footprint = _footprint(tree, extension)
+    _check_track(tree, geometry[1], footprint)
     model = RobotModel(
         tree.name,
         drive,
-        _footprint(tree, extension),
+        footprint,
         _limits(tree, extension, drive),
         _mounts(tree, extension, floor),
         height,
@@ -184,7 +186,27 @@ def _footprint(tree: UrdfTree, extension: Element) -> F64:
 def _limits(tree: UrdfTree, extension: Element, drive: DriveKind) -> VelocityLimits:
     default = VelocityLimits(vy_max=0.4) if drive is DriveKind.OMNI else VelocityLimits()
     element = extension.find("limits")
-    return default if element is None else override(tree, element, default)
+    if element is None:
+        return default
+    limits = override(tree, element, default)
+    for f in fields(limits):
+        value: float = getattr(limits, f.name)
+        wanted, is_right = {
+            "vx_min": ("0 or negative", value <= 0.0),
+            "vy_max": ("0 or positive", value >= 0.0),
+        }.get(f.name, ("positive", value > 0.0))
+        if not is_right:
+            raise BadInputError(f"{tree.path}: {label(element)}: {f.name} must be {wanted}, is {value:g}")
+    return limits
+
+
+def _check_track(tree: UrdfTree, track: float, footprint: F64) -> None:
+    """Raise BadInputError for wheels that stand too far outside of the body to be its own."""
+    width = float(np.ptp(footprint[:, 1]))
+    if track > 2.0 * width:
+        raise BadInputError(
+            f"{tree.path}: <ambler>: the track of {track:g} m is more than twice the body's width of {width:g} m"
+        )
 
 
 def _mounts(tree: UrdfTree, extension: Element, floor: float) -> tuple[SensorMount, ...]:
@@ -197,6 +219,9 @@ def _mounts(tree: UrdfTree, extension: Element, floor: float) -> tuple[SensorMou
         geometry = spec_of(tree, element, SCANNERS, "scanner_360", is_partial=True)
         window = numbers(tree.path, element, "window", 2) if "window" in element.attrib else None
         mount = geometry.mount(name, poses[name], None if window is None else (window[0], window[1]))
+        below = -mount.base_from_sensor.translation[2]
+        if mount.kind is SensorKind.SCAN and below > 1e-6:
+            raise BadInputError(f"{tree.path}: {label(element)}: lies {below:g} m below the floor")
         (scans if mount.kind is SensorKind.SCAN else others).append(mount)
     if len(scans) > 1 and MERGED_FRAME not in poses:
         poses[MERGED_FRAME] = SE3((0.0, 0.0, float(np.mean([m.base_from_sensor.translation[2] for m in scans]))))

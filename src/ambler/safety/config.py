@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ambler.core.errors import BadInputError
+from ambler.core.units import Radians
 
 MIN_POINTS_MOST = 10  # a leg is not many more: the gate would look through it
 
@@ -58,7 +59,7 @@ class GateConfig:
     max_future: float = 0.1
     self_depth: float = 0.05
     slope: float = 0.0
-    tipped: float = math.radians(50.0)
+    tipped: Radians = math.radians(50.0)
     tipped_time: float = 0.3
     memory_travel: float = 12.0
 

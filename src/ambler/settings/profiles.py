@@ -1,7 +1,7 @@
 """Profiles: YAML files that name only what differs from the defaults of a configuration's dataclass.
 
 A wrong key or value is one clear error that names the path of the key. Keys that end in `_deg` hold degrees for a field of
-the same name without the suffix, which is the only place where degrees become radians.
+the same name without the suffix whose type is `Radians`, which is the only place where degrees become radians.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from ambler.core.errors import BadInputError
+from ambler.core.units import RADIANS
 from ambler.wire.atomic_file import write_whole
+from ambler.wire.yaml_text import parse_yaml, read_yaml
 
 T = TypeVar("T")
 _HEIGHTS = ("height_m", "band_")  # what these fields begin with is measured from a floor or a sensor
@@ -28,7 +30,7 @@ _HEIGHTS = ("height_m", "band_")  # what these fields begin with is measured fro
 def load_profile(path: Path) -> dict[str, Any]:
     """Read a profile; raises BadInputError when it is missing, broken or not a mapping."""
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = read_yaml(path)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -41,8 +43,8 @@ def load_profile(path: Path) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay one nested mapping over another; the second wins, key by key."""
-    merged = dict(base)
+    """Lay one nested mapping over another; the second wins, key by key, be an angle told in degrees or not."""
+    merged = {key: value for key, value in base.items() if _twin(key) not in over}
     for key, value in over.items():
         below = merged.get(key)
         if isinstance(value, Mapping) and isinstance(below, Mapping):
@@ -52,13 +54,19 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
+def _twin(key: Any) -> str:
+    """Return the other name of an angle: with degrees for one without, and the other way round."""
+    text = str(key)
+    return text.removesuffix("_deg") if text.endswith("_deg") else f"{text}_deg"
+
+
 def parse_assignment(text: str) -> dict[str, Any]:
     """Turn `slam.front_end.voxel_size=0.05` into a nested mapping; raises BadInputError."""
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise BadInputError(f"{text!r} is not of the form name=value")
     try:
-        nested: Any = yaml.safe_load(value)
+        nested: Any = parse_yaml(value, repr(text))
     except yaml.YAMLError as error:
         raise BadInputError(f"{text!r}: the value is not YAML: {' '.join(str(error).split())}") from error
     for key in reversed(name.strip().split(".")):
@@ -127,13 +135,17 @@ def save_resolved(path: Path, config: Any) -> None:
 def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Check the names against the dataclass and turn `<name>_deg` into `<name>` in radians."""
     fields = {f.name: f for f in dataclasses.fields(kind)}
-    hints = get_type_hints(kind)
+    hints, units = get_type_hints(kind), get_type_hints(kind, include_extras=True)
     out: dict[str, Any] = {}
     for key, value in values.items():
         if not isinstance(key, str):
             raise BadInputError(f"configuration {where}{key}: a name is a word; there are {', '.join(sorted(fields))}")
         plain = key.removesuffix("_deg")
         if key not in fields and key != plain and plain in fields:
+            if not _is_angle(units[plain]):
+                raise BadInputError(f"configuration {where}{key}: {plain} is no angle, and nothing else has degrees")
+            if plain in values:
+                raise BadInputError(f"configuration {where}{plain}: is given twice, without and with _deg")
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise BadInputError(f"configuration {where}{key}: degrees must be a number")
             out[plain] = math.radians(value)
@@ -142,6 +154,13 @@ def _radians(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]
         else:
             out[key] = _checked(hints[key], value, f"{where}{key}")
     return out
+
+
+def _is_angle(hint: Any) -> bool:
+    """Say whether a field holds radians, or none."""
+    if get_origin(hint) in (Union, UnionType):
+        return any(_is_angle(kind) for kind in get_args(hint))
+    return RADIANS in getattr(hint, "__metadata__", ())
 
 
 def _checked(hint: Any, value: Any, where: str) -> Any:

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError
 from ambler.core.errors import BadInputError
 from ambler.sim.dock_entry import Entry
 from ambler.sim.solids import WorldSpec
+from ambler.wire.yaml_text import read_yaml
 
 Point = tuple[float, float]
 SPEED = 0.8  # m/s where nothing is said
@@ -54,7 +55,7 @@ class RouteEntry(Entry):
 def load_route(path: Path, world: WorldSpec) -> Route:
     """Read a route file; raises BadInputError in one sentence that names the file and the place."""
     try:
-        content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content: Any = read_yaml(path)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -22,11 +22,9 @@ from ambler.sim.route import RouteEntry
 from ambler.sim.solids import Door, Person, Shape, Solid, WorldSpec
 from ambler.sim.surface_entry import FOLDER, MeshEntry, TerrainEntry
 from ambler.wire.map_files import PICTURES, yaml_beside
+from ambler.wire.yaml_text import read_yaml
 
 WORLDS = Path(__file__).parent / "worlds"
-LOADER: Any = getattr(
-    yaml, "CSafeLoader", yaml.SafeLoader
-)  # ground with thousands of heights takes seconds without libyaml
 SUFFIXES = (".yaml", ".yml")
 
 
@@ -205,7 +203,7 @@ def _find(name: str) -> Path:
 
 def _read_yaml(path: Path) -> dict[str, object]:
     try:
-        content = yaml.load(path.read_text(), Loader=LOADER)
+        content = read_yaml(path)
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
         raise BadInputError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):

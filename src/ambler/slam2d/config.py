@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ambler.core.units import Radians
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.registration.gauss_newton import RefineConfig
 from ambler.registration.line_field import LineConfig
@@ -27,12 +28,12 @@ class FrontEndConfig:
     match_max_voxel: float = 0.5
     match_min_points: int = 200
     window_linear: float = 0.05
-    window_angular: float = math.radians(3.0)
+    window_angular: Radians = math.radians(3.0)
     window_gain: float = 0.3
     window_linear_max: float = 0.25
-    window_angular_max: float = math.radians(20.0)
+    window_angular_max: Radians = math.radians(20.0)
     blind_window_linear: float = 0.15
-    blind_window_angular: float = math.radians(10.0)
+    blind_window_angular: Radians = math.radians(10.0)
     rescue_score_drop: float = 0.12
     odometry_slack: float = 0.03
     odometry_slack_gain: float = 0.4
@@ -50,7 +51,7 @@ class FrontEndConfig:
     point_sigma: float = 0.35
     motion_time: float = 5.0
     motion_distance: float = 0.2
-    motion_angle: float = math.radians(1.0)
+    motion_angle: Radians = math.radians(1.0)
     scans_per_submap: int = 90
     distance_per_submap: float = 10.0
     insertion: InsertionConfig = field(default_factory=InsertionConfig)
@@ -64,7 +65,7 @@ class DriftConfig:
     figures count as."""
 
     linear_per_metre: float = 0.02
-    angular_per_metre: float = math.radians(0.05)
+    angular_per_metre: Radians = math.radians(0.05)
     least: tuple[float, float] = (0.02, math.radians(0.1))
     closure: tuple[float, float] = (0.05, math.radians(0.5))
     scale_limits: tuple[float, float] = (0.5, 5.0)
@@ -117,8 +118,8 @@ class LoopConfig:
     final_distance: float = 0.4
     window_base: float = 0.4
     window_max: float = 40.0
-    angle_base: float = math.radians(4.0)
-    angle_max: float = math.radians(60.0)
+    angle_base: Radians = math.radians(4.0)
+    angle_max: Radians = math.radians(60.0)
     coarse_above: float = 1.0
     coarseness: int = 4
     candidates_per_node: int = 2

@@ -11,6 +11,7 @@ import yaml
 from ambler.core.camera import CameraModel
 from ambler.core.errors import BadInputError
 from ambler.wire.atomic_file import write_whole
+from ambler.wire.yaml_text import read_yaml
 
 MODELS = {"plumb_bob": 5, "rational_polynomial": 8}
 
@@ -35,7 +36,7 @@ def save_camera_info(path: Path, camera: CameraModel) -> None:
 def load_camera_info(path: Path) -> CameraModel:
     """Read a calibration; raises BadInputError, also for one that was never calibrated (a focal length of zero)."""
     try:
-        table = yaml.safe_load(path.read_text(encoding="utf-8"))
+        table = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise BadInputError(f"{path}: cannot be read as YAML: {str(error).splitlines()[0]}") from error
     if not isinstance(table, dict):

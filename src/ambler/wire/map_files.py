@@ -22,6 +22,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import OCC_FREE, OCC_OCCUPIED, OCC_UNKNOWN, GridSpec
 from ambler.wire.atomic_file import write_whole
 from ambler.wire.turned_maps import straightened
+from ambler.wire.yaml_text import read_yaml
 
 PIXEL_FREE, PIXEL_OCCUPIED, PIXEL_UNKNOWN = 254, 0, 205
 OCCUPIED_THRESH = 0.65
@@ -162,7 +163,7 @@ def _read_table(path: Path) -> dict[str, Any]:
             raise BadInputError(f"{path}: is a picture, and no YAML of its name lies beside it; give the map's YAML")
         path = described
     try:
-        table = yaml.safe_load(path.read_text(encoding="utf-8"))
+        table = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise BadInputError(f"{path}: {' '.join(str(error).split())}") from error
     if not isinstance(table, dict):
