@@ -714,6 +714,20 @@ LIO = (
         ("tests/lio/test_lio_verb.py::test_a_told_difference_of_the_clocks_takes_no_measurement_away",),
     ),
     PlantedFault(
+        "every part of a scan is a scan",
+        "recordings/cloud_parts.py",
+        "return long_ns < PART_NS and",
+        "return False and long_ns < PART_NS and",
+        ("tests/recordings/test_cloud_parts.py",),
+    ),
+    PlantedFault(
+        "parts are joined over what is missing between them",
+        "recordings/cloud_parts.py",
+        "return abs(begin_ns - self._span_ns[1]) <= APART_NS and",
+        "return",
+        ("tests/recordings/test_cloud_parts.py",),
+    ),
+    PlantedFault(
         "a difference of the clocks that was learned is kept to oneself",
         "lio/offline.py",
         "clock_off=clock if is_clock_off else None",

@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from ambler.core.messages import Imu, Odometry, PointCloud
+from ambler.recordings.cloud_parts import PartJoiner, span_ns
 
 OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
 HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
@@ -96,11 +97,32 @@ class _Stream(Generic[M]):
         return count
 
 
+class _Clouds(_Stream[PointCloud]):
+    """Clouds; parts of scans wait until their scan is complete."""
+
+    def __init__(self, spacing: float | None) -> None:
+        super().__init__()
+        self._parts = PartJoiner(spacing)
+
+    def _take_in(self, message: PointCloud) -> None:
+        self.waiting += self._parts.add(message)
+        self.last_ns = message.stamp_ns
+
+    def end(self) -> None:
+        """Take that nothing more will come."""
+        super().end()
+        self.complete()
+
+    def complete(self) -> None:
+        """Take that no more parts will come soon."""
+        self.waiting += self._parts.end()
+
+
 class ScanJoiner:
     """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out, and so is a
     stamp that lies ahead by more than a second, if the next does not.
 
-    `lidar_clock` is how many seconds the clouds' stamps lag behind those of the measurements: of a cloud that was taken later than it says, so are the last ones.
+    Clouds that come in small parts are joined into scans; `spacing` is how many seconds lie between two clouds, where that is known. `lidar_clock` is how many seconds the clouds' stamps lag behind those of the measurements: of a cloud that was taken later than it says, so are the last ones.
     With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
     """
 
@@ -112,12 +134,13 @@ class ScanJoiner:
         held_most: int = HELD_MAX,
         has_outages: bool = False,
         lidar_clock: float = 0.0,
+        spacing: float | None = None,
     ) -> None:
         self._has_outages, self._late_ns = has_outages, round(lidar_clock * 1e9)
         self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
         self._imu: _Stream[Imu] = _Stream()
         self._odometry: _Stream[Odometry] = _Stream()
-        self._clouds: _Stream[PointCloud] = _Stream()
+        self._clouds = _Clouds(spacing)
 
     def add(self, message: object) -> None:
         """Take a cloud, a measurement or odometry; anything else is left out."""
@@ -135,7 +158,8 @@ class ScanJoiner:
             yield self._next()
         longest_ns, last_ns = max((stream.span_ns(), stream.last_ns) for stream in (self._imu, self._odometry))
         if self._has_outages and not clouds and longest_ns > OUTAGE_NS:
-            yield self._with_measurements(_nothing(last_ns - OUTAGE_NS // 2))
+            self._clouds.complete()
+            yield self._next() if clouds else self._with_measurements(_nothing(last_ns - OUTAGE_NS // 2))
 
     def rest(self) -> Iterator[CloudScan]:
         """Remove and yield everything: nothing more will come."""
@@ -182,4 +206,4 @@ def _nothing(stamp_ns: int) -> PointCloud:
 
 
 def _end_ns(cloud: PointCloud) -> int:
-    return cloud.stamp_ns + (round(float(cloud.time[-1]) * 1e9) if len(cloud.time) else 0)
+    return span_ns(cloud)[1]
