@@ -728,6 +728,20 @@ LIO = (
         ("tests/recordings/test_cloud_parts.py",),
     ),
     PlantedFault(
+        "whole numbers are of the largest unit that a sweep may have",
+        "wire/cloud_columns.py",
+        "(WHOLE_MOST, SWEEP_MOST) if is_whole",
+        "(SWEEP_MOST,) if is_whole",
+        ("tests/recordings/test_cloud_recording.py",),
+    ),
+    PlantedFault(
+        "how often clouds come says nothing of the unit of their times",
+        "recordings/cloud_recording.py",
+        "message = replace(message, time=times_within(message.time, self.spacing))",
+        "pass",
+        ("tests/recordings/test_cloud_recording.py",),
+    ),
+    PlantedFault(
         "a difference of the clocks that was learned is kept to oneself",
         "lio/offline.py",
         "clock_off=clock if is_clock_off else None",

@@ -98,7 +98,8 @@ def test_a_stamp_at_the_end_of_the_part_is_one_like_all() -> None:
 
 
 def test_what_comes_now_and_then_less_often_is_in_parts_all_the_same() -> None:
-    assert mean_spacing([0, 10, 20, 30, 40, 5000, 5010]) == pytest.approx((5 * 10 + 30) / 6 * 1e-9)
+    stamps_ns = [10_000_000 * k + (0 if k < 7 else 5 * SECOND) for k in range(13)]
+    assert mean_spacing(stamps_ns) == pytest.approx((11 * 0.01 + 0.1) / 12)
     assert mean_spacing([5]) is None
     assert mean_spacing([5, 5]) is None
 

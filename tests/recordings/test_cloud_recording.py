@@ -16,7 +16,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording
 from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
-from ambler.wire.cloud_columns import point_times
+from ambler.wire.cloud_columns import point_times, times_within
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_sensors import cloud_from_ros
 from ambler.wire.ros_types import STORE, record_class
@@ -104,6 +104,49 @@ def test_times_of_no_sweep_are_refused_by_name_and_those_of_an_instant_are_not()
     few = np.zeros(5, [("t", "u4")])
     few["t"] = [100_000, 110_000, 120_000, 130_000, 140_000]
     assert point_times(few, START_NS)[0] == pytest.approx(1e-4), "a few of the first returns of an Ouster"
+
+
+@pytest.mark.parametrize("span_ns", [780_000, 1_560_000, 10_000_000, 100_000_000, 1_500_000_000])
+def test_whole_nanoseconds_of_packets_are_no_microseconds(span_ns: int) -> None:
+    """0 to 1 560 000: in µs it would be a sweep of a second and a half. After the stamp, and of another clock."""
+    for begin in (0, 400 * 10**9):
+        packed = np.zeros(400, [("t", "i8")])
+        packed["t"] = begin + np.rint(np.linspace(0.0, span_ns, 400))
+        np.testing.assert_allclose(point_times(packed, START_NS), np.linspace(0.0, 1e-9 * span_ns, 400), atol=2e-7)
+
+
+@pytest.mark.parametrize("spacing", [390e-6, 1.56e-3, 0.1, 1.0])
+@pytest.mark.parametrize(("unit", "kind"), [("ns", "u4"), ("us", "u4"), ("us", "f4"), ("ms", "f4"), ("s", "f4")])
+def test_the_spacing_of_clouds_tells_the_unit_where_numbers_do_not(spacing: float, unit: str, kind: str) -> None:
+    """A packet of 0.39 ms in ns may be one of 0.39 s in µs, one of 1.56 ms one of 1.56 s in ms."""
+    late = np.linspace(0.0, 0.999 * spacing, 400)
+    packed = np.zeros(400, [("t", kind)])
+    packed["t"] = np.rint(late * UNITS[unit]) if kind == "u4" else late * UNITS[unit]
+    seconds = times_within(point_times(packed, START_NS), spacing)
+    assert seconds.dtype == np.float32
+    np.testing.assert_allclose(seconds, late, atol=2e-6)
+
+
+def test_a_recording_of_packets_has_the_times_that_their_spacing_bears_out(tmp_path: Path) -> None:
+    step_ns = 390_000
+    columns = {**{axis: np.ones(400, np.float32) for axis in "xyz"}, "t": np.linspace(0.0, step_ns, 400).astype("u4")}
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/points", ros_type_of(m.PointCloud), typestore=STORE)
+        for k in range(60):
+            record = cloud2(columns, START_NS + k * step_ns)
+            writer.write(topic, START_NS + k * step_ns, STORE.serialize_cdr(record, ros_type_of(m.PointCloud)))
+    recording = open_cloud_recording(tmp_path / "bag")
+    assert "the first 0.000 s long" in recording.notes[0]
+    (scan,) = recording.scans()
+    assert scan.end_ns - START_NS == pytest.approx(60 * step_ns, abs=1000)
+
+
+def test_clouds_of_several_lidars_on_one_topic_keep_their_times() -> None:
+    late = LATE.astype(np.float32)
+    for spacing in (None, 0.0, 0.1 / 6, 0.1):
+        assert times_within(late, spacing) is late
+    instant = np.zeros(0, np.float32)
+    assert times_within(instant, 1.0) is instant
 
 
 OTHER_CLOCKS = {"GPS": 37.0, "behind GPS": -18.0, "years": -3e8, "since boot": 500.0 - START_NS * 1e-9}

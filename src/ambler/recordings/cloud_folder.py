@@ -22,7 +22,7 @@ from ambler.core.se3 import SE3
 from ambler.recordings.cloud_parts import MANY, PartJoiner, mean_spacing, scans_of_parts
 from ambler.recordings.cloud_scan import CloudScan, returns_in_order
 from ambler.recordings.kitti_drive import read_mount, read_oxts, read_sweeps, times_in_sweep
-from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times
+from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times, times_within
 from ambler.wire.cloud_files import is_text, kind_of, read_cloud
 
 F64 = NDArray[np.float64]
@@ -82,10 +82,11 @@ class CloudFolder:
 
     def _read(self) -> Iterator[PointCloud]:
         """Yield the returns of every file."""
+        spacing = self.spacing
         for k, (file, stamp_ns) in enumerate(zip(self.files, self.stamps_ns, strict=True)):
             table = read_cloud(file)
             points = np.stack([np.asarray(table[axis], np.float32) for axis in "xyz"], axis=1)
-            times = point_times(table, stamp_ns)
+            times = times_within(point_times(table, stamp_ns), spacing)
             if self.sweeps and not times.any():
                 times = times_in_sweep(points, self.sweeps[k])
             cloud = PointCloud(

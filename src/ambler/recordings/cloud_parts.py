@@ -92,10 +92,10 @@ def span_ns(cloud: PointCloud) -> tuple[int, int]:
 
 
 def mean_spacing(stamps_ns: list[int]) -> float | None:
-    """Return how many seconds lie between clouds, missing ones left out; None where no stamp follows another."""
+    """Return how many seconds lie between clouds, what is missing counted as little; None where no stamp follows another."""
     steps = np.diff(stamps_ns)
     steps = steps[steps > 0]
-    return 1e-9 * float(np.minimum(steps, 3.0 * np.median(steps)).mean()) if len(steps) else None
+    return 1e-9 * float(np.minimum(steps, max(MOST_NS, 3.0 * np.median(steps))).mean()) if len(steps) else None
 
 
 def scans_of_parts(clouds: int, seconds: float, spacing: float | None) -> tuple[int, tuple[str, ...]]:

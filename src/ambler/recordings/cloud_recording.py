@@ -18,6 +18,7 @@ from ambler.recordings.bag_content import BASE_FRAMES, RecordedFrames, choose_to
 from ambler.recordings.cloud_parts import MANY, mean_spacing, scans_of_parts
 from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
 from ambler.wire.bags import BagReader, open_bag
+from ambler.wire.cloud_columns import times_within
 
 NONE = "none"
 LOOK_NS = 3_000_000_000  # of a recording in which a topic shows whether its messages bear stamps
@@ -65,12 +66,16 @@ class CloudRecording:
             )
             names = {name for name in (self.cloud_topic, self.imu_topic, self.odom_topic) if name is not None}
             for topic, message, log_ns in bag.messages(names):
-                joiner.add(_recorded_at(message, log_ns) if self._is_idle(topic, message) else message)
+                joiner.add(self._read(topic, message, log_ns))
                 yield from joiner.ready()
             yield from joiner.rest()
 
-    def _is_idle(self, topic: str, message: object) -> bool:
-        return topic in self.idle_stamps and _stamp_of(message) == self.idle_stamps[topic]
+    def _read(self, topic: str, message: object, log_ns: int) -> object:
+        """Return a message with the times that the topic as a whole tells."""
+        if isinstance(message, PointCloud):
+            message = replace(message, time=times_within(message.time, self.spacing))
+        is_idle = topic in self.idle_stamps and _stamp_of(message) == self.idle_stamps[topic]
+        return _recorded_at(message, log_ns) if is_idle else message
 
 
 def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> CloudRecording:
@@ -97,7 +102,7 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
     if lidar_from_imu is None and isinstance(imu, Imu):
         lidar_from_imu = _pose(frames, cloud.frame, imu.frame)
     base_from_lidar = next((p for b in BASE_FRAMES if (p := _pose(frames, b, cloud.frame)) is not None), None)
-    time = returns_in_order(cloud).time  # of what is no point the times are often none either
+    time = times_within(returns_in_order(cloud).time, spacing)  # of what is no point the times are often none either
     seconds = float(np.ptp(time)) if len(time) else 0.0
     scans, parted = scans_of_parts(clouds, seconds, spacing)
     timeless = "" if seconds > 0.0 else "; no times of its points, so nothing corrects how it moved meanwhile"
