@@ -742,6 +742,20 @@ LIO = (
         ("tests/recordings/test_cloud_recording.py",),
     ),
     PlantedFault(
+        "a clock that goes back drops what follows in silence",
+        "recordings/cloud_recording.py",
+        "        if joiner.went_back:\n            raise",
+        "        if False:\n            raise",
+        ("tests/recordings/test_cloud_recording.py",),
+    ),
+    PlantedFault(
+        "a stretch that is told twice is a clock that goes back",
+        "recordings/cloud_scan.py",
+        "self.given[k] == stamp_ns",
+        "False",
+        ("tests/recordings/test_cloud_recording.py",),
+    ),
+    PlantedFault(
         "a difference of the clocks that was learned is kept to oneself",
         "lio/offline.py",
         "clock_off=clock if is_clock_off else None",

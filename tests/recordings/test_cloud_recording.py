@@ -366,6 +366,70 @@ def test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows(kind: str) -
         assert sum(s.left_out for s in lone) == 1
 
 
+NONE, ZERO = (0.0, 0.0, 0.0), np.zeros((6, 6))
+
+
+def of_kind(kind: str, stamp_ns: int) -> m.Message:
+    return {
+        "cloud": cloud_at(stamp_ns, 1.0),
+        "imu": m.Imu(stamp_ns, "imu", NONE, NONE),
+        "odometry": m.Odometry(stamp_ns, "odom", "base_link", SE3(), NONE, NONE, ZERO, ZERO.copy()),
+    }[kind]
+
+
+def walked(kind: str, steps: list[float]) -> ScanJoiner:
+    """A joiner that was given messages of these times (s), those of `kind`."""
+    joiner = ScanJoiner()
+    for step in steps:
+        joiner.add(of_kind(kind, START_NS + round(step * 1e9)))
+    return joiner
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("back", [2.5, 3600.0])
+def test_a_clock_that_goes_back_is_told(kind: str, back: float) -> None:
+    steps = [0.1 * k for k in range(50)]
+    after = [4.9 + 0.1 * (k + 1) - back for k in range(10)]
+    text = walked(kind, [*steps, *(s + 0.013 for s in after)]).went_back
+    assert f"went back by {back - 0.1:.1f} s after {1e-9 * START_NS + 4.9:.3f} s" in text
+    assert text.startswith("the clock of the " + {"imu": "inertial measurements", "cloud": "clouds"}.get(kind, kind))
+    assert walked(kind, [*steps, *(s + 0.013 for s in after[:9])]).went_back == ""
+
+
+ODD = {
+    "a stretch that came before": [0.1 * k for k in range(30)],
+    "one wrong stamp a second": [s for k in range(50, 150) for s in ([0.1 * k] if k % 10 else [0.1 * k, -3600.0 + k])],
+    "one old stamp after the other": [-5.0 - 0.1 * k for k in range(40)],
+    "a little out of order": [4.05 + 0.01 * k for k in range(50)],
+    "no clock": [-1e-9 * START_NS] * 40,
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_what_comes_in_disorder_is_no_clock_that_goes_back(odd: str) -> None:
+    assert walked("cloud", [*(0.1 * k for k in range(50)), *ODD[odd]]).went_back == ""
+
+
+@pytest.mark.parametrize("back_ns", [0, 3600 * 10**9])
+def test_a_recording_whose_clock_goes_back_ends_there_with_the_reason(back_ns: int, tmp_path: Path) -> None:
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {k: writer.add_connection(f"/{k}", ros_type_of(type(of_kind(k, 1))), typestore=STORE) for k in KINDS}
+        for k in range(120):
+            log_ns = START_NS + k * SWEEP_NS
+            for kind in KINDS:
+                stamp_ns = log_ns - (back_ns if k >= 60 else 0)
+                writer.write(topics[kind], log_ns, encode(of_kind(kind, stamp_ns)))
+    scans, recording = list[CloudScan](), open_cloud_recording(tmp_path / "bag")
+    if back_ns == 0:
+        assert len(list(recording.scans())) == 120
+        return
+    with pytest.raises(
+        BadInputError, match=r"bag: the clock of the clouds went back by 3599\.9 s after 1700000006\.023 s"
+    ):
+        scans.extend(recording.scans())
+    assert [scan.cloud.stamp_ns for scan in scans] == [START_NS + k * SWEEP_NS for k in range(60)]
+
+
 def test_mounts_and_choices_are_told(tmp_path: Path) -> None:
     path = write(tmp_path / "bag", imus=("/imu", "/imu_rear"))
     with pytest.raises(BadInputError, match="--imu-topic"):

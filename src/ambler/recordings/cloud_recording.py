@@ -55,7 +55,7 @@ class CloudRecording:
     def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
         """Yield the clouds in the order of the recording, whose stamps lag `lidar_clock` s behind those of the measurements; those whose stamp does not increase are left out, and counted in the next scan, so are measurements.
 
-        Raises BadInputError for damage on the way.
+        Raises BadInputError for damage on the way, and where the clock of a topic goes back by more than a second.
         """
         with open_bag(self.path) as bag:
             joiner = ScanJoiner(
@@ -68,7 +68,13 @@ class CloudRecording:
             for topic, message, log_ns in bag.messages(names):
                 joiner.add(self._read(topic, message, log_ns))
                 yield from joiner.ready()
+                if joiner.went_back:
+                    break
             yield from joiner.rest()
+        if joiner.went_back:
+            raise BadInputError(
+                f"{self.path}: {joiner.went_back}, and what follows is of other times (cut it there by the times of recording, and map each part)"
+            )
 
     def _read(self, topic: str, message: object, log_ns: int) -> object:
         """Return a message with the times that the topic as a whole tells."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -16,6 +18,8 @@ OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
 HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
 JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
 BEFORE_NS = 3600 * 10**9  # from a first stamp on; a second one later shows that the first is of no clock, as zero is
+
+BACK_MANY = 10  # messages in a row, one after the other but a jump behind the last one, whose clock went back
 
 M = TypeVar("M", Imu, Odometry, PointCloud)
 
@@ -42,17 +46,22 @@ class CloudScan:
 class _Stream(Generic[M]):
     """Messages in the order of their stamps, which wait for their cloud, or as clouds for their measurements.
 
-    One whose stamp is zero or jumps ahead, as the first one's does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
+    One whose stamp is zero or jumps ahead, as the first one's does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows. `given` are the stamps of all that were taken, where it is `watched` whether the clock goes back; `behind` those that may show it."""
 
     waiting: deque[M] = field(default_factory=deque)
     last_ns: int = -1
     doubtful: M | None = None
     left_out: int = 0
+    watched: bool = False
+    given: array[int] = field(default_factory=lambda: array("q"))
+    behind: list[int] = field(default_factory=list)
 
     def add(self, message: M) -> None:
         """Take a message, unless its stamp is not after all that are known to be true."""
         if message.stamp_ns <= self.last_ns:
             self.left_out += 1
+            if self.watched and self.went_back is None:
+                self._watch(message.stamp_ns)
             return
         doubtful, self.doubtful = self.doubtful, None
         if doubtful is not None and self._bears_out(message, doubtful):
@@ -64,13 +73,33 @@ class _Stream(Generic[M]):
         else:
             self._take_in(message)
 
+    @property
+    def went_back(self) -> tuple[int, int] | None:
+        """The stamp after which the clock went back, and by how much, ns."""
+        return (self.last_ns, self.last_ns - self.behind[0]) if len(self.behind) >= BACK_MANY else None
+
+    def _watch(self, stamp_ns: int) -> None:
+        """Count what comes in order but long after its time, unless it came before: a recording may hold a stretch twice."""
+        k = bisect_left(self.given, stamp_ns)
+        is_known = k < len(self.given) and self.given[k] == stamp_ns
+        if is_known or stamp_ns >= self.last_ns - JUMP_NS or (self.behind and stamp_ns <= self.behind[-1]):
+            self.behind.clear()
+        if not is_known and stamp_ns < self.last_ns - JUMP_NS:
+            self.behind.append(stamp_ns)
+
     def _bears_out(self, message: M, doubtful: M) -> bool:
         ahead_ns = message.stamp_ns - doubtful.stamp_ns
         return ahead_ns > 0 and (self.last_ns >= 0 or ahead_ns <= BEFORE_NS)
 
     def _take_in(self, message: M) -> None:
-        self.waiting.append(message)
+        self._keep(message)
         self.last_ns = message.stamp_ns
+        self.behind.clear()
+        if self.watched:
+            self.given.append(message.stamp_ns)
+
+    def _keep(self, message: M) -> None:
+        self.waiting.append(message)
 
     def end(self) -> None:
         """Take that nothing more will come."""
@@ -100,13 +129,12 @@ class _Stream(Generic[M]):
 class _Clouds(_Stream[PointCloud]):
     """Clouds; parts of scans wait until their scan is complete."""
 
-    def __init__(self, spacing: float | None) -> None:
-        super().__init__()
+    def __init__(self, spacing: float | None, *, watched: bool) -> None:
+        super().__init__(watched=watched)
         self._parts = PartJoiner(spacing)
 
-    def _take_in(self, message: PointCloud) -> None:
+    def _keep(self, message: PointCloud) -> None:
         self.waiting += self._parts.add(message)
-        self.last_ns = message.stamp_ns
 
     def end(self) -> None:
         """Take that nothing more will come."""
@@ -138,9 +166,10 @@ class ScanJoiner:
     ) -> None:
         self._has_outages, self._late_ns = has_outages, round(lidar_clock * 1e9)
         self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
-        self._imu: _Stream[Imu] = _Stream()
-        self._odometry: _Stream[Odometry] = _Stream()
-        self._clouds = _Clouds(spacing)
+        watched = not has_outages
+        self._imu: _Stream[Imu] = _Stream(watched=watched)
+        self._odometry: _Stream[Odometry] = _Stream(watched=watched)
+        self._clouds = _Clouds(spacing, watched=watched)
 
     def add(self, message: object) -> None:
         """Take a cloud, a measurement or odometry; anything else is left out."""
@@ -167,6 +196,16 @@ class ScanJoiner:
             stream.end()
         while self._clouds.waiting:
             yield self._next()
+
+    @property
+    def went_back(self) -> str:
+        """Whose clock went back, when and by how much, in words; empty: none did. Not known on robots, of which everything had to be kept for that."""
+        streams = (("clouds", self._clouds), ("inertial measurements", self._imu), ("odometry", self._odometry))
+        for name, stream in streams:
+            if stream.went_back is not None:
+                at_ns, by_ns = stream.went_back
+                return f"the clock of the {name} went back by {1e-9 * by_ns:.1f} s after {1e-9 * at_ns:.3f} s"
+        return ""
 
     def _is_covered(self, end_ns: int) -> bool:
         needed = ((self._waits_for_imu, self._imu), (self._waits_for_odometry, self._odometry))
