@@ -756,6 +756,13 @@ LIO = (
         ("tests/recordings/test_cloud_recording.py",),
     ),
     PlantedFault(
+        "clouds that wait for measurements far behind them are without any after ten seconds",
+        "recordings/cloud_scan.py",
+        "(self._held_most or math.inf)",
+        "(self._held_most or 100)",
+        ("tests/recordings/test_cloud_recording.py",),
+    ),
+    PlantedFault(
         "a difference of the clocks that was learned is kept to oneself",
         "lio/offline.py",
         "clock_off=clock if is_clock_off else None",

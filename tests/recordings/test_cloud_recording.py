@@ -366,6 +366,32 @@ def test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows(kind: str) -
         assert sum(s.left_out for s in lone) == 1
 
 
+def test_clouds_wait_for_measurements_far_behind_up_to_a_limit_of_memory() -> None:
+    """Two hundred small ones, twenty seconds, wait; where they are too much they come without, and are told to."""
+    clouds = [cloud_at(START_NS + k * SWEEP_NS, 1.0) for k in range(200)]
+    for held_mb, overdue in ((300.0, 0), (0.3, 41)):
+        joiner, scans = ScanJoiner(waits_for_odometry=False, held_mb=held_mb), list[CloudScan]()
+        for cloud in clouds:
+            joiner.add(cloud)
+            scans += joiner.ready()
+        assert len(scans) == overdue
+        assert all(scan.is_overdue and not scan.imu for scan in scans)
+        for k in range(4100):
+            joiner.add(of_kind("imu", START_NS + k * 5_000_000))
+        scans += [*joiner.ready(), *joiner.rest()]
+        assert [scan.cloud.stamp_ns for scan in scans] == [cloud.stamp_ns for cloud in clouds]
+        assert not any(scan.is_overdue for scan in scans[overdue:])
+        assert all(scan.imu[-1].stamp_ns >= scan.end_ns for scan in scans[overdue:])
+
+
+def test_a_robot_waits_for_few_clouds() -> None:
+    joiner, sizes = ScanJoiner(held_most=10), []
+    for k in range(14):
+        joiner.add(cloud_at(START_NS + k * SWEEP_NS, 1.0))
+        sizes.append(len(list(joiner.ready())))
+    assert sizes == [0] * 10 + [1] * 4
+
+
 NONE, ZERO = (0.0, 0.0, 0.0), np.zeros((6, 6))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from bisect import bisect_left
 from collections import deque
@@ -15,7 +16,9 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 from ambler.recordings.cloud_parts import PartJoiner, span_ns
 
 OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
-HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
+HELD_MB = (
+    300.0  # of clouds that wait for measurements that may never come: a minute or so of the densest, and many of others
+)
 JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
 BEFORE_NS = 3600 * 10**9  # from a first stamp on; a second one later shows that the first is of no clock, as zero is
 
@@ -29,12 +32,14 @@ class CloudScan:
     """A cloud of returns only, its points in the order of their times, and what else is new since the cloud before: measurements up to
     its last point and one more, to interpolate, if the recording goes on. Stamps of clouds strictly increase, so do those of
     measurements, over the whole recording; each is given once. Where clouds are missing, an empty one may come with what is new.
-    `left_out`: how many messages were left out before it, for stamps that do not increase or that no other bears out."""
+    `left_out`: how many messages were left out before it, for stamps that do not increase or that no other bears out. `is_overdue`: so many clouds waited that this one
+    comes without all its measurements."""
 
     cloud: PointCloud
     imu: tuple[Imu, ...]
     odometry: tuple[Odometry, ...]
     left_out: int = 0
+    is_overdue: bool = False
 
     @property
     def end_ns(self) -> int:
@@ -132,9 +137,25 @@ class _Clouds(_Stream[PointCloud]):
     def __init__(self, spacing: float | None, *, watched: bool) -> None:
         super().__init__(watched=watched)
         self._parts = PartJoiner(spacing)
+        self._held_bytes = 0
+
+    @property
+    def held_mb(self) -> float:
+        """How much memory those take that wait."""
+        return 1e-6 * self._held_bytes
+
+    def next(self) -> PointCloud:
+        """Remove and return the first."""
+        cloud = self.waiting.popleft()
+        self._held_bytes -= _size(cloud)
+        return cloud
+
+    def _hold(self, clouds: list[PointCloud]) -> None:
+        self.waiting += clouds
+        self._held_bytes += sum(map(_size, clouds))
 
     def _keep(self, message: PointCloud) -> None:
-        self.waiting += self._parts.add(message)
+        self._hold(self._parts.add(message))
 
     def end(self) -> None:
         """Take that nothing more will come."""
@@ -143,7 +164,7 @@ class _Clouds(_Stream[PointCloud]):
 
     def complete(self) -> None:
         """Take that no more parts will come soon."""
-        self.waiting += self._parts.end()
+        self._hold(self._parts.end())
 
 
 class ScanJoiner:
@@ -151,7 +172,7 @@ class ScanJoiner:
     stamp that lies ahead by more than a second, if the next does not.
 
     Clouds that come in small parts are joined into scans; `spacing` is how many seconds lie between two clouds, where that is known. `lidar_clock` is how many seconds the clouds' stamps lag behind those of the measurements: of a cloud that was taken later than it says, so are the last ones.
-    With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
+    At most `held_most` clouds, and `held_mb` of them, wait. With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
     """
 
     def __init__(
@@ -159,13 +180,15 @@ class ScanJoiner:
         *,
         waits_for_imu: bool = True,
         waits_for_odometry: bool = True,
-        held_most: int = HELD_MAX,
+        held_most: int | None = None,
+        held_mb: float = HELD_MB,
         has_outages: bool = False,
         lidar_clock: float = 0.0,
         spacing: float | None = None,
     ) -> None:
         self._has_outages, self._late_ns = has_outages, round(lidar_clock * 1e9)
-        self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
+        self._waits_for_imu, self._waits_for_odometry = waits_for_imu, waits_for_odometry
+        self._held_most, self._held_mb = held_most, held_mb
         watched = not has_outages
         self._imu: _Stream[Imu] = _Stream(watched=watched)
         self._odometry: _Stream[Odometry] = _Stream(watched=watched)
@@ -181,9 +204,9 @@ class ScanJoiner:
             self._odometry.add(message)
 
     def ready(self) -> Iterator[CloudScan]:
-        """Remove and yield what is complete, and what has waited for too long."""
+        """Remove and yield what is complete, and what waits for too much."""
         clouds = self._clouds.waiting
-        while clouds and (len(clouds) > self._held_most or self._is_covered(self._taken_ns(clouds[0]))):
+        while clouds and (self._is_covered(self._taken_ns(clouds[0])) or self._is_full()):
             yield self._next()
         longest_ns, last_ns = max((stream.span_ns(), stream.last_ns) for stream in (self._imu, self._odometry))
         if self._has_outages and not clouds and longest_ns > OUTAGE_NS:
@@ -211,8 +234,14 @@ class ScanJoiner:
         needed = ((self._waits_for_imu, self._imu), (self._waits_for_odometry, self._odometry))
         return all(not is_waited_for or stream.last_ns >= end_ns for is_waited_for, stream in needed)
 
+    def _is_full(self) -> bool:
+        return self._clouds.held_mb > self._held_mb or len(self._clouds.waiting) > (self._held_most or math.inf)
+
     def _next(self) -> CloudScan:
-        return self._with_measurements(self._clouds.waiting.popleft())
+        is_overdue = self._clouds.held_mb > self._held_mb
+        scan = self._with_measurements(self._clouds.next())
+        is_overdue = is_overdue and not self._is_covered(self._taken_ns(scan.cloud))
+        return replace(scan, is_overdue=True) if is_overdue else scan
 
     def _taken_ns(self, cloud: PointCloud) -> int:
         """Return when the last point was taken, by the clock of the measurements."""
@@ -242,6 +271,11 @@ def _nothing(stamp_ns: int) -> PointCloud:
     """Return a cloud of no points."""
     none = np.empty(0, np.float32)
     return PointCloud(stamp_ns, "", np.empty((0, 3), np.float32), none, none, np.empty(0, np.uint16))
+
+
+def _size(cloud: PointCloud) -> int:
+    """Return how many bytes a cloud takes, about."""
+    return 1000 + cloud.points.nbytes + cloud.intensity.nbytes + cloud.time.nbytes + cloud.ring.nbytes
 
 
 def _end_ns(cloud: PointCloud) -> int:
