@@ -763,6 +763,27 @@ LIO = (
         ("tests/recordings/test_cloud_recording.py",),
     ),
     PlantedFault(
+        "a reference of other attitudes is told to nobody",
+        "cli/lio.py",
+        "else error.warnings() if error is not None else []",
+        "else []",
+        ("tests/lio/test_lio_verb.py",),
+    ),
+    PlantedFault(
+        "a reference of other times is none when localizing",
+        "cli/lio_localize.py",
+        "and not result.cut and not failure",
+        "and not result.cut",
+        ("tests/lio/test_lio_localize_verb.py::test_a_reference_of_other_times_is_told_and_ends_with_1",),
+    ),
+    PlantedFault(
+        "a reference's poses are believed to be in order",
+        "wire/trajectory_files.py",
+        "rows = sorted(tum_rows(path), key=lambda row: row[0])",
+        "rows = list(tum_rows(path))",
+        ("tests/wire/test_tum.py",),
+    ),
+    PlantedFault(
         "a difference of the clocks that was learned is kept to oneself",
         "lio/offline.py",
         "clock_off=clock if is_clock_off else None",
