@@ -56,3 +56,15 @@ def test_the_best_motion_is_the_one_that_was_made() -> None:
     rotation, shift = best_motion(points, WORLD_FROM_MAP.transform(points))
     np.testing.assert_allclose(rotation, WORLD_FROM_MAP.matrix()[:3, :3], atol=1e-9)
     np.testing.assert_allclose(shift, WORLD_FROM_MAP.translation, atol=1e-9)
+
+
+def test_attitudes_that_are_others_are_told() -> None:
+    """A reference whose quaternions are read in another order has its places by a rigid motion, and none of its attitudes."""
+    drawn = [p @ SE3((0.0, 0.001 * (k % 2), 0.0)) for k, p in enumerate(way())]
+    turned = [p @ SE3.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, 1.0) for p in way()]
+    (told,) = spatial_error(STAMPS, drawn, STAMPS, turned).warnings()
+    assert "the attitudes of the reference may be others" in told
+    assert spatial_error(STAMPS, drawn, STAMPS, way()).warnings() == []
+    assert spatial_error(STAMPS, way(scale=1.05), STAMPS, way()).warnings() == [], "a bad way is not a bad reference"
+    short = slice(0, 3)
+    assert spatial_error(STAMPS[short], drawn[short], STAMPS[short], turned[short]).warnings() == [], "below a metre"

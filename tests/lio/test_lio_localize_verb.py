@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,20 @@ def test_a_recording_is_localized_and_compared_in_the_frame_of_the_map(
     assert len(stamps) == len(poses) == fields["poses"] > (200 if guess else 40)
     for name in ("top.png", "report.html"):
         assert (out / name).stat().st_size > 5000
+
+
+def test_a_reference_of_other_times_is_told_and_ends_with_1(
+    recorded: Path, cloud: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stamps, poses = read_tum_3d(recorded / "in_map.tum")
+    write_tum_3d(tmp_path / "later.tum", stamps + 10**12, poses)
+    words = ["lio", str(recorded / "recording"), "--map", str(cloud), "--guess=0.8,-0.6,0,20", "--out", str(tmp_path / "out")]  # fmt: skip
+    assert main([*words, "--truth", str(tmp_path / "later.tum"), "--json", str(tmp_path / "r.json")]) == 1
+    assert re.search(r"warning: .*later\.tum: only 0 of \d+ poses have a true pose", capsys.readouterr().out)
+    fields = json.loads((tmp_path / "r.json").read_text())
+    assert fields["success"] is True
+    assert "map_error_rms_m" not in fields
+    assert (tmp_path / "out" / "trajectory.tum").exists()
 
 
 def test_a_place_that_is_not_in_the_map_is_told_and_ends_with_1(

@@ -16,7 +16,7 @@ from ambler.lio.config import LioConfig
 from ambler.lio.offline import run_offline
 from ambler.recordings.cloud_scan import CloudScan, ScanJoiner
 from ambler.wire.cloud_files import read_cloud, write_cloud
-from ambler.wire.trajectory_files import read_tum_3d
+from ambler.wire.trajectory_files import read_tum_3d, write_tum_3d
 from tests.lio.carried import save_clouds, save_recording, scans_of, walk
 
 
@@ -46,6 +46,17 @@ def test_a_recording_becomes_trajectory_clouds_pictures_and_report(recorded: Pat
     assert len(read_cloud(out / "cloud.pcd")) == len(read_cloud(out / "cloud.ply")) == fields["points"] > 5000
     for name in ("top.png", "side.png", "error.png", "report.html"):
         assert (out / name).stat().st_size > 5000
+
+
+def test_a_reference_of_other_attitudes_is_told(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stamps, poses = read_tum_3d(recorded / "truth.tum")
+    turned = [SE3(p.translation, (p.rotation[3], *p.rotation[:3])) for p in poses]  # as if w came first
+    write_tum_3d(tmp_path / "wxyz.tum", stamps, turned)
+    words = ["lio", str(recorded / "recording"), "--out", str(tmp_path / "out"), "--truth", str(tmp_path / "wxyz.tum")]
+    assert main(words) == 0
+    assert "the attitudes of the reference may be others" in capsys.readouterr().out
 
 
 def test_without_an_imu_it_refuses_and_names_the_way_out(

@@ -301,6 +301,13 @@ def test_clouds_far_from_all_inertial_measurements_are_refused() -> None:
         carried(late)
 
 
+def test_inertial_measurements_too_far_behind_the_clouds_are_named() -> None:
+    _, recorded = walk()
+    first = replace(next(iter(scans_of(recorded))), imu=(), is_overdue=True)
+    with pytest.raises(LioInputError, match="first 300 MB of clouds: they begin later, or lie too far behind"):
+        carried([first])
+
+
 def test_without_inertial_measurements_it_says_so() -> None:
     _, recorded = walk()
     with pytest.raises(LioInputError, match="no inertial measurements"):

@@ -16,7 +16,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se3 import SE3
 from ambler.recordings.cloud_recording import CloudChoices, open_cloud_recording
 from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
-from ambler.wire.cloud_columns import point_times
+from ambler.wire.cloud_columns import point_times, times_within
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_sensors import cloud_from_ros
 from ambler.wire.ros_types import STORE, record_class
@@ -104,6 +104,49 @@ def test_times_of_no_sweep_are_refused_by_name_and_those_of_an_instant_are_not()
     few = np.zeros(5, [("t", "u4")])
     few["t"] = [100_000, 110_000, 120_000, 130_000, 140_000]
     assert point_times(few, START_NS)[0] == pytest.approx(1e-4), "a few of the first returns of an Ouster"
+
+
+@pytest.mark.parametrize("span_ns", [780_000, 1_560_000, 10_000_000, 100_000_000, 1_500_000_000])
+def test_whole_nanoseconds_of_packets_are_no_microseconds(span_ns: int) -> None:
+    """0 to 1 560 000: in µs it would be a sweep of a second and a half. After the stamp, and of another clock."""
+    for begin in (0, 400 * 10**9):
+        packed = np.zeros(400, [("t", "i8")])
+        packed["t"] = begin + np.rint(np.linspace(0.0, span_ns, 400))
+        np.testing.assert_allclose(point_times(packed, START_NS), np.linspace(0.0, 1e-9 * span_ns, 400), atol=2e-7)
+
+
+@pytest.mark.parametrize("spacing", [390e-6, 1.56e-3, 0.1, 1.0])
+@pytest.mark.parametrize(("unit", "kind"), [("ns", "u4"), ("us", "u4"), ("us", "f4"), ("ms", "f4"), ("s", "f4")])
+def test_the_spacing_of_clouds_tells_the_unit_where_numbers_do_not(spacing: float, unit: str, kind: str) -> None:
+    """A packet of 0.39 ms in ns may be one of 0.39 s in µs, one of 1.56 ms one of 1.56 s in ms."""
+    late = np.linspace(0.0, 0.999 * spacing, 400)
+    packed = np.zeros(400, [("t", kind)])
+    packed["t"] = np.rint(late * UNITS[unit]) if kind == "u4" else late * UNITS[unit]
+    seconds = times_within(point_times(packed, START_NS), spacing)
+    assert seconds.dtype == np.float32
+    np.testing.assert_allclose(seconds, late, atol=2e-6)
+
+
+def test_a_recording_of_packets_has_the_times_that_their_spacing_bears_out(tmp_path: Path) -> None:
+    step_ns = 390_000
+    columns = {**{axis: np.ones(400, np.float32) for axis in "xyz"}, "t": np.linspace(0.0, step_ns, 400).astype("u4")}
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/points", ros_type_of(m.PointCloud), typestore=STORE)
+        for k in range(60):
+            record = cloud2(columns, START_NS + k * step_ns)
+            writer.write(topic, START_NS + k * step_ns, STORE.serialize_cdr(record, ros_type_of(m.PointCloud)))
+    recording = open_cloud_recording(tmp_path / "bag")
+    assert "the first 0.000 s long" in recording.notes[0]
+    (scan,) = recording.scans()
+    assert scan.end_ns - START_NS == pytest.approx(60 * step_ns, abs=1000)
+
+
+def test_clouds_of_several_lidars_on_one_topic_keep_their_times() -> None:
+    late = LATE.astype(np.float32)
+    for spacing in (None, 0.0, 0.1 / 6, 0.1):
+        assert times_within(late, spacing) is late
+    instant = np.zeros(0, np.float32)
+    assert times_within(instant, 1.0) is instant
 
 
 OTHER_CLOCKS = {"GPS": 37.0, "behind GPS": -18.0, "years": -3e8, "since boot": 500.0 - START_NS * 1e-9}
@@ -321,6 +364,96 @@ def test_one_stamp_that_jumps_ahead_does_not_leave_out_what_follows(kind: str) -
         lone = given(wrong)
         assert counts(lone) == {name: 20 - (name == kind) for name in KINDS}
         assert sum(s.left_out for s in lone) == 1
+
+
+def test_clouds_wait_for_measurements_far_behind_up_to_a_limit_of_memory() -> None:
+    """Two hundred small ones, twenty seconds, wait; where they are too much they come without, and are told to."""
+    clouds = [cloud_at(START_NS + k * SWEEP_NS, 1.0) for k in range(200)]
+    for held_mb, overdue in ((300.0, 0), (0.3, 41)):
+        joiner, scans = ScanJoiner(waits_for_odometry=False, held_mb=held_mb), list[CloudScan]()
+        for cloud in clouds:
+            joiner.add(cloud)
+            scans += joiner.ready()
+        assert len(scans) == overdue
+        assert all(scan.is_overdue and not scan.imu for scan in scans)
+        for k in range(4100):
+            joiner.add(of_kind("imu", START_NS + k * 5_000_000))
+        scans += [*joiner.ready(), *joiner.rest()]
+        assert [scan.cloud.stamp_ns for scan in scans] == [cloud.stamp_ns for cloud in clouds]
+        assert not any(scan.is_overdue for scan in scans[overdue:])
+        assert all(scan.imu[-1].stamp_ns >= scan.end_ns for scan in scans[overdue:])
+
+
+def test_a_robot_waits_for_few_clouds() -> None:
+    joiner, sizes = ScanJoiner(held_most=10), []
+    for k in range(14):
+        joiner.add(cloud_at(START_NS + k * SWEEP_NS, 1.0))
+        sizes.append(len(list(joiner.ready())))
+    assert sizes == [0] * 10 + [1] * 4
+
+
+NONE, ZERO = (0.0, 0.0, 0.0), np.zeros((6, 6))
+
+
+def of_kind(kind: str, stamp_ns: int) -> m.Message:
+    return {
+        "cloud": cloud_at(stamp_ns, 1.0),
+        "imu": m.Imu(stamp_ns, "imu", NONE, NONE),
+        "odometry": m.Odometry(stamp_ns, "odom", "base_link", SE3(), NONE, NONE, ZERO, ZERO.copy()),
+    }[kind]
+
+
+def walked(kind: str, steps: list[float]) -> ScanJoiner:
+    """A joiner that was given messages of these times (s), those of `kind`."""
+    joiner = ScanJoiner()
+    for step in steps:
+        joiner.add(of_kind(kind, START_NS + round(step * 1e9)))
+    return joiner
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("back", [2.5, 3600.0])
+def test_a_clock_that_goes_back_is_told(kind: str, back: float) -> None:
+    steps = [0.1 * k for k in range(50)]
+    after = [4.9 + 0.1 * (k + 1) - back for k in range(10)]
+    text = walked(kind, [*steps, *(s + 0.013 for s in after)]).went_back
+    assert f"went back by {back - 0.1:.1f} s after {1e-9 * START_NS + 4.9:.3f} s" in text
+    assert text.startswith("the clock of the " + {"imu": "inertial measurements", "cloud": "clouds"}.get(kind, kind))
+    assert walked(kind, [*steps, *(s + 0.013 for s in after[:9])]).went_back == ""
+
+
+ODD = {
+    "a stretch that came before": [0.1 * k for k in range(30)],
+    "one wrong stamp a second": [s for k in range(50, 150) for s in ([0.1 * k] if k % 10 else [0.1 * k, -3600.0 + k])],
+    "one old stamp after the other": [-5.0 - 0.1 * k for k in range(40)],
+    "a little out of order": [4.05 + 0.01 * k for k in range(50)],
+    "no clock": [-1e-9 * START_NS] * 40,
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_what_comes_in_disorder_is_no_clock_that_goes_back(odd: str) -> None:
+    assert walked("cloud", [*(0.1 * k for k in range(50)), *ODD[odd]]).went_back == ""
+
+
+@pytest.mark.parametrize("back_ns", [0, 3600 * 10**9])
+def test_a_recording_whose_clock_goes_back_ends_there_with_the_reason(back_ns: int, tmp_path: Path) -> None:
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {k: writer.add_connection(f"/{k}", ros_type_of(type(of_kind(k, 1))), typestore=STORE) for k in KINDS}
+        for k in range(120):
+            log_ns = START_NS + k * SWEEP_NS
+            for kind in KINDS:
+                stamp_ns = log_ns - (back_ns if k >= 60 else 0)
+                writer.write(topics[kind], log_ns, encode(of_kind(kind, stamp_ns)))
+    scans, recording = list[CloudScan](), open_cloud_recording(tmp_path / "bag")
+    if back_ns == 0:
+        assert len(list(recording.scans())) == 120
+        return
+    with pytest.raises(
+        BadInputError, match=r"bag: the clock of the clouds went back by 3599\.9 s after 1700000006\.023 s"
+    ):
+        scans.extend(recording.scans())
+    assert [scan.cloud.stamp_ns for scan in scans] == [START_NS + k * SWEEP_NS for k in range(60)]
 
 
 def test_mounts_and_choices_are_told(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """TUM trajectories: round trip to the digits of the format, spatial poses, clear errors."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ambler.core.errors import BadInputError
+from ambler.wire.trajectory_files import read_tum_3d
 from ambler.wire.tum import read_tum, write_tum
 
 
@@ -45,3 +47,19 @@ def test_errors_name_the_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "t.tum").write_text(text)
     with pytest.raises(BadInputError, match=message):
         read_tum(tmp_path / "t.tum")
+
+
+@pytest.mark.parametrize("stamp", ["1700000001099979997", "1700000001099979", "1700000001099.98", "1.7e18", "-1e300"])
+def test_stamps_that_are_no_seconds_are_named(tmp_path: Path, stamp: str) -> None:
+    """In ns they had ended in an overflow, in ms every pose was thousands of years away."""
+    (tmp_path / "t.tum").write_text(f"# stamp\n{stamp} 0 0 0 0 0 0 1\n")
+    for read in (read_tum, read_tum_3d):
+        with pytest.raises(BadInputError, match=rf"t.tum:2: the stamp {re.escape(stamp)} is no time in seconds"):
+            read(tmp_path / "t.tum")
+
+
+def test_poses_in_space_come_in_the_order_of_time(tmp_path: Path) -> None:
+    (tmp_path / "t.tum").write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in (3, 1.5, 2, 1)))
+    stamps_ns, poses = read_tum_3d(tmp_path / "t.tum")
+    assert stamps_ns.tolist() == [1_000_000_000, 1_500_000_000, 2_000_000_000, 3_000_000_000]
+    assert [pose.translation[0] for pose in poses] == [1.0, 1.5, 2.0, 3.0]

@@ -121,7 +121,8 @@ def run(args: argparse.Namespace) -> int:
         fields |= _peer(args.truth, recording, config, mount)
     _write(args, result, fields, notes, error, plan)
     _report(args.out, fields)
-    for warning in (*result.warnings(), *plan.warnings(), *([failure] if failure else [])):
+    doubts = [failure] if failure else error.warnings() if error is not None else []
+    for warning in (*result.warnings(), *plan.warnings(), *doubts):
         print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)

@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Localize and write; 0 when the place was found and is followed at the end."""
+    """Localize and write; 0 when the place was found and is followed at the end, and the reference, if there is one, is of its times."""
     import time
 
     from ambler.apps.config import recorded_config
@@ -56,17 +56,20 @@ def run(args: argparse.Namespace) -> int:
     recording, mount, notes = _opened(args, config)
     result = _localized(recording, cloud_map, config, mount, guess, AirFilter(robot_config.air))
     fields = _fields(result) | {"map_points": len(cloud_map.points), "cpu_seconds": time.process_time() - cpu}
-    if args.truth is not None:
-        fields |= _against_truth(args.truth, result)
+    failure = ""
+    try:
+        fields |= _against_truth(args.truth, result) if args.truth is not None else {}
+    except BadInputError as beside:
+        failure = str(beside)  # the trajectory is not lost for it
     notes = (*notes, result.note)
     with partial_folder(args.out) as folder:
         write_place(folder, args.recording, args.map, result, cloud_map.points, fields, notes)
     _report(args.out, fields)
-    for warning in result.warnings():
+    for warning in (*result.warnings(), *([failure] if failure else [])):
         print(f"warning: {warning}")
     if args.json:
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
-    return 0 if result.is_success and not result.cut else 1
+    return 0 if result.is_success and not result.cut and not failure else 1
 
 
 def parse_guess(text: str | None) -> SE3 | None:
@@ -119,9 +122,10 @@ def _fields(result: LocalizedLio) -> dict[str, Any]:
 
 
 def _against_truth(path: Path, result: LocalizedLio) -> dict[str, Any]:
-    """Return the distances from true poses in the map's frame, nothing aligned."""
+    """Return the distances from true poses in the map's frame, nothing aligned. Raises BadInputError when no pose has a truth."""
     import numpy as np
 
+    from ambler.core.errors import BadInputError
     from ambler.evaluation.spatial_error import truth_at
     from ambler.lio.cloud_match import apart
     from ambler.wire.trajectory_files import read_tum_3d
@@ -133,6 +137,8 @@ def _against_truth(path: Path, result: LocalizedLio) -> dict[str, Any]:
         for stamp, pose in zip(result.stamps_ns.tolist(), result.poses, strict=True)
         if (true := truth_at(stamp, stamps_ns, truth, gap)) is not None
     ]
+    if not pairs and result.poses:
+        raise BadInputError(f"{path}: only 0 of {len(result.poses)} poses have a true pose at their time")
     if not pairs:
         return {"map_error_rms_m": None, "map_error_max_m": None, "map_error_rms_deg": None}
     off, turn = np.array([apart(true, pose) for pose, true in pairs]).T

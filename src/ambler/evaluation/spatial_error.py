@@ -15,6 +15,9 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 STRETCHES = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # metres of way over which relative errors are taken, those that fit
 
+ATTITUDE_M = 1.0  # of error from the start, and how many times that after the best motion, above which
+ATTITUDE_TIMES = 50.0  # the reference's attitudes may be others
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpatialError:
@@ -33,6 +36,14 @@ class SpatialError:
     rpe_rot_deg_per_m: float | None
     stamps_ns: I64
     errors: F64
+
+    def warnings(self) -> list[str]:
+        """Return what makes the reference doubtful, in words: places that agree by a rigid motion, but not by the attitude at the start."""
+        if self.start_rms_m <= ATTITUDE_M or self.start_rms_m <= ATTITUDE_TIMES * self.ate_rms_m:
+            return []
+        return [
+            f"the error from the start ({self.start_rms_m:.2f} m) is far above that after the best rigid motion ({self.ate_rms_m:.3f} m): the attitudes of the reference may be others (the order of the quaternion, x y z w, or another body's)"
+        ]
 
     def fields(self) -> dict[str, float | None]:
         """Return the numbers by name."""

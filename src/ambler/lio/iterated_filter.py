@@ -259,9 +259,8 @@ class IteratedFilter:
         one, too, as far as one turns in so many `seconds`, and takes the state at which most do."""
         before, count = self.covariance, max(len(points_imu), 1)
         found = self._update_iterated(prior, points_imu, ranges)
-        is_second = (
-            not self.config.has_imu and self._inserts == 1
-        )  # nothing has told yet how fast it is, nor how many points fit
+        # Of a LiDAR alone nothing has told yet how fast it is, nor how many points fit.
+        is_second = self._inserts == 1 and not self.config.has_imu
         if self._is_alone and found[2][0] < (CLEAR if is_second else POOR * self._usual) * count:
             best = found, self.covariance
             begins = moved_states(prior, seconds) if is_second else turned_states(self.state, prior, seconds)

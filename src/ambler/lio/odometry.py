@@ -26,7 +26,7 @@ from ambler.lio.iterated_filter import CLEAR, IteratedFilter
 from ambler.lio.start import LioInputError, Start, find_start, in_motion, level_rotation
 from ambler.lio.state import FilterState, orthonormal
 from ambler.lio.voxel_map import VoxelMap
-from ambler.recordings.cloud_scan import CloudScan
+from ambler.recordings.cloud_scan import HELD_MB, CloudScan
 
 F64 = NDArray[np.float64]
 CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement from which on they are of two clocks
@@ -136,6 +136,10 @@ class LidarInertialOdometry(IteratedFilter):
         if not self.config.has_imu:
             return self._begin_alone(scan)
         if len(scan.imu) == 0 and len(self._imu) == 0:
+            if scan.is_overdue:
+                raise LioInputError(
+                    f"no inertial measurements came with the first {HELD_MB:.0f} MB of clouds: they begin later, or lie too far behind the clouds in the file (sort it by its stamps)"
+                )
             raise LioInputError(
                 "no inertial measurements came with the first scan; LiDAR-inertial odometry needs an IMU"
             )

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.messages import Imu, PointCloud
 from ambler.core.se3 import SE3
+from ambler.recordings.cloud_parts import MANY, PartJoiner, mean_spacing, scans_of_parts
 from ambler.recordings.cloud_scan import CloudScan, returns_in_order
 from ambler.recordings.kitti_drive import read_mount, read_oxts, read_sweeps, times_in_sweep
-from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times
+from ambler.wire.cloud_columns import EPOCH_NS, INTENSITY, RING, UNITS_NS, column, point_times, times_within
 from ambler.wire.cloud_files import is_text, kind_of, read_cloud
 
 F64 = NDArray[np.float64]
@@ -50,7 +51,13 @@ class CloudFolder:
 
     @property
     def clouds(self) -> int:
-        return len(self.files)
+        """How many scans there will be, about, where they are joined of parts."""
+        return scans_of_parts(len(self.files), 0.0, self.spacing)[0]
+
+    @property
+    def spacing(self) -> float | None:
+        """Seconds between two clouds; None: there is one."""
+        return mean_spacing(list(self.stamps_ns[: MANY + 1]))
 
     @property
     def imu_topic(self) -> str | None:
@@ -59,10 +66,27 @@ class CloudFolder:
     def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
         """Yield the clouds with the inertial measurements up to their end and one more; their stamps lag `lidar_clock` s behind those of the measurements. Raises BadInputError for a file that cannot be read."""
         at = 0
+        for cloud in self._joined():
+            scan = CloudScan(cloud, (), ())
+            begin, taken_ns = at, scan.end_ns + round(lidar_clock * 1e9)
+            while at < len(self.imu) and (at == begin or self.imu[at - 1].stamp_ns < taken_ns):
+                at += 1
+            yield CloudScan(cloud, self.imu[begin:at], ())
+
+    def _joined(self) -> Iterator[PointCloud]:
+        """Yield whole clouds, and scans of parts."""
+        joiner = PartJoiner(self.spacing)
+        for cloud in self._read():
+            yield from joiner.add(cloud)
+        yield from joiner.end()
+
+    def _read(self) -> Iterator[PointCloud]:
+        """Yield the returns of every file."""
+        spacing = self.spacing
         for k, (file, stamp_ns) in enumerate(zip(self.files, self.stamps_ns, strict=True)):
             table = read_cloud(file)
             points = np.stack([np.asarray(table[axis], np.float32) for axis in "xyz"], axis=1)
-            times = point_times(table, stamp_ns)
+            times = times_within(point_times(table, stamp_ns), spacing)
             if self.sweeps and not times.any():
                 times = times_in_sweep(points, self.sweeps[k])
             cloud = PointCloud(
@@ -73,12 +97,7 @@ class CloudFolder:
                 times,
                 column(table, RING, np.dtype(np.uint16)),
             )
-            cloud = returns_in_order(cloud)
-            scan = CloudScan(cloud, (), ())
-            begin, taken_ns = at, scan.end_ns + round(lidar_clock * 1e9)
-            while at < len(self.imu) and (at == begin or self.imu[at - 1].stamp_ns < taken_ns):
-                at += 1
-            yield CloudScan(cloud, self.imu[begin:at], ())
+            yield returns_in_order(cloud)
 
 
 def open_cloud_folder(path: Path, lidar_from_imu: SE3 | None = None) -> CloudFolder:
@@ -104,6 +123,7 @@ def open_cloud_folder(path: Path, lidar_from_imu: SE3 | None = None) -> CloudFol
         imu, told = read_oxts(path / "oxts", _listed)
     notes = (
         f"clouds: {len(files)} files {files[0].name} to {files[-1].name}, times from {origin}",
+        *scans_of_parts(len(files), 0.0, mean_spacing(stamps[: MANY + 1].tolist()))[1],
         f"inertial measurements: {told}",
     )
     seconds = () if sweeps is None else tuple((np.diff(sweeps, axis=1)[:, 0] * 1e-9).tolist())

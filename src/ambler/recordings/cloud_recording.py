@@ -15,8 +15,10 @@ from ambler.core.errors import BadInputError, TransformError
 from ambler.core.messages import Imu, Odometry, PointCloud, Transforms
 from ambler.core.se3 import SE3
 from ambler.recordings.bag_content import BASE_FRAMES, RecordedFrames, choose_topic, listed_topics, plain_frame
+from ambler.recordings.cloud_parts import MANY, mean_spacing, scans_of_parts
 from ambler.recordings.cloud_scan import CloudScan, ScanJoiner, returns_in_order
 from ambler.wire.bags import BagReader, open_bag
+from ambler.wire.cloud_columns import times_within
 
 NONE = "none"
 LOOK_NS = 3_000_000_000  # of a recording in which a topic shows whether its messages bear stamps
@@ -36,7 +38,8 @@ class CloudChoices:
 @dataclass(frozen=True, slots=True)
 class CloudRecording:
     """What `open_cloud_recording` found. Poses are None where the recording does not tell; `notes` say what was chosen. `idle_stamps` (ns) are those that
-    messages of a topic bear whose driver has no clock: what bears it was taken when it was recorded."""
+    messages of a topic bear whose driver has no clock: what bears it was taken when it was recorded. `spacing`: seconds between two clouds, None where that is not known;
+    `clouds` how many scans there will be, about, where they are joined of parts."""
 
     path: Path
     cloud_topic: str
@@ -47,24 +50,38 @@ class CloudRecording:
     notes: tuple[str, ...]
     clouds: int = 0
     idle_stamps: Mapping[str, int] = field(default_factory=dict)
+    spacing: float | None = None
 
     def scans(self, lidar_clock: float = 0.0) -> Iterator[CloudScan]:
         """Yield the clouds in the order of the recording, whose stamps lag `lidar_clock` s behind those of the measurements; those whose stamp does not increase are left out, and counted in the next scan, so are measurements.
 
-        Raises BadInputError for damage on the way.
+        Raises BadInputError for damage on the way, and where the clock of a topic goes back by more than a second.
         """
         with open_bag(self.path) as bag:
             joiner = ScanJoiner(
                 waits_for_imu=self.imu_topic is not None,
                 waits_for_odometry=self.odom_topic is not None,
                 lidar_clock=lidar_clock,
+                spacing=self.spacing,
             )
             names = {name for name in (self.cloud_topic, self.imu_topic, self.odom_topic) if name is not None}
             for topic, message, log_ns in bag.messages(names):
-                is_idle = topic in self.idle_stamps and _stamp_of(message) == self.idle_stamps[topic]
-                joiner.add(_recorded_at(message, log_ns) if is_idle else message)
+                joiner.add(self._read(topic, message, log_ns))
                 yield from joiner.ready()
+                if joiner.went_back:
+                    break
             yield from joiner.rest()
+        if joiner.went_back:
+            raise BadInputError(
+                f"{self.path}: {joiner.went_back}, and what follows is of other times (cut it there by the times of recording, and map each part)"
+            )
+
+    def _read(self, topic: str, message: object, log_ns: int) -> object:
+        """Return a message with the times that the topic as a whole tells."""
+        if isinstance(message, PointCloud):
+            message = replace(message, time=times_within(message.time, self.spacing))
+        is_idle = topic in self.idle_stamps and _stamp_of(message) == self.idle_stamps[topic]
+        return _recorded_at(message, log_ns) if is_idle else message
 
 
 def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> CloudRecording:
@@ -84,19 +101,22 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
                 frames.add(message, is_static=topic.endswith("tf_static"))
         clouds = sum(t.count for t in bag.topics() if t.name == cloud_topic)
         idle_stamps = _idle_stamps(bag, {name for name in (cloud_topic, imu_topic, odom_topic) if name is not None})
+        spacing = _spacing(bag, cloud_topic, has_stamps=cloud_topic not in idle_stamps)
         cloud, imu = _first(bag, cloud_topic), None if imu_topic is None else _first(bag, imu_topic)
     assert isinstance(cloud, PointCloud)
     lidar_from_imu = choices.lidar_from_imu
     if lidar_from_imu is None and isinstance(imu, Imu):
         lidar_from_imu = _pose(frames, cloud.frame, imu.frame)
     base_from_lidar = next((p for b in BASE_FRAMES if (p := _pose(frames, b, cloud.frame)) is not None), None)
-    time = returns_in_order(cloud).time  # of what is no point the times are often none either
+    time = times_within(returns_in_order(cloud).time, spacing)  # of what is no point the times are often none either
     seconds = float(np.ptp(time)) if len(time) else 0.0
+    scans, parted = scans_of_parts(clouds, seconds, spacing)
     timeless = "" if seconds > 0.0 else "; no times of its points, so nothing corrects how it moved meanwhile"
     notes = (
         *bag.notes,
         *frames.notes,
         f"clouds: {cloud_topic} in frame {plain_frame(cloud.frame)!r}, the first {seconds:.3f} s long{timeless}",
+        *parted,
         "inertial measurements: "
         + ("none" if imu_topic is None else f"{imu_topic}, pose in the LiDAR's frame {_known(lidar_from_imu)}"),
         f"odometry: {odom_topic or 'none'}",
@@ -107,7 +127,7 @@ def open_cloud_recording(path: Path, choices: CloudChoices | None = None) -> Clo
         ),
     )
     poses = (lidar_from_imu, base_from_lidar)
-    return CloudRecording(path, cloud_topic, imu_topic, odom_topic, *poses, notes, clouds, idle_stamps)
+    return CloudRecording(path, cloud_topic, imu_topic, odom_topic, *poses, notes, scans, idle_stamps, spacing)
 
 
 def _idle_stamps(bag: BagReader, topics: set[str]) -> dict[str, int]:
@@ -122,6 +142,16 @@ def _idle_stamps(bag: BagReader, topics: set[str]) -> dict[str, int]:
         if moving == topics or log_ns - begin_ns > LOOK_NS:
             break
     return {topic: stamps[0] for topic, stamps in seen.items() if topic not in moving and len(stamps) > 1}
+
+
+def _spacing(bag: BagReader, topic: str, *, has_stamps: bool) -> float | None:
+    """Return how many seconds lie between the first clouds, None where fewer than two tell."""
+    times_ns: list[int] = []
+    for _, message, log_ns in bag.messages({topic}):
+        times_ns.append(_stamp_of(message) if has_stamps else log_ns)
+        if len(times_ns) > MANY or times_ns[-1] - times_ns[0] > LOOK_NS // 2:
+            break
+    return mean_spacing(times_ns)
 
 
 def _stamp_of(message: object) -> int:

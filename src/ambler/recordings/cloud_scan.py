@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from array import array
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -10,11 +13,16 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from ambler.core.messages import Imu, Odometry, PointCloud
+from ambler.recordings.cloud_parts import PartJoiner, span_ns
 
 OUTAGE_NS = 10_000_000_000  # of measurements that wait for a cloud
-HELD_MAX = 100  # clouds that wait for measurements that may never come, a hundred megabytes or so
+HELD_MB = (
+    300.0  # of clouds that wait for measurements that may never come: a minute or so of the densest, and many of others
+)
 JUMP_NS = 1_000_000_000  # by which a stamp lies ahead of the last one when the next has to say whether it is true
 BEFORE_NS = 3600 * 10**9  # from a first stamp on; a second one later shows that the first is of no clock, as zero is
+
+BACK_MANY = 10  # messages in a row, one after the other but a jump behind the last one, whose clock went back
 
 M = TypeVar("M", Imu, Odometry, PointCloud)
 
@@ -24,12 +32,14 @@ class CloudScan:
     """A cloud of returns only, its points in the order of their times, and what else is new since the cloud before: measurements up to
     its last point and one more, to interpolate, if the recording goes on. Stamps of clouds strictly increase, so do those of
     measurements, over the whole recording; each is given once. Where clouds are missing, an empty one may come with what is new.
-    `left_out`: how many messages were left out before it, for stamps that do not increase or that no other bears out."""
+    `left_out`: how many messages were left out before it, for stamps that do not increase or that no other bears out. `is_overdue`: so many clouds waited that this one
+    comes without all its measurements."""
 
     cloud: PointCloud
     imu: tuple[Imu, ...]
     odometry: tuple[Odometry, ...]
     left_out: int = 0
+    is_overdue: bool = False
 
     @property
     def end_ns(self) -> int:
@@ -41,17 +51,22 @@ class CloudScan:
 class _Stream(Generic[M]):
     """Messages in the order of their stamps, which wait for their cloud, or as clouds for their measurements.
 
-    One whose stamp is zero or jumps ahead, as the first one's does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows."""
+    One whose stamp is zero or jumps ahead, as the first one's does, is `doubtful` until the next comes: a single wrong stamp would else leave out all that follows. `given` are the stamps of all that were taken, where it is `watched` whether the clock goes back; `behind` those that may show it."""
 
     waiting: deque[M] = field(default_factory=deque)
     last_ns: int = -1
     doubtful: M | None = None
     left_out: int = 0
+    watched: bool = False
+    given: array[int] = field(default_factory=lambda: array("q"))
+    behind: list[int] = field(default_factory=list)
 
     def add(self, message: M) -> None:
         """Take a message, unless its stamp is not after all that are known to be true."""
         if message.stamp_ns <= self.last_ns:
             self.left_out += 1
+            if self.watched and self.went_back is None:
+                self._watch(message.stamp_ns)
             return
         doubtful, self.doubtful = self.doubtful, None
         if doubtful is not None and self._bears_out(message, doubtful):
@@ -63,13 +78,33 @@ class _Stream(Generic[M]):
         else:
             self._take_in(message)
 
+    @property
+    def went_back(self) -> tuple[int, int] | None:
+        """The stamp after which the clock went back, and by how much, ns."""
+        return (self.last_ns, self.last_ns - self.behind[0]) if len(self.behind) >= BACK_MANY else None
+
+    def _watch(self, stamp_ns: int) -> None:
+        """Count what comes in order but long after its time, unless it came before: a recording may hold a stretch twice."""
+        k = bisect_left(self.given, stamp_ns)
+        is_known = k < len(self.given) and self.given[k] == stamp_ns
+        if is_known or stamp_ns >= self.last_ns - JUMP_NS or (self.behind and stamp_ns <= self.behind[-1]):
+            self.behind.clear()
+        if not is_known and stamp_ns < self.last_ns - JUMP_NS:
+            self.behind.append(stamp_ns)
+
     def _bears_out(self, message: M, doubtful: M) -> bool:
         ahead_ns = message.stamp_ns - doubtful.stamp_ns
         return ahead_ns > 0 and (self.last_ns >= 0 or ahead_ns <= BEFORE_NS)
 
     def _take_in(self, message: M) -> None:
-        self.waiting.append(message)
+        self._keep(message)
         self.last_ns = message.stamp_ns
+        self.behind.clear()
+        if self.watched:
+            self.given.append(message.stamp_ns)
+
+    def _keep(self, message: M) -> None:
+        self.waiting.append(message)
 
     def end(self) -> None:
         """Take that nothing more will come."""
@@ -96,12 +131,48 @@ class _Stream(Generic[M]):
         return count
 
 
+class _Clouds(_Stream[PointCloud]):
+    """Clouds; parts of scans wait until their scan is complete."""
+
+    def __init__(self, spacing: float | None, *, watched: bool) -> None:
+        super().__init__(watched=watched)
+        self._parts = PartJoiner(spacing)
+        self._held_bytes = 0
+
+    @property
+    def held_mb(self) -> float:
+        """How much memory those take that wait."""
+        return 1e-6 * self._held_bytes
+
+    def next(self) -> PointCloud:
+        """Remove and return the first."""
+        cloud = self.waiting.popleft()
+        self._held_bytes -= _size(cloud)
+        return cloud
+
+    def _hold(self, clouds: list[PointCloud]) -> None:
+        self.waiting += clouds
+        self._held_bytes += sum(map(_size, clouds))
+
+    def _keep(self, message: PointCloud) -> None:
+        self._hold(self._parts.add(message))
+
+    def end(self) -> None:
+        """Take that nothing more will come."""
+        super().end()
+        self.complete()
+
+    def complete(self) -> None:
+        """Take that no more parts will come soon."""
+        self._hold(self._parts.end())
+
+
 class ScanJoiner:
     """Holds each cloud back until every other stream that it waits for has passed its end. Stamps that do not increase are left out, and so is a
     stamp that lies ahead by more than a second, if the next does not.
 
-    `lidar_clock` is how many seconds the clouds' stamps lag behind those of the measurements: of a cloud that was taken later than it says, so are the last ones.
-    With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
+    Clouds that come in small parts are joined into scans; `spacing` is how many seconds lie between two clouds, where that is known. `lidar_clock` is how many seconds the clouds' stamps lag behind those of the measurements: of a cloud that was taken later than it says, so are the last ones.
+    At most `held_most` clouds, and `held_mb` of them, wait. With `has_outages`, for robots, an empty scan takes the older half away when measurements of more than ten seconds wait and no cloud comes.
     """
 
     def __init__(
@@ -109,15 +180,19 @@ class ScanJoiner:
         *,
         waits_for_imu: bool = True,
         waits_for_odometry: bool = True,
-        held_most: int = HELD_MAX,
+        held_most: int | None = None,
+        held_mb: float = HELD_MB,
         has_outages: bool = False,
         lidar_clock: float = 0.0,
+        spacing: float | None = None,
     ) -> None:
         self._has_outages, self._late_ns = has_outages, round(lidar_clock * 1e9)
-        self._waits_for_imu, self._waits_for_odometry, self._held_most = waits_for_imu, waits_for_odometry, held_most
-        self._imu: _Stream[Imu] = _Stream()
-        self._odometry: _Stream[Odometry] = _Stream()
-        self._clouds: _Stream[PointCloud] = _Stream()
+        self._waits_for_imu, self._waits_for_odometry = waits_for_imu, waits_for_odometry
+        self._held_most, self._held_mb = held_most, held_mb
+        watched = not has_outages
+        self._imu: _Stream[Imu] = _Stream(watched=watched)
+        self._odometry: _Stream[Odometry] = _Stream(watched=watched)
+        self._clouds = _Clouds(spacing, watched=watched)
 
     def add(self, message: object) -> None:
         """Take a cloud, a measurement or odometry; anything else is left out."""
@@ -129,13 +204,14 @@ class ScanJoiner:
             self._odometry.add(message)
 
     def ready(self) -> Iterator[CloudScan]:
-        """Remove and yield what is complete, and what has waited for too long."""
+        """Remove and yield what is complete, and what waits for too much."""
         clouds = self._clouds.waiting
-        while clouds and (len(clouds) > self._held_most or self._is_covered(self._taken_ns(clouds[0]))):
+        while clouds and (self._is_covered(self._taken_ns(clouds[0])) or self._is_full()):
             yield self._next()
         longest_ns, last_ns = max((stream.span_ns(), stream.last_ns) for stream in (self._imu, self._odometry))
         if self._has_outages and not clouds and longest_ns > OUTAGE_NS:
-            yield self._with_measurements(_nothing(last_ns - OUTAGE_NS // 2))
+            self._clouds.complete()
+            yield self._next() if clouds else self._with_measurements(_nothing(last_ns - OUTAGE_NS // 2))
 
     def rest(self) -> Iterator[CloudScan]:
         """Remove and yield everything: nothing more will come."""
@@ -144,12 +220,28 @@ class ScanJoiner:
         while self._clouds.waiting:
             yield self._next()
 
+    @property
+    def went_back(self) -> str:
+        """Whose clock went back, when and by how much, in words; empty: none did. Not known on robots, of which everything had to be kept for that."""
+        streams = (("clouds", self._clouds), ("inertial measurements", self._imu), ("odometry", self._odometry))
+        for name, stream in streams:
+            if stream.went_back is not None:
+                at_ns, by_ns = stream.went_back
+                return f"the clock of the {name} went back by {1e-9 * by_ns:.1f} s after {1e-9 * at_ns:.3f} s"
+        return ""
+
     def _is_covered(self, end_ns: int) -> bool:
         needed = ((self._waits_for_imu, self._imu), (self._waits_for_odometry, self._odometry))
         return all(not is_waited_for or stream.last_ns >= end_ns for is_waited_for, stream in needed)
 
+    def _is_full(self) -> bool:
+        return self._clouds.held_mb > self._held_mb or len(self._clouds.waiting) > (self._held_most or math.inf)
+
     def _next(self) -> CloudScan:
-        return self._with_measurements(self._clouds.waiting.popleft())
+        is_overdue = self._clouds.held_mb > self._held_mb
+        scan = self._with_measurements(self._clouds.next())
+        is_overdue = is_overdue and not self._is_covered(self._taken_ns(scan.cloud))
+        return replace(scan, is_overdue=True) if is_overdue else scan
 
     def _taken_ns(self, cloud: PointCloud) -> int:
         """Return when the last point was taken, by the clock of the measurements."""
@@ -181,5 +273,10 @@ def _nothing(stamp_ns: int) -> PointCloud:
     return PointCloud(stamp_ns, "", np.empty((0, 3), np.float32), none, none, np.empty(0, np.uint16))
 
 
+def _size(cloud: PointCloud) -> int:
+    """Return how many bytes a cloud takes, about."""
+    return 1000 + cloud.points.nbytes + cloud.intensity.nbytes + cloud.time.nbytes + cloud.ring.nbytes
+
+
 def _end_ns(cloud: PointCloud) -> int:
-    return cloud.stamp_ns + (round(float(cloud.time[-1]) * 1e9) if len(cloud.time) else 0)
+    return span_ns(cloud)[1]

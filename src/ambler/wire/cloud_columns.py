@@ -22,7 +22,9 @@ INTENSITY = ("intensity", "reflectivity")
 EPOCH_S, EPOCH_NS = 1e8, 1e17  # from here on a time is counted since the epoch (1973), in s or ns
 UNITS_NS = (1_000_000_000, 1_000_000, 1000, 1)
 SWEEP_MOST = 2.0  # s; the longest sweep, and a thousand times the shortest: each number of a sweep has one unit
+WHOLE_MOST = 0.5  # s; whole numbers are of this long a sweep at most, if any unit gives one: of a packet of 1.5 ms the ns are also of 1.5 s in µs
 SPAN_LEAST = 5e-3  # of the last point's time after the stamp; times of another clock hardly differ
+OVER_MOST = 30.0  # spacings of clouds that one may last: several LiDARs may send on one topic
 FEW = 100  # so few points may be from any part of a sweep, and tell no unit
 
 
@@ -61,13 +63,26 @@ def point_times(packed: NDArray[np.void], stamp_ns: int) -> NDArray[np.float32]:
         return np.asarray(told.astype(np.float64) * (1e-9 * unit_ns), np.float32)
     if low == high:
         return np.zeros(len(packed), np.float32)
-    unit_ns = None if is_coarse else _unit_of_span(high - low)
+    unit_ns = None if is_coarse else _unit_of_span(high - low, is_whole=is_whole)
     if unit_ns is not None:
         return _after_first(told, counted, unit_ns)
     raise BadInputError(
         f"the column {name!r} tells times from {low:g} to {high:g}: in s, ms, µs or ns, after the stamp of the cloud "
         f"({stamp_ns * 1e-9:.3f} s) or of its clock, no sweep is like that"
     )
+
+
+def times_within(time: NDArray[np.float32], spacing: float | None) -> NDArray[np.float32]:
+    """Return the times (N,) of a cloud's points in the unit that `spacing` (s between clouds) bears out, where the numbers alone had been of another:
+    no cloud lasts dozens of times as long as that, and where clouds are a second apart a sweep that fills it is no flash."""
+    if spacing is None or spacing <= 0.0:
+        return time
+    last = float(np.max(np.abs(time), initial=0.0, where=np.isfinite(time)))
+    if last > OVER_MOST * spacing and 1e-3 * last <= 3.0 * spacing:
+        return time * np.float32(1e-3)
+    if spacing > WHOLE_MOST and 0.7 * spacing <= 1e3 * last <= min(1.1 * spacing, SWEEP_MOST):
+        return time * np.float32(1e3)
+    return time
 
 
 def _unit_of_clock(low: float, high: float, stamp_ns: int, *, is_whole: bool) -> int | None:
@@ -92,13 +107,16 @@ def _unit_of_sweep(low: float, high: float, count: int, *, is_whole: bool) -> in
         return usual if is_usual else None
     if high - low < SPAN_LEAST * largest:
         return None
-    return _unit_of_span(largest) or (usual if is_usual else None)
+    return _unit_of_span(largest, is_whole=is_whole) or (usual if is_usual else None)
 
 
-def _unit_of_span(span: float) -> int | None:
+def _unit_of_span(span: float, *, is_whole: bool) -> int | None:
     """Return the unit (ns) in which so much is as long as a sweep."""
-    fits = (unit_ns for unit_ns in UNITS_NS if 1e-3 * SWEEP_MOST < span * unit_ns * 1e-9 <= SWEEP_MOST)
-    return next(fits, None)
+    for most in (WHOLE_MOST, SWEEP_MOST) if is_whole else (SWEEP_MOST,):
+        fits = (unit_ns for unit_ns in UNITS_NS if 1e-3 * most < span * unit_ns * 1e-9 <= most)
+        if (unit_ns := next(fits, None)) is not None:
+            return unit_ns
+    return None
 
 
 def _after_first(told: NDArray[Any], counted: NDArray[Any], unit_ns: int) -> NDArray[np.float32]:

@@ -33,8 +33,8 @@ def write_kitti(path: Path, poses: Sequence[SE3]) -> None:
 
 
 def read_tum_3d(path: Path) -> tuple[I64, list[SE3]]:
-    """Read stamps (ns) and poses; raises BadInputError that names the line."""
-    rows = list(tum_rows(path))
+    """Read stamps (ns) and poses, in the order of time; raises BadInputError that names the line."""
+    rows = sorted(tum_rows(path), key=lambda row: row[0])
     if not rows:
         raise BadInputError(f"{path}: holds no poses")
     poses = [SE3((x, y, z), (qw, qx, qy, qz)) for _, (_, x, y, z, qx, qy, qz, qw) in rows]

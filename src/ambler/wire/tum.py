@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.wire.atomic_file import write_whole
 
+SECONDS_MOST = 9e9  # the year 2255; ns beyond it are no 64-bit integer
+
 
 def write_tum(path: Path, stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
     """Write stamps (N,) in seconds with planar poses (N, 3) of (x, y, yaw), atomically."""
@@ -56,6 +58,10 @@ def tum_rows(path: Path) -> Iterator[tuple[int, list[float]]]:
         length = math.hypot(*row[4:])
         if not all(map(math.isfinite, row)) or length < 1e-3:
             raise BadInputError(f"{path}:{number}: a number is not finite, or the quaternion is zero")
+        if abs(row[0]) >= SECONDS_MOST:
+            raise BadInputError(
+                f"{path}:{number}: the stamp {words[0]} is no time in seconds, with which a line begins (is it in ns, µs or ms?)"
+            )
         seconds, _, decimals = words[0].partition(".")
         is_exact = seconds.isdecimal() and decimals.isdecimal()
         stamp_ns = int(seconds) * 10**9 + int(decimals[:9].ljust(9, "0")) if is_exact else round(row[0] * 1e9)
