@@ -59,3 +59,37 @@ def test_unknown_verbs_exit_with_2() -> None:
     with pytest.raises(SystemExit) as stop:
         main(["fly"])
     assert stop.value.code == 2
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["replay", "runs/LATEST"],
+        ["localize", "drive.log", "--map", "map.yaml"],
+        ["slam2d", "drive.log"],
+        ["lio", "drive.bag"],
+    ],
+)
+def test_results_that_cannot_go_where_they_shall_are_refused_before_anything_runs(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, folder = tmp_path / "file", tmp_path / "folder"
+    file.write_text("kept")
+    folder.mkdir()
+    assert main([*words, "--out", str(file)]) == 2
+    assert "is a file, but --out needs a folder" in capsys.readouterr().err
+    assert file.read_text() == "kept"
+    assert main([*words, "--out", str(tmp_path / "new"), "--json", str(folder)]) == 2
+    assert f"--json {folder}: is a folder" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_who_reads_only_the_first_line_gets_no_traceback() -> None:
+    words = [sys.executable, "-m", "ambler.cli.main", "config", "show"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait(30.0) == 141

@@ -149,6 +149,13 @@ METRICS = (
         LOST,
     ),
     PlantedFault(
+        "of a run whose recording ends before it what there is counts",
+        "apps/judgement.py",
+        "**dict.fromkeys(OF_RECORDING & fields.keys())",
+        "**{}",
+        JUDGEMENT,
+    ),
+    PlantedFault(
         "the docked robot's error across the dock is 0",
         "apps/judgement.py",
         '"dock_error_y_m": away.y',

@@ -28,6 +28,8 @@ def run(args: argparse.Namespace) -> int:
         raise BadInputError("--frames must be at least 1, --width at least 16, --seconds positive")
     recording = args.run_folder / "recording"
     path = args.out if args.out is not None else args.run_folder / "animation.gif"
+    if path.is_dir():
+        raise BadInputError(f"{path}: is a folder, but --out is the picture's file")
     path.parent.mkdir(parents=True, exist_ok=True)
     print(animate(recording if recording.exists() else args.run_folder, path, args.frames, args.width, args.seconds))
     return 0

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli import lio_localize, lio_plan
-from ambler.cli.results_output import partial_folder
+from ambler.cli.results_output import check_targets, partial_folder
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
@@ -94,8 +94,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInputError("--guess needs --map")
     robot_config = recorded_config(profile_of(args)[0])
     config = _config(args, robot_config.lio)
-    if args.out.exists() and not args.out.is_dir():
-        raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
+    check_targets(args.json, args.out)
     if args.peer and (args.truth is None or not is_installed()):
         raise BadInputError("--peer needs --truth" if args.truth is None else INSTALL)
     if not 0.01 <= args.cell <= 10.0:

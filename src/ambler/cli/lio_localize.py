@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.apps.config import recorded_config
     from ambler.apps.recorded_lio_place import write_place
     from ambler.cli.lio import _config, _opened
-    from ambler.cli.results_output import partial_folder
+    from ambler.cli.results_output import check_targets, partial_folder
     from ambler.cli.run_options import profile_of
     from ambler.core.errors import BadInputError
     from ambler.evaluation.results import write_results
@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> int:
     robot_config = recorded_config(profile_of(args)[0])
     config = _config(args, robot_config.lio)
     guess = parse_guess(args.guess)
-    if args.out.exists() and not args.out.is_dir():
-        raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
+    check_targets(args.json, args.out)
     if args.truth is not None:
         read_tum_3d(args.truth)
     begin, cpu = time.perf_counter(), time.process_time()

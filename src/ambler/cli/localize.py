@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli.recording_choices import add_choices, choices_of, parse_pose
+from ambler.cli.results_output import check_targets
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.unsupervised and args.pose is None:
         raise BadInputError("--unsupervised needs --pose: without supervision nobody searches the map")
+    check_targets(args.json, args.out)
     config = recorded_config(profile_of(args)[0])
     config.check_localizer()
     start = None if args.pose is None else parse_pose("--pose", args.pose)

@@ -68,6 +68,9 @@ def main(arguments: list[str] | None = None) -> int:
             broken = "" if isinstance(error, KeyboardInterrupt) else f" ({type(error).__name__}: {error})"
             print(f"ambler: interrupted{broken}", file=sys.stderr)
             return 130
+        if isinstance(error, BrokenPipeError):  # who reads has heard enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 141
         if isinstance(error, BadInputError):
             print(f"ambler: {error}", file=sys.stderr)
             return 2

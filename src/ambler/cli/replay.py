@@ -26,11 +26,13 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps.replay import replay_run
+    from ambler.cli.results_output import check_targets
     from ambler.evaluation.pose_difference import TOLERANCE
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
     from ambler.wire.mcap_reader import cut_off
 
+    check_targets(args.json, args.out)
     for note in cut_off(args.run_folder / "recording"):
         print(note)
     warm_up(imported_kernel_modules())

@@ -27,6 +27,16 @@ def save_json(args: argparse.Namespace, begin: float, fields: Mapping[str, Any])
         write_results(args.json, args.command_line, args.seed, time.perf_counter() - begin, fields)
 
 
+def check_targets(json_file: Path | None, out: Path | None) -> None:
+    """Raise BadInputError where results would go to what is there and of another kind, before anything runs."""
+    from ambler.core.errors import BadInputError
+
+    if out is not None and out.exists() and not out.is_dir():
+        raise BadInputError(f"{out}: is a file, but --out needs a folder")
+    if json_file is not None and json_file.is_dir():
+        raise BadInputError(f"--json {json_file}: is a folder")
+
+
 @contextmanager
 def partial_folder(out: Path) -> Iterator[Path]:
     """Give a folder beside the target and move what was written there, so that no partial output is ever seen; raises BadInputError."""

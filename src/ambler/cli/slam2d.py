@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ambler.cli.recording_choices import add_choices, choices_of
-from ambler.cli.results_output import partial_folder
+from ambler.cli.results_output import check_targets, partial_folder
 from ambler.cli.run_options import add_settings, profile_of
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from ambler.apps.config import recorded_config
-    from ambler.core.errors import BadInputError
     from ambler.evaluation.relations import load_relations, relation_errors
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
@@ -57,8 +56,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.slam2d.sweep_search import find_sweep
 
     config = recorded_config(profile_of(args)[0]).slam2d.slam
-    if args.out.exists() and not args.out.is_dir():
-        raise BadInputError(f"{args.out}: is a file, but --out needs a folder")
+    check_targets(args.json, args.out)
     begin = time.perf_counter()
     import ambler.slam2d.offline  # noqa: F401  (names the kernels to warm up)
 

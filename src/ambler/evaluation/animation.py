@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from ambler.core.se2 import SE2
 from ambler.evaluation.map_quality import FREE_UP_TO
 from ambler.evaluation.pictures import FREE_SHADE, OCCUPIED_SHADE, UNDECIDED_SHADE, UNKNOWN_SHADE, known_box
 from ambler.runtime import topics
+from ambler.wire.atomic_file import write_whole
 from ambler.wire.mcap_reader import read_recording
 from ambler.wire.ros_messages import decode
 
@@ -50,7 +52,9 @@ def animate(recording: Path, path: Path, frames: int = 80, width: int = 640, sec
     images = [Image.fromarray(picture).quantize(64) for picture in (*pictures, pictures[-1])]
     each_ms = max(20, round(1e3 * seconds / len(images)))
     durations = [each_ms] * (len(images) - 1) + [1500]  # the last picture stays for a while
-    images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True)
+    gif = io.BytesIO()
+    images[0].save(gif, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True)
+    write_whole(path, gif.getvalue())
     return path
 
 
