@@ -277,7 +277,7 @@ def test_a_hole_in_the_inertial_measurements_is_as_long_as_it_is() -> None:
     assert max(r.health.imu_gap for r in results) > 0.9
 
 
-@pytest.mark.parametrize(("first", "count"), [(60, 3), (90, 5), (130, 15), (160, 30)])
+@pytest.mark.parametrize(("first", "count"), [(40, 5), (90, 5), (130, 15), (160, 30)])
 def test_clouds_lead_through_a_time_without_inertial_measurements(first: int, count: int) -> None:
     """The next measurement comes with the first of those clouds, as a recording gives it, and tells little of what was between."""
     _, recorded = walk()
@@ -289,7 +289,7 @@ def test_clouds_lead_through_a_time_without_inertial_measurements(first: int, co
     _, results = carried(scans)
     assert max(r.health.imu_gap for r in results) > 0.09 * count
     assert not any(r.health.is_contradicted or r.health.is_lost for r in results)
-    assert error_of(results, recorded) < 0.05
+    assert error_of(results, recorded) < 0.017  # 0.011 with all of them
 
 
 def test_clouds_far_from_all_inertial_measurements_are_refused() -> None:
