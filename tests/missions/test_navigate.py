@@ -611,3 +611,9 @@ def test_another_drive_from_where_one_failed_goes_on_with_the_next_cure(script: 
     script.plans[-1](plan_to(5.0))
     script.follows[-1][1]("SUCCEEDED", "")
     assert again.recoveries_left() is None, "it got on"
+
+
+def test_one_that_stopped_short_of_the_nearest_place_says_how_far_that_is(script: Script, drive: Navigation) -> None:
+    reach_a_substitute(script, SE2(4.4, 0.0, 0.0), 0.3)
+    assert script.ends[0][0] == "NEAREST_REACHED"
+    assert "stands 0.60 m from it, and the nearest place that it can reach lies 0.30 m from it" in script.ends[0][1]

@@ -512,7 +512,9 @@ class Navigation:
         if self._hop is not None:
             self._leave_hop(self._hop, f"it cannot be reached, the robot stands {away:.2f} m from it")
             return
-        text = f"the goal cannot be reached; the robot stands {away:.2f} m from it, and the nearest place that it can reach lies {reply.goal_distance:.2f} m from it"
+        text = f"the goal cannot be reached; the robot stands {away:.2f} m from it"
+        if reply.goal_distance < away - 0.01:
+            text += f", and the nearest place that it can reach lies {reply.goal_distance:.2f} m from it"
         self._finish(NavigationState.NEAREST_REACHED, NEAREST_REACHED, text)
 
     def _arrive(self) -> None:
