@@ -19,9 +19,9 @@ from ambler.wire.map_files import save_map
 from tests.apps.test_judgement import GOALS, judged
 
 
-def reported(root: Path, **options: Any) -> tuple[dict[str, Any], str, list[str]]:
+def reported(root: Path, failure: str | None = None, **options: Any) -> tuple[dict[str, Any], str, list[str]]:
     """Report a run that hit a wall at 5 s; returns report.json, the page, and the words of the marks on the map."""
-    verdict, run = judged(root, [(5.0, "wall_3", 0.2)], slam_error=0.05)
+    verdict, run = judged(root, [(5.0, "wall_3", 0.2)], slam_error=0.05, failure=failure)
     robot = cast(Any, run.robot)
     robot.options = SimpleNamespace(**{**vars(robot.options), "seed": 3, **options})
     robot.folder.config.write_text("robot: {}\n")
@@ -45,6 +45,14 @@ def test_a_collision_and_the_largest_error_are_told_and_marked(tmp_path: Path) -
     assert set(record["pictures"].values()) == {"map.png", "trajectory_error.png", "speed.png"}
     assert set(record["results"]) <= set(METRICS), "a field that nobody explained"
     assert len(GOALS) == 2
+
+
+def test_what_a_recording_did_not_hold_is_not_told_as_nothing(tmp_path: Path) -> None:
+    record, page, _ = reported(tmp_path, failure="no space left")
+    assert '<div class="verdict bad"><b>not recorded</b>' in page
+    assert "Collisions, as far as they are known" in page
+    assert record["passed"]["collisions"] is False
+    assert record["results"]["collisions"] is None
 
 
 def test_in_a_known_map_errors_are_told_as_they_are_and_nothing_of_coverage(tmp_path: Path) -> None:

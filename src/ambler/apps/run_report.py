@@ -30,7 +30,8 @@ from ambler.wire.map_files import load_map
 def write_run_report(robot: SimulatedRobot, verdict: Verdict) -> Path:
     """Draw what a robot did and write `report.html` and `report.json` into its folder; returns the page."""
     frontiers = _frontiers(robot)
-    tables = [_steps(robot), collision_table(verdict.collisions)]
+    is_known = verdict.fields["collisions"] is not None
+    tables = [_steps(robot), collision_table(verdict.collisions, is_whole=is_known)]
     if frontiers is not None:
         tables.append(frontier_table(frontiers))
     steps = ", ".join(dict.fromkeys(name_of(step) for step in robot.steps)) or "nothing to do"

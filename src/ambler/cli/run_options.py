@@ -264,11 +264,11 @@ def parse_goal(text: str, what: str) -> NavigateStep:
 
 def check_outputs(json_file: Path | None, out: Path | None) -> None:
     """Make the folders of the result and of the runs; raises BadInputError when they cannot be written, before anything runs."""
+    from ambler.cli.results_output import check_targets
     from ambler.core.errors import BadInputError
 
+    check_targets(json_file, out)
     wanted = {"--json": None if json_file is None else json_file.parent, "--out": out}
-    if json_file is not None and json_file.is_dir():
-        raise BadInputError(f"--json {json_file}: is a folder")
     for name, folder in wanted.items():
         try:
             if folder is not None:

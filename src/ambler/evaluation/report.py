@@ -134,13 +134,14 @@ def frontier_table(frontiers: Sequence[Frontier]) -> Table:
     return Table("Frontiers that remain", ("state", "reason", "middle (m)", "cells"), rows, empty, note)
 
 
-def collision_table(collisions: Sequence[Collision]) -> Table:
-    """List the collisions."""
+def collision_table(collisions: Sequence[Collision], *, is_whole: bool = True) -> Table:
+    """List the collisions; if the list is not whole, that nothing stands in it tells nothing."""
     rows = tuple(
         (f"{c.begin_ns * 1e-9:.2f}", c.robot_geom, c.other_geom, f"{c.speed:.2f}", f"{c.force:.1f}") for c in collisions
     )
     columns = ("time (s)", "robot", "touched", "speed (m/s)", "force (N)")
-    return Table("Collisions", columns, rows, "no collision")
+    title = "Collisions" if is_whole else "Collisions, as far as they are known"
+    return Table(title, columns, rows, "no collision" if is_whole else "none until the recording ends")
 
 
 def _verdict(results: Mapping[str, Any], marks: Mapping[str, bool]) -> str:

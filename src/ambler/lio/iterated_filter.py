@@ -35,9 +35,7 @@ SCAN_LEAST = 0.05  # s; what parts of a turn differ by is their noise
 CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows its motion
 POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
 USUAL = 0.1  # what a scan says of that share
-STRAIGHTENED = (
-    2  # times that a scan between inertial measurements far apart is straightened by what it was found to have moved
-)
+STRAIGHTENED = 2  # times that a scan in a gap of the IMU is straightened by what it was found to have moved
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
