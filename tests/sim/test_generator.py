@@ -132,7 +132,7 @@ def test_people_walk_where_nothing_stands(key: tuple[str, int], drawn: dict[tupl
 
 @pytest.mark.parametrize("kind", ["office", "ward", "warehouse"])
 def test_people_do_not_meet(kind: str) -> None:
-    """They halt for each other, and would be a wall between them for ever."""
+    """Each has a lane of his own: two who walk through each other are no sight that a scanner ever has."""
     together = 0
     for seed in range(12):
         ways = [np.array([*person.way, person.way[0]]) for person in draw_place(kind, seed).world.people]

@@ -2,7 +2,8 @@
 
 Half of all people yield: they halt half a metre before a robot, wait, and after some seconds turn round and walk back. The others
 walk on as if there were no robot, and into it; the physics says how far they get (`Crowd.take`). Who does not get on for some
-seconds turns round. All halt for each other. Nobody steps aside, and somebody who stands in the way is the robot's problem. A door
+seconds turns round. Nobody steps aside for a robot, and somebody who stands in the way is the robot's problem. Each other they pass, shoulder
+to shoulder, as if the other were not there: who halted for everybody would be, with the next one, a wall across a corridor for ever. A door
 stops while anybody is in the way of its leaf.
 """
 
@@ -74,8 +75,8 @@ class Walker:
         self.at = float(places[int(np.argmax(clear if clear.any() else gaps))]) % self.length
         self.position = self.wish = self.place(self.at)
 
-    def update(self, footprints_world: Sequence[F64], others: Sequence[tuple[float, float]]) -> None:
-        """Walk for one period, or wait if the next step leads too near to a robot or to somebody else."""
+    def update(self, footprints_world: Sequence[F64]) -> None:
+        """Walk for one period, or wait if the next step leads too near to a robot."""
         here, there = self.wish, self.place(self.at + self._direction * self._speed * DT)
         gap, radius = PERSON_GAP, self.person.radius
         is_blocked = math.dist(self.position, here) > HELD
@@ -83,9 +84,6 @@ class Walker:
             if math.hypot(here[0] - footprint[0, 0], here[1] - footprint[0, 1]) < FAR_OFF:
                 now, then = (distance_to_polygon(p, footprint) - radius for p in (here, there))
                 is_blocked |= then < gap and then < now
-        for other in others:
-            before, after = math.dist(here, other), math.dist(there, other)
-            is_blocked |= after < 2 * radius + 0.1 and after < before
         if is_blocked:
             self._waited += DT
             if self._waited >= PATIENCE:
@@ -174,12 +172,10 @@ class Crowd:
     def update(self, footprints_world: Sequence[F64], faults: FaultInjector, seconds: float) -> None:
         """Let one period pass beside robots with these footprints (N, 2); the faults tell which doors close and whether their people
         walk."""
-        people = [w.wish for w in self.walkers]
         is_time = faults.are_people_walking(seconds)
-        for k, walker in enumerate(self.walkers):
+        for walker in self.walkers:
             if is_time or not walker.person.name.startswith(FAULT_PERSON):
-                walker.update(footprints_world, people[:k] + people[k + 1 :])
-                people[k] = walker.wish
+                walker.update(footprints_world)
         for door in self.doors:
             door.is_closing = faults.is_closing(door.door.name, seconds)
             door.update(footprints_world, [w.position for w in self.walkers])

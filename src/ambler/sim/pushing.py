@@ -1,7 +1,7 @@
 """People as bodies of finite mass: each strives to where he wants to be; who walks into something halts, and leans on it with `PUSH`.
 
 A critically damped spring pulls him there, with the force of a walker who changes his pace; people and walls do not touch each other,
-because ways keep clear of walls and people halt for each other (`sim.movers`).
+because ways keep clear of walls and people pass each other (`sim.movers`).
 """
 
 from __future__ import annotations

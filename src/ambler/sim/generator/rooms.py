@@ -299,8 +299,7 @@ def place_start(plan: Plan, corridor: Rect) -> None:
 
 def walk_along(plan: Plan, corridor: Rect) -> bool:
     """Let somebody walk up and down a corridor, where nothing stands in the way, and nobody else walks: keeping right where it is wide, else on a straight line;
-    return whether there was such a way.
-    Two people whose ways meet pass each other in life; here they halt and turn back, again and again, and are a wall between them."""
+    return whether there was such a way."""
     rng = plan.rng
     is_level = corridor.width >= corridor.depth
     length, across = (corridor.width, corridor.depth) if is_level else (corridor.depth, corridor.width)
