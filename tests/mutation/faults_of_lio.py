@@ -735,6 +735,20 @@ LIO = (
         ("tests/recordings/test_cloud_parts.py",),
     ),
     PlantedFault(
+        "a ROS 1 bag without its index counts as whole",
+        "wire/cut_bags.py",
+        "if at == 0 or at > size:\n                return False",
+        "if at == 0 or at > size:\n                return True",
+        ("tests/wire/test_bags.py",),
+    ),
+    PlantedFault(
+        "a SQLite bag that lost its end counts as whole",
+        "wire/cut_bags.py",
+        "return not is_told or file.stat().st_size",
+        "return is_told or file.stat().st_size",
+        ("tests/wire/test_bags.py",),
+    ),
+    PlantedFault(
         "parts are joined over what is missing between them",
         "recordings/cloud_parts.py",
         "return abs(begin_ns - self._span_ns[1]) <= APART_NS and",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import sqlite3
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -70,10 +71,13 @@ def write_ros2(folder: Path, storage: StoragePlugin) -> Path:
     return folder
 
 
-def write_ros1(path: Path) -> Path:
+def write_ros1(path: Path, packing: Writer1.CompressionFormat | None = None) -> Path:
     header = ROS1.types["std_msgs/msg/Header"]
     time = ROS1.types["builtin_interfaces/msg/Time"]
-    with Writer1(path) as writer:
+    writer = Writer1(path)
+    if packing is not None:
+        writer.set_compression(packing)
+    with writer:
         connections = {}
         for topic, message, log_ns in recorded():
             ros_type = ros_type_of(type(message))
@@ -161,18 +165,77 @@ def test_a_bag_that_was_not_closed_is_completed_from_its_write_ahead_log(tmp_pat
 def test_an_mcap_bag_without_its_end_is_read_up_to_the_cut(is_folder: bool, tmp_path: Path) -> None:
     folder = write_ros2(tmp_path / "bag", StoragePlugin.MCAP)
     file = folder / "bag.mcap"
+    _check_cut(folder, file, file.read_bytes()[:-60], folder if is_folder else file)
+    with open_bag(file) as bag:
+        assert "/chatter" in {t.name for t in bag.topics()}, "types that are not ours are kept"
+    _refuse_head(file, 40)
+
+
+@pytest.mark.parametrize("packing", [None, Writer1.CompressionFormat.BZ2, Writer1.CompressionFormat.LZ4])
+def test_a_ros1_bag_without_its_index_is_read_up_to_the_cut(
+    packing: Writer1.CompressionFormat | None, tmp_path: Path
+) -> None:
+    """As `rosbag record` leaves it in a crash; such a file must be reindexed before anything else reads it."""
+    file = tmp_path / "a.bag"
+    write_ros1(file, packing)
+    data = file.read_bytes()
+    at = struct.unpack("<Q", data[data.index(b"index_pos=") + 10 :][:8])[0]
+    _check_cut(file, file, data[: at + 7], file)
+    never_closed = data[:at].replace(b"index_pos=" + struct.pack("<Q", at), b"index_pos=" + bytes(8))
+    _check_cut(None, file, never_closed, file)
+    _refuse_head(file, 5000)
+
+
+def test_of_a_ros1_bag_that_was_cut_in_a_chunk_whole_messages_are_read(tmp_path: Path) -> None:
+    file = write_ros1(tmp_path / "a.bag")
+    with open_bag(file) as bag:
+        everything = [(g.topic, g.log_ns) for g in bag.messages()]
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
+    with open_bag(file) as bag:
+        got = [(g.topic, g.log_ns) for g in bag.messages()]
+        assert bag.notes == (f"{file} is cut off: read up to the cut",)
+    assert 0.3 * len(everything) < len(got) < 0.7 * len(everything)
+    assert set(got) < set(everything)
+
+
+@pytest.mark.parametrize("is_folder", [True, False], ids=["folder", "file"])
+def test_a_sqlite_bag_that_lost_its_end_is_read_as_far_as_it_goes(is_folder: bool, tmp_path: Path) -> None:
+    folder = write_ros2(tmp_path / "bag", StoragePlugin.SQLITE3)
+    file = folder / "bag.db3"
     with open_bag(folder) as bag:
         everything = [(g.topic, g.log_ns) for g in bag.messages()]
         assert bag.notes == ()
-    file.write_bytes(file.read_bytes()[:-60])
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) * 4 // 5])
     before = sorted((f.name, f.stat().st_size) for f in folder.iterdir())
     with open_bag(folder if is_folder else file) as bag:
         got = [(g.topic, g.log_ns) for g in bag.messages()]
         assert bag.notes == (f"{file} is cut off: read up to the cut",)
-        assert "/chatter" in {t.name for t in bag.topics()}, "types that are not ours are kept"
-    assert got == everything
+    assert 0.2 * len(everything) < len(got) < 0.9 * len(everything)
+    assert set(got) < set(everything)
     assert sorted((f.name, f.stat().st_size) for f in folder.iterdir()) == before
-    file.write_bytes(file.read_bytes()[:40])
+    _refuse_head(file, 5000)
+
+
+def _check_cut(whole: Path | None, file: Path, cut: bytes, opened: Path) -> None:
+    """Cut a file so that only its end is missing: everything is read (of `whole` before, if that can be), and nothing is written beside it."""
+    expected = [(topic, log_ns) for topic, _, log_ns in sorted(recorded(), key=lambda r: r[2])]
+    if whole is not None:
+        with open_bag(whole) as bag:
+            expected = [(g.topic, g.log_ns) for g in bag.messages()]
+            assert bag.notes == ()
+    file.write_bytes(cut)
+    before = sorted((f.name, f.stat().st_size) for f in file.parent.iterdir())
+    with open_bag(opened) as bag:
+        got = [(g.topic, g.log_ns) for g in bag.messages()]
+        assert bag.notes == (f"{file} is cut off: read up to the cut",)
+    assert got == expected
+    assert sorted((f.name, f.stat().st_size) for f in file.parent.iterdir()) == before
+
+
+def _refuse_head(file: Path, size: int) -> None:
+    file.write_bytes(file.read_bytes()[:size])
     with pytest.raises(BadInputError, match="is cut off before its first message"):
         open_bag(file)
 
@@ -215,7 +278,7 @@ def test_damage_anywhere_is_a_named_error_or_harmless(kind: str, tmp_path: Path)
             text = str(error)
             assert str(original) in text or str(target) in text
             assert "\n" not in text
-    assert errors > 2
+    assert errors > 1
 
 
 def test_wrong_files_are_named(tmp_path: Path) -> None:

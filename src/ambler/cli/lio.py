@@ -77,7 +77,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, examine, map, compare, write; 1 when the filter lost its way or the map is not to be trusted, the recording is cut off, or the reference does not fit it."""
+    """Read, examine, map, compare, write; 1 when the filter lost its way or the map is not to be trusted, the recording was not mapped to its end, or the reference does not fit it."""
     import time
 
     from ambler.apps.config import recorded_config

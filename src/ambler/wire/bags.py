@@ -26,7 +26,8 @@ from rosbags.typesys import TypesysError
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
 from ambler.wire import ros_geometry, ros_grids, ros_sensors
-from ambler.wire.mcap_reader import cut_off, finish_copy, is_finished
+from ambler.wire.cut_bags import index_copy, is_whole_bag, is_whole_database, rescue_rows
+from ambler.wire.mcap_reader import finish_copy, is_finished
 from ambler.wire.ros_types import STORE
 
 _FromRos = Callable[[Any], m.Message]
@@ -46,6 +47,12 @@ _READINGS: dict[str, tuple[type[m.Message], _FromRos]] = {
 }
 _MAGIC = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\x00": ".db3"}
 _KINDS = {".bag": "ROS 1 bag", ".mcap": "MCAP file", ".db3": "SQLite bag"}
+# By kind: has a file its end, and a finished copy of what lies before the cut.
+_CUTS: dict[str, tuple[Callable[[Path], bool], Callable[[Path, Path], int]]] = {
+    ".bag": (is_whole_bag, index_copy),
+    ".mcap": (is_finished, finish_copy),
+    ".db3": (is_whole_database, rescue_rows),
+}
 # What opening or reading foreign bytes may raise, found by fuzzing (tests/wire/test_bags.py).
 _DAMAGE = (
     *(AnyReaderError, Reader1Error, Reader2Error, SerdeError, TypesysError, apsw.Error, sqlite3.Error, struct.error),
@@ -75,9 +82,9 @@ class BagTopic:
 class BagReader:
     """An open bag; use it as a context manager, or close it."""
 
-    def __init__(self, path: Path, reader: AnyReader, resources: ExitStack) -> None:
+    def __init__(self, path: Path, reader: AnyReader, resources: ExitStack, notes: tuple[str, ...]) -> None:
         self.path = path
-        self.notes = cut_off(path)
+        self.notes = notes
         """What its reader must know: which files were cut off."""
         self._reader = reader
         self._resources = resources
@@ -157,7 +164,7 @@ class BagReader:
 def open_bag(path: Path | str) -> BagReader:
     """Open a bag: a `.bag`, `.mcap` or `.db3` file, or a folder with them (rosbag2 folders, or split recordings).
 
-    A SQLite bag that was not closed (its `-wal` file holds data) and an MCAP file that was cut off are completed in a temporary copy; the
+    A SQLite bag that was not closed (its `-wal` file holds data) and a file that was cut off, or has no index, are completed in a temporary copy; the
     original, which may lie on a read-only file system, is never written to. Raises BadInputError that names what is wrong with the file.
     """
     path = Path(path)
@@ -165,7 +172,9 @@ def open_bag(path: Path | str) -> BagReader:
         raise BadInputError(f"{path}: no such file or folder")
     resources = ExitStack()
     try:
-        paths = _complete(path, _find_files(path), resources)
+        files = _find_files(path)
+        cut = [file for file in files if not _CUTS[file.suffix][0](file)]
+        paths = _finished(files, cut, resources) if cut else _complete(path, files, resources)
         reader = AnyReader(paths, default_typestore=STORE)
         reader.open()
         resources.callback(reader.close)
@@ -177,7 +186,7 @@ def open_bag(path: Path | str) -> BagReader:
     except BadInputError:
         resources.close()
         raise
-    return BagReader(path, reader, resources)
+    return BagReader(path, reader, resources, tuple(f"{file} is cut off: read up to the cut" for file in cut))
 
 
 def _find_files(path: Path) -> list[Path]:
@@ -215,10 +224,7 @@ def _check_kind(file: Path) -> None:
 
 
 def _complete(path: Path, files: list[Path], resources: ExitStack) -> list[Path]:
-    """Return what to open: the folder when it has its metadata, else the files; copies where write-ahead logs hold data or ends are
-    missing."""
-    if any(f.suffix == ".mcap" and not is_finished(f) for f in files):
-        return _finished(files, Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="ambler-bag-"))))
+    """Return what to open: the folder when it has its metadata, else the files; copies where write-ahead logs hold data."""
     is_folder = path.is_dir() and (path / "metadata.yaml").exists()
     logged = {f for f in files if f.suffix == ".db3" and _has_data(_log_of(f))}
     if not logged:
@@ -240,13 +246,14 @@ def _complete(path: Path, files: list[Path], resources: ExitStack) -> list[Path]
     return copies
 
 
-def _finished(files: list[Path], folder: Path) -> list[Path]:
-    """Return the MCAP files, those that were cut off as finished copies; one that holds no message before the cut is left out."""
+def _finished(files: list[Path], cut: list[Path], resources: ExitStack) -> list[Path]:
+    """Return the files, those that were cut off as finished copies; one that holds no message before the cut is left out."""
+    folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="ambler-bag-")))
     out = []
     for file in files:
-        if is_finished(file):
+        if file not in cut:
             out.append(file)
-        elif finish_copy(file, folder / file.name) > 0:
+        elif _CUTS[file.suffix][1](file, folder / file.name) > 0:
             out.append(folder / file.name)
     if not out:
         raise BadInputError(f"{files[0]}: is cut off before its first message")
