@@ -155,6 +155,7 @@ def test_the_turtlebot_finds_itself_in_its_map(tmp_path: Path) -> None:
     ("arguments", "says"),
     [
         (["nothing.log", "--map", "nothing.yaml"], "nothing.yaml: there is no such map"),
+        (["nothing.log", "--map", "tests"], "tests: is a folder; give the map's YAML"),
         (["nothing.log", "--map", "nothing.yaml", "--pose", "1,2"], "--pose 1,2: is not X,Y,YAW"),
         (["nothing.log", "--map", "nothing.yaml", "--pose", "1,nan,2"], "not finite"),
         (["nothing.log", "--map", "nothing.yaml", "--unsupervised"], "--unsupervised needs --pose"),

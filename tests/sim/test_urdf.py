@@ -143,10 +143,10 @@ def test_it_drives_and_measures_a_wall(tmp_path: Path, wall_ahead: WorldSpec) ->
     assert scan.ranges[ahead] == pytest.approx(3.0 - 0.1 - x, abs=0.06)
 
 
-@pytest.mark.parametrize("name", ["part.stl", "ascii.stl", "part.obj"])
+@pytest.mark.parametrize("name", ["part.stl", "ascii.stl", "part.obj", "part%201.obj"])
 def test_meshes_count_by_their_hull(name: str, tmp_path: Path) -> None:
     corners = [(0.4, 0.3, 0), (-0.4, 0.3, 0), (-0.4, -0.3, 0), (0.4, -0.3, 0.25)]
-    mesh = tmp_path / "cart" / "meshes" / name
+    mesh = tmp_path / "cart" / "meshes" / name.replace("%20", " ")
     mesh.parent.mkdir(parents=True)
     if name == "part.stl":
         faces = [(corners[0], corners[1], corners[2]), (corners[0], corners[2], corners[3])]

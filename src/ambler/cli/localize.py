@@ -109,7 +109,7 @@ def _load(path: Path) -> tuple[GridSpec, NDArray[np.int8]]:
     from ambler.wire.map_files import load_map
     from ambler.wire.wean import read_wean_map
 
-    if not path.is_file():
+    if not path.exists():
         raise BadInputError(f"{path}: there is no such map")
     if path.suffix != ".dat":
         return load_map(path)

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import unquote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
@@ -205,9 +206,10 @@ def _shape_points(path: Path, link: Element, shape: Element) -> tuple[F64, float
 
 
 def _mesh_path(path: Path, link: Element, mesh: Element) -> Path:
-    """Find a mesh file: beside the URDF, or `package://NAME/...` in a folder NAME at or above it."""
+    """Find a mesh file: beside the URDF, or `package://NAME/...` in a folder NAME at or above it; a URL's `%20` is a blank."""
     name = mesh.get("filename", "")
     scheme, separator, rest = name.partition("://")
+    rest = unquote(rest)
     if not separator:
         candidates = [path.parent / name]
     elif scheme == "file":

@@ -162,6 +162,9 @@ def _read_table(path: Path) -> dict[str, Any]:
         if described is None:
             raise BadInputError(f"{path}: is a picture, and no YAML of its name lies beside it; give the map's YAML")
         path = described
+    if path.is_dir():
+        inside = ", ".join(file.name for file in sorted(path.glob("*.y*ml"))[:5])
+        raise BadInputError(f"{path}: is a folder; give the map's YAML" + (f" (in it: {inside})" if inside else ""))
     try:
         table = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
