@@ -81,3 +81,27 @@ def test_while_a_match_is_refused_what_is_told_covers_it() -> None:
     assert not told.is_updated
     error = rooms.error_of(told.map_from_base, aside)
     assert error @ np.linalg.solve(told.covariance, error) / 3.0 < 2.0
+
+
+@pytest.mark.parametrize("kind", ["tracker", "particles"])
+@pytest.mark.parametrize("speed", [0.3, 0.8])
+def test_somebody_who_is_drawn_in_the_map_and_walks_along_does_not_take_the_robot_along(
+    kind: str, speed: float
+) -> None:
+    """A corridor of which two posts tell how far along it the robot is; beside the robot somebody stood when the map was made. He stands there again, and
+    walks on as the robot does, or faster. Particles may lose the posts among his returns, but then they say so."""
+    posts = (rooms.box(14.0, 0.1, 0.2, 0.2), rooms.box(27.0, 2.9, 0.2, 0.2))
+    rng, start = np.random.default_rng(3), SE2(20.0, 1.2, 0.4)
+
+    def corridor(x: float) -> rooms.Room:
+        return rooms.Room("corridor", (40.0, 3.0), (*posts, rooms.box(x, 1.7, 0.4, 0.4)))
+
+    localizer = made(kind, SurfaceMap.from_occupancy(*corridor(20.0).occupancy()))
+    localizer.set_pose(0, SE2(), start, SURE)
+    for k in range(1, 60):
+        pose = SE2(20.0 + 0.03 * k, 1.2, 0.4 + 0.03 * k)
+        scan = corridor(20.0 + 0.1 * speed * max(0, k - 15)).scan(pose, rng, reach=12.0)
+        estimate = localizer.update(Observation(k * S // 10, start.inverse() @ pose, scan))
+        error = rooms.error_of(estimate.map_from_base, pose)
+        assert error @ np.linalg.solve(estimate.covariance, error) / 3.0 < 5.0, f"scan {k}"
+        assert kind == "particles" or k <= 3 or math.hypot(error[0], error[1]) < 0.03, f"scan {k}"

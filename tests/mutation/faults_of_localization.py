@@ -21,6 +21,13 @@ MADE_TRUTH = ("tests/evaluation/test_made_map_truth.py",)
 
 LOCALIZATION = (
     PlantedFault(
+        "one small thing tells where along a corridor the robot is",
+        "localization/matcher.py",
+        "THING_TELLS * (end - begin) >",
+        "0.0 * (end - begin) >",
+        ("tests/localization/test_pushed.py",),
+    ),
+    PlantedFault(
         "what a wrong pose led to is told as found",
         "apps/recorded_localization.py",
         "is_only_told = map_from_start is not None",

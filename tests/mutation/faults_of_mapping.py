@@ -21,6 +21,20 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "a chain of submaps never gives way to closures that contradict it",
+        "slam2d/graph.py",
+        "if len(loose.rejected) > most:",
+        "if True:",
+        ("tests/slam2d/test_graph.py",),
+    ),
+    PlantedFault(
+        "a chain of submaps gives way to any closures",
+        "slam2d/graph.py",
+        "if len(loose.rejected) > most:",
+        "if False:",
+        ("tests/slam2d/test_graph.py",),
+    ),
+    PlantedFault(
         "the gate sees no panes in clouds",
         "nodes/gate.py",
         "            lambda _: self._panes_of_cloud(cloud),\n",

@@ -99,3 +99,54 @@ def test_a_loop_closure_that_is_false_only_where_it_claims_little_is_thrown_out(
     for off, is_false in ((0.2, False), (0.65, True)):
         edge = Edge(10, 12, away @ SE2(off, 0.0, 0.0), information, EdgeKind.INTER)
         assert optimize(graph.snapshot(), [*right, edge], GraphConfig()).rejected == (((10, 12),) if is_false else ())
+
+
+def submaps_up_and_down(slip: float) -> tuple[Graph, list[SE2], list[int]]:
+    """Eight hundred scans up and down a corridor of 50 m, every fortieth begins a submap that holds eighty of them; wheels slip by `slip` (m) once on the way. Returns the graph, the truth of
+    its vertices, and the vertices of scans."""
+    graph, truth, scans, submaps = Graph(), [], [], []
+    up = [SE2(x, 0.0, 0.0) for x in np.linspace(0.0, 50.0, 400)]
+    true = up + [SE2(pose.x, 1.0, math.pi) for pose in reversed(up)]
+    local = [true[0]]
+    for k, (a, b) in enumerate(pairwise(true)):
+        local.append(local[-1] @ ((a.inverse() @ b) @ SE2(-slip if k == 200 else 0.0, 0.0, 0.0)))
+    for k, pose in enumerate(local):
+        if k % 40 == 0:
+            submaps.append((graph.add_vertex(pose), pose))
+            truth.append(true[k])
+        vertex = graph.add_vertex(pose)
+        truth.append(true[k])
+        for start, begun in submaps[-2:]:
+            intra = diagonal_information(GraphConfig().intra_sigma)
+            graph.add_edge(Edge(start, vertex, begun.inverse() @ pose, intra, EdgeKind.INTRA))
+        if scans:
+            motion = local[k - 1].inverse() @ pose
+            information = diagonal_information(GraphConfig().local_sigma)
+            graph.add_edge(Edge(scans[-1], vertex, motion, information, EdgeKind.LOCAL))
+        scans.append(vertex)
+    return graph, truth, scans
+
+
+def test_a_chain_that_many_closures_contradict_gives_way() -> None:
+    """Wheels slipped by 1.2 m, and ten scans at the end see where the loop began: all true, and a stiff chain throws all of them out."""
+    graph, truth, scans = submaps_up_and_down(1.2)
+    sure = diagonal_information(GraphConfig().inter_sigma)
+    closures = [Edge(0, v, truth[0].inverse() @ truth[v], sure, EdgeKind.INTER) for v in scans[-10:]]
+    assert len(optimize(graph.snapshot(), closures, GraphConfig()).rejected) == 10
+    solved = optimize(graph.snapshot(), closures, GraphConfig(), graph.intra)
+    assert solved.is_loosened
+    assert solved.rejected == ()
+    assert all(math.hypot(*(solved.poses[v, :2] - truth[v].as_array()[:2])) < 0.1 for v in scans[-10:])
+
+
+def test_a_chain_does_not_give_way_to_closures_that_contradict_each_other() -> None:
+    """Ten places that look alike, each elsewhere: some of them could be believed if the chain were loose enough."""
+    graph, truth, scans = submaps_up_and_down(0.0)
+    sure, rng = diagonal_information(GraphConfig().inter_sigma), np.random.default_rng(4)
+    closures = [
+        Edge(0, v, truth[0].inverse() @ truth[v] @ SE2(*rng.uniform(-3.0, 3.0, 2).tolist(), 0.0), sure, EdgeKind.INTER)
+        for v in scans[-10:]
+    ]
+    solved = optimize(graph.snapshot(), closures, GraphConfig(), graph.intra)
+    assert not solved.is_loosened
+    assert np.abs(solved.poses - graph.poses).max() < 0.05

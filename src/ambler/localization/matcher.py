@@ -19,6 +19,11 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 CLEARLY = 0.03  # robust cost per point: three of a hundred returns that one pose explains and another does not
+THING_GAP = 0.3  # metres between returns that follow each other in a scan and are of one thing
+THING_MOST = 1.0  # metres: a person, a chair, a box; walls are larger
+THING_LEAST = 5  # returns
+THING_TELLS = 0.5  # of its returns: faces of a small thing look into all directions
+WEAK_RATIO = 0.2  # of what a scan tells of its weakest direction to its strongest: above it walls tell both
 MAP_PRIOR = 3.0  # stretches of wall that the belief about the map's errors is worth before anything was seen
 MAP_MEMORY = 100.0  # stretches of wall that are remembered
 MAP_NOISE_LEAST = 0.0005  # metres
@@ -169,7 +174,14 @@ class ScanMatcher:
         """Match from every row of `starts` float64 (K, 4) and return the best; `points` come from `thin`.
 
         The depth is held near each start with `depth_variance` (m²), which matters where only one side of the room is seen.
+        Where one small thing tells most of a direction, it is left out: somebody who stood there when the map was made, stands there again and walks off
+        takes every match with him, along a corridor of which nothing else tells how far along it the robot is.
         """
+        result = self._match(points, starts, depth_variance, first_scale)
+        others = self.without_lone_thing(points, result)
+        return result if others is points else self._match(others, starts, depth_variance, first_scale)
+
+    def _match(self, points: F32, starts: F64, depth_variance: float, first_scale: float | None) -> MatchResult:
         config = self.config
         stiffness = np.array([1e-3, 1e-3, 1e-3, config.noise**2 / max(depth_variance, 1e-8)])
         scale = config.first_scale if first_scale is None else first_scale
@@ -188,7 +200,27 @@ class ScanMatcher:
 
     def explains_more(self, match: MatchResult, state: F64, points: F32) -> bool:
         """Say whether a match explains clearly more of the points, which come from `thin`, than `state` float64 (4,) does."""
-        scale, info = self.config.last_scale, np.empty(4)
+        return self._cost(points, state) - match.cost >= CLEARLY
+
+    def without_lone_thing(self, points: F32, match: MatchResult) -> F32:
+        """Return the points, which come from `thin`, without the small thing that could tell more than all others of the direction of which a match tells least;
+        themselves where there is none."""
+        scale = np.array([1.0, 1.0, match.lever])
+        values, vectors = np.linalg.eigh(match.full[:3, :3] / np.outer(scale, scale))
+        if values[0] > WEAK_RATIO * values[-1]:
+            return points
+        begin, end = max(_small_things(points), key=lambda rows: rows[1] - rows[0], default=(0, 0))
+        others, weakest = np.concatenate((points[:begin], points[end:])), vectors[:, 0] / scale
+        told = self._accumulated(others, match.state)[0][:3, :3]
+        return others if THING_TELLS * (end - begin) > weakest @ told @ weakest else points
+
+    def _cost(self, points: F32, state: F64) -> float:
+        """Return the robust cost per point of a state float64 (4,)."""
+        return float(self._accumulated(points, state)[1][0])
+
+    def _accumulated(self, points: F32, state: F64) -> tuple[F64, F64]:
+        """Return sum w J J^T (4, 4) of a state float64 (4,), and what the kernel `accumulate` tells beside it (4,)."""
+        scale, h, info = self.config.last_scale, np.empty((4, 4)), np.empty(4)
         kernel.accumulate(
             self.map.nearest,
             self.map.surfaces,
@@ -197,11 +229,11 @@ class ScanMatcher:
             state,
             scale,
             4.0 * scale,
-            np.empty((4, 4)),
+            h,
             np.empty(4),
             info,
         )
-        return bool(float(info[0]) - match.cost >= CLEARLY)
+        return h, info
 
     def _limits(self, points: F32) -> F64:
         lever = float(np.sqrt(np.mean(np.square(points).sum(axis=1)))) if len(points) else 1.0
@@ -235,3 +267,14 @@ class ScanMatcher:
         self._last_evidence = np.array([between - noise * inverse, freedom]) if freedom > 0.0 else np.zeros(2)
         squares, weights = self._map_evidence + self._last_evidence
         return shared, float(noise), max(MAP_DOUBT * float(squares / weights), MAP_NOISE_LEAST**2)
+
+
+def _small_things(points: F32) -> list[tuple[int, int]]:
+    """Return the first and last row (exclusive) of each run of returns (N, 2), in the order of a scan, that is no larger than a thing which may move."""
+    bounds = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > THING_GAP) + 1
+    runs = zip([0, *bounds.tolist()], [*bounds.tolist(), len(points)], strict=True)
+    return [
+        (begin, end)
+        for begin, end in runs
+        if end - begin >= THING_LEAST and np.hypot(*np.ptp(points[begin:end], axis=0)) <= THING_MOST
+    ]

@@ -159,7 +159,10 @@ class ParticleFilter:
         self._is_requested = False
         mean, covariance = self._cluster()
         if len(points) >= config.matcher.min_weight:
-            self._weigh(points)
+            expected = np.append(self._carried, self._depth)[None]
+            self._weigh(
+                self._matcher.without_lone_thing(points, self._matcher.match(points, expected, self._depth_variance))
+            )
             weighed_mean, _ = self._cluster()
             self._resample()
             # The spread is that before this scan, so that the scan counts once; the place is where the scan puts the cluster.

@@ -62,6 +62,7 @@ class BackEnd:
         self.submap_vertices: list[int] = []
         self.closures: dict[tuple[int, int], Closure] = {}
         self.is_converged = True
+        self.is_loose = False
         self.moves = 0
         self._point_sigma = point_sigma
         self._searcher = LoopSearcher(loop, graph, point_sigma)
@@ -146,7 +147,9 @@ class BackEnd:
         """Return how well (m, rad) a submap holds a node: no better than what happened since it began lets it."""
         linear, angular = (math.sqrt(max(0.0, now - then)) for now, then in zip(self._doubt, submap.doubt, strict=True))
         leverage = submap.local_from_submap.distance_to(local_from_base)
-        return _more(self._config.intra_sigma, (linear + leverage * angular, angular))
+        times = self._config.loosening if self.is_loose else 1.0
+        own, own_angular = self._config.intra_sigma
+        return _more((times * own, times * own_angular), (linear + leverage * angular, angular))
 
     def _add_submap(self, submap: Submap, map_from_local: SE2) -> None:
         submap.way, submap.doubt = self._way, self._doubt
@@ -215,6 +218,9 @@ class BackEnd:
         if result.optimized is None:
             return
         self.is_converged = result.optimized.is_converged
+        if result.optimized.is_loosened and not self.is_loose:
+            self.is_loose = True
+            self.graph.loosen_intra(self._config.loosening)
         n = len(result.optimized.poses)
         anchor = self.nodes[result.newest_node].vertex
         correction = SE2.from_array(result.optimized.poses[anchor]) @ self.graph.pose(anchor).inverse()
@@ -259,13 +265,16 @@ class _Job:
         self._closures = dict(b.closures)
         self._scale = b.drift_scale
         self._graph = b.graph.snapshot()
+        self._intra = b.graph.intra
+        self._is_loose = b.is_loose
 
     def run(self) -> JobResult:
         counts = self._counts.copy()
         found = self._search(counts) if self._queries else []
         believed, waiting = self._sort(found)
         edges = [c.edge for c in believed]
-        optimized = optimize(self._graph, edges, self._config) if edges or self._must_solve else None
+        intra = self._intra if self._is_drift(believed) else None
+        optimized = optimize(self._graph, edges, self._config, intra) if edges or self._must_solve else None
         rejected = set(optimized.rejected) if optimized else set()
         keys = {key_of(c) for c in believed} - rejected
         aside = {key_of(c): c for c in (*self._aside, *believed) if key_of(c) not in keys}
@@ -274,6 +283,15 @@ class _Job:
             *(tuple(believed), tuple(waiting), tuple(aside.values())),
             *(counts.tries, optimized, len(self._nodes) - 1),
         )
+
+    def _is_drift(self, believed: list[Closure]) -> bool:
+        """Whether closures move the map by no more than its chain may have drifted on the way between; places that look alike move it farther."""
+        if self._is_loose or not believed:
+            return False
+        moved = [moves_map_by(c, self._graph.poses) for c in believed]
+        ways = [abs(self._nodes[c.node].way - self._ways[c.submap]) for c in believed]
+        shares = np.array(moved) / np.maximum(np.array(ways), 1.0)
+        return float(np.median(shares)) <= self._loop.drift.linear_per_metre
 
     def _search(self, counts: PairCounts) -> list[Closure]:
         lengths = (0.0, *np.diff(self._ways))

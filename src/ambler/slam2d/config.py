@@ -136,7 +136,9 @@ class LoopConfig:
 
 @dataclass(frozen=True, slots=True)
 class GraphConfig:
-    """Standard deviations of the edges (metres, radians) and when to optimize."""
+    """Standard deviations of the edges (metres, radians) and when to optimize. A closure beyond `reject_width` standard deviations is rejected. Once `loosening_for` closures
+    more are kept if submaps hold their nodes `loosening` times as loosely, and at most the share `loosening_rejects` of those that were rejected before is rejected still, they do so from
+    then on."""
 
     intra_sigma: tuple[float, float] = (0.02, math.radians(0.3))
     inter_sigma: tuple[float, float] = (0.02, math.radians(0.2))  # a closure that ends on lines through the returns
@@ -145,6 +147,9 @@ class GraphConfig:
     odometry_gain: float = 0.2
     robust_width: float = 2.0
     reject_width: float = 5.0
+    loosening: float = 5.0
+    loosening_for: int = 6
+    loosening_rejects: float = 0.33
     nodes_between: int = 90
     max_iterations: int = 50
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,15 @@ class Graph:
         self.edges = len(keep)
         return e - len(keep)
 
+    @property
+    def intra(self) -> NDArray[np.bool_]:
+        """Which edges (E,) hold a node in its submap."""
+        return np.asarray(self._kind[: self.edges] == EdgeKind.INTRA)
+
+    def loosen_intra(self, times: float) -> None:
+        """Multiply the standard deviations of the INTRA edges."""
+        self._information[: self.edges][self.intra] /= times**2
+
     def snapshot(self) -> PoseGraph:
         """Return a copy for the solver."""
         e = self.edges
@@ -128,17 +137,38 @@ class Graph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OptimizedGraph:
-    """New global poses of the first vertices, which INTER edges (from, to) disagree too much and must go, and whether the solver came to
-    an end."""
+    """New global poses of the first vertices, which INTER edges (from, to) disagree too much and must go, whether the solver came to
+    an end, and whether the INTRA edges were taken for looser than they were told to be."""
 
     poses: F64
     rejected: tuple[tuple[int, int], ...]
     is_converged: bool
+    is_loosened: bool = False
 
 
-def optimize(snapshot: PoseGraph, extra: list[Edge], config: GraphConfig) -> OptimizedGraph:
-    """Solve a snapshot with new edges; INTER edges far beyond the robust kernel's width are rejected and the rest solved again."""
+def optimize(
+    snapshot: PoseGraph, extra: list[Edge], config: GraphConfig, intra: NDArray[np.bool_] | None = None
+) -> OptimizedGraph:
+    """Solve a snapshot with new edges; INTER edges far beyond the robust kernel's width are rejected and the rest solved again.
+
+    Scans of one submap share its error, so that many INTRA edges hold a chain of submaps much stiffer than scan matching is, where wheels slip or scans
+    are few: whole groups of true closures are rejected then. `intra` (E,) says which edges of the snapshot may be looser by `loosening`, and are
+    where `loosening_for` closures more are kept then, and nearly all: a looser chain bends to some of any set, also of false ones.
+    """
     graph = _with_edges(snapshot, extra)
+    stiff = _solve_and_reject(graph, config)
+    if intra is None or len(stiff.rejected) < config.loosening_for:
+        return stiff
+    information = graph.information.copy()
+    information[: len(intra)][intra] /= config.loosening**2
+    loose = _solve_and_reject(replace(graph, information=information), config)
+    most = min(len(stiff.rejected) - config.loosening_for, config.loosening_rejects * len(stiff.rejected))
+    if len(loose.rejected) > most:
+        return stiff
+    return replace(loose, is_loosened=True)
+
+
+def _solve_and_reject(graph: PoseGraph, config: GraphConfig) -> OptimizedGraph:
     solver = SolverConfig(
         robust_kernel=RobustKernel.HUBER,
         robust_width=config.robust_width,
