@@ -602,6 +602,27 @@ MAPPING = (
         EXTRAPOLATOR,
     ),
     PlantedFault(
+        "without odometry velocities lie between first beams, and motion compensation swings",
+        "slam2d/extrapolator.py",
+        "return stamp_ns + half_ns, local_from_base @ first_from_middle",
+        "return stamp_ns, local_from_base",
+        ("tests/slam2d/test_motion_compensation.py", *EXTRAPOLATOR),
+    ),
+    PlantedFault(
+        "without odometry the order of the beams is not asked",
+        "slam2d/sweep_search.py",
+        "_turned_by_odometry(scans) if any(scan.odometry for scan in scans) else _turned_by_scans(scans)",
+        "_turned_by_odometry(scans)",
+        ("tests/slam2d/test_motion_compensation.py",),
+    ),
+    PlantedFault(
+        "odometry that never changes while the robot drives is believed",
+        "recordings/log_scans.py",
+        "return first_pose is not None and moved > _MOVED_SHARE * compared",
+        "return False",
+        ("tests/recordings/test_carmen_scans.py",),
+    ),
+    PlantedFault(
         "a map begins with a single scan",
         "slam2d/front_end.py",
         "self._scans_at_start < START_SCANS",

@@ -12,6 +12,7 @@ import pytest
 from ambler.core.base_motion import STILL, steady_sweep
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.recordings.log_scans import DEAD_ODOMETRY
 from ambler.recordings.scan_recording import Choices, ScanRecording, open_recording
 from ambler.recordings.sweep import Sweep
 from ambler.slam2d.offline import run_offline
@@ -196,3 +197,37 @@ def test_one_mount_for_two_scanners_is_refused_and_so_are_choices_of_bags(tmp_pa
     for choices in (Choices("/scan"), Choices(sweep=Sweep.FORWARD), Choices(odom_topic="none")):
         with pytest.raises(BadInputError, match="is no ROS bag"):
             opened(tmp_path, front, choices)
+
+
+def with_dead_poses(lines: list[str], pose: SE2) -> list[str]:
+    """Return the lines with one and the same pose in each."""
+    return [line.replace(pose_text(told), pose_text(pose)) for line, told in zip(lines, PATH, strict=True)]
+
+
+@pytest.mark.parametrize("kind", ["flaser", "robot_laser"])
+def test_odometry_that_never_changes_while_the_robot_moves_counts_as_none(tmp_path: Path, kind: str) -> None:
+    """It was believed: the robot stands, the scans say, where the first walls can be laid on those of a later place."""
+    readings = scans()
+    lines = flaser(readings) if kind == "flaser" else robot_laser(readings, 80.0)
+    recording = opened(tmp_path, with_dead_poses(lines, SE2(2.0, 1.0, 0.5)))
+    assert DEAD_ODOMETRY in recording.notes
+    assert all(scan.odometry == () for scan in recording.scans)
+    alone = opened(tmp_path, [line for line in raw_laser(readings) if line.startswith("RAW")])
+    assert np.abs(run_offline(recording.scans).poses - run_offline(alone.scans).poses).max() < 0.01
+    told = opened(tmp_path, lines)
+    assert DEAD_ODOMETRY not in told.notes
+    assert all(scan.odometry for scan in told.scans)
+
+
+@pytest.mark.parametrize("passing", [0, 40])
+def test_the_odometry_of_a_robot_that_stands_is_kept(tmp_path: Path, passing: int) -> None:
+    """Also where somebody passes: a part of the readings differs then."""
+    rng = np.random.default_rng(2)
+    ranges = ranges_at(PATH[0], ANGLES, HALL)
+    readings = []
+    for k in range(len(PATH)):
+        seen = np.where((np.arange(181) >= 2 * k) & (np.arange(181) < 2 * k + passing), 1.0, ranges)
+        readings.append(" ".join(f"{r:.3f}" for r in seen + rng.normal(0.0, 0.02, 181)))
+    recording = opened(tmp_path, with_dead_poses(flaser(readings), PATH[0]))
+    assert DEAD_ODOMETRY not in recording.notes
+    assert all(scan.odometry for scan in recording.scans)

@@ -23,6 +23,7 @@ from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.recordings import scan_recording
+from ambler.recordings.log_scans import DEAD_ODOMETRY
 from ambler.recordings.scan_recording import Choices, ScanRecording
 from ambler.recordings.sweep import Sweep
 from ambler.slam2d.offline import run_offline
@@ -154,6 +155,18 @@ def test_without_odometry_the_scans_alone_do(tmp_path: Path) -> None:
     recording = open_recording(write_ros2(tmp_path / "bag", drive()), Choices(odom_topic="none"))
     assert all(scan.odometry == () for scan in recording.scans)
     assert median_error(recording) < 0.1
+
+
+def test_odometry_that_never_changes_while_the_robot_moves_counts_as_none(tmp_path: Path) -> None:
+    """A driver without wheels still publishes: zeros. The same scans without that topic are mapped alike, with the order of the beams asked of them."""
+    recorded = with_odometry(lambda _, message: replace(message, pose=SE3()), drive(backward=True))
+    dead = open_recording(write_ros2(tmp_path / "dead", recorded))
+    none = open_recording(tmp_path / "dead", Choices(odom_topic="none"))
+    assert DEAD_ODOMETRY in dead.notes
+    assert DEAD_ODOMETRY not in none.notes
+    assert any("beams in time: backward" in note for note in dead.notes)
+    assert np.array_equal(run_offline(dead.scans).poses, run_offline(none.scans).poses)
+    assert DEAD_ODOMETRY not in open_recording(write_ros2(tmp_path / "alive", drive())).notes
 
 
 def test_transforms_stand_in_for_a_missing_odometry_topic(tmp_path: Path) -> None:

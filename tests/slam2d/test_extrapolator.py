@@ -71,6 +71,18 @@ def test_two_scanners_of_one_instant_continue_the_motion_between_instants(twist:
     assert close(extrapolator.predict(300 * MS + 1000).local_from_base, SE2.exp(0.3 * twist), 1e-4)
 
 
+@given(TWISTS)
+def test_a_wrong_twist_is_forgotten_however_long_the_sweep_takes(twist: np.ndarray) -> None:
+    """A scan that is straightened with it fits where its middle beams are right; its first beam, to which the pose belongs, is off by half a sweep."""
+    extrapolator, start = PoseExtrapolator(), SE2(1.0, -2.0, 3.0)
+    for k in range(6):
+        told = extrapolator.twist(k * 100 * MS, 0.1)
+        matched = start @ SE2.exp((0.1 * k + 0.05) * twist) @ SE2.exp(-0.05 * told)
+        assert k < 2 or close(extrapolator.predict(k * 100 * MS).local_from_base, start @ SE2.exp(0.1 * k * twist))
+        extrapolator.add_matched(k * 100 * MS, matched)
+    assert told == pytest.approx(twist, abs=1e-7)
+
+
 def test_odometry_that_ended_is_not_used() -> None:
     extrapolator = PoseExtrapolator()
     extrapolator.add_odometry(0, SE2())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,10 @@ F64 = NDArray[np.float64]
 
 _NO_RETURN_RATIO = 0.98
 _STEP_NS = 1000
+_SAME_POSE = 1e-6  # m and rad between two poses of an odometry that tells nothing
+_SEEN_ELSEWHERE = 0.2  # m by which half of the readings differ from those of the first scan where the scanner has moved
+_MOVED_SHARE = 0.05  # of the scans must show it: people pass in front of a robot that stands, and doors open
+DEAD_ODOMETRY = "odometry: its poses never change although the scans do, so it counts as none"
 _NO_FLOOR = np.array([-np.inf, 0.0])  # of a planar log nothing is known of how the body leaned
 
 
@@ -82,6 +86,35 @@ class OdometryFeed:
         return given
 
 
+def has_dead_odometry(scans: Iterable[LogScan]) -> bool:
+    """Say whether all poses of the odometry are the same although the scans show that the robot moved."""
+    first_pose: SE2 | None = None
+    first_ranges: dict[tuple[int, bytes], NDArray[np.float32]] = {}
+    compared = moved = 0
+    for scan in scans:
+        for _, pose in scan.odometry:
+            first_pose = first_pose or pose
+            if first_pose.distance_to(pose) > _SAME_POSE or abs(wrap_angle(pose.yaw - first_pose.yaw)) > _SAME_POSE:
+                return False
+        if first_pose is None:
+            continue
+        scanner = len(scan.ranges), scan.base_from_laser.tobytes()
+        before = first_ranges.setdefault(scanner, scan.ranges)
+        near, far, _ = scan.limits
+        both = (before > near) & (before < far) & (scan.ranges > near) & (scan.ranges < far)
+        compared += 1
+        moved += bool(both.any() and np.median(np.abs(scan.ranges[both] - before[both])) > _SEEN_ELSEWHERE)
+    return first_pose is not None and moved > _MOVED_SHARE * compared
+
+
+def without_dead_odometry(scans: tuple[LogScan, ...], notes: list[str]) -> tuple[LogScan, ...]:
+    """Return the scans, without their odometry where it is dead (`has_dead_odometry`), which `notes` then say."""
+    if not has_dead_odometry(scans):
+        return scans
+    notes.append(DEAD_ODOMETRY)
+    return tuple(replace(scan, odometry=()) for scan in scans)
+
+
 def mounting(lines: list[LaserLine], parameters: dict[str, str]) -> SE2:
     """Return base_from_laser of one laser: the median of odom^-1 * laser when it is constant over the log.
 
@@ -113,6 +146,7 @@ class CarmenScans:
     def __init__(self, log: CarmenLog, config: LogScanConfig | None = None, base_from_laser: SE2 | None = None) -> None:
         self._log = log
         self._config = config or LogScanConfig()
+        self._has_odometry = True
         self._reach: dict[str, float] = {}
         self._mounts: dict[str, F64] = {}
         self.notes: list[str] = list(log.notes)
@@ -125,6 +159,9 @@ class CarmenScans:
             self._reach[name] = self._find_reach(name, lines)
         if log.lasers[0].odom_from_base is None:
             self.notes.append(f"odometry: {len(log.odometry)} ODOM lines, because RAWLASER lines carry no pose")
+        if has_dead_odometry(self):
+            self._has_odometry = False
+            self.notes.append(DEAD_ODOMETRY)
 
     def __iter__(self) -> Iterator[LogScan]:
         stamp_ns = -1
@@ -138,8 +175,13 @@ class CarmenScans:
                 np.array([line.angle_min, line.angle_increment, 0.0]),
                 np.array([self._config.range_min, far, min(self._config.free_length, far)]),
                 self._mounts[line.name],
-                feed.until(stamp_ns) if line.odom_from_base is None else ((stamp_ns, line.odom_from_base),),
+                self._odometry(line, stamp_ns, feed),
             )
+
+    def _odometry(self, line: LaserLine, stamp_ns: int, feed: OdometryFeed) -> tuple[tuple[int, SE2], ...]:
+        if not self._has_odometry:
+            return ()
+        return feed.until(stamp_ns) if line.odom_from_base is None else ((stamp_ns, line.odom_from_base),)
 
     def _find_reach(self, name: str, lines: list[LaserLine]) -> float:
         """Return up to where readings of a scanner may be returns: by what the log tells of it, unless many readings lie beyond that, and by the readings."""

@@ -30,7 +30,15 @@ from ambler.recordings.bag_content import (
     usable_pose,
 )
 from ambler.recordings.cloud_scan import BEFORE_NS
-from ambler.recordings.log_scans import F64, CarmenScans, LogScan, LogScanConfig, OdometryFeed, planar_matrix
+from ambler.recordings.log_scans import (
+    F64,
+    CarmenScans,
+    LogScan,
+    LogScanConfig,
+    OdometryFeed,
+    planar_matrix,
+    without_dead_odometry,
+)
 from ambler.recordings.no_return import beam_numbers, find_no_return
 from ambler.recordings.sweep import Sweep, SweepFinder, swept
 from ambler.wire.bags import BagReader, open_bag
@@ -246,7 +254,7 @@ def _recording(
             notes.append(f"odometry does not cover {outside} of {len(ordered)} scans")
     reach = _reach_of_unknown_range(ordered, config, notes)
     stamps = tuple(s.stamp_ns * 1e-9 for s in ordered)
-    prepared = tuple(_with_odometry(ordered, track, matrix, config, reach))
+    prepared = without_dead_odometry(tuple(_with_odometry(ordered, track, matrix, config, reach)), notes)
     if sweep is Sweep.AUTO and find_sweep is not None:
         sweep, on_walls = find_sweep(prepared)
         if on_walls:

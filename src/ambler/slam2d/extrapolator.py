@@ -93,6 +93,8 @@ class PoseExtrapolator:
         self._odometry = _Track()
         self._gyro = _Track(_LEAP_HEADING)
         self._matched = _Track()
+        self._middles = _Track()
+        self._swept: tuple[int, int, SE2] | None = None
         self._gyro_yaw = 0.0
 
     def add_odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
@@ -121,6 +123,7 @@ class PoseExtrapolator:
         """Take the pose that the scan matcher found. Odometry is kept from here on, as the next scan may be long in coming, or from an earlier instant
         from which on its motion will be asked for."""
         self._matched.add(stamp_ns, local_from_base)
+        self._middles.add(*self._in_the_middle(stamp_ns, local_from_base))
         since_ns = stamp_ns if needed_since_ns is None else min(stamp_ns, needed_since_ns)
         self._odometry.needed_since_ns = self._gyro.needed_since_ns = since_ns
 
@@ -134,9 +137,11 @@ class PoseExtrapolator:
             return Prediction(SE2(), SE2(), SE2(), is_measured=False)
         last_ns, last = self._matched.stamps[-1], self._matched.poses[-1]
         motion = self.odometry_motion(last_ns, stamp_ns)
-        steady = self._steady_motion(last_ns, stamp_ns)
-        chosen = steady if motion is None else motion
-        return Prediction(last @ chosen, last @ steady, chosen, motion is not None)
+        middle_ns, middle = self._middles.stamps[-1], self._middles.poses[-1]
+        steady_pose = middle @ self._steady_motion(middle_ns, stamp_ns)
+        if motion is None:
+            return Prediction(steady_pose, steady_pose, last.inverse() @ steady_pose, is_measured=False)
+        return Prediction(last @ motion, steady_pose, motion, is_measured=True)
 
     def odometry_motion(self, from_ns: int, to_ns: int) -> SE2 | None:
         """Return base(from)_from_base(to) by odometry, its rotation by the gyroscope if there is one; None without odometry,
@@ -149,7 +154,7 @@ class PoseExtrapolator:
     def _steady_motion(self, from_ns: int, to_ns: int) -> SE2:
         """Continue the last matched motion; its duration counts at most twofold, because stamps of real devices jitter. Two scanners that look at one instant
         show none between them."""
-        stamps, poses = self._matched.stamps, self._matched.poses
+        stamps, poses = self._middles.stamps, self._middles.poses
         motion = SE2()
         before = next((k for k in reversed(range(len(stamps))) if stamps[-1] - stamps[k] > SAME_INSTANT_NS), None)
         if before is not None:
@@ -169,4 +174,15 @@ class PoseExtrapolator:
         span = max(duration, 0.02)
         end_ns = stamp_ns + int(span * 1e9)
         motion = self.odometry_motion(stamp_ns, end_ns)
-        return (self._steady_motion(stamp_ns, end_ns) if motion is None else motion).log() / span
+        twist = (self._steady_motion(stamp_ns, end_ns) if motion is None else motion).log() / span
+        if motion is None:
+            self._swept = stamp_ns, round(0.5e9 * duration), SE2.exp(0.5 * duration * twist)
+        return twist
+
+    def _in_the_middle(self, stamp_ns: int, local_from_base: SE2) -> tuple[int, SE2]:
+        """Return the middle of the sweep of a matched scan, and the pose there. A scan that was straightened with a wrong velocity fits where its middle beams are right;
+        at its first beam the pose errs by the way of half a sweep, and velocities between such poses would alternate from scan to scan for ever. With odometry the pose is right all over."""
+        if self._swept is None or self._swept[0] != stamp_ns:
+            return stamp_ns, local_from_base
+        _, half_ns, first_from_middle = self._swept
+        return stamp_ns + half_ns, local_from_base @ first_from_middle
