@@ -268,6 +268,13 @@ SENSORS = (
         LOGS,
     ),
     PlantedFault(
+        "a line of a log that lost readings or its end is a scan",
+        "wire/carmen_damage.py",
+        "            if end != usual[name][1]:\n",
+        "            if end < 0:\n",
+        ("tests/wire/test_carmen.py",),
+    ),
+    PlantedFault(
         "every old scanner covers a half turn",
         "wire/carmen_scanners.py",
         "    known = _KNOWN_STEPS_DEG.get(beams)\n",

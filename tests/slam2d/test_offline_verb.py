@@ -93,11 +93,25 @@ def test_a_log_whose_last_line_is_cut_off_is_mapped_up_to_there(
     assert told in (tmp_path / "out" / "report.html").read_text()
 
 
+def test_a_log_with_a_line_that_is_cut_in_its_middle_is_mapped_without_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    course = drive(oval(0.05))
+    log, lines = tmp_path / "torn.clf", log_lines(course.truth, course.odometry)
+    lines[3] = lines[3][:400]
+    log.write_text("\n".join(lines) + "\n")
+    assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 0
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == len(course.truth) - 1
+    told = "left out: a damaged line, line 4 (FLASER): announces 180 readings"
+    assert told in capsys.readouterr().out.replace("\n", " ")
+    assert told in (tmp_path / "out" / "report.html").read_text()
+
+
 @pytest.mark.parametrize("damage", ["only", "garbage", "empty"])
 def test_damaged_logs_leave_nothing_behind(damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     course = drive(oval(0.05))
     text = "\n".join(log_lines(course.truth, course.odometry)) + "\n"
-    text = {"only": text[:300], "garbage": text.replace(" robot", " x y z robot", 1), "empty": ""}[damage]
+    text = {"only": text[:300], "garbage": text.replace(" robot", " x y z robot", 9), "empty": ""}[damage]
     log = tmp_path / "broken.clf"
     log.write_text(text)
     assert main(["slam2d", str(log), "--out", str(tmp_path / "out")]) == 2

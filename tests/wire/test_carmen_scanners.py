@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from ambler.wire.carmen_scanners import layout_of, side_of, told_range
+from ambler.core.errors import BadInputError
+from ambler.wire.carmen_scanners import layout_of, mount_parameter, side_of, told_range
 
 
 @pytest.mark.parametrize(
@@ -96,3 +97,10 @@ def test_a_range_that_is_none_tells_nothing(value: str) -> None:
 def test_sides() -> None:
     names = ("FLASER", "RLASER", "ROBOTLASER1", "ROBOTLASER2", "ROBOTLASER3", "RAWLASER1", "ROBOTLASER12")
     assert [side_of(name) for name in names] == ["front", "rear", "front", "rear", None, "front", None]
+
+
+@pytest.mark.parametrize("text", ["off", "nan", "-inf", ""])
+def test_an_offset_that_is_no_number_is_refused(text: str) -> None:
+    with pytest.raises(BadInputError, match="is no number"):
+        mount_parameter("FLASER", {"robot_frontlaser_offset": text})
+    assert mount_parameter("FLASER", {"robot_frontlaser_offset": "0.08"}) == 0.08

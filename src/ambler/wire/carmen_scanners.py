@@ -49,10 +49,15 @@ def mount_parameter(name: str, parameters: dict[str, str]) -> float | None:
     """Return the scanner's offset along the base's x axis, metres, or None; raises BadInputError where it is no number."""
     side = side_of(name)
     text = None if side is None else parameters.get(f"robot_{side}laser_offset")
+    if text is None:
+        return None
     try:
-        return None if text is None else float(text)
-    except ValueError as error:
-        raise BadInputError(f"laser offset {text!r} is no number") from error
+        offset = float(text)
+    except ValueError:
+        offset = math.nan
+    if not math.isfinite(offset):
+        raise BadInputError(f"laser offset {text!r} is no number (--mount X,Y,YAW tells where the scanner is)")
+    return offset
 
 
 def told_range(name: str, parameters: dict[str, str]) -> float:
