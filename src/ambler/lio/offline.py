@@ -125,9 +125,10 @@ class OfflineLio:
             out.append(
                 f"{self.lost} scans fitted nothing in the map: the trajectory is not to be trusted from there on"
             )
-        for x, y, z in self.unknown_speed:
+        if len(self.unknown_speed):
+            along = " and ".join(f"({x:.2f}, {y:.2f}, {z:.2f})" for x, y, z in self.unknown_speed)
             out.append(
-                f"the speed along ({x:.2f}, {y:.2f}, {z:.2f}) in the map at the start is unknown: it began in motion, and what the scans show there is the same however fast it goes;"
+                f"the speed at the start is unknown along {along} in the map: it began in motion, and the scans show too little there to tell how fast it goes;"
                 " the map is not to be trusted (begin at rest, or where something stands across the way)"
             )
         if self._is_contradicted:
