@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from ambler.core.messages import Imu, PointCloud
-from ambler.lio.config import LioConfig
+from ambler.lio.config import LioConfig, LoopConfig
 from ambler.lio.odometry import LidarInertialOdometry
+from ambler.lio.offline import run_offline
 from ambler.lio.state import log
 from ambler.recordings.cloud_scan import CloudScan
 from tests.lio.carried import walk
+from tests.lio.corridor import corridor_scans
 
 PERIOD_NS = 100_000_000
 
@@ -73,3 +75,46 @@ def test_a_lidar_alone_that_begins_in_motion_straightens_its_first_scan() -> Non
         places.append(result.map_from_imu.translation[0])
     assert places[-1] - places[0] == pytest.approx(0.8 * 19, abs=0.05)
     assert np.mean([abs(b - a - 0.8) for a, b in pairwise(places)]) < 0.02
+
+
+def test_a_lidar_alone_finds_the_speed_of_a_car_on_a_fast_road() -> None:
+    odometry, places = LidarInertialOdometry(LioConfig(has_imu=False)), []
+    for k in range(8):
+        result = odometry.update(CloudScan(seen_from(np.array([3.6 * k, 0.0, 0.0]), 0.0, k, 36.0), (), ()))
+        assert result is not None
+        places.append(result.map_from_imu.translation[0])
+    assert places[-1] - places[0] == pytest.approx(3.6 * 7, abs=0.05)
+
+
+def test_a_speed_that_nothing_shows_is_told_as_unknown() -> None:
+    """A car on a road between guard rails was told to go 0.3 m/s, give or take as much, and went 25: nobody was warned."""
+    scans = corridor_scans(45, 8.0, 1.0)
+    odometry = LidarInertialOdometry()
+    results = [result for scan in scans if (result := odometry.update(scan)) is not None]
+    assert odometry.unknown_speed == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=0.02) or (
+        odometry.unknown_speed == pytest.approx(np.array([[-1.0, 0.0, 0.0]]), abs=0.02)
+    )
+    assert len(results) > 10
+    mapped = run_offline(scans, LioConfig(loops=LoopConfig(is_used=False)))
+    assert not mapped.is_sure
+    assert sum("the speed at the start is unknown along" in warning for warning in mapped.warnings()) == 1
+
+
+def test_the_first_pose_of_a_speed_that_nothing_shows_says_so() -> None:
+    odometry = LidarInertialOdometry()
+    for scan in corridor_scans(45, 8.0, 1.0):
+        if odometry.update(scan) is not None:
+            break
+    sigmas = np.sqrt(np.diag(odometry.covariance)[6:9])
+    assert sigmas[0] > 7.0
+    assert max(sigmas[1:]) < 1.0
+
+
+def test_a_speed_that_a_wall_shows_later_is_known_from_then_on() -> None:
+    odometry, unknown = LidarInertialOdometry(), []
+    for scan in corridor_scans(60, 1.0, 1.0, walls=(8.0,)):
+        if odometry.update(scan) is not None:
+            unknown.append(len(odometry.unknown_speed))
+    assert unknown[0] == 1
+    assert unknown[-1] == 0
+    assert odometry.state.velocity[0] == pytest.approx(1.0, abs=0.1)

@@ -219,3 +219,27 @@ def test_turns_over_a_plain_accuse_nobody() -> None:
     rig = HandRig(world, HandPath(way), replace(MID_360, columns=2000), 8)
     scans = [CloudScan(scan.cloud, scan.imu, ()) for scan in islice(rig.scans(), 120)]
     assert examined(scans, rig.told_mount).troubles == ()
+
+
+def test_a_turn_that_has_just_begun_accuses_nobody() -> None:
+    """Rates that only rise fit themselves shifted, where they are of another size: a sound recording of a drone was refused."""
+    at, times = np.arange(0.0, 12.3, 0.005), np.arange(0.05, 12.0, 0.1)
+    rng = np.random.default_rng(0)
+
+    def rising(t: np.ndarray) -> np.ndarray:
+        return np.asarray(1.5 * np.clip((t - 10.0) / 2.0, 0.0, 1.2) ** 1.6)
+
+    rows = np.column_stack([at, 0.0 * at, 0.0 * at, rising(at)])
+    seen = rising(times[1:] - 0.05) + rng.normal(0.0, 0.02, len(times) - 1)
+    seen[-3:] *= 1.3
+    turns = np.column_stack([0.0 * seen, 0.0 * seen, seen])
+    assert compare_turns(turns, times, rows, SE3()).troubles == ()
+    assert "times as fast" in compare_turns(1.6 * turns, times, rows, SE3()).troubles[0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_mount_that_is_tilted_by_half_a_right_angle_is_named(axis: int) -> None:
+    """It had passed, and 30 m became 37 m of error."""
+    rig, _ = walk()
+    tilted = rig.told_mount @ SE3.from_rpy((0.0, 0.0, 0.0), *(math.radians(45.0) * (k == axis) for k in range(3)))
+    assert any("other axes" in t for t in examined(with_rates(1.0), tilted).troubles)

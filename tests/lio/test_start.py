@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ambler.lio.config import STANDARD_GRAVITY, StartConfig
+from ambler.lio.config import STANDARD_GRAVITY, RestConfig, StartConfig
+from ambler.lio.measurements import standstill
 from ambler.lio.start import LioInputError, find_start, level_rotation
 from ambler.lio.state import exp
 
@@ -86,3 +87,45 @@ def test_the_heading_is_kept_where_there_is_one() -> None:
     steep = level_rotation(np.array([9.8, 0.1, 0.2]))
     np.testing.assert_allclose(steep @ steep.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(steep) == pytest.approx(1.0)
+
+
+def driven(seconds: float, sway: float = 0.0, sets_off: float = 1e9) -> np.ndarray:
+    """Samples at 100 Hz of who stands with a motor running at 23, 41 and 57 Hz (0.3 m/s² in each), sways at 2 Hz by so many m/s², and sets off with 3 m/s²."""
+    rng = np.random.default_rng(2)
+    at = np.arange(0.0, seconds, 0.01)
+    rows = np.column_stack([at, rng.normal(0.0, 0.002, (len(at), 3)), rng.normal(0.0, 0.02, (len(at), 3))])
+    rows[:, 6] += STANDARD_GRAVITY
+    for rate in (23.0, 41.0, 57.0):
+        rows[:, 4:] += 0.3 * np.sin(2.0 * np.pi * rate * at[:, None] + rng.uniform(0.0, 6.0, 3))
+    rows[:, 4] += 3.0 * np.clip((at - sets_off) / 0.5, 0.0, 1.0) + sway * np.sin(4.0 * np.pi * at)
+    return rows
+
+
+def test_who_stands_with_a_running_motor_stands() -> None:
+    """A car was levelled by the second in which it set off, and was 77 m off after 470 m."""
+    start = find_start(driven(1.05), CONFIG)
+    assert start is not None
+    assert start.is_rest
+    assert start.is_shaken
+    np.testing.assert_allclose(start.state.rotation[2], [0.0, 0.0, 1.0], atol=3e-3)
+    assert "began at rest; " in start.note
+    assert "shaken by 0.6" in start.note
+
+
+def test_what_sways_or_sets_off_with_a_running_motor_does_not_stand() -> None:
+    assert find_start(driven(1.5, sway=0.3), CONFIG) is None
+    assert find_start(driven(1.5, sets_off=1.1), CONFIG) is None
+    still_quiet = find_start(still(1.2, np.zeros(3)), CONFIG)
+    assert still_quiet is not None
+    assert not still_quiet.is_shaken
+
+
+@pytest.mark.parametrize(("acceleration", "is_rest"), [(0.0, True), (0.4, False)])
+def test_who_sets_off_with_a_running_motor_is_not_held(acceleration: float, is_rest: bool) -> None:
+    """What shakes it varies by more than what a gentle start adds within a scan."""
+    rows = driven(3.0)
+    start = find_start(rows[:106], CONFIG)
+    assert start is not None
+    rows[:, 4] += acceleration
+    told = [standstill(start.state, rows[k : k + 11], start, RestConfig()) is not None for k in range(110, 290, 10)]
+    assert np.mean(told) == pytest.approx(1.0 if is_rest else 0.0, abs=0.1)

@@ -24,10 +24,81 @@ ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
 COLUMNS = ("tests/recordings/test_cloud_recording.py",)
 HOLE = ("tests/lio/test_hole.py",)
+ALONE = ("tests/lio/test_alone.py",)
 
 TURNING = ("tests/lio/test_turning.py",)
 
 LIO = (
+    PlantedFault(
+        "who stands with a running motor is in motion",
+        "lio/start.py",
+        "is_rest = is_shaken = _varies_less(",
+        "is_rest = is_shaken = False and _varies_less(",
+        START,
+    ),
+    PlantedFault(
+        "who sways stands, shaken by a motor",
+        "lio/start.py",
+        "smoothed(window, config.shaken_period), scale",
+        "smoothed(window, 5.0 * config.shaken_period), scale",
+        START,
+    ),
+    PlantedFault(
+        "who sets off with a running motor is held to stand",
+        "lio/measurements.py",
+        "if start.is_shaken and _acceleration(",
+        "if False and _acceleration(",
+        START,
+    ),
+    PlantedFault(
+        "a speed that nothing shows is told as known",
+        "lio/odometry.py",
+        "wide = min(sigma, c.start.speed_sigma) ** 2",
+        "wide = 0.0 * min(sigma, c.start.speed_sigma) ** 2",
+        ALONE,
+    ),
+    PlantedFault(
+        "a speed that nothing shows leaves a map sure",
+        "lio/offline.py",
+        "is_followed and len(self.unknown_speed) == 0",
+        "is_followed",
+        ALONE,
+    ),
+    PlantedFault(
+        "edges along a tunnel tell a speed along it",
+        "lio/odometry.py",
+        "share_least=self.config.start.share_least",
+        "share_least=self.config.degeneracy.share_least",
+        ALONE,
+    ),
+    PlantedFault(
+        "a speed that was unknown at the start is never learned",
+        "lio/odometry.py",
+        "return not math.isinf(sigma) and off < most",
+        "return False",
+        ALONE,
+    ),
+    PlantedFault(
+        "no car goes faster than 90 km/h",
+        "lio/alone.py",
+        "SPEED_MOST = 45.0",
+        "SPEED_MOST = 25.0",
+        ALONE,
+    ),
+    PlantedFault(
+        "a turn that has just begun is of another unit",
+        "lio/doctor.py",
+        "for r in (ratio, ratio_told))",
+        "for r in (ratio,))",
+        ("tests/lio/test_doctor.py::test_a_turn_that_has_just_begun_accuses_nobody",),
+    ),
+    PlantedFault(
+        "a mount tilted by half a right angle passes",
+        "lio/doctor.py",
+        "is_rotated = max(fits) > SURE",
+        "is_rotated = max(fits) > 1.0",
+        ("tests/lio/test_doctor.py::test_a_mount_that_is_tilted_by_half_a_right_angle_is_named",),
+    ),
     PlantedFault(
         "between inertial measurements far apart a scan is bent by what lies between them",
         "lio/iterated_filter.py",

@@ -15,7 +15,7 @@ from ambler.lio.state import FilterState, exp
 # Angles about an axis between two scans that are tried, besides none.
 TURNS = tuple(math.radians(a) for a in (10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 45.0, -45.0))
 MOVES = 0.4  # metres between two places that are tried
-SPEED_MOST = 25.0  # m/s that anybody goes
+SPEED_MOST = 45.0  # m/s that anybody goes: a car on a fast road
 RATE_MOST = 2.0 * math.pi  # rad/s that anybody turns
 
 

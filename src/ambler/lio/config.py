@@ -65,13 +65,17 @@ class ImuConfig:
 
 @dataclass(frozen=True, slots=True)
 class StartConfig:
-    """The beginning: `rest` seconds of stillness level the map and give the biases; after `patience` seconds without them it starts anyhow."""
+    """The beginning: `rest` seconds of stillness level the map and give the biases; after `patience` seconds without them it starts anyhow. A running motor shakes who stands
+    by more than `rest_gyro_sigma` and `rest_accel_sigma`, too: means over `shaken_period` s (a raised cosine, which leaves out what is above 10 Hz) may vary by `shaken_gyro_sigma` and `shaken_accel_sigma` then."""
 
     rest: float = 1.0
     samples_least: int = 20
     patience: float = 3.0
     rest_gyro_sigma: Radians = 0.03
     rest_accel_sigma: float = 0.25
+    shaken_period: float = 0.2
+    shaken_gyro_sigma: Radians = 0.01
+    shaken_accel_sigma: float = 0.08  # m/s²; steps, strides and roads are at 0.3 and more
     gravity_window: float = (
         0.06  # relative deviation of the mean force from 1 g or 9.81 m/s² that is believed at rest, and
     )
@@ -81,6 +85,7 @@ class StartConfig:
     )
     speed_sigma: float = 8.0  # m/s that the rehearsal begins with, and
     rest_speed_most: float = 0.2  # m/s that scans may say of who feels nothing
+    share_least: float = 0.05  # of the planes that must face a direction for a speed along it to be told: streets and halls have 0.1, edges along a tunnel look like 0.03
     speed_alone_sigma: float = 1.0  # where the LiDAR alone has told it; and
     rehearsed_sigma: float = 0.3  # what the filter begins with after it
 
@@ -110,12 +115,14 @@ class HoleConfig:
 @dataclass(frozen=True, slots=True)
 class RestConfig:
     """Zero-velocity updates: a scan's inertial measurements vary no more than `factor` times as much as at the start, and it hardly moves. Until then, and until
-    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began."""
+    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began. Where a motor shook it at the start, the mean force must be gravity's as well, to `accel_most` m/s²:
+    what sets off varies no more than what is shaken."""
 
     is_used: bool = True
     factor: float = 2.0
     speed_most: float = 0.04
     rate_most: Radians = 0.02
+    accel_most: float = 0.2
     velocity_sigma: float = 0.01
     rate_sigma: Radians = 0.002
     way_most: float = 0.01

@@ -6,12 +6,14 @@ decomposed; an eigenvalue is how many planes face that direction (each counts wi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambler.lio.config import DegeneracyConfig
+from ambler.lio.health import LioResult
 
 F64 = NDArray[np.float64]
 
@@ -53,3 +55,17 @@ def find_degeneracy(information: F64, inliers: float, config: DegeneracyConfig) 
     moments, axes = np.linalg.eigh(rr - tr.T @ np.linalg.solve(tt, tr))
     weak_r = moments < least * config.rotation_arm**2
     return Degeneracy(directions.T[shares < least], axes.T[weak_r], float(shares[0]) / max(inliers, 1.0))
+
+
+def often_frozen(results: Sequence[LioResult]) -> F64:
+    """Return unit vectors in the map, float64 (K, 3), along which at least half of the scans that met planes left the place alone."""
+    frozen = [result.health.frozen_translation for result in results if result.health.inliers]
+    if not frozen:
+        return np.zeros((0, 3))
+    shares, directions = np.linalg.eigh(sum(f.T @ f for f in frozen) / len(frozen))
+    return np.asarray(directions.T[shares >= 0.5])
+
+
+def is_along(frozen: F64, directions: F64) -> bool:
+    """Say whether any of some unit vectors (K, 3) leads rather along than across one of others (L, 3)."""
+    return bool((np.abs(frozen @ directions.T) > np.sqrt(0.5)).any())

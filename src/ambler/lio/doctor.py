@@ -30,6 +30,8 @@ SHIFTS = np.arange(-0.3, 0.301, 0.01)
 BATCH, BATCHES_MOST = 60, 5  # scans of a robot that are examined at a time, and how often
 SURE = 0.85  # correlation from which on a moderate difference in size counts: a LiDAR alone that follows quick turns in the open badly accuses nobody
 SAME_AXES = 0.6  # agreement below which they are others
+LIKE_AXES = 0.87  # the same, about all axes, where a rotation makes them agree by more than `ROTATED`: it is one by 30 degrees or more
+ROTATED = 0.95
 SEEN = 0.1  # share of the greatest variance of the LiDAR's turns from which on it follows turns about an axis at all
 CLEARER = 2.0  # how much worse the turns must fit as they are told than when they are shifted: a LiDAR alone follows quick turns late
 SHIFT_MOST = 0.06  # half a scan, which the stamps of clouds without times of their points may be off by
@@ -152,12 +154,12 @@ def compare_turns(
     fits = [_correlation(np.linalg.norm(gyro(shift), axis=1), lidar) for shift in SHIFTS]
     shift = float(SHIFTS[int(np.argmax(fits))])
     seen = _axes_seen(turns)
-    turned, rates = turns @ seen, gyro(shift) @ seen
-    measured = np.linalg.norm(rates, axis=1)
-    ratio = float((np.linalg.norm(turned, axis=1) * measured).sum() / max((measured**2).sum(), 1e-12))
-    # Sizes of a stride come back with the next one: axes that agree as they are told are not accused for a shift that fits by chance.
+    turned = turns @ seen
+    # Sizes of a stride come back with the next one, and a turn that only began fits itself shifted: what agrees as it is told is not accused for a shift that fits by chance.
     told = max(SHIFTS[np.abs(SHIFTS) <= SHIFT_MOST], key=lambda at: fits[int(np.argmin(np.abs(SHIFTS - at)))])
-    agreement = max(_agreement(turned, gyro(at) @ seen) for at in (shift, float(told)))
+    felt = [gyro(at) for at in (shift, float(told))]
+    agreement = max(_agreement(turned, rates @ seen) for rates in felt)
+    ratio, ratio_told = (_ratio(turned, rates @ seen) for rates in felt)
     troubles = []
     if max(fits) > 0.5 and 1.0 / 80.0 < ratio < 1.0 / 40.0:
         troubles.append(
@@ -165,16 +167,19 @@ def compare_turns(
         )
     elif max(fits) > 0.5 and 40.0 < ratio < 80.0:
         troubles.append("the gyroscope's rates are too small by a factor of 57: degrees were turned into radians twice")
-    elif max(fits) > SURE and agreement >= SAME_AXES and not 0.7 < ratio < 1.4:
+    elif max(fits) > SURE and agreement >= SAME_AXES and not any(0.7 < r < 1.4 for r in (ratio, ratio_told)):
         troubles.append(
             f"the LiDAR turns {ratio:.2f} times as fast as the gyroscope says: a wrong unit, or other sensors"
         )
-    as_told = max(fit for fit, at in zip(fits, SHIFTS, strict=True) if abs(at) <= SHIFT_MOST)
-    if max(fits) > 0.8 and 1.0 - as_told > CLEARER * (1.0 - max(fits)):
+    fit_told = fits[int(np.argmin(np.abs(SHIFTS - told)))]
+    if max(fits) > 0.8 and 1.0 - fit_told > CLEARER * (1.0 - max(fits)):
         troubles.append(
             f"the clocks differ by {shift:+.2f} s: set lidar_clock={lidar_clock + shift:.2f}, or correct the stamps"
         )
-    if max(fits) > 0.6 and agreement < SAME_AXES:
+    about_all = max(_agreement(turns, rates) for rates in felt)
+    is_rotated = max(fits) > SURE and about_all < LIKE_AXES and _agreement_rotated(turns, felt[0]) > ROTATED
+    if is_rotated or (max(fits) > 0.6 and agreement < SAME_AXES):
+        agreement = min(agreement, about_all)
         troubles.append(
             f"LiDAR and gyroscope turn about other axes (agreement {agreement:.2f}): the IMU's mount in the LiDAR's frame is wrong"
         )
@@ -188,9 +193,22 @@ def _axes_seen(turns: F64) -> F64:
     return np.asarray(axes[:, variances >= SEEN * variances[-1]])
 
 
+def _ratio(turned: F64, rates: F64) -> float:
+    """Return how many times as fast one series of turn rates (N, K) is as the other."""
+    measured = np.linalg.norm(rates, axis=1)
+    return float((np.linalg.norm(turned, axis=1) * measured).sum() / max((measured**2).sum(), 1e-12))
+
+
 def _agreement(turned: F64, rates: F64) -> float:
     """Return the correlation of two series of turn rates (N, K) about the same axes."""
     return float((turned * rates).sum() / np.sqrt((turned**2).sum() * max((rates**2).sum(), 1e-12)))
+
+
+def _agreement_rotated(turned: F64, rates: F64) -> float:
+    """Return the agreement of two series of turn rates (N, 3) when one is rotated so that they agree best (Kabsch 1976)."""
+    sides, shares, others = np.linalg.svd(turned.T @ rates)
+    shares[2] *= np.sign(np.linalg.det(sides) * np.linalg.det(others))
+    return float(shares.sum() / np.sqrt((turned**2).sum() * max((rates**2).sum(), 1e-12)))
 
 
 def _correlation(a: F64, b: F64) -> float:

@@ -73,6 +73,7 @@ class IteratedFilter:
         self._usual = 0.0
         self._stands = False
         self._is_unmoved = True
+        self._began_still = False
         # After a time without scans until one fits: elsewhere than thought, a map would begin anew.
         self._is_adrift = False
         self._origin = FilterState()
@@ -343,7 +344,7 @@ class IteratedFilter:
 
         While it stands there, every scan is the same, and holds it.
         """
-        is_leaving = self.start is not None and self.start.is_rest and not self._stands
+        is_leaving = self._began_still and not self._stands
         return 1.0 + (self.config.drift.begin_noise * self._drift.begin_left if is_leaving else 0.0)
 
     def _learned_slowly(self, prior: FilterState, state: FilterState, covariance: F64) -> tuple[FilterState, F64]:

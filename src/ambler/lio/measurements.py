@@ -11,7 +11,7 @@ from ambler.core.messages import Odometry
 from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.lio.config import PlanarConfig, RestConfig, WheelConfig
-from ambler.lio.start import Start
+from ambler.lio.start import Start, smoothed
 from ambler.lio.state import FilterState
 
 F64 = NDArray[np.float64]
@@ -27,7 +27,7 @@ class Measurement:
 
 
 def standstill(state: FilterState, samples: F64, start: Start, config: RestConfig) -> Measurement | None:
-    """Return zero velocity, and the mean rate as the gyroscope's bias, when the samples (K, 7) are as quiet as those of the start."""
+    """Return zero velocity, and the mean rate as the gyroscope's bias, when the samples (K, 7) are as quiet as those of the start; where a motor shook it there, they must not lead away either."""
     if not start.is_rest or len(samples) < 5 or float(np.linalg.norm(state.velocity)) > config.speed_most:
         return None
     rate = samples[:, 1:4].mean(axis=0)
@@ -36,10 +36,18 @@ def standstill(state: FilterState, samples: F64, start: Start, config: RestConfi
         return None
     if float(np.linalg.norm(rate - state.gyro_bias)) > config.rate_most:
         return None
+    if start.is_shaken and _acceleration(state, samples) > config.accel_most:
+        return None
     jacobian = np.zeros((6, k.EXTRA))
     jacobian[0:3, k.VELOCITY : k.GYRO_BIAS] = jacobian[3:6, k.GYRO_BIAS : k.ACCEL_BIAS] = np.eye(3)
     variances = np.repeat([config.velocity_sigma**2, config.rate_sigma**2], 3)
     return Measurement(np.concatenate([-state.velocity, rate - state.gyro_bias]), jacobian, variances)
+
+
+def _acceleration(state: FilterState, samples: F64) -> float:
+    """Return how much (m/s²) the samples (K, 7) say on average that it accelerates, without what shakes it."""
+    force = smoothed(samples, samples[-1, 0] - samples[0, 0])[:, 4:7].mean(axis=0)
+    return float(np.linalg.norm(state.rotation @ (force - state.accel_bias) + state.gravity))
 
 
 def wheel_velocity(

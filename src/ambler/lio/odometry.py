@@ -19,7 +19,8 @@ from ambler.core.se3 import SE3
 from ambler.kernels import inertial as k
 from ambler.lio.alone import at_one_instant
 from ambler.lio.beginning import begun_covariance, levelled
-from ambler.lio.config import LioConfig
+from ambler.lio.config import DegeneracyConfig, LioConfig
+from ambler.lio.degeneracy import is_along, often_frozen
 from ambler.lio.health import LioResult
 from ambler.lio.hole import Hole, PlaceSearch, Whereabouts, whereabouts
 from ambler.lio.iterated_filter import CLEAR, IteratedFilter
@@ -33,6 +34,9 @@ CLOCKS_APART = 0.5  # s between a cloud and the nearest inertial measurement fro
 OUTAGE = 0.5  # s without scans from which on the state is walked on in steps of `STEP` s, short enough to notice that it stands
 STEP = 0.1
 CLEAR_OF_TWO = 0.2  # of the points on planes: single scans have gaps between their rings
+CONFIRMED = (
+    0.1  # of a speed that the LiDAR alone may tell it otherwise: it compares scans that were taken at one instant
+)
 BEFORE_START = 10.0  # s of inertial measurements that are kept while no cloud has come
 
 
@@ -55,6 +59,9 @@ class LidarInertialOdometry(IteratedFilter):
         self._before_start: deque[CloudScan] = deque(maxlen=self.config.start.rehearsed)
         self.holes: list[Hole] = []
         """What nothing was measured in, and whether the place was found again after it."""
+        self.unknown_speed = np.zeros((0, 3))
+        """Unit vectors in the map, float64 (K, 3), along which nobody knows how fast it began, nor has learned it since."""
+        self._telling: list[tuple[CloudScan, LioResult]] = []
         self._heard = 0.0
         self._follower: LidarInertialOdometry | None = None
         self._search: PlaceSearch | None = None
@@ -84,7 +91,9 @@ class LidarInertialOdometry(IteratedFilter):
         self._heard = max(self._heard, end, self._time)
         if end <= self._time or is_empty:
             return None
-        return self.step(scan, end, came_from)
+        result = self.step(scan, end, came_from)
+        self._learn_speed(scan, result)
+        return result
 
     @property
     def is_astray(self) -> bool:
@@ -160,11 +169,12 @@ class LidarInertialOdometry(IteratedFilter):
         return True
 
     def _begin_at(self, time: float, start: Start, speed_sigma: float = math.inf) -> None:
-        """Begin with what the start says of the IMU."""
+        """Begin with what the start says of the IMU; who is in motion knows his velocity to `speed_sigma` m/s."""
         begun = replace(start.state, imu_from_lidar=self.state.imu_from_lidar, clock=self.state.clock)
         speed_sigma = min(speed_sigma, self.config.start.speed_sigma)
         self.state, self._origin, self._time, self._heard = begun, begun.copy(), time, time
         self.covariance = begun_covariance(begun, self.config, start.is_rest, speed_sigma)
+        self._began_still = start.is_rest
 
     def _rehearse(self, start: Start) -> bool:
         """Learn the velocity, and what is up, by following the scans before the start with a filter that is given away: who begins in motion and takes himself to stand
@@ -174,10 +184,11 @@ class LidarInertialOdometry(IteratedFilter):
             return False
         c = self.config
         config = replace(c, estimates_mount=False, estimates_clock=False, iterations_most=c.alone.iterations_most)
+        config = replace(config, degeneracy=self._speed_told)
         other = LidarInertialOdometry(config)
         other.state = self.state.copy()
         other._imu, other.start = self._imu.copy(), start
-        velocity, sigma = self._speed_alone(scans)
+        velocity, sigma = self._speed_alone(scans, degeneracy=self._speed_told)
         moving = replace(start, state=replace(start.state, velocity=start.state.rotation @ velocity))
         other._begin_at(self._imu.seconds(scans[0].cloud.stamp_ns) + self.state.clock, moving, sigma)
         results = [other.update(replace(scan, imu=(), odometry=())) for scan in scans]
@@ -187,13 +198,52 @@ class LidarInertialOdometry(IteratedFilter):
             other.state, other._time = other._propagate(other._samples(self._time)), self._time
         begun = replace(start, state=levelled(other.state))
         self._begin_at(other._time, begun, c.start.rehearsed_sigma)
+        frozen = often_frozen([result for result in results if result is not None])
+        frozen = frozen @ other.state.rotation @ begun.state.rotation.T
+        known = slice(k.VELOCITY, k.GYRO_BIAS)
+        wide = min(sigma, c.start.speed_sigma) ** 2 - c.start.rehearsed_sigma**2
+        self.covariance[known, known] += max(wide, 0.0) * frozen.T @ frozen
+        self.unknown_speed = frozen if math.isinf(sigma) else frozen[:0]
+        speed = float(np.linalg.norm(begun.state.velocity))
+        self._began_still = len(frozen) == 0 and speed < c.start.rest_speed_most
         return True
 
-    def _speed_alone(self, scans: list[CloudScan], least: float = CLEAR) -> tuple[F64, float]:
+    def _learn_speed(self, scan: CloudScan, result: LioResult) -> None:
+        """Note whether a speed that was unknown at the start has been learned: wheels tell it, or as many scans in a row as are rehearsed, from which the LiDAR alone says the same as
+        the filter. The filter's map alone is no witness: laid with a wrong speed, it keeps that speed."""
+        c, along = self.config, self.unknown_speed
+        if len(along) == 0:
+            return
+        has_wheels = self._imu_from_base is not None and len(scan.odometry) > 0
+        is_told = not result.health.is_lost and not is_along(result.health.frozen_translation, along)
+        self._telling = [*self._telling, (scan, result)] if is_told else []
+        if has_wheels or (len(self._telling) == c.start.rehearsed and self._is_confirmed(self._telling)):
+            self.unknown_speed = along[:0]
+        if len(self._telling) == c.start.rehearsed:
+            self._telling = []
+
+    def _is_confirmed(self, told: list[tuple[CloudScan, LioResult]]) -> bool:
+        """Say whether the LiDAR alone finds that it went as the filter says over some scans."""
+        velocity, sigma = self._speed_alone([scan for scan, _ in told], degeneracy=self._speed_told)
+        first, last = told[0][1], told[-1][1]
+        way = np.array((first.map_from_imu.inverse() @ last.map_from_imu).translation)
+        off = float(np.linalg.norm(velocity - way / (1e-9 * (last.stamp_ns - first.stamp_ns))))
+        most = self.config.start.rest_speed_most + CONFIRMED * float(np.linalg.norm(velocity))
+        return not math.isinf(sigma) and off < most
+
+    @property
+    def _speed_told(self) -> DegeneracyConfig:
+        """What says nothing of a speed that nothing else tells: edges along a corridor look like planes across it."""
+        return replace(self.config.degeneracy, share_least=self.config.start.share_least)
+
+    def _speed_alone(
+        self, scans: list[CloudScan], least: float = CLEAR, degeneracy: DegeneracyConfig | None = None
+    ) -> tuple[F64, float]:
         """Return how fast the LiDAR alone says that it was over some scans (m/s, in the IMU's axes at the first, float64 (3,)), and how sure that is; infinity where fewer than the `least` share of points
-        lie on planes. Each scan counts as of one instant: those of a steady motion are bent alike, and fit each other, while to straighten them its speed must be known."""
+        lie on planes, or they say too little (`degeneracy`, if it is not that of the filter). Each scan counts as of one instant: those of a steady motion are bent alike, and fit each other, while to straighten them its speed must be known."""
         c = self.config
-        alone = LidarInertialOdometry(replace(c, has_imu=False, estimates_mount=False, estimates_clock=False))
+        config = replace(c, has_imu=False, estimates_mount=False, estimates_clock=False)
+        alone = LidarInertialOdometry(replace(config, degeneracy=degeneracy or c.degeneracy))
         alone.state.imu_from_lidar = self.state.imu_from_lidar
         told = [alone.update(CloudScan(at_one_instant(scan.cloud), (), ())) for scan in scans]
         results = [result for result in told if result is not None]

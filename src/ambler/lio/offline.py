@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,8 @@ LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
     cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
-    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air; `clock_off` how many seconds the LiDAR's stamps were found to lag behind the IMU's, None where that is about what was told: within 6 ms, or within 20 ms where it hardly turned (on wheels 6 to 8 ms were found that were not there)."""
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air; `clock_off` how many seconds the LiDAR's stamps were found to lag behind the IMU's, None where that is about what was told: within 6 ms, or within 20 ms where it hardly turned (on wheels 6 to 8 ms were found that were not there);
+    `unknown_speed` float64 (K, 3) are unit vectors in the map along which nobody knew how fast it began, nor learned it later."""
 
     stamps_ns: NDArray[np.int64]
     poses: tuple[SE3, ...]
@@ -70,12 +71,26 @@ class OfflineLio:
     contradicted: int = 0
     holes: tuple[Hole, ...] = ()
     clock_off: float | None = None
+    unknown_speed: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    began_at_rest: bool = True
 
     @property
     def is_sure(self) -> bool:
-        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, and after every hole the place was found again."""
-        most = DOUBTFUL * len(self.poses)
-        return self.lost <= most and self.contradicted <= most and all(hole.is_regained for hole in self.holes)
+        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, the speed at the start is known, and after every hole the place was found again."""
+        is_followed = self.lost <= DOUBTFUL * len(self.poses) and not self._is_contradicted
+        return is_followed and len(self.unknown_speed) == 0 and all(hole.is_regained for hole in self.holes)
+
+    @property
+    def _is_contradicted(self) -> bool:
+        return self.contradicted > DOUBTFUL * len(self.poses)
+
+    @property
+    def _causes(self) -> str:
+        """What contradictions may come from, in words."""
+        causes = "a wrong sign of its forces, or a wrong mount"
+        if self.began_at_rest:
+            return causes
+        return f"it began in motion, or shaken too much to be known to stand: its speed or its lean at the start may be wrong; else {causes}"
 
     @property
     def path_length(self) -> float:
@@ -110,9 +125,15 @@ class OfflineLio:
             out.append(
                 f"{self.lost} scans fitted nothing in the map: the trajectory is not to be trusted from there on"
             )
-        if self.contradicted > DOUBTFUL * len(self.poses):
+        if len(self.unknown_speed):
+            along = " and ".join(f"({x:.2f}, {y:.2f}, {z:.2f})" for x, y, z in self.unknown_speed)
             out.append(
-                f"{self.contradicted} scans fit badly, and elsewhere than the IMU leads: the map is not to be trusted (a wrong sign of its forces, a wrong mount, or a speed at the start that nobody knew)"
+                f"the speed at the start is unknown along {along} in the map: it began in motion, and the scans show too little there to tell how fast it goes;"
+                " the map is not to be trusted (begin at rest, or where something stands across the way)"
+            )
+        if self._is_contradicted:
+            out.append(
+                f"{self.contradicted} scans fit badly, and elsewhere than the IMU leads: the map is not to be trusted ({self._causes})"
             )
         for hole in self.holes:
             said = f"nothing was measured for {hole.end - hole.begin:.1f} s"
@@ -122,7 +143,7 @@ class OfflineLio:
                 out.append(
                     f"{said}, and the place was not found again in the map ({hole.text}): the last {hole.scans} scans are lost, and not in the map"
                 )
-        if self.clock_off is not None:
+        if self.clock_off is not None and self.is_sure:  # of a map that is none nothing is learned
             out.append(
                 f"the LiDAR's clock was found to lag {self.clock_off:.3f} s behind the IMU's, which nobody told: with --set lio.lidar_clock={self.clock_off:.3f} the map is more exact"
             )
@@ -231,6 +252,8 @@ def run_offline(
         contradicted=sum(h.is_contradicted for h in health),
         holes=tuple(odometry.holes),
         clock_off=clock if is_clock_off else None,
+        unknown_speed=odometry.unknown_speed @ turn.T,
+        began_at_rest=odometry.start.is_rest or not config.has_imu,
     )
 
 
