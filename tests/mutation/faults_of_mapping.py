@@ -21,6 +21,13 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "spots on walls hold a base at its start",
+        "slam2d/front_end.py",
+        "pose = prediction.local_from_base\n                self._judge",
+        "pass\n                self._judge",
+        ("tests/slam2d/test_slam.py",),
+    ),
+    PlantedFault(
         "a chain of submaps never gives way to closures that contradict it",
         "slam2d/graph.py",
         "if len(loose.rejected) > most:",

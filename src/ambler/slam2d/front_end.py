@@ -32,6 +32,10 @@ YOUNG_TELLING = 0.05  # `telling` there
 POINTS_LEAST = 10  # of a scan that is matched or inserted
 ANOTHER_SCANNER = 0.01  # metres between two scanners of a base
 START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
+BEGUN_WAY = 3.0  # metres of a submap, before which it may show spots on walls instead of walls
+LEAP = 0.5  # metres between two scans, more than which odometry is not followed against a match
+HELD_BACK = 0.5  # of the way that odometry tells, less than which a match of a submap just begun may be held back
+HELD_INLIERS = 0.95  # of the best share of points on walls, with more of which it is right all the same
 STILL_MOTION = (
     1e-3,
     5e-4,
@@ -72,7 +76,7 @@ class FrontEnd:
         self._stands_at_start, self._scans_at_start = True, 0
         self._matches = 0
         self._usual_score = 0.0
-        self._usual_inliers = 0.0
+        self._usual_inliers = self._best_inliers = 0.0
         self.odometry_error = 0.0
 
     def update(self, scan: PlanarScan, prediction: Prediction, *, may_insert: bool = True) -> LocalResult:
@@ -90,6 +94,8 @@ class FrontEnd:
                 _, pose = self._inserted
             else:
                 pose = target.local_from_submap @ self._on_lines(target, points, scan, match.grid_from_base, prediction)
+                if self._is_held_back(target, prediction, match, pose):
+                    pose = prediction.local_from_base
                 self._judge_odometry(prediction, pose)
         submaps: list[Submap] = []
         finished = None
@@ -120,6 +126,7 @@ class FrontEnd:
         self._matches += 1
         self._usual_score += rate * (match.score - self._usual_score)
         self._usual_inliers += rate * (match.inlier_ratio - self._usual_inliers)
+        self._best_inliers = max(self._best_inliers, match.inlier_ratio)
         return match
 
     def _doubt(self, match: MatchResult | None) -> tuple[float, float]:
@@ -233,6 +240,17 @@ class FrontEnd:
             moved.distance_to(SE2()) < way and abs(moved.yaw) < turn
             for moved, (way, turn) in ((prediction.motion, STILL_MOTION), (last.inverse() @ matched, STILL_MATCH))
         )
+
+    def _is_held_back(self, target: Submap, prediction: Prediction, match: MatchResult, pose: SE2) -> bool:
+        """Whether an unusually bad match says that the base hardly moves though trusted odometry says it does, in a submap just begun: it shows spots on walls,
+        which the same beams hit again a little farther on, and which fit best where the base has not moved."""
+        way = math.hypot(prediction.motion.x, prediction.motion.y)
+        is_begun = target.travelled > BEGUN_WAY or not STILL_MATCH[0] < way < LEAP
+        if is_begun or match.inlier_ratio > HELD_INLIERS * self._best_inliers or not self._trusts(prediction):
+            return False
+        last = prediction.local_from_base @ prediction.motion.inverse()
+        moved = last.inverse() @ pose
+        return moved.x * prediction.motion.x + moved.y * prediction.motion.y < HELD_BACK * way * way
 
     def _is_by_another_scanner(self, scan: PlanarScan) -> bool:
         """Whether a scan was taken beside one that was just drawn: from the same pose of the base a second scanner sees other walls."""
