@@ -242,11 +242,16 @@ class FrontEnd:
         )
 
     def _is_held_back(self, target: Submap, prediction: Prediction, match: MatchResult, pose: SE2) -> bool:
-        """Whether an unusually bad match says that the base hardly moves though trusted odometry says it does, in a submap just begun: it shows spots on walls,
-        which the same beams hit again a little farther on, and which fit best where the base has not moved."""
+        """Whether an unusually bad match says that the base hardly moves though trusted odometry says it drives straight on, in a submap just begun: it shows spots on walls,
+        which the same beams hit again a little farther on, and which fit best where the base has not moved. Beams that turn hit others."""
         way = math.hypot(prediction.motion.x, prediction.motion.y)
-        is_begun = target.travelled > BEGUN_WAY or not STILL_MATCH[0] < way < LEAP
-        if is_begun or match.inlier_ratio > HELD_INLIERS * self._best_inliers or not self._trusts(prediction):
+        is_straight = STILL_MATCH[0] < way < LEAP and abs(prediction.motion.yaw) < self._config.motion_angle
+        if (
+            target.travelled > BEGUN_WAY
+            or not is_straight
+            or match.inlier_ratio > HELD_INLIERS * self._best_inliers
+            or not self._trusts(prediction)
+        ):
             return False
         last = prediction.local_from_base @ prediction.motion.inverse()
         moved = last.inverse() @ pose
