@@ -218,6 +218,24 @@ def test_a_sqlite_bag_that_lost_its_end_is_read_as_far_as_it_goes(is_folder: boo
     _refuse_head(file, 5000)
 
 
+def test_a_copy_that_cannot_be_written_is_told_and_not_taken_for_the_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk: fewer messages than there are must not pass for all that lie before the cut."""
+    file = write_ros1(tmp_path / "a.bag")
+    file.write_bytes(file.read_bytes()[:-2000])
+    written: list[int] = []
+
+    def write(self: Writer1, connection: object, timestamp: int, data: bytes) -> None:
+        written.append(timestamp)
+        if len(written) > 5:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Writer1, "write", write)
+    with pytest.raises(BadInputError, match="No space left"):
+        open_bag(file)
+
+
 def _check_cut(whole: Path | None, file: Path, cut: bytes, opened: Path) -> None:
     """Cut a file so that only its end is missing: everything is read (of `whole` before, if that can be), and nothing is written beside it."""
     expected = [(topic, log_ns) for topic, _, log_ns in sorted(recorded(), key=lambda r: r[2])]

@@ -11,7 +11,7 @@ import sqlite3
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import ReaderError, Writer
@@ -19,6 +19,7 @@ from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_bytes
 from rosbags.rosbag1.writer import WriterError
 from rosbags.typesys.msg import normalize_msgtype
 
+_Read = TypeVar("_Read")
 _BAG_MAGIC = b"#ROSBAG V2.0\n"
 _SQLITE_MAGIC = b"SQLite format 3\x00"
 _DAMAGE = (
@@ -59,19 +60,28 @@ def index_copy(file: Path, copy: Path) -> int:
     """Copy every whole message before the cut of a ROS 1 bag into a new, finished one; returns the number of messages."""
     count = 0
     with Writer(copy) as writer:
-        known = {}
-        try:
-            for header, data in _records_of_chunks(file):
-                if header.get_uint8("op") == RecordType.CONNECTION:
-                    number, topic = header.get_uint32("conn"), header.get_string("topic")
-                    if number not in known:
-                        known[number] = _add_connection(writer, topic, data)
-                elif header.get_uint8("op") == RecordType.MSGDATA:
-                    writer.write(known[header.get_uint32("conn")], header.get_time("time"), data)
-                    count += 1
-        except _DAMAGE:
-            pass  # the cut
+        known: dict[int, Connection] = {}
+        for header, data in _up_to(_DAMAGE, _records_of_chunks(file)):
+            if header.get_uint8("op") == RecordType.CONNECTION:
+                number, topic = header.get_uint32("conn"), header.get_string("topic")
+                if number not in known:
+                    known[number] = _add_connection(writer, topic, data)
+            elif header.get_uint8("op") == RecordType.MSGDATA:
+                writer.write(known[header.get_uint32("conn")], header.get_time("time"), data)
+                count += 1
     return count
+
+
+def _up_to(damage: tuple[type[Exception], ...], read: Iterator[_Read]) -> Iterator[_Read]:
+    """Yield what is read before the first damage. What goes wrong in writing a copy, a full disk, is none, and is raised."""
+    while True:
+        try:
+            item = next(read)
+        except StopIteration:
+            return
+        except damage:
+            return
+        yield item
 
 
 def _add_connection(writer: Writer, topic: str, data: bytes) -> Connection:
@@ -123,22 +133,24 @@ def rescue_rows(file: Path, copy: Path) -> int:
     old = sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     new = sqlite3.connect(copy)
     try:
-        old.execute("PRAGMA writable_schema=ON")  # SQLite then opens a file that is shorter than its header says
-        tables = old.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table' AND sql IS NOT NULL").fetchall()
+        opens_short = "PRAGMA writable_schema=ON"  # SQLite then opens a file that is shorter than its header says
+        list(_up_to((sqlite3.Error,), _rows(old, opens_short)))
+        choose = "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND sql IS NOT NULL"
+        tables = list(_up_to((sqlite3.Error,), _rows(old, choose)))
         for name, sql in sorted(tables, key=lambda row: row[0] == "messages"):
             if name.startswith("sqlite_"):
                 continue
             new.execute(sql)
-            try:
-                for row in old.execute(f'SELECT * FROM "{name}" NOT INDEXED'):
-                    new.execute(f'INSERT INTO "{name}" VALUES ({", ".join("?" * len(row))})', row)
-                    count += name == "messages"
-            except sqlite3.Error:
-                continue  # the cut
+            for row in _up_to((sqlite3.Error,), _rows(old, f'SELECT * FROM "{name}" NOT INDEXED')):
+                new.execute(f'INSERT INTO "{name}" VALUES ({", ".join("?" * len(row))})', row)
+                count += name == "messages"
         new.commit()
-    except sqlite3.Error:
-        return 0
     finally:
         old.close()
         new.close()
     return count
+
+
+def _rows(database: sqlite3.Connection, query: str) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a query; whatever is wrong with it shows while they are taken."""
+    yield from database.execute(query)
