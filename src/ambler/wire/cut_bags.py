@@ -142,7 +142,10 @@ def rescue_rows(file: Path, copy: Path) -> int:
                 continue
             new.execute(sql)
             for row in _up_to((sqlite3.Error,), _rows(old, f'SELECT * FROM "{name}" NOT INDEXED')):
-                new.execute(f'INSERT INTO "{name}" VALUES ({", ".join("?" * len(row))})', row)
+                try:
+                    new.execute(f'INSERT INTO "{name}" VALUES ({", ".join("?" * len(row))})', row)
+                except sqlite3.IntegrityError:
+                    break  # a row that is none, out of a page that is not there
                 count += name == "messages"
         new.commit()
     finally:
