@@ -119,8 +119,21 @@ def test_one_point_per_cell_is_taken() -> None:
     points = np.random.default_rng(6).uniform(-5.0, 5.0, (2000, 3)).astype(np.float32)
     points[7] = np.nan
     out = np.empty(2000, np.int64)
-    count = kernels.thin_out(points, 0.5, np.empty(4096, np.int64), out)
+    count = kernels.thin_out(points, np.arange(2000), 0.5, np.empty(4096, np.int64), out)
     cells = np.floor(points / 0.5)
     good = np.isfinite(points).all(axis=1)
     assert count == len(np.unique(cells[good], axis=0))
     assert len(np.unique(cells[out[:count]], axis=0)) == count
+
+
+def test_points_between_two_distances_are_chosen() -> None:
+    rng = np.random.default_rng(7)
+    points = rng.uniform(-4.0, 4.0, (1000, 3)).astype(np.float32)
+    times = rng.uniform(0.0, 0.1, 1000).astype(np.float32)
+    points[3], times[5] = np.nan, np.nan
+    out = np.empty(1000, np.int64)
+    ranges = np.linalg.norm(points, axis=1)
+    for step in (1, 3):
+        inside = np.flatnonzero((ranges > 1.0) & (ranges < 3.0) & np.isfinite(times))[::step]
+        count = kernels.choose_between(points, times, 1.0, 3.0, step, out)
+        np.testing.assert_array_equal(out[:count], inside)

@@ -387,6 +387,13 @@ LIO = (
         MAP,
     ),
     PlantedFault(
+        "every point is taken where every third was asked for",
+        "kernels/voxel_map.py",
+        "if inside % step == 0:",
+        "if step > 0:",
+        MAP,
+    ),
+    PlantedFault(
         "forces in g are taken for m/s²",
         "lio/start.py",
         'return STANDARD_GRAVITY / length, "g"',

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ambler.kernels.jit import jit
+from ambler.kernels.jit import jit, read_only
 from ambler.kernels.voxel_map import cell_key, thinnest
 
 SURFACE, LONELY, CLOUDY = 0, 1, 2  # verdicts
@@ -21,32 +21,66 @@ MEMORY = 16  # scans that a place is remembered for: the bits of its mask
 
 
 @jit
-def sort_cells(points, columns, rows, cell_of, begins, order):
-    """Sort returns float32 (N, 3) into `columns` x `rows` cells: `cell_of` int64 (N,), `begins` int64 (columns * rows + 1,), `order` int64 (N,)."""
-    n = points.shape[0]
+def count_patches(points, step, columns, rows, is_seen):
+    """Return how many of `columns` x `rows` patches of the sphere every `step`-th return float32 (N, 3) meets; `is_seen` bool (columns * rows,) is scratch."""
+    is_seen[:] = False
+    count = 0
+    for i in range(0, points.shape[0], step):
+        x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
+        r = math.sqrt(x * x + y * y + z * z)
+        if not math.isfinite(r):
+            continue
+        c = int((math.atan2(y, x) / (2.0 * math.pi) + 0.5) * (columns - 1))
+        q = int((0.5 * z / max(r, 1e-6) + 0.5) * (rows - 1))
+        if not is_seen[q * columns + c]:
+            is_seen[q * columns + c] = True
+            count += 1
+    return count
+
+
+@jit
+def sort_cells(points, intensity, reach, dim_below, columns, rows, cell_of, begins, order, near, is_dim):
+    """Sort the returns float32 (N, 3) that are nearer than `reach` m into `columns` x `rows` cells; returns how many these are, M.
+
+    Of every return `cell_of` int64 (N,) tells its cell, -1 for the others; `begins` int64 (columns * rows + 1,) where a cell begins among the first M of `order`
+    int64 (N,), the numbers of the returns cell by cell, `near` float32 (N, 3), where they are, and `is_dim` bool (N,), whether their `intensity` (N,) is below `dim_below`.
+    """
+    n, count = points.shape[0], 0
     begins[:] = 0
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        r = math.sqrt(x * x + y * y + z * z)
+        square = x * x + y * y + z * z
+        if not square < reach * reach:
+            cell_of[i] = -1
+            continue
+        r = math.sqrt(square)
         c = int((math.atan2(y, x) / (2.0 * math.pi) + 0.5) * columns)
         q = int((0.5 * z / max(r, 1e-6) + 0.5) * rows)
         cell_of[i] = min(max(q, 0), rows - 1) * columns + min(max(c, 0), columns - 1)
         begins[cell_of[i] + 1] += 1
+        count += 1
     for k in range(columns * rows):
         begins[k + 1] += begins[k]
     # Filled from the back, each cell's end runs down to its begin.
     for i in range(n - 1, -1, -1):
+        if cell_of[i] < 0:
+            continue
         begins[cell_of[i] + 1] -= 1
-        order[begins[cell_of[i] + 1]] = i
+        at = begins[cell_of[i] + 1]
+        order[at] = i
+        near[at, 0], near[at, 1], near[at, 2] = points[i, 0], points[i, 1], points[i, 2]
+        is_dim[at] = intensity[i] < dim_below
     for k in range(columns * rows):
         begins[k] = begins[k + 1]
-    begins[columns * rows] = n
+    begins[columns * rows] = count
+    return count
 
 
 @jit
-def judge(points, is_dim, asked, columns, rows, cell_of, begins, order, spacing, depth, thickness, share, verdicts):
-    """Judge the returns `asked` int64 (M,) of a sorted cloud: `verdicts` uint8 (M,). `points` float32 (N, 3) and `is_dim` bool (N,) are in the order of their cells; `cell_of` and `asked` count as
-    `order` does, which says where each of them was.
+def judge(
+    cloud, points, is_dim, asked, columns, rows, cell_of, begins, order, spacing, depth, thickness, share, verdicts
+):
+    """Judge the returns `asked` int64 (M,) of a `cloud` float32 (N, 3) that `sort_cells` has sorted, all of them nearer than its reach: `verdicts` uint8 (M,).
 
     Neighbours lie within three beams' distances (`spacing` rad) beside a return and max(0.2 m, `depth` * range) before or behind it. Fewer than LEAST: LONELY. When `share`
     of them lie within `thickness` (plus 3 mm per metre of range) of one plane, the return is a SURFACE if it does so too, else LONELY. In a plane through the scanner, such as
@@ -54,16 +88,13 @@ def judge(points, is_dim, asked, columns, rows, cell_of, begins, order, spacing,
     leaves: a SURFACE.
     """
     near = np.empty((128, 3))
-    place = np.empty(order.shape[0], np.int64)
-    for at in range(order.shape[0]):
-        place[order[at]] = at
     for k in range(asked.shape[0]):
-        i = place[asked[k]]
-        x, y, z = float(points[i, 0]), float(points[i, 1]), float(points[i, 2])
+        i = asked[k]
+        x, y, z = float(cloud[i, 0]), float(cloud[i, 1]), float(cloud[i, 2])
         r = math.sqrt(x * x + y * y + z * z)
         bx, by, bz = x / r, y / r, z / r
         aside, along = 3.0 * spacing * r, max(0.2, depth * r)
-        row, column = cell_of[asked[k]] // columns, cell_of[asked[k]] % columns
+        row, column = cell_of[i] // columns, cell_of[i] % columns
         level = max(math.sqrt(x * x + y * y) / r, 0.2)
         wide = min(int(math.ceil(SIDE / level)), columns // 2 - 1)
         found, dim = 0, 0
@@ -82,7 +113,7 @@ def judge(points, is_dim, asked, columns, rows, cell_of, begins, order, spacing,
                     dx, dy, dz = points[at, 0] - x, points[at, 1] - y, points[at, 2] - z
                     ahead = dx * bx + dy * by + dz * bz
                     beside = dx * dx + dy * dy + dz * dz - ahead * ahead
-                    if at == i or abs(ahead) > along or beside > aside * aside or found == near.shape[0]:
+                    if order[at] == i or abs(ahead) > along or beside > aside * aside or found == near.shape[0]:
                         continue
                     near[found, 0], near[found, 1], near[found, 2] = dx, dy, dz
                     mx += dx
@@ -189,9 +220,12 @@ def remember(keys, masks, seen, scan, places, size, again, is_lasting):
 def warm_up() -> None:
     """Compile or load every kernel with its real argument types."""
     points = np.ones((8, 3), np.float32)
+    intensity, near, is_dim = np.ones(8, np.float32), np.empty((8, 3), np.float32), np.empty(8, np.bool_)
     cell_of, begins, order = np.zeros(8, np.int64), np.zeros(33, np.int64), np.zeros(8, np.int64)
-    sort_cells(points, 8, 4, cell_of, begins, order)
     asked, verdicts = np.zeros(1, np.int64), np.zeros(1, np.uint8)
-    judge(points, np.zeros(8, np.bool_), asked, 8, 4, cell_of, begins, order, 0.01, 0.15, 0.04, 0.6, verdicts)
+    for cloud, bright in ((points, intensity), (read_only(points.copy()), read_only(intensity.copy()))):
+        count_patches(cloud, 1, 8, 4, np.zeros(32, np.bool_))
+        sort_cells(cloud, bright, 2.0, 0.5, 8, 4, cell_of, begins, order, near, is_dim)
+        judge(cloud, near, is_dim, asked, 8, 4, cell_of, begins, order, 0.01, 0.15, 0.04, 0.6, verdicts)
     table = (np.full(16, -1, np.int64), np.zeros(16, np.uint16), np.zeros(16, np.int64))
     remember(*table, 1, np.zeros((1, 3)), 0.2, 3, np.zeros(1, np.bool_))

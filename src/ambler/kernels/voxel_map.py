@@ -258,15 +258,33 @@ def fit_planes(
 
 
 @jit
-def thin_out(points, size, table_keys, out):
-    """Take the first point float32 (M, 3) of every cell of `size` metres; writes their numbers to `out` int64 (M,) and returns how many.
+def choose_between(points, times, near, far, step, out):
+    """Write the numbers of every `step`-th of the points float32 (N, 3) that lie more than `near` and less than `far` m away and whose time float32 (N,) is finite to
+    `out` int64 (N,); returns how many."""
+    inside, kept = 0, 0
+    for k in range(points.shape[0]):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        square = x * x + y * y + z * z
+        if near * near < square < far * far and math.isfinite(times[k]):
+            if inside % step == 0:
+                out[kept] = k
+                kept += 1
+            inside += 1
+    return kept
+
+
+@jit
+def thin_out(points, numbers, size, table_keys, out):
+    """Take the first of the points float32 (N, 3) with these `numbers` int64 (M,) in every cell of `size` metres; writes theirs to `out` int64 (M,), which may be
+    `numbers`, and returns how many.
 
     `table_keys` int64 (T,), T a power of two above 2 M, is scratch.
     """
     table_keys[:] = EMPTY
     mask = table_keys.shape[0] - 1
     kept = 0
-    for k in range(points.shape[0]):
+    for at_number in range(numbers.shape[0]):
+        k = numbers[at_number]
         key = cell_key(points[k, 0], points[k, 1], points[k, 2], size)
         if key == EMPTY:
             continue
@@ -293,5 +311,8 @@ def warm_up() -> None:
         *(*table, voxels[1], points, 1.0, new, OFFSETS, 7, 2.0, 0.1, 0.04),
         *(np.empty((1, 4)), np.empty(1, np.bool_)),
     )
+    numbers, times = np.zeros(1, np.int64), np.zeros(1, np.float32)
+    choose_between(np.zeros((1, 3), np.float32), times, 0.5, 1.0, 1, numbers)
+    choose_between(read_only(np.zeros((1, 3), np.float32)), read_only(times), 0.5, 1.0, 1, numbers)
     for points in (np.zeros((1, 3), np.float32), read_only(np.zeros((1, 3), np.float32))):
-        thin_out(points, 0.5, np.empty(16, np.int64), np.empty(1, np.int64))
+        thin_out(points, numbers, 0.5, np.empty(16, np.int64), numbers)

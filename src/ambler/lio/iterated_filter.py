@@ -211,21 +211,20 @@ class IteratedFilter:
     def _thin_out(self, cloud: PointCloud, prior: FilterState) -> tuple[NDArray[np.float32], F64, F64]:
         """Return one point per cell (M, 3), their ranges and times, without what floats in the air; the cell adapts to the number that is wanted."""
         c = self.config.scan
-        squares = np.einsum("ij,ij->i", cloud.points, cloud.points)
-        inside = (squares > c.range_min**2) & (squares < c.range_max**2) & np.isfinite(cloud.time)
-        numbers = np.flatnonzero(inside)[:: c.decimation]
-        size = 1 << max(4, (2 * len(numbers)).bit_length())
+        points, chosen = np.ascontiguousarray(cloud.points), np.empty(len(cloud.points), np.int64)
+        times = np.ascontiguousarray(cloud.time)
+        inside = voxel_kernels.choose_between(points, times, c.range_min, c.range_max, c.decimation, chosen)
+        size = 1 << max(4, (2 * inside).bit_length())
         if len(self._scratch) < size:
             self._scratch = np.empty(size, np.int64)
-        chosen = np.empty(len(numbers), np.int64)
-        points = np.ascontiguousarray(cloud.points[numbers])
-        count = voxel_kernels.thin_out(points, self._voxel, self._scratch[:size], chosen)
-        numbers = self._without_air(cloud, numbers[chosen[:count]], prior)
+        count = voxel_kernels.thin_out(points, chosen[:inside], self._voxel, self._scratch[:size], chosen)
+        numbers = self._without_air(cloud, chosen[:count], prior)
         if len(numbers):
             self._voxel = float(
                 np.clip(self._voxel * np.sqrt(len(numbers) / c.points_wanted), c.voxel_min, c.voxel_max)
             )
-        return cloud.points[numbers], np.sqrt(squares[numbers].astype(np.float64)), self._times(cloud, numbers)
+        kept = cloud.points[numbers]
+        return kept, np.linalg.norm(kept.astype(np.float64), axis=1), self._times(cloud, numbers)
 
     def _without_air(self, cloud: PointCloud, numbers: NDArray[np.int64], prior: FilterState) -> NDArray[np.int64]:
         """Return those of the chosen points that do not float in the air; where they were before is known by the prediction."""

@@ -21,6 +21,6 @@ def thinned(cloud: PointCloud, cell: float) -> PointCloud:
 def first_in_cells(points: NDArray[np.float32], cell: float) -> NDArray[np.int64]:
     """Return the number of the first of points (N, 3) in every cell of `cell` metres that holds any."""
     n = len(points)
-    numbers = np.empty(n, np.int64)
+    numbers = np.arange(n)
     scratch = np.empty(1 << max(4, (2 * n).bit_length()), np.int64)
-    return numbers[: kernels.thin_out(np.ascontiguousarray(points), cell, scratch, numbers)]
+    return numbers[: kernels.thin_out(np.ascontiguousarray(points), numbers, cell, scratch, numbers)]

@@ -81,7 +81,7 @@ class CloudLooks:
         c, cells = self._config, self._sorted()
         verdicts = np.empty(len(asked), np.uint8)
         kernel.judge(
-            *(cells.points, cells.is_dim, np.searchsorted(cells.near, asked), cells.columns, cells.rows),
+            *(cells.cloud, cells.near, cells.is_dim, asked, cells.columns, cells.rows),
             *(cells.cell_of, cells.begins, cells.order, cells.spacing, c.depth, c.thickness, c.share, verdicts),
         )
         return verdicts
@@ -97,8 +97,8 @@ class CloudLooks:
 class _Cells:
     """The near returns of a cloud, sorted into cells of azimuth and elevation (`kernels.air`)."""
 
-    near: NDArray[np.int64]
-    points: NDArray[np.float32]
+    cloud: NDArray[np.float32]
+    near: NDArray[np.float32]
     is_dim: NDArray[np.bool_]
     columns: int
     rows: int
@@ -109,17 +109,20 @@ class _Cells:
 
     @classmethod
     def of(cls, cloud: PointCloud, limit: float, reach: float) -> _Cells:
-        near = np.flatnonzero(np.einsum("ij,ij->i", cloud.points, cloud.points) < reach**2)
-        points = np.ascontiguousarray(cloud.points[near], np.float32)
-        # Where brightness is not told, smoke and leaves are the same.
-        is_dim = (cloud.intensity[near] < limit) & math.isfinite(limit)
-        spacing = _spacing(cloud.points)
+        points, intensity = np.ascontiguousarray(cloud.points), np.ascontiguousarray(cloud.intensity)
+        n, spacing = len(points), _spacing(points)
         columns = min(max(math.ceil(2.0 * math.pi / (kernel.EDGE * spacing)), 16), 2048)
         rows = min(max(math.ceil(2.0 / (kernel.EDGE * spacing)), 8), 1024)
-        cell_of, order = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-        begins = np.empty(columns * rows + 1, np.int64)
-        kernel.sort_cells(points, columns, rows, cell_of, begins, order)
-        return cls(near, points[order], is_dim[order], columns, rows, cell_of, begins, order, spacing)
+        cell_of, order = np.empty(n, np.int64), np.empty(n, np.int64)
+        near, is_dim, begins = (
+            np.empty((n, 3), np.float32),
+            np.empty(n, np.bool_),
+            np.empty(columns * rows + 1, np.int64),
+        )
+        # Where brightness is not told, smoke and leaves are the same.
+        dim_below = limit if math.isfinite(limit) else -math.inf
+        kernel.sort_cells(points, intensity, reach, dim_below, columns, rows, cell_of, begins, order, near, is_dim)
+        return cls(points, near, is_dim, columns, rows, cell_of, begins, order, spacing)
 
 
 class AirFilter:
@@ -175,10 +178,7 @@ class AirFilter:
 
 def _spacing(points: NDArray[np.float32]) -> float:
     """Return the mean angle (rad) between a scanner's beams: that of as many patches as returns on the part of the sphere in which there are any."""
-    sample = points[:: max(1, len(points) // SAMPLE)].astype(np.float64)
     columns, rows = round(2.0 * math.pi / PATCH), round(2.0 / PATCH)
-    ranges = np.maximum(np.linalg.norm(sample, axis=1), 1e-6)
-    column = ((np.arctan2(sample[:, 1], sample[:, 0]) / (2.0 * math.pi) + 0.5) * (columns - 1)).astype(np.int64)
-    row = ((0.5 * sample[:, 2] / ranges + 0.5) * (rows - 1)).astype(np.int64)
-    seen = len(np.unique(row * columns + column))
-    return math.sqrt(seen * 4.0 * math.pi / (columns * rows) / len(points))
+    step = max(1, len(points) // SAMPLE)
+    seen = kernel.count_patches(points, step, columns, rows, np.empty(columns * rows, np.bool_))
+    return math.sqrt(max(seen, 1) * 4.0 * math.pi / (columns * rows) / len(points))
