@@ -55,7 +55,9 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
         if math.hypot(points[i, 0] - starts[s, 0], points[i, 1] - starts[s, 1]) > reach:
             continue
         k = _cell(points[i, 0], points[i, 1], resolution, size, keys, states)
-        if states[k] != OCCUPIED:
+        if states[k] == FREE and misses[k] < GONE and scan - hits[k] <= UNSEEN:
+            states[k] = OCCUPIED  # a thin thing that rays meet now and then stood here all the time
+        elif states[k] != OCCUPIED:
             was_free[k] = 1.0 if states[k] == FREE else 0.0
             if states[k] == UNKNOWN:
                 stood[k] = 1.0
@@ -114,8 +116,8 @@ def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stoo
             if hits[k] == scan:
                 continue
             if states[k] == UNKNOWN:
-                states[k], stood[k] = FREE, 0.0
-            elif missed[k] != scan and (states[k] == OCCUPIED or stood[k] > 0.0):
+                states[k], misses[k], stood[k] = FREE, GONE, 0.0
+            elif missed[k] != scan and misses[k] < GONE:
                 misses[k], missed[k] = misses[k] + 1, scan
                 if misses[k] >= MISSES:
                     states[k] = FREE
