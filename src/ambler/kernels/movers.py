@@ -44,8 +44,10 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
     along which rays graze is looked through and met again, and seems to have come.
 
     All places float64 (., 2) in a frame that does not move; `starts` and `free_starts` (N, 2) or (1, 2). `grid` int64 (5, size * size): key,
-    state, scan of the last hit, scans that looked through since, the last of them; `times` float64 (3, size * size): since when a cell is
+    state, scan of the last hit, scans that looked through since (`GONE` at most), the last of them; `times` float64 (3, size * size): since when a cell is
     occupied (or, if nothing was known before, in sight), 1 if it was free before, and 1 if it was ever found occupied without that. Points beyond `reach` stand.
+    What is hit again within `UNSEEN` scans, before `GONE` of them in a row looked through, has been there all the time: rays meet bars and legs that are
+    thinner than their distance now and then.
     """
     size = int(math.sqrt(grid.shape[1]))
     keys, states, hits, misses = grid[0], grid[1], grid[2], grid[3]
