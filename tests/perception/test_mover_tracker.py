@@ -265,6 +265,18 @@ def test_the_corner_of_a_desk_whose_sides_were_grazed_before_they_were_met_is_no
         assert len(feed(tracker, k, [], [*ROOM, *desk], SE2(), rng)) == 0
 
 
+@pytest.mark.parametrize("spacing", [0.13, 0.2, 0.35])
+def test_bars_that_rays_meet_now_and_then_are_nobody(spacing: float) -> None:
+    """A fence of bars 2 cm wide: between two scans a ray passes where one was met, and meets the next bar."""
+    bars = [(3.0, y, 3.02, y + 0.02) for y in np.arange(-2.8, 2.8, spacing)]
+    bars += [(3.0, y + 0.02, 3.02, y) for y in np.arange(-2.8, 2.8, spacing)]
+    tracker, rng, found = MoverTracker(), np.random.default_rng(6), 0
+    for k in range(120):
+        place = SE2(0.03 * min(k, 40), 0.02 * max(0, k - 60), 0.02 * math.sin(k))
+        found += len(feed(tracker, k, [], [*ROOM, *bars], place, rng))
+    assert found == 0
+
+
 def test_two_who_walk_side_by_side_are_two() -> None:
     tracker, rng = MoverTracker(), np.random.default_rng(10)
     for k in range(25):

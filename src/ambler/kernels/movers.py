@@ -44,8 +44,10 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
     along which rays graze is looked through and met again, and seems to have come.
 
     All places float64 (., 2) in a frame that does not move; `starts` and `free_starts` (N, 2) or (1, 2). `grid` int64 (5, size * size): key,
-    state, scan of the last hit, scans that looked through since, the last of them; `times` float64 (3, size * size): since when a cell is
+    state, scan of the last hit, scans that looked through since (`GONE` at most), the last of them; `times` float64 (3, size * size): since when a cell is
     occupied (or, if nothing was known before, in sight), 1 if it was free before, and 1 if it was ever found occupied without that. Points beyond `reach` stand.
+    What is hit again within `UNSEEN` scans, before `GONE` of them in a row looked through, has been there all the time: rays meet bars and legs that are
+    thinner than their distance now and then.
     """
     size = int(math.sqrt(grid.shape[1]))
     keys, states, hits, misses = grid[0], grid[1], grid[2], grid[3]
@@ -55,7 +57,9 @@ def judge_points(points, starts, free_ends, free_starts, now, scan, reach, resol
         if math.hypot(points[i, 0] - starts[s, 0], points[i, 1] - starts[s, 1]) > reach:
             continue
         k = _cell(points[i, 0], points[i, 1], resolution, size, keys, states)
-        if states[k] != OCCUPIED:
+        if states[k] == FREE and misses[k] < GONE and scan - hits[k] <= UNSEEN:
+            states[k] = OCCUPIED  # a thin thing that rays meet now and then stood here all the time
+        elif states[k] != OCCUPIED:
             was_free[k] = 1.0 if states[k] == FREE else 0.0
             if states[k] == UNKNOWN:
                 stood[k] = 1.0
@@ -114,8 +118,8 @@ def _look_through(ends, starts, short, scan, reach, resolution, size, grid, stoo
             if hits[k] == scan:
                 continue
             if states[k] == UNKNOWN:
-                states[k], stood[k] = FREE, 0.0
-            elif missed[k] != scan and (states[k] == OCCUPIED or stood[k] > 0.0):
+                states[k], misses[k], stood[k] = FREE, GONE, 0.0
+            elif missed[k] != scan and misses[k] < GONE:
                 misses[k], missed[k] = misses[k] + 1, scan
                 if misses[k] >= MISSES:
                     states[k] = FREE
