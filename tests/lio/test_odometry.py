@@ -213,6 +213,32 @@ def test_at_rest_nothing_moves_and_the_map_does_not_grow() -> None:
     assert len(odometry.map.points()) == points
 
 
+def _seen_in_a_stairwell(shift: SE3) -> np.ndarray:
+    """What 16 rings see in a stairwell of 4.8 by 4 m, float32 (N, 3)."""
+    azimuth, elevation = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(-15.0, 16.0, 2.0)))
+    level = np.cos(elevation)
+    beams = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+    beams = beams @ shift.matrix()[:3, :3].T
+    half, place = np.array([2.4, 2.0, 1.5]), np.array(shift.translation)
+    with np.errstate(divide="ignore"):
+        ranges = ((np.sign(beams) * half - place) / beams).min(axis=1)
+    return np.asarray(ranges[:, None] * beams @ shift.matrix()[:3, :3], np.float32)
+
+
+def test_the_first_map_of_a_narrow_place_is_as_dense_as_later_ones() -> None:
+    """Cells of half a metre leave few points of a stairwell, whose planes would lean."""
+    _, recorded = walk()
+    points = _seen_in_a_stairwell(SE3.from_rpy((0.2, 0.1, 0.0), 0.02, 0.03, 0.4))
+    zero = np.zeros(len(points), np.float32)
+    scan = scans_of(recorded)[0]
+    odometry = LidarInertialOdometry(LioConfig(has_imu=False))
+    result = odometry.update(
+        CloudScan(PointCloud(scan.cloud.stamp_ns, "lidar", points, zero, zero, zero.astype(np.uint16)), (), ())
+    )
+    assert result is not None
+    assert result.health.points > 0.5 * odometry.config.scan.points_wanted
+
+
 def _outage(first: list[CloudScan], turns: int) -> tuple[tuple[Imu, ...], int]:
     """The inertial measurements of scans at rest, `turns` times on end, and how much later they end."""
     shifts = [turn * 1_800_000_000 for turn in range(1, turns + 1)]

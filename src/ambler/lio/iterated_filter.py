@@ -36,6 +36,7 @@ CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows i
 POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
 USUAL = 0.1  # what a scan says of that share
 STRAIGHTENED = 2  # times that a scan in a gap of the IMU is straightened by what it was found to have moved
+FIRST_TRIES = 3  # times that the first scan is thinned out anew: in a stairwell few of the usual cells hold points, and a map of so few leans
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
@@ -214,18 +215,31 @@ class IteratedFilter:
         squares = np.einsum("ij,ij->i", cloud.points, cloud.points)
         inside = (squares > c.range_min**2) & (squares < c.range_max**2) & np.isfinite(cloud.time)
         numbers = np.flatnonzero(inside)[:: c.decimation]
-        size = 1 << max(4, (2 * len(numbers)).bit_length())
+        points = np.ascontiguousarray(cloud.points[numbers])
+        chosen = self._one_per_cell(points)
+        if self._inserts == 0:  # nothing has told yet how narrow the place is
+            for _ in range(FIRST_TRIES):
+                if 2 * len(chosen) < c.points_wanted:
+                    self._adapt_voxel(len(chosen))
+                    chosen = self._one_per_cell(points)
+        numbers = self._without_air(cloud, numbers[chosen], prior)
+        self._adapt_voxel(len(numbers))
+        return cloud.points[numbers], np.sqrt(squares[numbers].astype(np.float64)), self._times(cloud, numbers)
+
+    def _one_per_cell(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the numbers of the points (M, 3) that are the first in their cells."""
+        size = 1 << max(4, (2 * len(points)).bit_length())
         if len(self._scratch) < size:
             self._scratch = np.empty(size, np.int64)
-        chosen = np.empty(len(numbers), np.int64)
-        points = np.ascontiguousarray(cloud.points[numbers])
+        chosen = np.empty(len(points), np.int64)
         count = voxel_kernels.thin_out(points, self._voxel, self._scratch[:size], chosen)
-        numbers = self._without_air(cloud, numbers[chosen[:count]], prior)
-        if len(numbers):
-            self._voxel = float(
-                np.clip(self._voxel * np.sqrt(len(numbers) / c.points_wanted), c.voxel_min, c.voxel_max)
-            )
-        return cloud.points[numbers], np.sqrt(squares[numbers].astype(np.float64)), self._times(cloud, numbers)
+        return chosen[:count]
+
+    def _adapt_voxel(self, count: int) -> None:
+        """Choose the edge of the next cells so that as many points remain as are wanted, where `count` did with the last."""
+        c = self.config.scan
+        if count:
+            self._voxel = float(np.clip(self._voxel * np.sqrt(count / c.points_wanted), c.voxel_min, c.voxel_max))
 
     def _without_air(self, cloud: PointCloud, numbers: NDArray[np.int64], prior: FilterState) -> NDArray[np.int64]:
         """Return those of the chosen points that do not float in the air; where they were before is known by the prediction."""
