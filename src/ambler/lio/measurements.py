@@ -27,7 +27,7 @@ class Measurement:
 
 
 def standstill(state: FilterState, samples: F64, start: Start, config: RestConfig) -> Measurement | None:
-    """Return zero velocity, and the mean rate as the gyroscope's bias, when the samples (K, 7) are as quiet as those of the start; where a motor shook it there, they must not lead away either."""
+    """Return zero velocity, and the mean rate as the gyroscope's bias, when the samples (K, 7) are as quiet as those of the start and do not lead away: what sets off smoothly is as quiet."""
     if not start.is_rest or len(samples) < 5 or float(np.linalg.norm(state.velocity)) > config.speed_most:
         return None
     rate = samples[:, 1:4].mean(axis=0)
@@ -36,7 +36,9 @@ def standstill(state: FilterState, samples: F64, start: Start, config: RestConfi
         return None
     if float(np.linalg.norm(rate - state.gyro_bias)) > config.rate_most:
         return None
-    if start.is_shaken and _acceleration(state, samples) > config.accel_most:
+    noise = float(np.linalg.norm(start.accel_sigma)) / np.sqrt(len(samples))
+    most = config.accel_most if start.is_shaken else config.accel_quiet + 3.0 * noise
+    if _acceleration(state, samples) > most:
         return None
     jacobian = np.zeros((6, k.EXTRA))
     jacobian[0:3, k.VELOCITY : k.GYRO_BIAS] = jacobian[3:6, k.GYRO_BIAS : k.ACCEL_BIAS] = np.eye(3)
