@@ -115,19 +115,21 @@ class HoleConfig:
 @dataclass(frozen=True, slots=True)
 class RestConfig:
     """Zero-velocity updates: a scan's inertial measurements vary no more than `factor` times as much as at the start, and it hardly moves. Until then, and until
-    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began. The mean force must be gravity's as well, to `accel_quiet` m/s² beyond what is noise in it, and to `accel_most` where a motor shook it at the start:
-    what sets off smoothly varies no more than what stands, and where scans do not tell a speed, what is taken for rest until it goes too fast for that is lost for good."""
+    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began; `begin_factor` times as far while the first scans build a map, whose planes lean most. The mean rate must be the bias to `rate_quiet` rad/s, the mean force gravity's to `accel_quiet` m/s², beyond what is noise in them, and to `rate_most` and `accel_most` where a motor shook it at the start:
+    what sets off smoothly varies no more than what stands, and what is taken for rest until it goes too fast for that is lost: a turn of 0.2°, and for good a speed that no scan tells."""
 
     is_used: bool = True
     factor: float = 2.0
     speed_most: float = 0.04
     rate_most: Radians = 0.02
     accel_most: float = 0.2
+    rate_quiet: Radians = 0.005
     accel_quiet: float = 0.1
     velocity_sigma: float = 0.01
     rate_sigma: Radians = 0.002
     way_most: float = 0.01
     turn_most: Radians = 0.003
+    begin_factor: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -350,8 +350,9 @@ class IteratedFilter:
     def _is_at_origin(self, state: FilterState) -> bool:
         """Say whether a state that a scan found is where the map began, as near as planes through the rings of one place can tell."""
         o, c = self._origin, self.config.rest
+        factor = c.begin_factor if self._inserts < START_INSERTS else 1.0
         way, turn = np.linalg.norm(state.position - o.position), np.linalg.norm(log(o.rotation.T @ state.rotation))
-        return bool(way < c.way_most and turn < c.turn_most)
+        return bool(way < factor * c.way_most and turn < factor * c.turn_most)
 
     def _noise_factor(self) -> float:
         """Return how many times noisier than later a return counts: what planes through the rings of one place say as it leaves it, the gyroscope knows better.
