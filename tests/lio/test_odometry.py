@@ -12,7 +12,7 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.kernels import inertial as kernels
-from ambler.lio.config import LioConfig, RestConfig, WheelConfig
+from ambler.lio.config import DegeneracyConfig, LioConfig, RestConfig, WheelConfig
 from ambler.lio.health import LioResult
 from ambler.lio.measurements import wheel_velocity
 from ambler.lio.odometry import LidarInertialOdometry
@@ -394,3 +394,29 @@ def test_forces_of_the_wrong_sign_contradict_what_the_lidar_sees() -> None:
     wrong = run_offline([turned(scan) for scan in scans], LioConfig(), rig.told_mount)
     assert not wrong.is_sure
     assert any("fit badly" in line for line in wrong.warnings())
+
+
+def test_what_hardly_any_plane_faces_is_no_map_unless_wheels_tell_it() -> None:
+    """In the open and in a stairwell leaning planes tell a way that was not gone."""
+    rig, recorded = walk()
+    scans = scans_of(recorded)[:120]
+    right = run_offline(scans, LioConfig(), rig.told_mount)
+    assert right.faint == 0
+    assert right.is_sure
+    doubtful = LioConfig(degeneracy=DegeneracyConfig(share_faint=0.4))
+    result = run_offline(scans, doubtful, rig.told_mount)
+    assert result.faint > 0.5 * len(result.poses)
+    assert result.faint <= len(result.poses) - result.at_rest
+    assert not result.is_sure
+    assert any("face some direction" in warning for warning in result.warnings())
+    driven = [replace(scan, odometry=(wheels_of(rig, scan.end_ns, 0.0),)) for scan in scans]
+    assert run_offline(driven, doubtful, rig.told_mount, SE3()).faint == 0
+
+
+def test_a_place_uncertain_by_a_tenth_of_the_way_is_no_map() -> None:
+    rig, recorded = walk()
+    result = run_offline(scans_of(recorded)[:120], LioConfig(), rig.told_mount)
+    vague = replace(result, covariances=result.covariances + 4.0 * np.eye(6))
+    assert replace(vague, degenerate=0).is_sure
+    assert not replace(vague, degenerate=1).is_sure
+    assert any("not to be trusted" in warning for warning in replace(vague, degenerate=1).warnings())

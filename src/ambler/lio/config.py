@@ -135,9 +135,11 @@ class RestConfig:
 @dataclass(frozen=True, slots=True)
 class DegeneracyConfig:
     """A direction in which the planes of a scan say too little is left to the inertial measurements: fewer than `constraints_least` inliers' worth
-    of information in total, or a smaller share of the inliers than `share_least`."""
+    of information in total, or a smaller share of the inliers than `share_least`. Below `share_faint` what a direction is told may be floors and walls that lean a little:
+    right places have 0.06 and more."""
 
     share_least: float = 0.008
+    share_faint: float = 0.02
     constraints_least: float = 8.0
     rotation_arm: float = 3.0  # metres; what a rotation of 1 rad moves a point by, to compare rotation with translation
 
@@ -175,6 +177,10 @@ class DriftConfig:
     position: float = 1.4e-4  # m/√m in each direction
     rotation: float = 1.2e-5  # rad/√m
     coasting: float = 0.01  # share of a way along which no plane faced: the scale of wheels
+    coasting_acceleration: float = (
+        0.02  # m/s² along it where no wheels tell the speed: a tenth of a degree that the map leans
+    )
+    seen: float = 0.5  # s after which the speed along what is seen again is known
     begin_m: float = 0.5  # from the start by which the gaps between the rings of a single place are filled
     begin_position: float = 4e-3  # m and rad, once, on leaving it
     begin_rotation: float = 8e-5
@@ -183,6 +189,8 @@ class DriftConfig:
     def __post_init__(self) -> None:
         if not self.begin_m > 0.0:
             raise BadInputError(f"drift begin_m: must be positive, is {self.begin_m}")
+        if not self.seen > 0.0:
+            raise BadInputError(f"drift seen: must be positive, is {self.seen}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,9 +112,16 @@ class IteratedFilter:
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - came_from, weak.translation)
+        is_speed_told = self._stands or self._is_unmoved or (self._imu_from_base is not None and bool(scan.odometry))
+        self._drift.coast(end - self._time, weak.translation[: 0 if is_speed_told else 3])
         self._drift.leave(float(np.linalg.norm(state.position - self._origin.position)))
         points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
-        health = replace(health, is_contradicted=self._is_contradicted(health, end - self._time))
+        is_faint = not is_speed_told and not len(weak.translation) and weak.weakest < c.degeneracy.share_faint
+        health = replace(
+            health,
+            is_contradicted=self._is_contradicted(health, end - self._time),
+            is_faint=is_faint and health.inliers >= c.inliers_least,
+        )
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._is_adrift = self._is_adrift and health.is_lost
