@@ -105,7 +105,7 @@ class OfflineLio:
     @property
     def _causes(self) -> str:
         """What contradictions may come from, in words."""
-        causes = "a wrong sign of its forces, or a wrong mount"
+        causes = "a wrong sign of its forces, a wrong mount, or clouds whose stamps or times of points are off"
         if self.began_at_rest:
             return causes
         return f"it began in motion, or shaken too much to be known to stand: its speed or its lean at the start may be wrong; else {causes}"
