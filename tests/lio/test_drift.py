@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ambler.lio.config import DriftConfig
 from ambler.lio.drift import Drift
@@ -40,3 +41,20 @@ def test_what_was_coasted_is_uncertain_by_its_share_along_the_way() -> None:
     expected = np.zeros((6, 6))
     expected[0, 0] = 1.0
     np.testing.assert_allclose(drift.covariance(np.eye(3)), expected, atol=1e-9)
+
+
+def test_a_lean_accelerates_who_coasts_until_what_he_passes_tells_the_speed() -> None:
+    drift = Drift(DriftConfig(0.0, 0.0, 0.0, coasting_acceleration=0.02, seen=0.5))
+    ahead = np.array([[1.0, 0.0, 0.0]])
+    for _ in range(1000):
+        drift.coast(0.01, ahead)
+    expected = np.zeros((3, 3))
+    expected[0, 0] = (0.5 * 0.02 * 10.0**2) ** 2
+    np.testing.assert_allclose(drift.covariance(np.eye(3))[:3, :3], expected, rtol=0.01)
+    for _ in range(300):
+        drift.coast(0.01, np.zeros((0, 3)))
+    seen = drift.covariance(np.eye(3))[0, 0]
+    assert seen == pytest.approx((0.5 * 0.02 * 10.0**2 + 0.02 * 10.0 * 0.5) ** 2, rel=0.02)
+    for _ in range(300):
+        drift.coast(0.01, np.zeros((0, 3)))
+    assert drift.covariance(np.eye(3))[0, 0] == pytest.approx(seen, rel=0.01)

@@ -12,7 +12,7 @@ from ambler.core.messages import Imu, Odometry, PointCloud
 from ambler.core.se3 import SE3
 from ambler.evaluation.spatial_error import spatial_error
 from ambler.kernels import inertial as kernels
-from ambler.lio.config import LioConfig, RestConfig, WheelConfig
+from ambler.lio.config import DegeneracyConfig, LioConfig, RestConfig, WheelConfig
 from ambler.lio.health import LioResult
 from ambler.lio.measurements import wheel_velocity
 from ambler.lio.odometry import LidarInertialOdometry
@@ -213,6 +213,32 @@ def test_at_rest_nothing_moves_and_the_map_does_not_grow() -> None:
     assert len(odometry.map.points()) == points
 
 
+def _seen_in_a_stairwell(shift: SE3) -> np.ndarray:
+    """What 16 rings see in a stairwell of 4.8 by 4 m, float32 (N, 3)."""
+    azimuth, elevation = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(-15.0, 16.0, 2.0)))
+    level = np.cos(elevation)
+    beams = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+    beams = beams @ shift.matrix()[:3, :3].T
+    half, place = np.array([2.4, 2.0, 1.5]), np.array(shift.translation)
+    with np.errstate(divide="ignore"):
+        ranges = ((np.sign(beams) * half - place) / beams).min(axis=1)
+    return np.asarray(ranges[:, None] * beams @ shift.matrix()[:3, :3], np.float32)
+
+
+def test_the_first_map_of_a_narrow_place_is_as_dense_as_later_ones() -> None:
+    """Cells of half a metre leave few points of a stairwell, whose planes would lean."""
+    _, recorded = walk()
+    points = _seen_in_a_stairwell(SE3.from_rpy((0.2, 0.1, 0.0), 0.02, 0.03, 0.4))
+    zero = np.zeros(len(points), np.float32)
+    scan = scans_of(recorded)[0]
+    odometry = LidarInertialOdometry(LioConfig(has_imu=False))
+    result = odometry.update(
+        CloudScan(PointCloud(scan.cloud.stamp_ns, "lidar", points, zero, zero, zero.astype(np.uint16)), (), ())
+    )
+    assert result is not None
+    assert result.health.points > 0.5 * odometry.config.scan.points_wanted
+
+
 def _outage(first: list[CloudScan], turns: int) -> tuple[tuple[Imu, ...], int]:
     """The inertial measurements of scans at rest, `turns` times on end, and how much later they end."""
     shifts = [turn * 1_800_000_000 for turn in range(1, turns + 1)]
@@ -368,3 +394,29 @@ def test_forces_of_the_wrong_sign_contradict_what_the_lidar_sees() -> None:
     wrong = run_offline([turned(scan) for scan in scans], LioConfig(), rig.told_mount)
     assert not wrong.is_sure
     assert any("fit badly" in line for line in wrong.warnings())
+
+
+def test_what_hardly_any_plane_faces_is_no_map_unless_wheels_tell_it() -> None:
+    """In the open and in a stairwell leaning planes tell a way that was not gone."""
+    rig, recorded = walk()
+    scans = scans_of(recorded)[:120]
+    right = run_offline(scans, LioConfig(), rig.told_mount)
+    assert right.faint == 0
+    assert right.is_sure
+    doubtful = LioConfig(degeneracy=DegeneracyConfig(share_faint=0.4))
+    result = run_offline(scans, doubtful, rig.told_mount)
+    assert result.faint > 0.5 * len(result.poses)
+    assert result.faint <= len(result.poses) - result.at_rest
+    assert not result.is_sure
+    assert any("face some direction" in warning for warning in result.warnings())
+    driven = [replace(scan, odometry=(wheels_of(rig, scan.end_ns, 0.0),)) for scan in scans]
+    assert run_offline(driven, doubtful, rig.told_mount, SE3()).faint == 0
+
+
+def test_a_place_uncertain_by_a_tenth_of_the_way_is_no_map() -> None:
+    rig, recorded = walk()
+    result = run_offline(scans_of(recorded)[:120], LioConfig(), rig.told_mount)
+    vague = replace(result, covariances=result.covariances + 4.0 * np.eye(6))
+    assert replace(vague, degenerate=0).is_sure
+    assert not replace(vague, degenerate=1).is_sure
+    assert any("not to be trusted" in warning for warning in replace(vague, degenerate=1).warnings())

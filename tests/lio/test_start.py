@@ -129,3 +129,16 @@ def test_who_sets_off_with_a_running_motor_is_not_held(acceleration: float, is_r
     rows[:, 4] += acceleration
     told = [standstill(start.state, rows[k : k + 11], start, RestConfig()) is not None for k in range(110, 290, 10)]
     assert np.mean(told) == pytest.approx(1.0 if is_rest else 0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("column", "most", "is_rest"), [(4, 0.0, True), (4, 0.3, False), (3, 0.015, False)])
+def test_who_sets_off_smoothly_is_not_held(column: int, most: float, is_rest: bool) -> None:
+    """Held for as long as a scan of 0.1 s adds little speed and turn, it would lose what it sets off with, which in the open no scan gives back."""
+    rows = still(3.0, np.zeros(3))
+    start = find_start(rows[:202], CONFIG)
+    assert start is not None
+    assert start.is_rest
+    assert not start.is_shaken
+    rows[:, column] += most
+    told = [standstill(start.state, rows[k : k + 21], start, RestConfig()) is not None for k in range(210, 590, 20)]
+    assert np.mean(told) == pytest.approx(1.0 if is_rest else 0.0, abs=0.1)

@@ -115,26 +115,31 @@ class HoleConfig:
 @dataclass(frozen=True, slots=True)
 class RestConfig:
     """Zero-velocity updates: a scan's inertial measurements vary no more than `factor` times as much as at the start, and it hardly moves. Until then, and until
-    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began. Where a motor shook it at the start, the mean force must be gravity's as well, to `accel_most` m/s²:
-    what sets off varies no more than what is shaken."""
+    a scan finds it more than `way_most` m or `turn_most` rad away, it is where it began; `begin_factor` times as far while the first scans build a map, whose planes lean most. The mean rate must be the bias to `rate_quiet` rad/s, the mean force gravity's to `accel_quiet` m/s², beyond what is noise in them, and to `rate_most` and `accel_most` where a motor shook it at the start:
+    what sets off smoothly varies no more than what stands, and what is taken for rest until it goes too fast for that is lost: a turn of 0.2°, and for good a speed that no scan tells."""
 
     is_used: bool = True
     factor: float = 2.0
     speed_most: float = 0.04
     rate_most: Radians = 0.02
     accel_most: float = 0.2
+    rate_quiet: Radians = 0.005
+    accel_quiet: float = 0.1
     velocity_sigma: float = 0.01
     rate_sigma: Radians = 0.002
     way_most: float = 0.01
     turn_most: Radians = 0.003
+    begin_factor: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class DegeneracyConfig:
     """A direction in which the planes of a scan say too little is left to the inertial measurements: fewer than `constraints_least` inliers' worth
-    of information in total, or a smaller share of the inliers than `share_least`."""
+    of information in total, or a smaller share of the inliers than `share_least`. Below `share_faint` what a direction is told may be floors and walls that lean a little:
+    right places have 0.06 and more."""
 
     share_least: float = 0.008
+    share_faint: float = 0.02
     constraints_least: float = 8.0
     rotation_arm: float = 3.0  # metres; what a rotation of 1 rad moves a point by, to compare rotation with translation
 
@@ -172,6 +177,10 @@ class DriftConfig:
     position: float = 1.4e-4  # m/√m in each direction
     rotation: float = 1.2e-5  # rad/√m
     coasting: float = 0.01  # share of a way along which no plane faced: the scale of wheels
+    coasting_acceleration: float = (
+        0.02  # m/s² along it where no wheels tell the speed: a tenth of a degree that the map leans
+    )
+    seen: float = 0.5  # s after which the speed along what is seen again is known
     begin_m: float = 0.5  # from the start by which the gaps between the rings of a single place are filled
     begin_position: float = 4e-3  # m and rad, once, on leaving it
     begin_rotation: float = 8e-5
@@ -180,6 +189,8 @@ class DriftConfig:
     def __post_init__(self) -> None:
         if not self.begin_m > 0.0:
             raise BadInputError(f"drift begin_m: must be positive, is {self.begin_m}")
+        if not self.seen > 0.0:
+            raise BadInputError(f"drift seen: must be positive, is {self.seen}")
 
 
 @dataclass(frozen=True, slots=True)

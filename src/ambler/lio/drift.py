@@ -2,7 +2,7 @@
 
 A random walk in position and attitude per metre of way; an error of attitude moves all that comes after it. Error state: position and
 rotation, both in the map (perturbed on the left). What was coasted along a direction that no plane faced adds a share of that way. The map that was
-made at rest adds most, once: its planes go through the rings of a single place, and lean.
+made at rest adds most, once: its planes go through the rings of a single place, and lean. A time in which nothing tells the speed adds what a lean accelerates meanwhile.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ class Drift:
         self._begin = np.diag(np.repeat([config.begin_position**2, config.begin_rotation**2], 3))
         self._reach = 0.0
         self._coasted = np.zeros(3)
+        self._unseen = np.zeros((3, 3))  # s for which nothing has told the speed along a direction
+        self._sped = np.zeros((3, 3))
 
     @property
     def begin_left(self) -> float:
@@ -47,10 +49,20 @@ class Drift:
         self._covariance = carried @ self._covariance @ carried.T + float(np.linalg.norm(step)) * self._walks
         self._coasted += frozen.T @ (frozen @ step)
 
+    def coast(self, seconds: float, frozen: F64) -> None:
+        """Let a time pass in which nothing told the speed along `frozen` unit vectors (K, 3): the floor seems to tell exactly what is up, but its map leans, and
+        gravity accelerates who coasts by that lean. Along what is seen again this is forgotten within `seen` seconds."""
+        along = frozen.T @ frozen
+        across = np.eye(3) - along
+        kept = math.exp(-seconds / self._config.seen)
+        self._unseen = along @ (self._unseen + seconds * np.eye(3)) @ along + kept * across @ self._unseen @ across
+        self._sped += self._config.coasting_acceleration * seconds * self._unseen
+
     def covariance(self, rotation: F64) -> F64:
         """Return the covariance (6, 6) of position in the map and rotation perturbed on the right of `rotation` (3, 3)."""
         turned = np.eye(6)
         turned[3:, 3:] = rotation.T
         out = turned @ self._covariance @ turned.T
         out[:3, :3] += self._config.coasting**2 * np.outer(self._coasted, self._coasted)
+        out[:3, :3] += self._sped @ self._sped.T
         return np.asarray(out)

@@ -17,7 +17,7 @@ class Health:
     """How well a scan fitted: `points` were tried, `inliers` lay on planes, `residual_m` from them (RMS; None: no plane), the update moved the
     prediction by `innovation_*`. `weakest`: see `Degeneracy`; `frozen_*` float64 (K, 3) are directions that were left to the inertial measurements,
     in the map and in the IMU. `imu_gap`: longest time between two samples, s. `false_ratio`: share of the points that floated in the air and were left out before. `is_contradicted`: the IMU's own motion led
-    elsewhere than most of the scan fits, as it does with wrong forces, a velocity that nobody knew, or a map that repeats itself beside the place."""
+    elsewhere than most of the scan fits, as it does with wrong forces, a velocity that nobody knew, or a map that repeats itself beside the place. `is_faint`: it moved, and believed of a direction what hardly any plane faces."""
 
     points: int
     inliers: int
@@ -34,6 +34,7 @@ class Health:
     is_biased: bool = False
     false_ratio: float = 0.0
     is_contradicted: bool = False
+    is_faint: bool = False
 
     @property
     def inlier_ratio(self) -> float:

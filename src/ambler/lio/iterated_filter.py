@@ -36,6 +36,7 @@ CLEAR = 0.5  # of the points on planes: as many say that a LiDAR alone follows i
 POOR = 0.8  # of the usual share of points on planes: below, a LiDAR alone looks for its place more widely
 USUAL = 0.1  # what a scan says of that share
 STRAIGHTENED = 2  # times that a scan in a gap of the IMU is straightened by what it was found to have moved
+FIRST_TRIES = 3  # times that the first scan is thinned out anew: in a stairwell few of the usual cells hold points, and a map of so few leans
 START_INSERTS = 10  # scans that build the first map even at rest: the rings of a single one are too far apart
 
 
@@ -111,9 +112,16 @@ class IteratedFilter:
         health = self._health(prior, state, weak, sums, len(points), iterations)
         self._rate = log(self.state.rotation.T @ state.rotation) / (end - self._time)
         self._drift.move(state.position - came_from, weak.translation)
+        is_speed_told = self._stands or self._is_unmoved or (self._imu_from_base is not None and bool(scan.odometry))
+        self._drift.coast(end - self._time, weak.translation[: 0 if is_speed_told else 3])
         self._drift.leave(float(np.linalg.norm(state.position - self._origin.position)))
         points_imu = _remounted(points_imu, self.state, state) if self.config.extras else points_imu
-        health = replace(health, is_contradicted=self._is_contradicted(health, end - self._time))
+        is_faint = not is_speed_told and not len(weak.translation) and weak.weakest < c.degeneracy.share_faint
+        health = replace(
+            health,
+            is_contradicted=self._is_contradicted(health, end - self._time),
+            is_faint=is_faint and health.inliers >= c.inliers_least,
+        )
         self.state, self._time = state, end
         health = self._update_other(health, samples, scan)
         self._is_adrift = self._is_adrift and health.is_lost
@@ -211,20 +219,33 @@ class IteratedFilter:
     def _thin_out(self, cloud: PointCloud, prior: FilterState) -> tuple[NDArray[np.float32], F64, F64]:
         """Return one point per cell (M, 3), their ranges and times, without what floats in the air; the cell adapts to the number that is wanted."""
         c = self.config.scan
-        points, chosen = np.ascontiguousarray(cloud.points), np.empty(len(cloud.points), np.int64)
-        times = np.ascontiguousarray(cloud.time)
-        inside = voxel_kernels.choose_between(points, times, c.range_min, c.range_max, c.decimation, chosen)
-        size = 1 << max(4, (2 * inside).bit_length())
-        if len(self._scratch) < size:
-            self._scratch = np.empty(size, np.int64)
-        count = voxel_kernels.thin_out(points, chosen[:inside], self._voxel, self._scratch[:size], chosen)
-        numbers = self._without_air(cloud, chosen[:count], prior)
-        if len(numbers):
-            self._voxel = float(
-                np.clip(self._voxel * np.sqrt(len(numbers) / c.points_wanted), c.voxel_min, c.voxel_max)
-            )
+        points, inside = np.ascontiguousarray(cloud.points), np.empty(len(cloud.points), np.int64)
+        count = voxel_kernels.choose_between(
+            *(points, np.ascontiguousarray(cloud.time), c.range_min, c.range_max, c.decimation, inside)
+        )
+        chosen = self._one_per_cell(points, inside[:count])
+        tries = FIRST_TRIES if self._inserts == 0 else 0  # nothing has told yet how narrow the place is
+        while tries and 2 * len(chosen) < c.points_wanted:
+            self._adapt_voxel(len(chosen))
+            chosen, tries = self._one_per_cell(points, inside[:count]), tries - 1
+        numbers = self._without_air(cloud, chosen, prior)
+        self._adapt_voxel(len(numbers))
         kept = cloud.points[numbers]
         return kept, np.linalg.norm(kept.astype(np.float64), axis=1), self._times(cloud, numbers)
+
+    def _one_per_cell(self, points: NDArray[np.float32], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return those of `numbers` whose points (N, 3) are the first in their cells."""
+        size = 1 << max(4, (2 * len(numbers)).bit_length())
+        if len(self._scratch) < size:
+            self._scratch = np.empty(size, np.int64)
+        chosen = np.empty_like(numbers)
+        return chosen[: voxel_kernels.thin_out(points, numbers, self._voxel, self._scratch[:size], chosen)]
+
+    def _adapt_voxel(self, count: int) -> None:
+        """Choose the edge of the next cells so that as many points remain as are wanted, where `count` did with the last."""
+        c = self.config.scan
+        if count:
+            self._voxel = float(np.clip(self._voxel * np.sqrt(count / c.points_wanted), c.voxel_min, c.voxel_max))
 
     def _without_air(self, cloud: PointCloud, numbers: NDArray[np.int64], prior: FilterState) -> NDArray[np.int64]:
         """Return those of the chosen points that do not float in the air; where they were before is known by the prediction."""
@@ -335,8 +356,9 @@ class IteratedFilter:
     def _is_at_origin(self, state: FilterState) -> bool:
         """Say whether a state that a scan found is where the map began, as near as planes through the rings of one place can tell."""
         o, c = self._origin, self.config.rest
+        factor = c.begin_factor if self._inserts < START_INSERTS else 1.0
         way, turn = np.linalg.norm(state.position - o.position), np.linalg.norm(log(o.rotation.T @ state.rotation))
-        return bool(way < c.way_most and turn < c.turn_most)
+        return bool(way < factor * c.way_most and turn < factor * c.turn_most)
 
     def _noise_factor(self) -> float:
         """Return how many times noisier than later a return counts: what planes through the rings of one place say as it leaves it, the gyroscope knows better.

@@ -27,16 +27,19 @@ class Measurement:
 
 
 def standstill(state: FilterState, samples: F64, start: Start, config: RestConfig) -> Measurement | None:
-    """Return zero velocity, and the mean rate as the gyroscope's bias, when the samples (K, 7) are as quiet as those of the start; where a motor shook it there, they must not lead away either."""
+    """Return zero velocity, and the mean rate as the gyroscope's bias, when the samples (K, 7) are as quiet as those of the start and do not lead away: what sets off smoothly is as quiet."""
     if not start.is_rest or len(samples) < 5 or float(np.linalg.norm(state.velocity)) > config.speed_most:
         return None
     rate = samples[:, 1:4].mean(axis=0)
     quiet = config.factor * np.maximum(start.gyro_sigma, 1e-4), config.factor * np.maximum(start.accel_sigma, 1e-3)
     if (samples[:, 1:4].std(axis=0) > quiet[0]).any() or (samples[:, 4:7].std(axis=0) > quiet[1]).any():
         return None
-    if float(np.linalg.norm(rate - state.gyro_bias)) > config.rate_most:
-        return None
-    if start.is_shaken and _acceleration(state, samples) > config.accel_most:
+    rate_most, accel_most = config.rate_most, config.accel_most
+    if not start.is_shaken:
+        noise = 3.0 / np.sqrt(len(samples))
+        rate_most = config.rate_quiet + noise * float(np.linalg.norm(start.gyro_sigma))
+        accel_most = config.accel_quiet + noise * float(np.linalg.norm(start.accel_sigma))
+    if float(np.linalg.norm(rate - state.gyro_bias)) > rate_most or _acceleration(state, samples) > accel_most:
         return None
     jacobian = np.zeros((6, k.EXTRA))
     jacobian[0:3, k.VELOCITY : k.GYRO_BIAS] = jacobian[3:6, k.GYRO_BIAS : k.ACCEL_BIAS] = np.eye(3)

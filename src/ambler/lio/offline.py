@@ -30,6 +30,11 @@ DUSTY = 0.08  # share of points taken out that is worth a warning: grass and far
 DOUBTFUL = (
     0.1  # share of the poses that were lost, or contradict the IMU, from which on nobody may take the map for one
 )
+VAGUE, VAGUE_M = (
+    0.1,
+    1.0,
+)  # share of the way, and metres, by which a place may be off before nobody may take the map for one
+FAINT_MOST = 0.25  # share of the poses that may believe what hardly any plane faces
 CLOCK_OFF = 3.0  # standard deviations that the LiDAR's clock is told to, from which on what was learned of it is worth a warning
 CLOCK_OFF_UNTURNED = 10.0  # the same of what hardly turned, which says little of the clock
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
@@ -39,7 +44,7 @@ LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
 class OfflineLio:
     """`poses` are map_from_imu at `stamps_ns` int64 (N,), the ends of the scans, with `covariances` (N, 6, 6); `cloud` float32 (M, 3) are points in the map, one per
     cell. `odometry` are the poses before loop closure, whose covariances these are; `links` float64 (K, 2, 3) are the places that loop closures join, `is_converged` says whether
-    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air; `clock_off` how many seconds the LiDAR's stamps were found to lag behind the IMU's, None where that is about what was told: within 6 ms, or within 20 ms where it hardly turned (on wheels 6 to 8 ms were found that were not there);
+    their graph was solved, `loop_seconds` is the processor time that they took. Counts are scans; `update_ms` float64 (N,) is the processor time of each update; `cut` why the recording could not be read to its end; `left_out` how many messages had stamps out of order; `holes` are times in which nothing was measured; `false_ratio` the share of the points that floated in the air; `faint` how many scans moved along directions that hardly any plane faces, and told it all the same; `clock_off` how many seconds the LiDAR's stamps were found to lag behind the IMU's, None where that is about what was told: within 6 ms, or within 20 ms where it hardly turned (on wheels 6 to 8 ms were found that were not there);
     `unknown_speed` float64 (K, 3) are unit vectors in the map along which nobody knew how fast it began, nor learned it later."""
 
     stamps_ns: NDArray[np.int64]
@@ -73,11 +78,16 @@ class OfflineLio:
     clock_off: float | None = None
     unknown_speed: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
     began_at_rest: bool = True
+    faint: int = 0
 
     @property
     def is_sure(self) -> bool:
-        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, the speed at the start is known, and after every hole the place was found again."""
-        is_followed = self.lost <= DOUBTFUL * len(self.poses) and not self._is_contradicted
+        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, no place is uncertain by a tenth of the way, few scans show hardly anything across a direction, the speed at the start is known, and after every hole the place was found again."""
+        is_followed = (
+            self.lost <= DOUBTFUL * len(self.poses)
+            and not self._is_contradicted
+            and not (self._is_vague or self._is_faint)
+        )
         return is_followed and len(self.unknown_speed) == 0 and all(hole.is_regained for hole in self.holes)
 
     @property
@@ -85,9 +95,17 @@ class OfflineLio:
         return self.contradicted > DOUBTFUL * len(self.poses)
 
     @property
+    def _is_faint(self) -> bool:
+        return self.faint > FAINT_MOST * len(self.poses)
+
+    @property
+    def _is_vague(self) -> bool:
+        return self.degenerate > 0 and self.doubt > max(VAGUE_M, VAGUE * self.path_length)
+
+    @property
     def _causes(self) -> str:
         """What contradictions may come from, in words."""
-        causes = "a wrong sign of its forces, or a wrong mount"
+        causes = "a wrong sign of its forces, a wrong mount, or clouds whose stamps or times of points are off"
         if self.began_at_rest:
             return causes
         return f"it began in motion, or shaken too much to be known to stand: its speed or its lean at the start may be wrong; else {causes}"
@@ -120,6 +138,16 @@ class OfflineLio:
             out.append(
                 f"{self.degenerate} scans left a direction to the inertial measurements: the place says too little"
                 f" (standard deviation of a position: {self.doubt:.2f} m at worst)"
+                + (
+                    ", and the map is not to be trusted (wheels may tell what is missing: --odom-topic)"
+                    if self._is_vague
+                    else ""
+                )
+            )
+        if self._is_faint:
+            out.append(
+                f"in {self.faint} scans hardly any planes face some direction: floors and walls that lean a little look like that, and the way along it may be off by far more than is told;"
+                " the map is not to be trusted (few rings in the open or in a stairwell: add wheels, --odom-topic, or a scanner that sees more)"
             )
         if self.lost:
             out.append(
@@ -254,6 +282,7 @@ def run_offline(
         clock_off=clock if is_clock_off else None,
         unknown_speed=odometry.unknown_speed @ turn.T,
         began_at_rest=odometry.start.is_rest or not config.has_imu,
+        faint=sum(h.is_faint for h in health),
     )
 
 
