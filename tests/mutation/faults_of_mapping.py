@@ -21,6 +21,13 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "where cells found a scan, lines are not asked what odometry says",
+        "slam2d/front_end.py",
+        "return led if led.is_held and is_as_good else fit",
+        "return fit",
+        SLAM,
+    ),
+    PlantedFault(
         "spots on walls hold a base at its start",
         "slam2d/front_end.py",
         "pose = prediction.local_from_base\n                self._judge",

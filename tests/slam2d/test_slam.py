@@ -112,6 +112,29 @@ def test_a_base_that_stood_at_first_and_drives_straight_on_is_not_held_at_its_st
         assert abs(slam.update(scan).map_from_base.x - x) < 0.3, f"scan {k}"
 
 
+@pytest.mark.parametrize(("field", "width"), [(57.0, 2.6), (70.0, 3.2)])
+def test_a_depth_camera_is_not_held_back_where_the_walls_that_it_has_drawn_end(field: float, width: float) -> None:
+    """It sees two pieces of wall, whose far ends are those of its range. On cells they fit best where they were drawn before: it stood in a corridor that it drove through, and
+    right odometry was doubted."""
+    rng, slam = np.random.default_rng(3), Slam2d()
+    walls = [[-2.0, -0.5 * width, 22.0, -0.5 * width], [22.0, -0.5 * width, 22.0, 0.5 * width]]
+    at = -2.0
+    for door in (1.3, 5.1, 9.6, 13.2, 18.4):  # recessed by 15 cm
+        high = 0.5 * width + 0.15
+        walls += [[at, 0.5 * width, door, 0.5 * width], [door, 0.5 * width, door, high]]
+        walls += [[door, high, door + 0.9, high], [door + 0.9, high, door + 0.9, 0.5 * width]]
+        at = door + 0.9
+    walls.append([at, 0.5 * width, 22.0, 0.5 * width])
+    angles = np.radians(np.linspace(-0.5 * field, 0.5 * field, 320))
+    for k, x in enumerate(np.concatenate((np.zeros(15), np.arange(0.0, 16.0, 0.15))).tolist()):
+        ranges = ranges_at(SE2(x, 0.1, 0.0), angles, np.array(walls))
+        ranges += 0.005 * ranges * rng.standard_normal(len(ranges))
+        points = (ranges[:, None] * np.column_stack((np.cos(angles), np.sin(angles))))[ranges < 4.0]
+        slam.add_odometry(k * PERIOD_NS, SE2(1.01 * x, 0.0, 0.0))
+        scan = PlanarScan(k * PERIOD_NS, points.astype(np.float32), np.zeros((0, 2), np.float32))
+        assert abs(slam.update(scan).map_from_base.x - x) < 0.5, f"scan {k}"
+
+
 def test_one_wall_across_the_way_overrules_odometry_that_is_too_long() -> None:
     walls = np.array([[-60.0, -1.62, 14.0, -1.62], [-60.0, 1.58, 14.0, 1.58], [14.0, -1.62, 14.0, 1.58]])
     truth = [SE2(0.05 * k, 0.0, 0.0) for k in range(160)]

@@ -35,12 +35,13 @@ class LineConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineFit:
-    """Where a scan lies on lines: `grid_from_base`, which is the start unless `is_held`, the `share` of its points that lie on lines, and the `information`
-    float64 (3, 3) about x, y, yaw in the grid frame that is in these."""
+    """Where a scan lies on lines: `grid_from_base`, which is the start unless `is_held`, the `share` of its points that lie on lines, their rms distance from these (`residual`, in
+    standard deviations), and the `information` float64 (3, 3) about x, y, yaw in the grid frame that is in them."""
 
     grid_from_base: SE2
     information: F64
     share: float
+    residual: float
     is_held: bool
 
 
@@ -69,8 +70,8 @@ class LineField:
         kernels.rehash(self._keys, self._moments, keys, moments)
         self._keys, self._moments = keys, moments
 
-    def fit(self, points: F32, origin: tuple[float, float], start: SE2) -> LineFit:
-        """Find the pose near `start` at which points (N, 2) of the base frame, seen from `origin`, lie on the lines."""
+    def fit(self, points: F32, origin: tuple[float, float], start: SE2, least_share: float | None = None) -> LineFit:
+        """Find the pose near `start` at which points (N, 2) of the base frame, seen from `origin`, lie on the lines; `least_share` if not that of the configuration."""
         config = self._config
         pose, info = start.as_array(), np.zeros(2)
         linear, angular = config.start_sigma
@@ -82,8 +83,8 @@ class LineField:
             *(h, info),
         )
         share = float(info[0])
-        is_held = share >= config.least_share
-        return LineFit(SE2.from_array(pose) if is_held else start, h, share, is_held)
+        is_held = share >= (config.least_share if least_share is None else least_share)
+        return LineFit(SE2.from_array(pose) if is_held else start, h, share, float(info[1]), is_held)
 
 
 def _capacity(rows: int) -> int:

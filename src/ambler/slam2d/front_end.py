@@ -32,6 +32,9 @@ YOUNG_TELLING = 0.05  # `telling` there
 POINTS_LEAST = 10  # of a scan that is matched or inserted
 ANOTHER_SCANNER = 0.01  # metres between two scanners of a base
 START_SCANS = 10  # that a base which still stands where it began lays on one another: the frame of the map is not that of one noisy scan
+LED_APART = 0.02  # metres between where cells found a scan and where odometry leads, from which on lines are asked which is right
+LED_LEAST, LED_SHARE = 0.03, 0.25  # of the points on lines where odometry leads: least, and beside where cells found it
+LED_RESIDUAL = 1.5  # times as far from lines as there, at most
 BEGUN_WAY = 3.0  # metres of a submap, before which it may show spots on walls instead of walls
 LEAP = 0.5  # metres between two scans, more than which odometry is not followed against a match
 HELD_BACK = 0.5  # of the way that odometry tells, less than which a match of a submap just begun may be held back
@@ -93,7 +96,7 @@ class FrontEnd:
             if self._stands_at_start and self._inserted is not None:
                 _, pose = self._inserted
             else:
-                pose = target.local_from_submap @ self._on_lines(target, points, scan, match.grid_from_base, prediction)
+                pose = target.local_from_submap @ self._on_lines(target, points, scan, match, prediction)
                 if self._is_held_back(target, prediction, match, pose):
                     pose = prediction.local_from_base
                 self._judge_odometry(prediction, pose)
@@ -138,12 +141,17 @@ class FrontEnd:
         return share * config.window_linear_max, share * config.window_angular_max
 
     def _on_lines(
-        self, target: Submap, points: F32, scan: PlanarScan, grid_from_base: SE2, prediction: Prediction
+        self, target: Submap, points: F32, scan: PlanarScan, match: MatchResult, prediction: Prediction
     ) -> SE2:
         """Return the pose at which a scan lies on the lines of the submap, in its frame. Along a direction of which these lines say next to nothing, between smooth
         parallel walls whose ends are out of sight, it is the predicted one: what cells prefer there is their texture, which holds a scan back
-        by some percent of the way."""
-        fit = target.lines.fit(points, scan.origin, grid_from_base)
+        by some percent of the way. So it is where trusted odometry leads and hardly anything of the scan is known."""
+        is_led = self._trusts(prediction) and math.hypot(prediction.motion.x, prediction.motion.y) < LEAP
+        if is_led and match.inlier_ratio < self._config.doubted_below * self._usual_inliers:
+            return target.to_submap(prediction.local_from_base)
+        fit = target.lines.fit(points, scan.origin, match.grid_from_base)
+        if is_led:
+            fit = self._led_fit(target, points, scan.origin, fit, target.to_submap(prediction.local_from_base))
         fitted, told = fit.grid_from_base, self._telling_of(target, fit)
         if told == 0.0 or not self._trusts(prediction):
             return fitted
@@ -154,6 +162,17 @@ class FrontEnd:
         predicted, along = target.to_submap(prediction.local_from_base), vectors[:, 0]
         miss = weakness * float(along @ (predicted.x - fitted.x, predicted.y - fitted.y))
         return SE2(fitted.x + miss * float(along[0]), fitted.y + miss * float(along[1]), fitted.yaw)
+
+    def _led_fit(
+        self, target: Submap, points: F32, origin: tuple[float, float], fit: LineFit, predicted: SE2
+    ) -> LineFit:
+        """Return the fit to lines from where cells found a scan; but if it lies on them as well from where odometry leads, that one: on cells, what a narrow view shows beyond the end of what
+        was drawn draws it back onto that, while where no line is, it counts for nothing."""
+        if math.hypot(fit.grid_from_base.x - predicted.x, fit.grid_from_base.y - predicted.y) < LED_APART:
+            return fit
+        led = target.lines.fit(points, origin, predicted, LED_LEAST)
+        is_as_good = led.share >= LED_SHARE * fit.share and led.residual <= LED_RESIDUAL * fit.residual
+        return led if led.is_held and is_as_good else fit
 
     def _telling_of(self, target: Submap, fit: LineFit) -> float:
         """Return the share of what lines hold across that they must hold along, 0 where that is not asked. A young submap shows lines only near where it began,
