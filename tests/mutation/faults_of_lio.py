@@ -813,6 +813,13 @@ LIO = (
         ("tests/recordings/test_cloud_parts.py",),
     ),
     PlantedFault(
+        "no byte lies between two points of CDR",
+        "wire/ros_livox.py",
+        "_CDR_STEP = 20",
+        "_CDR_STEP = 19",
+        ("tests/wire/test_ros_livox.py",),
+    ),
+    PlantedFault(
         "a ROS 1 bag without its index counts as whole",
         "wire/cut_bags.py",
         "if at == 0 or at > size:\n                return False",

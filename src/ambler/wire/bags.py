@@ -25,7 +25,7 @@ from rosbags.typesys import TypesysError
 
 from ambler.core import messages as m
 from ambler.core.errors import BadInputError
-from ambler.wire import ros_geometry, ros_grids, ros_sensors
+from ambler.wire import ros_geometry, ros_grids, ros_livox, ros_sensors
 from ambler.wire.cut_bags import index_copy, is_whole_bag, is_whole_database, rescue_rows
 from ambler.wire.mcap_reader import finish_copy, is_finished
 from ambler.wire.ros_types import STORE
@@ -35,8 +35,8 @@ _READINGS: dict[str, tuple[type[m.Message], _FromRos]] = {
     "sensor_msgs/msg/LaserScan": (m.LaserScan, ros_sensors.laser_scan_from_ros),
     "sensor_msgs/msg/MultiEchoLaserScan": (m.LaserScan, ros_sensors.multi_echo_scan_from_ros),
     "sensor_msgs/msg/PointCloud2": (m.PointCloud, ros_sensors.cloud_from_ros),
-    "livox_ros_driver/msg/CustomMsg": (m.PointCloud, ros_sensors.livox_from_ros),
-    "livox_ros_driver2/msg/CustomMsg": (m.PointCloud, ros_sensors.livox_from_ros),
+    "livox_ros_driver/msg/CustomMsg": (m.PointCloud, ros_livox.livox_from_ros),
+    "livox_ros_driver2/msg/CustomMsg": (m.PointCloud, ros_livox.livox_from_ros),
     "sensor_msgs/msg/Imu": (m.Imu, ros_sensors.imu_from_ros),
     "sensor_msgs/msg/NavSatFix": (m.GnssFix, ros_sensors.gnss_from_ros),
     "nav_msgs/msg/Odometry": (m.Odometry, ros_geometry.odometry_from_ros),
@@ -147,15 +147,24 @@ class BagReader:
         if not connections:
             return
         try:
+            decoders = {c.msgtype: self._decoder(c.msgtype) for c in connections}
             for connection, log_ns, data in self._reader.messages(connections):
-                yield BagMessage(connection.topic, self._decode(connection, data), log_ns)
+                message = self._decode(connection, data, decoders[connection.msgtype])
+                yield BagMessage(connection.topic, message, log_ns)
         except _DAMAGE as error:
             raise BadInputError(f"{self.path}: damaged: {_first_line(error)}") from error
 
-    def _decode(self, connection: Any, data: bytes) -> m.Message:
+    def _decoder(self, ros_type: str) -> Callable[[bytes], m.Message]:
+        """Return what reads the bytes of a type: through the record that the bag defines, clouds of Livox' drivers without."""
+        reader, from_ros = self._reader, _READINGS[ros_type][1]
+        is_livox = from_ros is ros_livox.livox_from_ros
+        if is_livox and ros_livox.has_drivers_layout(reader.typestore, ros_type, is_cdr=reader.is2):
+            return ros_livox.livox_from_cdr if reader.is2 else ros_livox.livox_from_ros1
+        return lambda data: from_ros(reader.deserialize(data, ros_type))
+
+    def _decode(self, connection: Any, data: bytes, decoder: Callable[[bytes], m.Message]) -> m.Message:
         try:
-            record = self._reader.deserialize(data, connection.msgtype)
-            return _READINGS[connection.msgtype][1](record)
+            return decoder(data)
         except _DAMAGE as error:
             text = f"{len(data)} bytes on {connection.topic} are no {connection.msgtype}: {_first_line(error)}"
             raise BadInputError(f"{self.path}: damaged: {text}") from error

@@ -167,20 +167,6 @@ def cloud_from_ros(record: Any) -> m.PointCloud:
     )
 
 
-def livox_from_ros(record: Any) -> m.PointCloud:
-    """Read a Livox driver's own message: points with nanoseconds after its time base, which is that of its first point."""
-    rows = [(p.x, p.y, p.z, p.reflectivity, p.offset_time, p.line) for p in record.points]
-    table = np.array(rows, np.float64).reshape(-1, 6)
-    return m.PointCloud(
-        stamp_from_ros(record.header),
-        record.header.frame_id,
-        table[:, :3].astype(np.float32),
-        table[:, 3].astype(np.float32),
-        (table[:, 4] * 1e-9).astype(np.float32),
-        table[:, 5].astype(np.uint16),
-    )
-
-
 def imu_to_ros(message: m.Imu) -> Any:
     """Orientation is not measured: its covariance starts with -1, as sensor_msgs/Imu wants it."""
     return _Imu(
