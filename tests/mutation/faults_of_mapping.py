@@ -21,6 +21,13 @@ LINES = ("tests/registration/test_line_field.py",)
 
 MAPPING = (
     PlantedFault(
+        "a closure of which no point lies on a line counts where lines are usual",
+        "slam2d/loop_closure.py",
+        "is_unlined = usual.line_share > LINED and",
+        "is_unlined = False and",
+        LOOPS,
+    ),
+    PlantedFault(
         "where cells found a scan, lines are not asked what odometry says",
         "slam2d/front_end.py",
         "return led if led.is_held and is_as_good else fit",

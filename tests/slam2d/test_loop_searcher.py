@@ -12,6 +12,7 @@ import pytest
 from ambler.core.se2 import SE2, wrap_angle
 from ambler.grids.probability_grid import InsertionConfig
 from ambler.registration.correlative import Window
+from ambler.registration.line_field import LineConfig, LineField
 from ambler.registration.planar_scan import PlanarScan, filter_voxels_adaptively
 from ambler.slam2d.agreement import sort_closures
 from ambler.slam2d.back_end import BackEnd
@@ -93,6 +94,18 @@ def test_scans_of_another_room_close_no_loop() -> None:
         scan = scan_at(SE2(0.3 * k, -0.2 * k, 0.4 * k), walls=ELSEWHERE)
         for usual in (0.8, 0.55):
             assert Search(usual=usual).of(scan, believed) is None, (k, usual)
+
+
+def test_where_points_usually_lie_on_lines_a_closure_without_any_is_none() -> None:
+    """A depth camera's few points fit the cells of walls that it met from elsewhere, in many places."""
+    truth = SE2(0.7, 0.4, 0.9)
+    place = replace(submap(), lines=LineField(LineConfig()))
+    loop = replace(LoopConfig(), refine=replace(LoopConfig().refine, weak_ratio=0.01))
+    for share, is_found in ((0.6, False), (0.02, True), (0.0, True)):
+        search = Search(loop)
+        search.usual = replace(search.usual, line_share=share)
+        assert (search.of(scan_at(truth), truth, place) is not None) == is_found, share
+        assert search.of(scan_at(truth), truth) is not None, share
 
 
 @pytest.mark.parametrize("scale", [1.03, 1.05, 1.08])

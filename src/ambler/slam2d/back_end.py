@@ -123,9 +123,11 @@ class BackEnd:
             *(result.submaps[0].index, self._way),
         )
         if result.match is not None:
-            score, inliers = self._usual.score, self._usual.inlier_ratio
+            score, inliers, lined = self._usual.score, self._usual.inlier_ratio, self._usual.line_share
             score += 0.02 * (result.match.score - score)
-            self._usual = Usual(score, inliers + 0.02 * (result.match.inlier_ratio - inliers))
+            if result.line_share is not None:
+                lined += 0.02 * (result.line_share - lined)
+            self._usual = Usual(score, inliers + 0.02 * (result.match.inlier_ratio - inliers), lined)
         covariance = (
             np.zeros((3, 3)) if result.match is None else result.match.covariance(self._point_sigma, (0.0, 0.0))
         )

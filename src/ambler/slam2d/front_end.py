@@ -50,7 +50,7 @@ STILL_MATCH = (0.02, 0.005)  # metres and rad that the match of a single scan wi
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalResult:
     """One scan in the local frame. `match` is None for the first scan and for scans without points; `submaps` took the scan. `doubt` (m, rad) is the standard
-    deviation of a pose that little of the scan speaks for, (0, 0) where it fits as scans usually do."""
+    deviation of a pose that little of the scan speaks for, (0, 0) where it fits as scans usually do. `line_share` is the share of its points on lines of the submap, where these were asked."""
 
     local_from_base: SE2
     match: MatchResult | None
@@ -59,6 +59,7 @@ class LocalResult:
     submaps: list[Submap]
     finished: Submap | None
     doubt: tuple[float, float] = (0.0, 0.0)
+    line_share: float | None = None
 
 
 class FrontEnd:
@@ -81,6 +82,7 @@ class FrontEnd:
         self._usual_score = 0.0
         self._usual_inliers = self._best_inliers = 0.0
         self.odometry_error = 0.0
+        self._line_share: float | None = None
 
     def update(self, scan: PlanarScan, prediction: Prediction, *, may_insert: bool = True) -> LocalResult:
         """Match one scan near its prediction and insert it when the robot has moved, if it may be."""
@@ -88,7 +90,7 @@ class FrontEnd:
         scan = scan.thinned(config.voxel_size, picks_middle=config.picks_middle)
         sizes = (config.match_max_voxel, config.match_min_points)
         points = filter_voxels_adaptively(scan.points, *sizes, picks_middle=config.picks_middle)
-        pose, match = prediction.local_from_base, None
+        pose, match, self._line_share = prediction.local_from_base, None, None
         if target is not None and len(points) >= POINTS_LEAST:
             match = self._match(target, points, scan.origin, prediction)
             matched = target.local_from_submap @ match.grid_from_base
@@ -112,7 +114,7 @@ class FrontEnd:
             self._scans_at_start += 1
             self._inserted, self._inserted_origin = (scan.stamp_ns, pose), scan.origin
         doubt = (0.0, 0.0) if target is None else self._doubt(match)
-        return LocalResult(pose, match, scan, points, submaps, finished, doubt)
+        return LocalResult(pose, match, scan, points, submaps, finished, doubt, self._line_share)
 
     def _match(self, target: Submap, points: F32, origin: tuple[float, float], prediction: Prediction) -> MatchResult:
         """Correlate about the prediction and refine; doubt odometry and bad matches."""
@@ -152,6 +154,7 @@ class FrontEnd:
         fit = target.lines.fit(points, scan.origin, match.grid_from_base)
         if is_led:
             fit = self._led_fit(target, points, scan.origin, fit, target.to_submap(prediction.local_from_base))
+        self._line_share = fit.share
         fitted, told = fit.grid_from_base, self._telling_of(target, fit)
         if told == 0.0 or not self._trusts(prediction):
             return fitted

@@ -23,6 +23,8 @@ F32 = NDArray[np.float32]
 
 _DEPTH, _COARSE_DEPTH = 4, 7
 WALL_GAIN = 0.4  # what a point on a wall has more than one in an unknown cell, at least
+LINED = 0.3  # of the points usually lie on lines, where a closure must show some, too:
+UNLINED = 0.15  # of that share at least
 P_FREE = 0.45  # what most free cells have less than: beside them unknown ones tell nothing
 _FLOOR = (0.05**2, 0.05**2, 0.01**2)  # m^2, rad^2: of a match, beside what drifts
 
@@ -47,10 +49,11 @@ def key_of(closure: Closure) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True)
 class Usual:
-    """What local matches usually reach: mean score and share of inliers."""
+    """What local matches usually reach: mean score, share of inliers, and share of points on lines."""
 
     score: float = 0.0
     inlier_ratio: float = 0.0
+    line_share: float = 0.0
 
 
 class LoopSearcher:
@@ -83,7 +86,9 @@ class LoopSearcher:
         if fit.is_held:
             is_loose = degeneracy_of(fit.information) < config.telling
         else:
-            is_loose = match.degeneracy < match.weak_ratio
+            # A narrow view fits cells in many places: there, walls are met from the wrong side, or lie where none was drawn.
+            is_unlined = usual.line_share > LINED and fit.share < UNLINED * usual.line_share
+            is_loose = match.degeneracy < match.weak_ratio or is_unlined
         if is_loose:
             return None
         covariance = match.covariance(self._point_sigma, (0.0, 0.0))
