@@ -46,8 +46,8 @@ LIO = (
     PlantedFault(
         "who sets off with a running motor is held to stand",
         "lio/measurements.py",
-        "if start.is_shaken and _acceleration(",
-        "if False and _acceleration(",
+        "rate_most or _acceleration(state, samples) > accel_most:",
+        "rate_most:",
         START,
     ),
     PlantedFault(
@@ -312,7 +312,7 @@ LIO = (
     PlantedFault(
         "who glides off softly is thought to stand",
         "lio/iterated_filter.py",
-        "return bool(way < c.way_most and turn < c.turn_most)",
+        "return bool(way < factor * c.way_most and turn < factor * c.turn_most)",
         "return True",
         ("tests/lio/test_beginning.py",),
     ),
@@ -392,6 +392,41 @@ LIO = (
         "if inside % step == 0:",
         "if step > 0:",
         MAP,
+    ),
+    PlantedFault(
+        "who sets off smoothly is as free to turn as who is shaken",
+        "lio/measurements.py",
+        "rate_most = config.rate_quiet +",
+        "rate_most = config.rate_most +",
+        START,
+    ),
+    PlantedFault(
+        "the first map of a narrow place has few points",
+        "lio/iterated_filter.py",
+        "tries = FIRST_TRIES if self._inserts == 0 else 0",
+        "tries = 0 if self._inserts == 0 else 0",
+        ("tests/lio/test_odometry.py",),
+    ),
+    PlantedFault(
+        "who coasts is not accelerated by a lean",
+        "lio/drift.py",
+        "self._sped += self._config.coasting_acceleration * seconds * self._unseen",
+        "self._sped += 0.0 * self._unseen",
+        ("tests/lio/test_drift.py",),
+    ),
+    PlantedFault(
+        "a way that hardly any plane faces makes a map",
+        "lio/offline.py",
+        "return self.faint > FAINT_MOST * len(self.poses)",
+        "return False",
+        ("tests/lio/test_odometry.py",),
+    ),
+    PlantedFault(
+        "a place uncertain by a tenth of the way makes a map",
+        "lio/offline.py",
+        "return self.degenerate > 0 and self.doubt > max(VAGUE_M, VAGUE * self.path_length)",
+        "return False",
+        ("tests/lio/test_odometry.py",),
     ),
     PlantedFault(
         "forces in g are taken for m/s²",

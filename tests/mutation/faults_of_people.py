@@ -11,6 +11,13 @@ PURSUIT = ("tests/control/test_omni_pursuit.py",)
 
 PEOPLE = (
     PlantedFault(
+        "a bar that rays meet now and then moves",
+        "kernels/movers.py",
+        "if states[k] == FREE and misses[k] < GONE and",
+        "if False and misses[k] < GONE and",
+        MOVERS,
+    ),
+    PlantedFault(
         "who stops takes the points of who stands beside him",
         "perception/mover_tracker.py",
         "range(SETTLING)",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -159,6 +160,20 @@ def test_a_definition_of_another_layout_is_followed(kind: str, tmp_path: Path) -
     serialize = store.serialize_ros1 if kind == "ros1" else store.serialize_cdr
     data = bytes(serialize(record, "livox_ros_driver2/msg/CustomMsg"))
     with open_bag(write_bag(kind, tmp_path, store, [data])) as bag:
+        cloud = next(bag.messages()).message
+    assert isinstance(cloud, m.PointCloud)
+    check_same(cloud, livox_from_ros(record))
+
+
+def test_a_bag_that_defines_no_types_holds_clouds_of_the_drivers(tmp_path: Path) -> None:
+    """SQLite bags of ROS 2 Humble and before."""
+    record = record_of(ROS2, "livox_ros_driver2", 50, "lidar", 513)
+    data = bytes(ROS2.serialize_cdr(record, "livox_ros_driver2/msg/CustomMsg"))
+    path = write_bag("db3", tmp_path, ROS2, [data])
+    for file in tmp_path.rglob("*.db3"):
+        with sqlite3.connect(file) as table:
+            assert table.execute("DELETE FROM message_definitions").rowcount > 0
+    with open_bag(path) as bag:
         cloud = next(bag.messages()).message
     assert isinstance(cloud, m.PointCloud)
     check_same(cloud, livox_from_ros(record))

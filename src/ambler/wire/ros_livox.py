@@ -31,11 +31,11 @@ _CDR_PADDING = 3  # bytes that may follow the last part
 
 
 def has_drivers_layout(store: Typestore, ros_type: str, *, is_cdr: bool) -> bool:
-    """Say whether a bag defines a type as the drivers do, so that its bytes can be read without records."""
+    """Say whether a bag defines a type as the drivers do, so that its bytes can be read without records. One that defines none, as those of ROS 2 Humble and before, means the drivers'."""
     try:
         return store.generate_msgdef(ros_type)[1] == _LAYOUTS[is_cdr]
     except TypesysError:
-        return False
+        return True
 
 
 def livox_from_ros1(data: bytes) -> m.PointCloud:
