@@ -396,8 +396,8 @@ def test_forces_of_the_wrong_sign_contradict_what_the_lidar_sees() -> None:
     assert any("fit badly" in line for line in wrong.warnings())
 
 
-def test_what_hardly_any_plane_faces_is_no_map_unless_wheels_tell_it() -> None:
-    """In the open and in a stairwell leaning planes tell a way that was not gone."""
+def test_what_hardly_any_plane_faces_is_told_unless_wheels_tell_it() -> None:
+    """In the open and in a stairwell leaning planes tell a way that was not gone; in a yard, as faint, the right one."""
     rig, recorded = walk()
     scans = scans_of(recorded)[:120]
     right = run_offline(scans, LioConfig(), rig.told_mount)
@@ -407,8 +407,8 @@ def test_what_hardly_any_plane_faces_is_no_map_unless_wheels_tell_it() -> None:
     result = run_offline(scans, doubtful, rig.told_mount)
     assert result.faint > 0.5 * len(result.poses)
     assert result.faint <= len(result.poses) - result.at_rest
-    assert not result.is_sure
     assert any("face some direction" in warning for warning in result.warnings())
+    assert not any("face some direction" in warning for warning in right.warnings())
     driven = [replace(scan, odometry=(wheels_of(rig, scan.end_ns, 0.0),)) for scan in scans]
     assert run_offline(driven, doubtful, rig.told_mount, SE3()).faint == 0
 

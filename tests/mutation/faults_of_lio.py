@@ -415,7 +415,7 @@ LIO = (
         ("tests/lio/test_drift.py",),
     ),
     PlantedFault(
-        "a way that hardly any plane faces makes a map",
+        "a way that hardly any plane faces is not told",
         "lio/offline.py",
         "return self.faint > FAINT_MOST * len(self.poses)",
         "return False",

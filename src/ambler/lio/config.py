@@ -135,8 +135,7 @@ class RestConfig:
 @dataclass(frozen=True, slots=True)
 class DegeneracyConfig:
     """A direction in which the planes of a scan say too little is left to the inertial measurements: fewer than `constraints_least` inliers' worth
-    of information in total, or a smaller share of the inliers than `share_least`. Below `share_faint` what a direction is told may be floors and walls that lean a little:
-    right places have 0.06 and more."""
+    of information in total, or a smaller share of the inliers than `share_least`. Below `share_faint` what a direction is told may be floors and walls that lean a little."""
 
     share_least: float = 0.008
     share_faint: float = 0.02

@@ -34,7 +34,9 @@ VAGUE, VAGUE_M = (
     0.1,
     1.0,
 )  # share of the way, and metres, by which a place may be off before nobody may take the map for one
-FAINT_MOST = 0.25  # share of the poses that may believe what hardly any plane faces
+FAINT_MOST = (
+    0.25  # share of the poses that may believe what hardly any plane faces, from which on that is worth a warning
+)
 CLOCK_OFF = 3.0  # standard deviations that the LiDAR's clock is told to, from which on what was learned of it is worth a warning
 CLOCK_OFF_UNTURNED = 10.0  # the same of what hardly turned, which says little of the clock
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
@@ -82,12 +84,8 @@ class OfflineLio:
 
     @property
     def is_sure(self) -> bool:
-        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, no place is uncertain by a tenth of the way, few scans show hardly anything across a direction, the speed at the start is known, and after every hole the place was found again."""
-        is_followed = (
-            self.lost <= DOUBTFUL * len(self.poses)
-            and not self._is_contradicted
-            and not (self._is_vague or self._is_faint)
-        )
+        """Whether the map may be what was there: hardly a scan was lost or contradicted the IMU, no place is uncertain by a tenth of the way, the speed at the start is known, and after every hole the place was found again."""
+        is_followed = self.lost <= DOUBTFUL * len(self.poses) and not (self._is_contradicted or self._is_vague)
         return is_followed and len(self.unknown_speed) == 0 and all(hole.is_regained for hole in self.holes)
 
     @property
@@ -146,8 +144,8 @@ class OfflineLio:
             )
         if self._is_faint:
             out.append(
-                f"in {self.faint} scans hardly any planes face some direction: floors and walls that lean a little look like that, and the way along it may be off by far more than is told;"
-                " the map is not to be trusted (few rings in the open or in a stairwell: add wheels, --odom-topic, or a scanner that sees more)"
+                f"in {self.faint} scans hardly any planes face some direction: floors and walls that lean a little look like that, and the way along it may be off by far more than is told"
+                " (in the open or in a stairwell with few rings: look at the map, add wheels, --odom-topic, or take a scanner that sees more)"
             )
         if self.lost:
             out.append(
