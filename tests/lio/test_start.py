@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ambler.lio.config import STANDARD_GRAVITY, RestConfig, StartConfig
-from ambler.lio.measurements import standstill
+from ambler.core.se3 import SE3
+from ambler.lio.config import STANDARD_GRAVITY, PlanarConfig, RestConfig, StartConfig
+from ambler.lio.measurements import height_and_tilt, standstill
 from ambler.lio.start import LioInputError, find_start, level_rotation
-from ambler.lio.state import exp
+from ambler.lio.state import FilterState, exp
 
 CONFIG = StartConfig()
 
@@ -142,3 +146,21 @@ def test_who_sets_off_smoothly_is_not_held(column: int, most: float, is_rest: bo
     rows[:, column] += most
     told = [standstill(start.state, rows[k : k + 21], start, RestConfig()) is not None for k in range(210, 590, 20)]
     assert np.mean(told) == pytest.approx(1.0 if is_rest else 0.0, abs=0.1)
+
+
+def test_level_ground_draws_height_and_lean_back_and_says_nothing_on_a_slope() -> None:
+    """On a hill of 7 m a base that was told to be on level ground was 2.8 m off."""
+    config, origin = PlanarConfig(), FilterState()
+    near = replace(origin.copy(), position=np.array([5.0, 1.0, 0.08]))
+    near.rotation = np.array(SE3.from_rpy((0.0, 0.0, 0.0), 0.01, -0.01, 0.7).matrix()[:3, :3])
+    ground = height_and_tilt(near, origin, config)
+    assert ground is not None
+    assert ground.residual[0] == pytest.approx(-0.08)
+    assert ground.variances[0] == pytest.approx(config.height_sigma**2)
+    # A turn by what the residual says of up brings up back.
+    turn = np.linalg.lstsq(ground.jacobian[1:, 3:6], ground.residual[1:], rcond=None)[0]
+    assert float(np.linalg.norm(turn)) == pytest.approx(math.hypot(0.01, 0.01), rel=0.02)
+    for height, pitch in ((0.16, 0.0), (0.0, 0.03), (-0.16, 0.0)):
+        steep = replace(origin.copy(), position=np.array([5.0, 1.0, height]))
+        steep.rotation = np.array(SE3.from_rpy((0.0, 0.0, 0.0), 0.0, pitch, 0.7).matrix()[:3, :3])
+        assert height_and_tilt(steep, origin, config) is None

@@ -394,6 +394,13 @@ LIO = (
         MAP,
     ),
     PlantedFault(
+        "a hill is level ground",
+        "lio/measurements.py",
+        "if (np.abs(residual) > config.gate * sigmas).any():",
+        "if False:",
+        START,
+    ),
+    PlantedFault(
         "who sets off smoothly is as free to turn as who is shaken",
         "lio/measurements.py",
         "rate_most = config.rate_quiet +",

@@ -161,11 +161,12 @@ class WheelConfig:
 
 @dataclass(frozen=True, slots=True)
 class PlanarConfig:
-    """The soft constraint of a base on level ground: `is_used` keeps height, roll and pitch near those of the start."""
+    """The soft constraint of a base on level ground: `is_used` keeps height, roll and pitch near those of the start. Where one of them is more than `gate` standard deviations off, the ground is not level, and says nothing."""
 
     is_used: bool = False
     height_sigma: float = 0.05
     tilt_sigma: Radians = math.radians(0.5)
+    gate: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -395,7 +395,9 @@ class IteratedFilter:
                 velocity = wheel_velocity(self.state, rate, message, self._imu_from_base, c.wheels)
                 self._measure(velocity, doubted_from=c.wheels.slip)
         if c.planar.is_used:
-            self._measure(height_and_tilt(self.state, self._origin, c.planar))
+            ground = height_and_tilt(self.state, self._origin, c.planar)
+            if ground is not None:
+                self._measure(ground)
         limits = c.imu
         is_biased = bool(
             np.abs(self.state.gyro_bias).max() > limits.gyro_bias_most

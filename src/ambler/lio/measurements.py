@@ -75,15 +75,18 @@ def wheel_velocity(
     )
 
 
-def height_and_tilt(state: FilterState, origin: FilterState, config: PlanarConfig) -> Measurement:
-    """Return the height and the direction of up that a base on level ground keeps."""
+def height_and_tilt(state: FilterState, origin: FilterState, config: PlanarConfig) -> Measurement | None:
+    """Return the height and the direction of up that a base on level ground keeps; None where the ground is not level."""
     up_body = state.rotation.T @ np.array([0.0, 0.0, 1.0])
     up_start = origin.rotation.T @ np.array([0.0, 0.0, 1.0])
     jacobian = np.zeros((4, k.EXTRA))
     jacobian[0, k.POSITION + 2] = 1.0
     jacobian[1:, k.ROTATION : k.VELOCITY] = skew(up_body)
     residual = np.concatenate([[origin.position[2] - state.position[2]], up_start - up_body])
-    return Measurement(residual, jacobian, np.array([config.height_sigma**2, *[config.tilt_sigma**2] * 3]))
+    sigmas = np.array([config.height_sigma, *[config.tilt_sigma] * 3])
+    if (np.abs(residual) > config.gate * sigmas).any():
+        return None
+    return Measurement(residual, jacobian, sigmas**2)
 
 
 def skew(v: F64) -> F64:
