@@ -50,6 +50,13 @@ ROWS: Sequence[Row] = (
         at_most(start_rms_m=0.10, start_max_m=0.30),
     ),
     Row(
+        "the same, told that its ground is level, which it is not (`lio.planar.is_used`)",
+        "unharmed: as above",
+        "lio_campus_planar.json",
+        "{start_rms_m:.3f} m, {start_max_m:.3f} m; height {height_rms_m:.3f} m",
+        at_most(start_rms_m=0.10, start_max_m=0.30),
+    ),
+    Row(
         "loop closure where places look alike: two equal corridors, tunnels (simulated)",
         "no false closure",
         "lio_alike.json",
