@@ -177,9 +177,7 @@ class DriftConfig:
     position: float = 1.4e-4  # m/√m in each direction
     rotation: float = 1.2e-5  # rad/√m
     coasting: float = 0.01  # share of a way along which no plane faced: the scale of wheels
-    coasting_acceleration: float = (
-        0.02  # m/s² along it where no wheels tell the speed: a tenth of a degree that the map leans
-    )
+    coasting_acceleration: float = 0.02  # m/s² along it without wheels: a map that leans by 0.1°
     seen: float = 0.5  # s after which the speed along what is seen again is known
     begin_m: float = 0.5  # from the start by which the gaps between the rings of a single place are filled
     begin_position: float = 4e-3  # m and rad, once, on leaving it

@@ -30,13 +30,8 @@ DUSTY = 0.08  # share of points taken out that is worth a warning: grass and far
 DOUBTFUL = (
     0.1  # share of the poses that were lost, or contradict the IMU, from which on nobody may take the map for one
 )
-VAGUE, VAGUE_M = (
-    0.1,
-    1.0,
-)  # share of the way, and metres, by which a place may be off before nobody may take the map for one
-FAINT_MOST = (
-    0.25  # share of the poses that may believe what hardly any plane faces, from which on that is worth a warning
-)
+VAGUE, VAGUE_M = 0.1, 1.0  # of the way, and metres: who may be that far off has no map
+FAINT_MOST = 0.25  # share of the poses that believe what hardly any plane faces, which is worth a warning
 CLOCK_OFF = 3.0  # standard deviations that the LiDAR's clock is told to, from which on what was learned of it is worth a warning
 CLOCK_OFF_UNTURNED = 10.0  # the same of what hardly turned, which says little of the clock
 LOOPLESS_M = 100.0  # of way without a closure that are worth a warning
@@ -136,11 +131,8 @@ class OfflineLio:
             out.append(
                 f"{self.degenerate} scans left a direction to the inertial measurements: the place says too little"
                 f" (standard deviation of a position: {self.doubt:.2f} m at worst)"
-                + (
-                    ", and the map is not to be trusted (wheels may tell what is missing: --odom-topic)"
-                    if self._is_vague
-                    else ""
-                )
+                + self._is_vague
+                * ", and the map is not to be trusted (wheels may tell what is missing: --odom-topic)"
             )
         if self._is_faint:
             out.append(
