@@ -142,6 +142,7 @@ STUDIES = {
     "bench terrain --runs 200 --json terrain.json": Long("--runs 10", r"near_update_ms +\d+\.\d+", code=None),
     "bench far --json docs/results/bench_far.json": Long("--runs 10", r"paths_found +10\n", code=None),
     "bench odometry": Long("--seconds 12", r"robot_seconds +7\n.*ended +time_limit", code=None),
+    "bench memory walk": Long("--length 300", r"growth_mb +-?\d.*keyframes +\d\d"),
     "bench lio": Long("--runs 10", r"20k_hz +\d.*65k_hz +\d", code=None),
     "bench live --robot go2 --world plot-1 --seconds 60 --json live.json": Long(
         "--seconds 8", r"none\n +command_seconds +[6-8]\.\d\n.*ended +time_limit"

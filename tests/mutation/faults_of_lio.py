@@ -19,6 +19,7 @@ NODE = ("tests/lio/test_lidar_odometry_node.py",)
 SPATIAL = ("tests/posegraph/test_spatial.py",)
 LOOPS = ("tests/lio/test_loop_closure.py",)
 CLOUD = ("tests/lio/test_cloud_localization.py",)
+CLOUD_FILE = ("tests/lio/test_cloud_file.py",)
 PLACES_STUDY = ("tests/studies/test_cloud_relocalization_study.py",)
 ERRORS = ("tests/evaluation/test_spatial_error.py",)
 
@@ -627,9 +628,44 @@ LIO = (
     PlantedFault(
         "a keyframe's cloud stays where the stretch began",
         "lio/keyframes.py",
-        "cloud = self._cloud(middle_from_begin)",
-        "cloud = self._cloud(np.eye(4))",
+        "thin = self._cloud(middle_from_begin)",
+        "thin = self._cloud(np.eye(4))",
         LOOPS,
+    ),
+    PlantedFault(
+        "submaps that nobody looks at stay in memory",
+        "lio/cloud_file.py",
+        "        return _FiledPoints(self, begin, len(data))",
+        "        return _HeldPoints(data)",
+        CLOUD_FILE,
+    ),
+    PlantedFault(
+        "what a full disk refuses is lost",
+        "lio/cloud_file.py",
+        "return _HeldPoints(data)",
+        "pass",
+        CLOUD_FILE,
+    ),
+    PlantedFault(
+        "a submap is written over another whose write was broken off",
+        "lio/cloud_file.py",
+        "view[done:], self._end + done)",
+        "view[done:], done)",
+        CLOUD_FILE,
+    ),
+    PlantedFault(
+        "the file of submaps stays open",
+        "lio/cloud_file.py",
+        "            weakref.finalize(self, os.close, self._descriptor)\n",
+        "",
+        CLOUD_FILE,
+    ),
+    PlantedFault(
+        "memory that grows slowly is flat",
+        "studies/bench_memory.py",
+        "last - settled <= FLAT_MB and ",
+        "",
+        ("tests/studies/test_bench_memory.py",),
     ),
     PlantedFault(
         "false closures pass for true ones",

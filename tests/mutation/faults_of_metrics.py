@@ -305,10 +305,10 @@ METRICS = (
     ),
     PlantedFault(
         "the peak of memory is also that of the process that started this one",
-        "evaluation/peak_memory.py",
+        "evaluation/process_memory.py",
         "    if told is not None:",
         "    if told is None:",
-        ("tests/evaluation/test_peak_memory.py",),
+        ("tests/evaluation/test_process_memory.py",),
     ),
     PlantedFault(
         "gaps of the truth are bridged whatever their length",

@@ -19,7 +19,7 @@ from ambler.core.se2 import SE2, wrap_angle
 from ambler.evaluation.collisions import Collision, find_collisions, find_contacts, split_shoved
 from ambler.evaluation.exploration_run import ExplorationRecord, read_exploration
 from ambler.evaluation.map_quality import MapQuality, compare_maps, floor_coverage, reachable_coverage
-from ambler.evaluation.peak_memory import peak_memory_mb
+from ambler.evaluation.process_memory import peak_memory_mb
 from ambler.evaluation.trajectory import TrajectoryError, trajectory_error
 from ambler.evaluation.truth_frame import TruthFrame
 from ambler.nodes.steps import DockStep, NavigateStep, StepEnd, TeachStep, UndockStep, name_of

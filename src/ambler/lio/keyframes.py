@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.lio.cloud_file import CloudFile, KeptPoints
 from ambler.lio.config import DriftConfig, LioConfig
 from ambler.lio.drift import Drift
 from ambler.lio.health import LioResult
 from ambler.lio.state import log
-from ambler.registration.submap_match import SubmapCloud, thin_cloud
+from ambler.registration.submap_match import SubmapCloud, ThinCloud, thin_cloud
 
 F64 = NDArray[np.float64]
 THINNED = 40  # scans after which the points so far are thinned out, so that memory stays bounded
@@ -35,6 +36,18 @@ class Keyframe:
     is_at_rest: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _FiledCloud:
+    """A submap's cloud on the disk."""
+
+    kept: KeptPoints
+    cell: float
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        return self.kept.read()
+
+
 class KeyframeBuilder:
     """Takes the odometry's results one by one and gives a keyframe whenever a stretch is complete."""
 
@@ -49,6 +62,7 @@ class KeyframeBuilder:
         self._may_drift = _allowed(config)
         self._drift = Drift(self._may_drift)
         self._up, self._ups, self._up_sigma = np.zeros(3), 0, 0.0
+        self._file = CloudFile()
 
     def add(self, result: LioResult) -> Keyframe | None:
         """Take a scan's result; returns the stretch that it ended, which does not hold it."""
@@ -80,7 +94,8 @@ class KeyframeBuilder:
         stamp_ns, way, pose = min(self._track, key=lambda at: abs(at[1] - halfway))
         middle_from_begin = np.linalg.inv(pose) @ self._begin
         up = None if self._ups == 0 else middle_from_begin[:3, :3] @ self._up / np.linalg.norm(self._up)
-        cloud = self._cloud(middle_from_begin)
+        thin = self._cloud(middle_from_begin)
+        cloud = _FiledCloud(self._file.put(thin.points), thin.cell)
         frame = Keyframe(stamp_ns, way, pose, cloud, up, self._covariance(end), self._up_sigma, self._stands)
         self._restart()
         return frame
@@ -110,7 +125,7 @@ class KeyframeBuilder:
         if len(self._parts) >= THINNED:
             self._parts = [self._cloud(np.eye(4)).points]
 
-    def _cloud(self, frame_from_begin: F64) -> SubmapCloud:
+    def _cloud(self, frame_from_begin: F64) -> ThinCloud:
         points, cell = (
             np.concatenate(self._parts) @ frame_from_begin[:3, :3].T + frame_from_begin[:3, 3],
             self._loops.cell,

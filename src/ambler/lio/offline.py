@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.protocols import CloudFilter
 from ambler.core.se3 import SE3
+from ambler.lio.cloud_file import CloudFile, KeptPoints
 from ambler.lio.config import LioConfig
 from ambler.lio.health import LioResult
 from ambler.lio.hole import Hole
@@ -26,6 +27,7 @@ from ambler.lio.turning import believed_mount, is_turned
 from ambler.recordings.cloud_scan import CloudScan
 
 CELL = 1 << 20
+WAITING = 2_000_000  # points that are thinned out at once
 DUSTY = 0.08  # share of points taken out that is worth a warning: grass and far floor lose 0.05
 DOUBTFUL = (
     0.1  # share of the poses that were lost, or contradict the IMU, from which on nobody may take the map for one
@@ -302,22 +304,32 @@ class _Layers:
 
     def __init__(self, cell: float, step: float) -> None:
         self._cell, self._step = cell, step
-        self._layers: list[tuple[int, SE3, _Cells]] = []
+        self._file = CloudFile()
+        self._ended: list[tuple[int, KeptPoints]] = []
+        self._open: tuple[int, SE3, _Cells] | None = None
 
     def add(self, number: int, result: LioResult) -> None:
         """Add the points of scan `number`."""
         pose = result.map_from_lidar
-        if not self._layers or math.dist(pose.translation, self._layers[-1][1].translation) >= self._step:
-            self._layers.append((number, pose, _Cells(self._cell)))
-        _, begin, cells = self._layers[-1]
+        if self._open is None or math.dist(pose.translation, self._open[1].translation) >= self._step:
+            self._end()
+            self._open = (number, pose, _Cells(self._cell))
+        _, begin, cells = self._open
         cells.add((begin.inverse() @ result.map_from_imu).transform(result.points_imu))
 
     def points(self, poses: Sequence[SE3]) -> NDArray[np.float32]:
         """Return all points float32 (M, 3), laid with the LiDAR's poses of all scans."""
+        self._end()
         cells = _Cells(self._cell)
-        for number, _, layer in self._layers:
-            cells.add(poses[number].transform(layer.points()))
+        for number, layer in self._ended:
+            cells.add(poses[number].transform(layer.read()))
         return cells.points()
+
+    def _end(self) -> None:
+        if self._open is not None:
+            number, _, cells = self._open
+            self._ended.append((number, self._file.put(cells.points())))
+            self._open = None
 
 
 class _Cells:
@@ -325,13 +337,13 @@ class _Cells:
 
     def __init__(self, size: float) -> None:
         self._size = size
-        self._keys = np.empty(0, np.int64)
+        self._keys = np.empty(0, np.int64)  # in their order
         self._parts: list[NDArray[np.float32]] = []
         self._waiting: list[NDArray[np.float64]] = []
 
     def add(self, points: NDArray[np.float64]) -> None:
         self._waiting.append(points)
-        if len(self._waiting) >= 200:
+        if sum(map(len, self._waiting)) >= WAITING:
             self._settle()
 
     def points(self) -> NDArray[np.float32]:
@@ -346,6 +358,7 @@ class _Cells:
         cells = np.floor(points / self._size).astype(np.int64) + CELL
         keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
         keys, first = np.unique(keys, return_index=True)
-        is_new = ~np.isin(keys, self._keys, assume_unique=True)
-        self._keys = np.concatenate([self._keys, keys[is_new]])
+        place = np.asarray(np.searchsorted(self._keys, keys))
+        is_new = np.append(self._keys, -1)[place] != keys
+        self._keys = np.insert(self._keys, place[is_new], keys[is_new])
         self._parts.append(points[first[is_new]].astype(np.float32))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import small_gicp
@@ -31,9 +32,27 @@ DOUBT = 0.8  # of the overlap that is asked at the end: less, after the first pa
 OUTLIER = 3.0  # robust standard deviations of a residual beyond which a pair says nothing of directions
 
 
+class SubmapCloud(Protocol):
+    """Points of a submap, one per `cell`. A thousand of them are kept for a long way, so what a match needs besides, thirty times as much, is made when it is wanted."""
+
+    @property
+    def points(self) -> F32:
+        """float32 (M, 3)."""
+        ...
+
+    @property
+    def cell(self) -> float:
+        """Metres."""
+        ...
+
+    def __hash__(self) -> int:
+        """Tell it from others: what was made ready for a match is kept under it."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class SubmapCloud:
-    """`points` float32 (M, 3) of a submap, one per `cell` (m). A thousand of them are kept for a long way, so what a match needs besides, thirty times as much, is made when it is wanted."""
+class ThinCloud:
+    """A submap's cloud in memory."""
 
     points: F32
     cell: float
@@ -63,10 +82,10 @@ class CloudMatch:
     converged: bool
 
 
-def thin_cloud(points: NDArray[np.floating], cell: float) -> SubmapCloud:
+def thin_cloud(points: NDArray[np.floating], cell: float) -> ThinCloud:
     """Thin points (N, 3) out to one per cell, their mean."""
     thin = small_gicp.voxelgrid_sampling(np.ascontiguousarray(points, np.float64), cell)
-    return SubmapCloud(np.ascontiguousarray(thin.points()[:, :3], np.float32), cell)
+    return ThinCloud(np.ascontiguousarray(thin.points()[:, :3], np.float32), cell)
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -14,7 +14,7 @@ from typing import Any
 from ambler.apps.drive import DriveRun, drive_scene
 from ambler.apps.run_folder import RunFolder
 from ambler.apps.scene import RunOptions
-from ambler.evaluation.peak_memory import peak_memory_mb
+from ambler.evaluation.process_memory import peak_memory_mb
 from ambler.kernels.warmup import imported_kernel_modules, warm_up
 from ambler.runtime.node import WorkKind
 

@@ -110,6 +110,21 @@ ROWS: Sequence[Row] = (
         at_most(odometry_ratio=0.15),
     ),
     Row(
+        "memory of LiDAR-inertial odometry with loop closure along a way of 5 km that it has never seen (Mid-360, simulated)",
+        "flat: ≤ 25 MB more in the last fifth than in the second",
+        "memory_walk.json",
+        "{growth_mb:.0f} MB more over {way_m:.0f} m, {passing_mb:.0f} MB more at most, of {settled_mb:.0f} MB with the simulated site; "
+        "{end_m:.2f} m off at the end",
+        all_of(at_least(way_m=4900.0), at_most(growth_mb=25.0, passing_mb=100.0)),
+    ),
+    Row(
+        "memory of a whole robot (`go2`) that is driven round `campus` for half an hour (simulated)",
+        "(as above)",
+        "memory_drive.json",
+        "{growth_mb:.0f} MB more over {seconds:.0f} s, {passing_mb:.0f} MB more at most, of {settled_mb:.0f} MB",
+        all_of(at_least(seconds=1800.0), at_most(growth_mb=25.0, passing_mb=100.0)),
+    ),
+    Row(
         "ground on drawn sites, mounts off by 5 cm and 3° (simulated)",
         "≤ 0.1 % false on flat floor; drops ≥ 8 cm seen at ≥ 1.5 m; kerbs of 12 cm never open, slopes of 15° free",
         "ground.json",

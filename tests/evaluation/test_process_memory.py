@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambler.evaluation.peak_memory import STATUS, peak_memory_mb
+from ambler.evaluation.process_memory import STATUS, peak_memory_mb
 
 HOLD = "import numpy; held = numpy.ones({numbers}); del held"
-ASK = "from ambler.evaluation.peak_memory import peak_memory_mb; print(peak_memory_mb())"
+ASK = "from ambler.evaluation.process_memory import peak_memory_mb; print(peak_memory_mb())"
 
 
 def told_by_another(*, numbers: int) -> float:
