@@ -131,6 +131,19 @@ def test_a_kerb_in_the_way_ends_the_drive_as_blocked(tmp_path: Path) -> None:
     assert not verdict.is_good
 
 
+def test_a_hill_is_no_obstacle(tmp_path: Path) -> None:
+    """The steepest 11 m of the route of `campus`, up 1.5 m, with a scanner that looks at the floor in front of it."""
+    route = np.array(load_world("campus").route)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    hill = route[(along >= 122.0) & (along < 142.0)]
+    text = f"points: {hill.tolist()}\nspeed: 1.2\n"
+    options = replace(OPTIONS, world="campus", robot="go2")
+    fields = judge_drive(drive(tmp_path / "run", options, route_file(tmp_path, text))).fields
+    assert (fields["ended"], fields["contacts"]) == ("succeeded", 0)
+    assert fields["climbed_m"] > 1.3
+    assert fields["tilt_max_deg"] > 12.0
+
+
 def test_a_drive_that_is_out_of_time_says_so(tmp_path: Path) -> None:
     run = drive(tmp_path / "run", OPTIONS, route_file(tmp_path), time_limit=5.0)
     assert judge_drive(run).fields["ended"] == "time_limit"

@@ -103,6 +103,13 @@ DRIVES = (
         PURSUIT,
     ),
     PlantedFault(
+        "hills are obstacles for the gate of who is driven",
+        "apps/drive.py",
+        'replace(scene.config, mapping="ground").gate_for(model)',
+        "scene.config.gate",
+        ("tests/apps/test_drive.py::test_a_hill_is_no_obstacle",),
+    ),
+    PlantedFault(
         "the truth of a drive is the base's, not the IMU's",
         "apps/drive.py",
         "[pose @ mount for pose in poses]",
