@@ -50,6 +50,20 @@ def test_kinds_take_turns_and_each_place_has_its_own_seed() -> None:
     assert len({c.label for c in cases}) == len(cases)
 
 
+def test_kinds_are_told_apart_with_what_they_cost() -> None:
+    halls = [
+        result("fresh", f"hall-{k}", sim_seconds=1000.0, cpu_seconds=150.0 + k, peak_memory_mb=800.0) for k in range(3)
+    ]
+    offices = [result("fresh", f"office-{k}", cpu_seconds=40.0, peak_memory_mb=500.0 + k) for k in range(2)]
+    fields = campaign.summarize([*halls, *offices])
+    assert (fields["fresh.hall.runs"], fields["fresh.office.runs"]) == (3, 2)
+    assert fields["fresh.hall.cpu_per_sim_second_median"] == pytest.approx(0.151)
+    assert fields["fresh.office.cpu_per_sim_second_worst"] == pytest.approx(0.2)
+    assert (fields["fresh.hall.peak_memory_mb_worst"], fields["fresh.office.peak_memory_mb_worst"]) == (800.0, 501.0)
+    assert fields["fresh.hall-1.diff.cpu_per_sim_second"] == pytest.approx(0.151)
+    assert not any(name.startswith("fresh.hall.") for name in campaign.summarize(halls))
+
+
 def test_bars_count_on_fresh_places_only() -> None:
     bad = result("development", "maze", collisions=3, ended="stuck")
     fields = campaign.summarize([*(result("fresh", f"office-{k}") for k in range(3)), bad])

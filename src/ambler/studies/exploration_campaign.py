@@ -19,6 +19,7 @@ from ambler.studies.study import CRASHED
 from ambler.studies.study_settings import DEFAULTS, StudySettings
 
 FRESH, DEVELOPMENT = "fresh", "development"
+LOAD = "cpu_per_sim_second"
 CLOSED_KINDS = ("office", "flat", "ward", "warehouse", "corridor")
 """Kinds of at most 1500 m² that are closed on all sides."""
 DEVELOPMENT_WORLDS = ("lab_obstacle", "two_rooms", "office", "warehouse", "maze", "corridor", "building")
@@ -92,8 +93,8 @@ def cases_of(
 
 
 def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return flat fields `<places>.<robot>.<what>` (robot `all`: all of them), each run's own `<places>.<world>.<robot>.<what>`, and whether
-    the bars are met on fresh places."""
+    """Return flat fields `<places>.<robot>.<what>` (robot `all`: all of them), where kinds of fresh places differ `<places>.<kind>.<what>`, each run's own
+    `<places>.<world>.<robot>.<what>`, and whether the bars are met on fresh places."""
     fields: dict[str, Any] = {}
     sets = [name for name in (FRESH, DEVELOPMENT) if any(r["places"] == name for r in results)]
     for places in sets:
@@ -102,6 +103,10 @@ def summarize(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         for robot in (*robots, "all"):
             group = [r for r in members if robot in (r["robot"], "all")]
             fields |= {f"{places}.{Path(robot).stem}.{what}": value for what, value in group_fields(group).items()}
+        kinds = dict.fromkeys(kind_of(r) for r in members if places == FRESH)
+        for kind in kinds if len(kinds) > 1 else ():
+            group = [r for r in members if kind_of(r) == kind]
+            fields |= {f"{places}.{kind}.{what}": value for what, value in group_fields(group).items()}
         for r in members:
             prefix = f"{places}.{Path(str(r['world'])).stem}.{Path(str(r['robot'])).stem}"
             fields |= {f"{prefix}.{what}": value for what, value in run_fields(r).items()}
@@ -132,7 +137,10 @@ def group_fields(group: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "ate_unaligned_max_m": "start_max_m",
         "path_length_m": "path_length_m",
         "sim_seconds": "sim_seconds",
+        "peak_memory_mb": "peak_memory_mb",
+        LOAD: LOAD,
     }
+    group = [{**r, LOAD: load_of(r)} for r in group]
     for what, name in names.items():
         values = [float(r[what]) for r in group if r.get(what) is not None]
         if values:
@@ -149,8 +157,19 @@ def group_fields(group: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def run_fields(result: dict[str, Any]) -> dict[str, Any]:
     """Return what is told of one run."""
     names = ("ended", "reachable_coverage_ratio", "collisions", "ate_unaligned_rms_m", "ate_unaligned_max_m")
-    more = ("recovery_time_ratio", "path_length_m", "sim_seconds")
-    return {"done": is_done(result)} | {name: result.get(name) for name in (*names, *more)}
+    more = ("recovery_time_ratio", "path_length_m", "sim_seconds", "peak_memory_mb")
+    return {"done": is_done(result), LOAD: load_of(result)} | {name: result.get(name) for name in (*names, *more)}
+
+
+def kind_of(result: dict[str, Any]) -> str:
+    """Return the kind of a drawn place."""
+    return str(result["world"]).partition("-")[0]
+
+
+def load_of(result: dict[str, Any]) -> float | None:
+    """Return the processor seconds per simulated second that a run took with everything, the simulator too."""
+    spent, seconds = result.get("cpu_seconds"), result.get("sim_seconds")
+    return float(spent) / float(seconds) if spent and seconds else None
 
 
 def is_done(result: dict[str, Any]) -> bool:
