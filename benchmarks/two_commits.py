@@ -28,9 +28,10 @@ JOBS: dict[str, tuple[str, str]] = {
         "navigate 10,0 --world office --exit --no-view",
         "navigate 10,0 --world office --exit --no-view",
     ),
+    "rollout": ("bench control --runs 300",) * 2,
     "dock_room": ("dock charger_1 --world dock_room", "dock charger_1 --world dock_room --exit --no-view"),
 }
-TIMES = ("run_seconds", "process_seconds")
+TIMES = ("run_seconds", "process_seconds", "rollout_differential_60_ms", "rollout_omni_60_ms")
 SAME = {"last_goal_error_m": "worst_goal_error_m", "goals_reached": "goals_reached"}
 
 
@@ -39,7 +40,9 @@ def run_once(checkout: Path, arguments: str, seed: int, out: Path) -> dict[str, 
     result = out / "result.json"
     result.unlink(missing_ok=True)
     words = [sys.executable, "-m", "ambler.cli.main", *arguments.split()]
-    words += ["--seed", str(seed), "--out", str(out), "--json", str(result)]
+    words += ["--seed", str(seed), "--json", str(result)]
+    if not arguments.startswith("bench"):
+        words += ["--out", str(out)]
     environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "OMP_NUM_THREADS": "1"}
     started = time.perf_counter()
     subprocess.run(words, env=environment, cwd=out, capture_output=True, check=False)
@@ -52,13 +55,14 @@ def compare(name: str, runs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     """Return flat fields `<job>.<old or new>.<field>` and `<job>.<time>_ratio`, medians over the runs."""
     fields: dict[str, Any] = {}
     for side, results in runs.items():
-        fields[f"{name}.{side}.ended"] = ", ".join(sorted({r["ended"] for r in results}))
+        fields[f"{name}.{side}.ended"] = ", ".join(sorted({r.get("ended", "measured") for r in results}))
         for key in sorted({k for r in results for k, v in r.items() if isinstance(v, float | int) and k != "seed"}):
             values = [r[key] for r in results if r.get(key) is not None]
             fields[f"{name}.{side}.{SAME.get(key, key)}"] = statistics.median(values) if values else None
     for key in TIMES:
         pairs = [(n[key], o[key]) for o, n in zip(runs["old"], runs["new"], strict=True) if key in o and key in n]
-        fields[f"{name}.{key}_ratio"] = statistics.median(new / old for new, old in pairs) if pairs else None
+        if pairs:
+            fields[f"{name}.{key}_ratio"] = statistics.median(new / old for new, old in pairs)
     return fields
 
 
@@ -87,7 +91,9 @@ def main() -> int:
                     )
             fields |= compare(name, runs)
             print(name, {k: v for k, v in fields.items() if k.startswith(name) and k.endswith("ratio")}, flush=True)
-    command = f"python benchmarks/two_commits.py OLD NEW --seed {args.seed} --runs {args.runs}"
+    command = (
+        f"python benchmarks/two_commits.py OLD NEW --seed {args.seed} --runs {args.runs} --only {' '.join(args.only)}"
+    )
     write_results(args.json, command, args.seed, time.perf_counter() - started, fields)
     return 0
 

@@ -194,4 +194,25 @@ ROWS: Sequence[Row] = (
             ratio_vs_gtsam_manhattan3500=1.0,
         ),
     ),
+    Row(
+        "pose graphs `MIT`, `ais2klinik` from their odometry",
+        "χ² 41.163, 172.816 to 0.1 %, less time than gtsam with its own start",
+        "bench_posegraph.json",
+        "χ² {MIT_from_odometry_chi2:.4f}, {ais2klinik_from_odometry_chi2:.4f}; {ratio_vs_gtsam_MIT_from_odometry:.2f} and "
+        "{ratio_vs_gtsam_ais2klinik_from_odometry:.2f} of gtsam's time (chordal start, Levenberg-Marquardt)",
+        at_most(
+            MIT_from_odometry_chi2_error_pct=0.1,
+            ais2klinik_from_odometry_chi2_error_pct=0.1,
+            ratio_vs_gtsam_MIT_from_odometry=1.0,
+            ratio_vs_gtsam_ais2klinik_from_odometry=1.0,
+        ),
+    ),
+    Row(
+        "local planner, 20 × 20 rollouts, beside commit eb03a49, alternating",
+        "≤ 0.5 × its time",
+        "bench_rollout.json",
+        "differential {rollout_rollout_differential_60_ms_ratio:.2f}, omnidirectional {rollout_rollout_omni_60_ms_ratio:.2f} of its time "
+        "({rollout_new_rollout_differential_60_ms:.2f} and {rollout_new_rollout_omni_60_ms:.2f} ms)",
+        at_most(rollout_rollout_differential_60_ms_ratio=0.5, rollout_rollout_omni_60_ms_ratio=0.5),
+    ),
 )
