@@ -62,6 +62,7 @@ SHORTENED = (
 NOT_RUN = {
     "demo --robot go2 --world campus --drive built-in --fault dust@30": "stands for all of its time: the gate takes the dust for an obstacle",
     "bench posegraph": DATA,
+    "eval real3d --picture pair.png": DATA,
     "demo --robot go2 --world campus": "whatever it explored, judging 190 m of hills takes more than six minutes; LONG drives there",
     "navigate --robot go2 --world plot-17 --map runs/LATEST --lost --may-turn --start 12,30,90 -- 5,5 20,-8,180": EXPLORED,
     "navigate --robot go2 --world garage --map runs/LATEST --lost --may-turn -- 12,0@1": EXPLORED,

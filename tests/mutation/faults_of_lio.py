@@ -661,6 +661,20 @@ LIO = (
         CLOUD_FILE,
     ),
     PlantedFault(
+        "a real IMU is asked where it was, not where it led",
+        "studies/real_recordings.py",
+        "np.linalg.norm(state.position - matrices[b, :3, 3])",
+        "np.linalg.norm(matrices[b, :3, 3] - matrices[b, :3, 3])",
+        ("tests/studies/test_real_recordings.py",),
+    ),
+    PlantedFault(
+        "clouds lie where they were laid, whatever is published",
+        "studies/real_recordings.py",
+        "_off(told, match.target_from_source)",
+        "_off(match.target_from_source, match.target_from_source)",
+        ("tests/studies/test_real_recordings.py",),
+    ),
+    PlantedFault(
         "memory that grows slowly is flat",
         "studies/bench_memory.py",
         "last - settled <= FLAT_MB and ",

@@ -50,6 +50,21 @@ def draw_cloud(
     return save_figure(figure, path)
 
 
+def draw_laid(path: Path, target: NDArray[np.floating], source: NDArray[np.floating]) -> Path:
+    """Draw two clouds (N, 3) on one another from above."""
+    low, high = _box(target, np.zeros((0, 3)))
+    size = high - low
+    figure = Figure(figsize=(9.0, float(np.clip(9.0 * size[1] / size[0], 3.0, 12.0)) + 0.4), layout="constrained")
+    axes = figure.add_subplot()
+    for points, color, label in ((target, INK, "target"), (source, "#dc2626", "source, where it was laid")):
+        axes.scatter(points[:, 0], points[:, 1], s=0.3, c=color, linewidths=0.0, alpha=0.6, label=label)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.set_xlabel("x (m)", color=INK)
+    axes.set_ylabel("y (m)", color=INK)
+    axes.legend(loc="upper right", markerscale=20.0)
+    return save_figure(figure, path)
+
+
 def _box(points: NDArray[np.floating], way: F64) -> tuple[F64, F64]:
     """What holds nearly all points and the whole way."""
     if len(points) == 0:

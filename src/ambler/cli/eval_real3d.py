@@ -1,0 +1,44 @@
+"""`ambler eval real3d`: what an IMU alone leads to, and how two clouds are laid on one another, on real recordings with published answers."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from ambler.cli.results_output import print_fields, save_json
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the sub-verb."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "real3d", help="a real IMU and two real clouds against what is published of them"
+    )
+    parser.add_argument(
+        "--data", type=Path, help="folder with imu_deskew and pair3d (default: $AMBLER_DATA; docs/datasets.md)"
+    )
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the two clouds, from above")
+    parser.add_argument("--seed", type=int, default=0, help="of the guesses that are drawn")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure; 1 when a drawn guess does not lead to the published relation."""
+    from ambler.core.errors import BadInputError
+    from ambler.evaluation.cloud_views import draw_laid
+    from ambler.studies.real_recordings import measure_inertial, measure_pair
+
+    told = args.data or os.environ.get("AMBLER_DATA")
+    if not told:
+        raise BadInputError("no recordings: give --data, or set AMBLER_DATA (docs/datasets.md)")
+    begin = time.perf_counter()
+    pair, laid = measure_pair(Path(told) / "pair3d", args.seed)
+    fields = measure_inertial(Path(told) / "imu_deskew") | pair
+    if args.picture:
+        draw_laid(args.picture, laid.target, laid.source)
+    print_fields(fields, 40, ".4g")
+    save_json(args, begin, fields)
+    return 0 if pair["pair.starts_found"] == pair["pair.starts"] else 1
