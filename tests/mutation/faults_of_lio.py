@@ -675,6 +675,13 @@ LIO = (
         ("tests/studies/test_real_recordings.py",),
     ),
     PlantedFault(
+        "what was recorded waits until its chunk is full",
+        "wire/mcap_file.py",
+        "self._writer.flush()",
+        "self._stream.flush()",
+        ("tests/wire/test_mcap.py",),
+    ),
+    PlantedFault(
         "memory that grows slowly is flat",
         "studies/bench_memory.py",
         "last - settled <= FLAT_MB and ",

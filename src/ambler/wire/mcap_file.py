@@ -1,8 +1,8 @@
 """Recordings: a rosbag2 folder of MCAP files (`recording_0.mcap`, ...) and `metadata.yaml`, playable by `ros2 bag play`.
 
 Each file has the profile `ros2`, schemas `ros2msg`, messages `cdr`, zstd chunks with CRC and indexes, written by the `mcap`
-package. What is written is handed to the operating system after every second of log time, so a crash costs at most that second and
-the chunk in progress. Nothing depends on the wall clock: the same messages give the same bytes. A topic with several writers
+package. After every second of log time the chunk in progress is ended and handed to the operating system, so a crash costs at most that
+second. The writer remembers every chunk until the end, so there should be few. Nothing depends on the wall clock: the same messages give the same bytes. A topic with several writers
 (`/tf`) has one channel for each, with the writer's name in the channel's metadata.
 """
 
@@ -19,7 +19,7 @@ from ambler.wire.ros_messages import encode, message_definition, ros_type_of
 from ambler.wire.rosbag_metadata import FileSummary, TopicSummary, qos_text, write_metadata
 
 _LIBRARY = "ambler"
-CHUNK_BYTES = 64 << 10
+CHUNK_BYTES = 1 << 20
 
 
 @dataclass(slots=True)
@@ -63,7 +63,7 @@ class _File:
 
     def flush_if_older(self, log_time_ns: int, period_ns: int) -> None:
         if log_time_ns - self._flushed_ns >= period_ns:
-            self._stream.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
             self._flushed_ns = log_time_ns
 
     def close(self) -> FileSummary:
