@@ -24,7 +24,7 @@ def add_parser(subparsers: Any) -> None:
         "--world", default="campus", help="world of the drive, with a route of its own (default: campus)"
     )
     parser.add_argument("--robot", default="go2", help="robot of the drive, with a LiDAR and an IMU (default: go2)")
-    parser.add_argument("--seconds", type=float, default=1800.0, help="seconds of the drive (default: 1800)")
+    parser.add_argument("--seconds", type=float, default=1800.0, help="seconds of the drive that count (default: 1800)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs"), help="where the run folder of a drive is made")
     parser.add_argument("--json", type=Path, help="write the result as JSON")
