@@ -100,6 +100,7 @@ def judged(
         recording_failure_of=lambda _: failure,
         run_seconds=30.0,
         wall_seconds=10.0,
+        memory_mb=300.0,
     )
     return judge(cast(Any, run)), cast(SimulatedRun, run)
 

@@ -15,6 +15,7 @@ from ambler.apps.run_folder import RunFolder
 from ambler.apps.signals import on_interrupt
 from ambler.bridges.foxglove import FoxgloveBridge
 from ambler.bridges.recorder import Recorder
+from ambler.evaluation.process_memory import peak_memory_mb
 from ambler.nodes.gate import GateNode
 from ambler.nodes.operator import OperatorConfig, OperatorNode
 from ambler.nodes.steps import ProgramEnd, Step
@@ -101,6 +102,7 @@ class Run:
         self.is_interrupted = False
         self._last_call: threading.Timer | None = None
         self.run_seconds = 0.0
+        self.memory_mb = 0.0
         self.wall_seconds = 0.0
         self.view = (
             None
@@ -162,6 +164,7 @@ class Run:
         finally:
             self.wall_seconds = time.perf_counter() - started
             self.run_seconds = (self.executor.now_ns - self._started_ns) * 1e-9
+            self.memory_mb = peak_memory_mb()
             for end_tap, recorder in zip(self._ends_of_taps, self.recorders, strict=True):
                 end_tap()
                 recorder.close()

@@ -137,6 +137,7 @@ def group_fields(group: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "ate_unaligned_max_m": "start_max_m",
         "path_length_m": "path_length_m",
         "sim_seconds": "sim_seconds",
+        "run_memory_mb": "run_memory_mb",
         "peak_memory_mb": "peak_memory_mb",
         LOAD: LOAD,
     }
@@ -157,7 +158,7 @@ def group_fields(group: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def run_fields(result: dict[str, Any]) -> dict[str, Any]:
     """Return what is told of one run."""
     names = ("ended", "reachable_coverage_ratio", "collisions", "ate_unaligned_rms_m", "ate_unaligned_max_m")
-    more = ("recovery_time_ratio", "path_length_m", "sim_seconds", "peak_memory_mb")
+    more = ("recovery_time_ratio", "path_length_m", "sim_seconds", "run_memory_mb", "peak_memory_mb")
     return {"done": is_done(result), LOAD: load_of(result)} | {name: result.get(name) for name in (*names, *more)}
 
 
