@@ -1,5 +1,6 @@
 """The command line answers at once, and every mistake is one clear line and exit code 2."""
 
+import fcntl
 import subprocess
 import sys
 from pathlib import Path
@@ -89,6 +90,7 @@ def test_who_reads_only_the_first_line_gets_no_traceback() -> None:
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)  # what it writes must not fit in while nobody reads
         process.stdout.readline()
         process.stdout.close()
         assert process.stderr.read() == ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,7 +60,9 @@ def test_what_a_submap_leaves_behind_is_noticed(monkeypatch: pytest.MonkeyPatch)
     put, left = CloudFile.put, []
 
     def leak(file: CloudFile, points: NDArray[np.float32]) -> KeptPoints:
-        left.append(bytearray(b"1" * 4_000_000))
+        pages = mmap.mmap(-1, 4_000_000)  # new ones: what other tests gave back would hide them
+        pages.write(b"1" * len(pages))
+        left.append(pages)
         return put(file, points)
 
     monkeypatch.setattr(CloudFile, "put", leak)

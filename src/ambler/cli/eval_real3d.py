@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ambler.cli.results_output import print_fields, save_json
+from ambler.cli.run_options import add_settings, study_settings
 
 
 def add_parser(subparsers: Any) -> None:
@@ -21,21 +22,24 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the two clouds, from above")
     parser.add_argument("--seed", type=int, default=0, help="of the guesses that are drawn")
+    add_settings(parser)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure; 1 when a drawn guess does not lead to the published relation."""
+    from ambler.apps.config import recorded_config
     from ambler.core.errors import BadInputError
     from ambler.evaluation.cloud_views import draw_laid
     from ambler.studies.real_recordings import measure_inertial, measure_pair
 
+    loops = recorded_config(study_settings(args, takes_faults=False).profile).lio.loops
     told = args.data or os.environ.get("AMBLER_DATA")
     if not told:
         raise BadInputError("no recordings: give --data, or set AMBLER_DATA (docs/datasets.md)")
     begin = time.perf_counter()
-    pair, laid = measure_pair(Path(told) / "pair3d", args.seed)
+    pair, laid = measure_pair(Path(told) / "pair3d", args.seed, loops)
     fields = measure_inertial(Path(told) / "imu_deskew") | pair
     if args.picture:
         draw_laid(args.picture, laid.target, laid.source)

@@ -91,11 +91,11 @@ def _sample_at(samples: F64, k: int, time: float) -> F64:
     return np.asarray(samples[k - 1] + share * (samples[k] - samples[k - 1]))
 
 
-def measure_pair(folder: Path, seed: int) -> tuple[dict[str, Any], LaidClouds]:
+def measure_pair(folder: Path, seed: int, config: LoopConfig | None = None) -> tuple[dict[str, Any], LaidClouds]:
     """Lay `source.ply` on `target.ply` from no guess and from drawn ones, beside kiss-icp; errors against `T_target_source.txt`."""
     source, target = (_points(folder / f"{name}.ply") for name in ("source", "target"))
     told = _table(folder / "T_target_source.txt", 4)
-    config = LoopConfig()
+    config = config or LoopConfig()
     clouds = thin_cloud(target, config.cell), thin_cloud(source, config.cell)
     rng = np.random.default_rng(seed)
     found = match_clouds(*clouds, np.eye(4), config.reach)
