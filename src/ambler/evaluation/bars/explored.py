@@ -195,6 +195,19 @@ ROWS: Sequence[Row] = (
         ),
     ),
     Row(
+        "drawn halls of 100 × 100 m, `diff`, beside drawn offices in the same campaign",
+        "5 halls with proof, 0 collisions, ≤ 1 GB, processor time per simulated second ≤ 1.5 × that of offices",
+        "exploration_halls.json",
+        "{fresh_hall_done} of {fresh_hall_runs}, {fresh_hall_collisions} collisions, coverage {fresh_hall_coverage_worst:.2%}, {fresh_hall_start_rms_m_worst:.3f} m in the frame of the start; "
+        "{fresh_hall_peak_memory_mb_worst:.0f} MB, judging included (offices {fresh_office_peak_memory_mb_worst:.0f}); {fresh_hall_cpu_per_sim_second_median:.2f} s of a processor per second "
+        "(offices {fresh_office_cpu_per_sim_second_median:.2f})",
+        all_of(
+            every("fresh_hall_", "done", of=5),
+            at_most(fresh_hall_peak_memory_mb_worst=1000.0),
+            lambda f: f["fresh_hall_cpu_per_sim_second_median"] <= 1.5 * f["fresh_office_cpu_per_sim_second_median"],
+        ),
+    ),
+    Row(
         "pose graphs `MIT`, `ais2klinik` from their odometry",
         "χ² 41.163, 172.816 to 0.1 %, less time than gtsam with its own start",
         "bench_posegraph.json",
