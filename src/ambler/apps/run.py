@@ -164,12 +164,12 @@ class Run:
         finally:
             self.wall_seconds = time.perf_counter() - started
             self.run_seconds = (self.executor.now_ns - self._started_ns) * 1e-9
-            self.memory_mb = peak_memory_mb()
             for end_tap, recorder in zip(self._ends_of_taps, self.recorders, strict=True):
                 end_tap()
                 recorder.close()
             for robot in self.robots:
                 robot.progress.close()
+            self.memory_mb = peak_memory_mb()
 
     def serve(self) -> None:
         """Let the robots live on in real time until interrupted; a goal clicked in the viewer drives the first one there."""

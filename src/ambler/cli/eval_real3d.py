@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -30,17 +29,15 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure; 1 when a drawn guess does not lead to the published relation."""
     from ambler.apps.config import recorded_config
-    from ambler.core.errors import BadInputError
     from ambler.evaluation.cloud_views import draw_laid
+    from ambler.recordings.public_data import public_data
     from ambler.studies.real_recordings import measure_inertial, measure_pair
 
     loops = recorded_config(study_settings(args, takes_faults=False).profile).lio.loops
-    told = args.data or os.environ.get("AMBLER_DATA")
-    if not told:
-        raise BadInputError("no recordings: give --data, or set AMBLER_DATA (docs/datasets.md)")
+    inertial, clouds = (args.data / n if args.data else public_data(n) for n in ("imu_deskew", "pair3d"))
     begin = time.perf_counter()
-    pair, laid = measure_pair(Path(told) / "pair3d", args.seed, loops)
-    fields = measure_inertial(Path(told) / "imu_deskew") | pair
+    pair, laid = measure_pair(clouds, args.seed, loops)
+    fields = measure_inertial(inertial) | pair
     if args.picture:
         draw_laid(args.picture, laid.target, laid.source)
     print_fields(fields, 40, ".4g")
