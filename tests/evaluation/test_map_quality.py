@@ -16,7 +16,7 @@ from ambler.core.messages import OccupancyGrid
 from ambler.core.se2 import SE2
 from ambler.evaluation import map_quality
 from ambler.evaluation.alignment import align, best_rigid_motion
-from ambler.evaluation.exploration_run import known_share
+from ambler.evaluation.exploration_run import KnownShare
 from ambler.evaluation.map_quality import (
     BLUE,
     RED,
@@ -193,7 +193,7 @@ def test_a_small_map_in_a_large_truth_is_judged_without_a_copy_of_the_truth() ->
     built = truth[3000:3300, 3000:3300].copy()
     tracemalloc.start()
     quality = compare_maps((small, built), (spec, truth), truth_from_built=SE2())
-    share = known_share((small, built), (spec, truth))
+    share = KnownShare((spec, truth)).of(small, built)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     free = np.count_nonzero(built == 0) / np.count_nonzero(truth == 0)

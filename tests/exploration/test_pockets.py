@@ -14,7 +14,7 @@ def answers(data: np.ndarray, most: float) -> dict[float, bool]:
     """Where along x the frontiers of a map lie, and whether each borders on small patches only."""
     groups = FrontierMap(50).update(SPEC, data)
     small = are_in_pockets(groups, OccupancyGrid(0, "map", SPEC, data), most)
-    return {round(centroid[0], 1): bool(k) for (_, centroid), k in zip(groups.split(), small, strict=True)}
+    return {round(centroid[0], 1): bool(k) for (_, centroid), k in zip(groups.parts, small, strict=True)}
 
 
 def walled() -> np.ndarray:

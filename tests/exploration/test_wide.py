@@ -16,7 +16,7 @@ from ambler.core.se2 import SE2
 from ambler.costmap.global_costmap import GlobalCostmap, GlobalCostmapConfig
 from ambler.exploration.survey import FrontierSurvey, SurveyConfig
 from ambler.exploration.tour import TourConfig, TourStrategy
-from ambler.exploration.wide import cropped, joined, shrunk, spread
+from ambler.exploration.wide import cropped, join, shrunk, spread
 from ambler.planning.distance import distance_field
 
 R = 0.05
@@ -69,8 +69,8 @@ def test_what_lies_behind_a_door_that_is_a_little_too_narrow_is_not_reached(door
     costs, start = costs_of(spec, cells), SE2(2.0, 2.0)
     fine = FIELD(costs, spec, start)
     coarse, coarse_spec = shrunk(costs, spec, 0.2)
-    opened = spread(FIELD(coarse, coarse_spec, start), 4, costs)
-    wide = joined(opened, costs, spec, start)
+    wide = spread(FIELD(coarse, coarse_spec, start), 4, costs)
+    join(wide, costs, spec, start)
     behind = spec.cell_of(12.0, 2.5)
     assert np.isinf(fine[behind])
     assert np.isinf(wide[behind])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
-from ambler.localization.map_trust import MapTrust, MapTrustConfig, MapTrustJudge
+from ambler.localization.map_trust import KnownFloor, MapTrust, MapTrustConfig, MapTrustJudge
 from tests.registration.room import ranges_at
 
 SPEC = GridSpec(0.05, 300, 300, -7.5, -7.5)
@@ -106,3 +106,24 @@ def test_what_fits_as_well_as_usual_is_right_however_it_contradicts_older_parts(
 def test_nonsense_is_refused() -> None:
     with pytest.raises(BadInputError):
         MapTrustConfig(most_contradicting=0.0)
+
+
+def test_returns_are_judged_as_on_the_whole_map() -> None:
+    """Only what lies around returns is looked at; a slow twin looks at all cells."""
+    rng, slack = np.random.default_rng(2), 0.2
+    occupancy = rng.choice(np.array([-1, 0, 0, 0, 0, 0, 100], np.int8), (60, 80), p=[0.3, *[0.138] * 5, 0.01])
+    spec = GridSpec(0.05, 80, 60, -1.0, 2.0)
+    iy, ix = np.nonzero(occupancy >= 100)
+    for size in (0.2, 1.0, 5.0):
+        points = np.array([1.0, 3.5]) + rng.uniform(-size, size, (200, 2))
+        known = floor = 0
+        for y, x in spec.cells_of(points):
+            if 0 <= y < 60 and 0 <= x < 80 and occupancy[y, x] >= 0:
+                known += 1
+                away = np.maximum(np.abs(iy - y), np.abs(ix - x)).min()
+                floor += occupancy[y, x] == 0 and away > round(slack / 0.05)
+        share, count = KnownFloor(spec, occupancy, slack).contradiction(points)
+        assert count == known > 0
+        assert share == pytest.approx(floor / known)
+        assert 0.05 < share < 0.95
+    assert KnownFloor(spec, occupancy, slack).contradiction(np.full((3, 2), 99.0)) == (0.0, 0)

@@ -873,8 +873,8 @@ TERRAIN = (
     PlantedFault(
         "a look at a wall counts for what lies on its other side",
         "exploration/close_looks.py",
-        "is_over |= (self._surfaces[at] & sides) > 0",
-        "is_over |= self._surfaces[at] > 0",
+        "self._surfaces, cells, self.config.around, sides, is_over",
+        "self._surfaces, cells, self.config.around, 0 * sides + ALL_SIDES, is_over",
         CLOSE_LOOKS,
     ),
     PlantedFault(

@@ -106,11 +106,18 @@ def test_a_scan_on_no_line_stays_where_it_is(points: np.ndarray) -> None:
     assert field.fit(points, (0.0, 0.0), start).grid_from_base == start
 
 
-def test_trimming_and_growing_change_no_fit() -> None:
+def test_packing_changes_no_fit_and_what_comes_later_fits_in() -> None:
     truth, start = SE2(0.2, -0.3, 0.7), SE2(0.22, -0.31, 0.705)
-    field = mapped(np.random.default_rng(5))
+    field, same = (mapped(np.random.default_rng(5)) for _ in range(2))
     scan = noisy_points(truth, np.random.default_rng(6))
     before = field.fit(scan, (0.0, 0.0), start).grid_from_base
-    field.trim()
-    assert field.fit(scan, (0.0, 0.0), start).grid_from_base == before
+    packed = field.packed()
+    assert 0 < len(packed.keys) == len(np.unique(packed.keys))
+    again = LineField.of(packed)
+    assert again.fit(scan, (0.0, 0.0), start).grid_from_base == before
     assert before != start
+    more = noisy_points(SE2(0.1, 0.1, 0.0), np.random.default_rng(7))
+    for each in (again, same):
+        each.add(more, np.zeros((1, 2)))
+    assert np.array_equal(np.sort(again.packed().keys), np.sort(same.packed().keys))
+    assert again.fit(scan, (0.0, 0.0), start).grid_from_base == same.fit(scan, (0.0, 0.0), start).grid_from_base

@@ -21,7 +21,7 @@ from ambler.slam2d.graph import Edge, EdgeKind
 from ambler.slam2d.loop_candidates import Candidate, Node
 from ambler.slam2d.loop_closure import Closure, LoopSearcher, Usual
 from ambler.slam2d.slam import Slam2d
-from ambler.slam2d.submaps import ActiveSubmaps, Submap
+from ambler.slam2d.submaps import ActiveSubmaps, Drawing, Submap
 from tests.registration.room import CORRIDOR, WALLS, box_at, loop_of, scan_at
 from tests.slam2d.drives import PERIOD_NS, drive, oval, run, short_submaps
 
@@ -99,7 +99,7 @@ def test_scans_of_another_room_close_no_loop() -> None:
 def test_where_points_usually_lie_on_lines_a_closure_without_any_is_none() -> None:
     """A depth camera's few points fit the cells of walls that it met from elsewhere, in many places."""
     truth = SE2(0.7, 0.4, 0.9)
-    place = replace(submap(), lines=LineField(LineConfig()))
+    place = replace(submap(), drawing=Drawing(submap().grid, LineField(LineConfig())))
     loop = replace(LoopConfig(), refine=replace(LoopConfig().refine, weak_ratio=0.01))
     for share, is_found in ((0.6, False), (0.02, True), (0.0, True)):
         search = Search(loop)

@@ -1,11 +1,13 @@
 """The life of submaps: two are active, a new one starts when the newer is half full, the full one ends and rests."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
 from ambler.grids.probability_grid import InsertionConfig
-from ambler.slam2d.submaps import ActiveSubmaps, Submap
+from ambler.slam2d.submaps import ActiveSubmaps, Drawing, PackedDrawing, RecentDrawings, Submap
 from tests.registration.room import distance_to_walls, scan_at
 from tests.slam2d.drives import oval
 
@@ -73,3 +75,48 @@ def test_a_scan_after_a_long_way_counts_more_often() -> None:
         (submap,), _ = active.insert(scan_at(SE2()), SE2(0.0, 0.0, 0.5))
         grids.append(int(submap.grid.cells.max()))
     assert grids[0] > grids[1] + 1000
+
+
+def finished_submaps() -> list[Submap]:
+    active = ActiveSubmaps(InsertionConfig(), HALF)
+    ended = [active.insert(scan_at(pose), pose)[1] for pose in oval(0.3)]
+    return [submap for submap in ended if submap is not None]
+
+
+def test_a_finished_submap_takes_an_eighth_of_its_memory() -> None:
+    for submap in finished_submaps():
+        packed = submap.drawing
+        assert isinstance(packed, PackedDrawing)
+        assert packed.grid.spec == submap.spec == submap.grid.spec
+        assert submap.grid.cells.flags.writeable  # kernels are compiled for such
+        tracemalloc.start()  # sees the room that is kept, too
+        again = submap.grid.packed()
+        size = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+        assert again.data == packed.grid.data
+        assert size < submap.grid.cells.nbytes / 8
+
+
+def test_the_drawings_that_were_asked_for_last_lie_ready() -> None:
+    submaps = finished_submaps()[:4]
+    recent = RecentDrawings(2)
+    for submap in submaps:
+        submap.recent = recent
+    first = submaps[0].grid
+    assert submaps[0].grid is first
+    assert submaps[1].grid is submaps[1].grid
+    assert submaps[0].grid is first, "asked for again, it is the newer of the two"
+    assert submaps[2].passing_grid() is not submaps[2].passing_grid(), "one who passes puts nothing away"
+    assert submaps[0].passing_grid() is first
+    assert recent.find(1) is not None
+    assert submaps[2].lines is submaps[2].lines
+    assert recent.find(1) is None
+    assert recent.find(0) is not None
+    assert np.array_equal(submaps[1].passing_grid().cells, submaps[1].grid.cells)
+
+
+def test_one_who_takes_scans_is_not_packed() -> None:
+    (submap,), _ = ActiveSubmaps(InsertionConfig(), HALF).insert(scan_at(SE2()), SE2())
+    assert isinstance(submap.drawing, Drawing)
+    assert not submap.is_finished
+    assert submap.passing_grid() is submap.grid

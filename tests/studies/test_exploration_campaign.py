@@ -52,9 +52,10 @@ def test_kinds_take_turns_and_each_place_has_its_own_seed() -> None:
 
 def test_kinds_are_told_apart_with_what_they_cost() -> None:
     halls = [
-        result("fresh", f"hall-{k}", sim_seconds=1000.0, cpu_seconds=150.0 + k, peak_memory_mb=800.0) for k in range(3)
+        result("fresh", f"hall-{k}", sim_seconds=1000.0, run_cpu_seconds=150.0 + k, peak_memory_mb=800.0)
+        for k in range(3)
     ]
-    offices = [result("fresh", f"office-{k}", cpu_seconds=40.0, peak_memory_mb=500.0 + k) for k in range(2)]
+    offices = [result("fresh", f"office-{k}", run_cpu_seconds=40.0, peak_memory_mb=500.0 + k) for k in range(2)]
     fields = campaign.summarize([*halls, *offices])
     assert (fields["fresh.hall.runs"], fields["fresh.office.runs"]) == (3, 2)
     assert fields["fresh.hall.cpu_per_sim_second_median"] == pytest.approx(0.151)

@@ -108,6 +108,7 @@ def judge(
         "sim_seconds": run.run_seconds,
         "run_seconds": run.wall_seconds,
         "real_time_factor": run.run_seconds / run.wall_seconds,
+        "run_cpu_seconds": run.cpu_seconds,
         "run_memory_mb": run.memory_mb,
         "peak_memory_mb": peak_memory_mb(),
         "recording": str(robot.folder.recording),

@@ -16,6 +16,7 @@ from ambler.apps.signals import on_interrupt
 from ambler.bridges.foxglove import FoxgloveBridge
 from ambler.bridges.recorder import Recorder
 from ambler.evaluation.process_memory import peak_memory_mb
+from ambler.evaluation.results import processor_seconds
 from ambler.nodes.gate import GateNode
 from ambler.nodes.operator import OperatorConfig, OperatorNode
 from ambler.nodes.steps import ProgramEnd, Step
@@ -103,6 +104,7 @@ class Run:
         self._last_call: threading.Timer | None = None
         self.run_seconds = 0.0
         self.memory_mb = 0.0
+        self.cpu_seconds = 0.0
         self.wall_seconds = 0.0
         self.view = (
             None
@@ -152,7 +154,7 @@ class Run:
     def run(self, time_limit: float) -> None:
         """Run for at most `time_limit` seconds of the executor. A signal or the time limit ends the programs in order: the maps so far are
         saved. A second signal raises KeyboardInterrupt."""
-        started = time.perf_counter()
+        started, spent = time.perf_counter(), processor_seconds()
         try:
             with on_interrupt(self._interrupt):
                 if isinstance(self.executor, LiveExecutor):
@@ -169,7 +171,7 @@ class Run:
                 recorder.close()
             for robot in self.robots:
                 robot.progress.close()
-            self.memory_mb = peak_memory_mb()
+            self.memory_mb, self.cpu_seconds = peak_memory_mb(), processor_seconds() - spent
 
     def serve(self) -> None:
         """Let the robots live on in real time until interrupted; a goal clicked in the viewer drives the first one there."""

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,7 @@ def read_exploration(
     contacts: list[Contact] = []
     states: list[tuple[int, str]] = []
     true_map: tuple[GridSpec, NDArray[np.int8]] | None = None
+    known: KnownShare | None = None
     for recorded in told:
         topic = topics.topic_named(recorded.topic)
         message = decode(topic.type, recorded.data)
@@ -79,11 +81,10 @@ def read_exploration(
             contacts.append(message)
         elif topic is topics.TRUE_MAP and isinstance(message, OccupancyGrid):
             true_map = frame.grid(message)
-        elif isinstance(message, OccupancyGrid) and true_map is not None:
+            known = KnownShare(true_map)
+        elif isinstance(message, OccupancyGrid) and known is not None:
             begun_ns = truth[0][0] if truth else recorded.log_time_ns
-            coverage.append(
-                ((recorded.log_time_ns - begun_ns) * 1e-9, known_share((message.spec, message.data), true_map))
-            )
+            coverage.append(((recorded.log_time_ns - begun_ns) * 1e-9, known.of(message.spec, message.data)))
     if true_map is None:
         true_map = (GridSpec(0.05, 0, 0, 0.0, 0.0), np.zeros((0, 0), np.int8))
     true_rows, rows = np.array(truth).reshape(-1, 5), np.array(estimate).reshape(-1, 4)
@@ -105,14 +106,32 @@ def seconds_in(wanted: Collection[str], states: Sequence[tuple[int, str]]) -> fl
     return 1e-9 * sum(b[0] - a[0] for a, b in pairwise(states) if a[1] in wanted)
 
 
-def known_share(built: tuple[GridSpec, NDArray[np.int8]], truth: tuple[GridSpec, NDArray[np.int8]]) -> float:
-    """Return the share of the truly free cells that the built map calls free, without alignment."""
-    (built_spec, built_cells), (truth_spec, truth_cells) = built, truth
-    rows, columns = _indices(truth_spec, built_spec)
-    inside_y, inside_x = (rows >= 0) & (rows < built_spec.height), (columns >= 0) & (columns < built_spec.width)
-    is_free = truth_cells[np.ix_(inside_y, inside_x)] == OCC_FREE
-    is_known = built_cells[np.ix_(rows[inside_y], columns[inside_x])] == OCC_FREE
-    return float(np.count_nonzero(is_free & is_known)) / max(1, int(np.count_nonzero(truth_cells == OCC_FREE)))
+class KnownShare:
+    """Tells of maps which share of the truly free cells they call free, without alignment. `truth`: geometry and int8 [iy, ix]."""
+
+    def __init__(self, truth: tuple[GridSpec, NDArray[np.int8]]) -> None:
+        self._spec, cells = truth
+        self._is_free = cells == OCC_FREE
+        self._count = max(1, int(np.count_nonzero(self._is_free)))
+
+    def of(self, spec: GridSpec, cells: NDArray[np.int8]) -> float:
+        """Return the share of a map."""
+        rows, columns = _indices(self._spec, spec)
+        inside_y, inside_x = (
+            np.flatnonzero((k >= 0) & (k < n)) for k, n in ((rows, spec.height), (columns, spec.width))
+        )
+        is_free = _block(self._is_free, inside_y, inside_x)
+        is_known = _block(cells, rows[inside_y], columns[inside_x]) == OCC_FREE
+        return float(np.count_nonzero(is_free & is_known)) / self._count
+
+
+def _block(grid: NDArray[Any], rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[Any]:
+    """Return rows and columns of a grid: where they follow one another without a copy, because a hall has millions of cells and thousands of maps."""
+    if len(rows) == 0 or len(columns) == 0:
+        return grid[:0, :0]
+    if rows[-1] - rows[0] == len(rows) - 1 and columns[-1] - columns[0] == len(columns) - 1:
+        return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return grid[np.ix_(rows, columns)]
 
 
 def _indices(of: GridSpec, within: GridSpec) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

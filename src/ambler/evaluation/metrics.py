@@ -161,6 +161,9 @@ METRICS = {
     "cpu_seconds": Metric("Processor time", _T, "Time of the processor that it took."),
     "real_time_factor": Metric("Times real time", _T, "Time of the run over the time that it took to compute."),
     "scans": Metric("Scans", _T, "Scans of the recording."),
+    "run_cpu_seconds": Metric(
+        "Processor time of the run", _T, "Time of the processor that the run took, before it was judged."
+    ),
     "run_memory_mb": Metric("Memory of the run", _T, "The most memory that the process held until the run ended."),
     "peak_memory_mb": Metric("Peak memory", _T, "The most memory that the process held, until the run was judged."),
     "world": Metric("World", Group.SETTING),

@@ -31,13 +31,18 @@ def find_again(target: Frontier, survey: Survey, config: ChoiceConfig, *, is_ope
     Of several that match, it is the one that shares most with the target of what both hold together; a long neighbour may lie beside
     more of its cells than the target itself has.
     """
-    tree = cKDTree(target.cells.astype(np.float64))
+    own = target.cells.astype(np.float64)
+    low, high = own.min(axis=0) - config.match_distance, own.max(axis=0) + config.match_distance
+    tree: cKDTree | None = None
     best, best_share = None, 0.0
     wanted = FrontierState.OPEN if is_open else FrontierState.UNREACHABLE
     for i, frontier in enumerate(survey.frontiers):
         if frontier.state is not wanted:
             continue
         cells = frontier.cells.astype(np.float64)
+        if not ((cells.max(axis=0) >= low) & (cells.min(axis=0) <= high)).all():
+            continue
+        tree = cKDTree(own) if tree is None else tree
         near = int(np.isfinite(tree.query(cells, distance_upper_bound=config.match_distance)[0]).sum())
         share = near / (len(cells) + tree.n - min(near, tree.n))
         if near >= config.match_ratio * min(len(cells), tree.n) and share > best_share:

@@ -20,7 +20,7 @@ from ambler.core.se2 import SE2
 from ambler.exploration.frontier_map import FrontierGroups
 from ambler.exploration.lattice import carried
 from ambler.exploration.sides import SIDES, sides_of
-from ambler.kernels.frontier import look_around
+from ambler.kernels.frontier import has_any_around, look_around, towards_free
 
 I64 = NDArray[np.int64]
 ALL_SIDES = (1 << SIDES) - 1
@@ -101,9 +101,8 @@ class CloseLooks:
     def are_over(self, occupancy: OccupancyGrid, cells: I64) -> NDArray[np.bool_]:
         """Tell which flat frontier cells of a map lie where the robot has looked often enough from the side of their free ground; of cells that are as open to all sides, from any."""
         self._move_to(occupancy.spec)
-        sides, is_over = _bits(*self._towards_free(occupancy, cells)), np.zeros(len(cells), np.bool_)
-        for at, _ in self._around(cells):
-            is_over |= (self._surfaces[at] & sides) > 0
+        sides, is_over = _bits(*self._towards_free(occupancy, cells)), np.empty(len(cells), np.bool_)
+        has_any_around(self._surfaces, cells, self.config.around, sides, is_over)
         return is_over
 
     def free_sides(self, occupancy: OccupancyGrid, groups: FrontierGroups) -> NDArray[np.uint8]:
@@ -114,22 +113,9 @@ class CloseLooks:
 
     def _towards_free(self, occupancy: OccupancyGrid, cells: I64) -> tuple[I64, I64]:
         """Return offsets (dy, dx) that lead from what is unknown around flat cells to what is free there."""
-        dy, dx = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
-        for at, (down, right) in self._around(cells):
-            values = occupancy.data[at]
-            weight = ((values >= 0) & (values < self._free_below)).astype(np.int64) - (values < 0)
-            dy += down * weight
-            dx += right * weight
+        dy, dx = np.empty(len(cells), np.int64), np.empty(len(cells), np.int64)
+        towards_free(occupancy.data, cells, self.config.around, self._free_below, dy, dx)
         return dy, dx
-
-    def _around(self, cells: I64) -> list[tuple[tuple[I64, I64], tuple[int, int]]]:
-        """Return the cells, within `around` of flat ones, that lie at one offset (dy, dx) each, and that offset; the grid's edge stands for what lies beyond it."""
-        reach, (height, width) = self.config.around, self._surfaces.shape
-        iy, ix = np.divmod(cells, width)
-        offsets = range(-reach, reach + 1)
-        rows = [np.minimum(np.maximum(iy + dy, 0), height - 1) for dy in offsets]
-        columns = [np.minimum(np.maximum(ix + dx, 0), width - 1) for dx in offsets]
-        return [((rows[dy + reach], columns[dx + reach]), (dy, dx)) for dy in offsets for dx in offsets]
 
     def _move_to(self, spec: GridSpec) -> None:
         """Take another geometry of the same lattice; what lies outside is forgotten."""

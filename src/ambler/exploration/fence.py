@@ -19,10 +19,11 @@ from ambler.core.errors import BadInputError
 from ambler.core.grid import COST_LETHAL, OCC_OCCUPIED, GridSpec
 from ambler.core.messages import CostGrid, OccupancyGrid
 from ambler.core.se2 import SE2
+from ambler.kernels.frontier import spread_steps
 
 U8 = NDArray[np.uint8]
-RIM = np.ones((5, 5), np.uint8)  # fine cells: a wall is so even, and a hull's rim lies partly outside of it
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+RIM = np.ones((5, 5), np.uint8)  # fine cells: a wall is so even, and a hull's rim lies partly outside of it
 Boundary = tuple[tuple[float, float], ...]
 
 
@@ -139,9 +140,12 @@ class Fence:
         if self._spec.contains_cell(iy, ix):
             edge[iy // fine, ix // fine] = 1
         steps = math.ceil(self.config.open_reach / (fine * self._spec.resolution))
-        for _ in range(steps):  # not diagonally: a wall may run so
-            edge = np.bitwise_and(np.asarray(cv2.dilate(edge, CROSS), np.uint8), passable)
-        return edge
+        if steps < 1:
+            return edge
+        # Not diagonally: a wall may run so.
+        reached = np.bitwise_and(np.asarray(cv2.dilate(edge, CROSS), np.uint8), passable)
+        spread_steps(np.flatnonzero(reached > edge), reached, passable, steps - 1)
+        return reached
 
     def _beyond(self, polygon: Boundary, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Tell which coarse cells [iy, ix] have their middle outside of the polygon or the circle."""

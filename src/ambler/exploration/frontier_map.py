@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ def changed_box(before: NDArray[np.int8], after: NDArray[np.int8]) -> Box | None
     return Box(iy0, int(columns[0]), iy1, int(columns[-1]) + 1)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class FrontierGroups:
     """Groups of frontier cells of one grid: flat indices `iy * width + ix`, sorted by group (group g is
     cells[starts[g]:starts[g + 1]]), each group in row-major order, groups ordered by their first cell."""
@@ -69,8 +70,9 @@ class FrontierGroups:
         """Return the centres of all cells in metres, float64 (N, 2), in the order of `cells`."""
         return self.spec.centers_of(np.stack(np.divmod(self.cells, self.spec.width), axis=1))
 
-    def split(self) -> list[tuple[NDArray[np.float32], tuple[float, float]]]:
-        """Return the centres of each group's cells, float32 (n, 2), and their mean, metres."""
+    @cached_property
+    def parts(self) -> list[tuple[NDArray[np.float32], tuple[float, float]]]:
+        """The centres of each group's cells, float32 (n, 2), and their mean, metres."""
         if len(self) == 0:
             return []
         points = self.points()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +23,14 @@ from ambler.exploration.narrow_ways import tell_narrow_ways
 from ambler.exploration.overlooked import Overlooked, is_hidden
 from ambler.exploration.pockets import are_in_pockets
 from ambler.exploration.specks import Specks, SpecksConfig
-from ambler.exploration.wide import joined, shrunk, spread
+from ambler.exploration.wide import join, shrunk, spread
 from ambler.kernels.frontier import frontier_goals
 from ambler.kernels.frontier_value import in_sight_from, viewpoints, visible_unknown
 
 ELSEWHERE = (
     1.5  # goal reaches: no goal of the same cell of a frontier lies so far from another one, not even diagonally
 )
+ANY_COST = 255
 HIDDEN = "the robot was near it, and the floor behind it shows itself from no place that it can reach"
 END = 0.9  # of the distance from which on a scanner sees the floor: there ends what is assumed, where no floor is seen
 DistanceField = Callable[[NDArray[np.uint8], GridSpec, SE2], NDArray[np.float32]]
@@ -162,7 +164,7 @@ class FrontierSurvey:
         if self.config.looks_from_afar and not any(each.state is FrontierState.OPEN for each in frontiers):
             frontiers, gains = self._judged(view, is_last_resort=True)
         shut = tuple(k for k, f in enumerate(frontiers) if self._is_shut(f))
-        frontiers += [self._judge_over(*looked_at, occupancy.spec.resolution) for looked_at in over.split()]
+        frontiers += self._judge_over(over)
         frontiers += self._left_out(found, sides)
         gains = np.concatenate([gains, np.zeros(len(frontiers) - len(groups))])
         is_open = tuple(i for i, f in enumerate(frontiers) if f.state is FrontierState.OPEN)
@@ -184,18 +186,22 @@ class FrontierSurvey:
         no_use = self._step_back(view, goals, headings, goes_on)
         elsewhere |= goes_on
         diy, dix = seen.spec.offset_in(view.costs.spec)
+        too_small = self._too_small(seen.spec.resolution)
         frontiers = []
-        for g, (cells, centroid) in enumerate(groups.split()):
+        for g, (cells, centroid) in enumerate(groups.parts):
             goal, path_distance = None, math.inf
             if goals[g] >= 0:
                 iy, ix = divmod(int(goals[g]), seen.spec.width)
                 goal = (*seen.spec.center_of(iy, ix), float(headings[g]))
                 path_distance = float(view.distance[iy + diy, ix + dix])
-            frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
             if no_use[g]:
-                frontiers.append(_refused(frontier, FrontierState.UNREACHABLE, HIDDEN))
+                state, reason = FrontierState.UNREACHABLE, HIDDEN
+            elif reason := too_small(len(cells)):
+                state = FrontierState.TOO_SMALL
             else:
-                frontiers.append(self._judge(frontier, float(gains[g]), seen, is_elsewhere=bool(elsewhere[g])))
+                frontier = Frontier(cells, centroid, goal, path_distance, FrontierState.OPEN)
+                state, reason = self._judge(frontier, float(gains[g]), seen, is_elsewhere=bool(elsewhere[g]))
+            frontiers.append(Frontier(cells, centroid, goal, path_distance, state, reason))
         return frontiers, gains
 
     def _look_from_elsewhere(self, view: _View, goals: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -204,8 +210,9 @@ class FrontierSurvey:
         spec, groups, moved = view.seen.spec, view.groups, np.zeros(len(view.groups), np.bool_)
         if len(self.memory) == 0 or self.config.assumed is not None:
             return moved
-        for g, (cells, centroid) in enumerate(groups.split()):
-            if goals[g] < 0 or len(cells) * spec.resolution < self.config.min_size:
+        is_worth_it = (goals >= 0) & self._are_long(groups)
+        for g, (cells, centroid) in enumerate(groups.parts):
+            if not is_worth_it[g]:
                 continue
             places = self.memory.places_in_vain(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN))
             if not places:
@@ -266,12 +273,12 @@ class FrontierSurvey:
         if not c.looks_from_afar or self._overlooked is None:
             return np.zeros(len(groups), np.bool_)
         shift, base = _cell_shift(spec, costs.spec), spec.cell_of(view.map_from_base.x, view.map_from_base.y)
-        is_long = groups.sizes * resolution >= c.min_size
+        is_long = self._are_long(groups)
         was_near = is_long & self._overlooked.are_of(groups, ELSEWHERE * c.goal_reach)
         is_small = are_in_pockets(groups, seen, c.pocket_most) if self.is_strict else np.zeros(len(groups), np.bool_)
         worth_it = is_long & self._overlooked.are_of(groups) & ~goes_on
-        for g, (cells, centroid) in enumerate(groups.split()):
-            worth_it[g] &= self.memory.find(Frontier(cells, centroid, None, math.inf, FrontierState.OPEN)) is None
+        for g in np.flatnonzero(worth_it):
+            worth_it[g] = self.memory.find(Frontier(*groups.parts[g], None, math.inf, FrontierState.OPEN)) is None
         roomy = np.where(costs.data <= c.roomy_cost, view.distance, np.float32(np.inf))
         before = goals.copy()
         viewpoints(
@@ -303,7 +310,7 @@ class FrontierSurvey:
         near = END * c.sees_floor[0] / seen.spec.resolution
         in_sight_from(seen.data, view.drivable.data, c.free_below, groups.cells, base, round(near), is_end)
         is_end &= seen.data.ravel()[groups.cells] == c.assumed
-        for g, (places, centroid) in enumerate(groups.split()):
+        for g, (places, centroid) in enumerate(groups.parts):
             of_group = slice(groups.starts[g], groups.starts[g + 1])
             cells = groups.cells[of_group][is_end[of_group]]
             frontier = Frontier(places, centroid, None, math.inf, FrontierState.OPEN)
@@ -326,7 +333,7 @@ class FrontierSurvey:
         }
         out = []
         for side, reason in reasons.items():
-            for cells, centroid in group(found.spec, np.sort(found.cells[sides == side])).split():
+            for cells, centroid in group(found.spec, np.sort(found.cells[sides == side])).parts:
                 out.append(Frontier(cells, centroid, None, math.inf, FrontierState.OUTSIDE_BOUNDARY, reason))
         return out
 
@@ -338,7 +345,8 @@ class FrontierSurvey:
             coarse, coarse_spec = shrunk(data, spec, self.config.wide_cell)
             factor = round(coarse_spec.resolution / spec.resolution)
             distance = spread(self._distance_field(coarse, coarse_spec, map_from_base), factor, data)
-            return joined(distance, data, spec, map_from_base)
+            join(distance, data, spec, map_from_base)
+            return distance
         except PlanningError:  # the robot stands where it may not be: nothing can be reached now
             return np.full(costs.spec.shape, np.inf, np.float32)
 
@@ -350,7 +358,7 @@ class FrontierSurvey:
         return self._frontier_map.update(occupancy.spec, occupancy.data, changed)
 
     def _goals(self, view: _View, *, is_last_resort: bool) -> NDArray[np.int64]:
-        """Return the goal of each group, a flat index or -1: where the robot can turn, or else anywhere that it can reach. A scanner that does not see the floor beside itself is led
+        """Return the goal of each group that is more than dust, a flat index or -1: where the robot can turn, or else anywhere that it can reach. A scanner that does not see the floor beside itself is led
         to ground that was seen: what is only assumed is passed over on the way to it, and no goal, because a kerb may hide there; unless nothing else is left to look at (`is_last_resort`): on the last metres of a ramp it looks over the landing's floor."""
         occupancy, groups, costs, distance = view.drivable, view.groups, view.costs, view.distance
         shift = _cell_shift(occupancy.spec, costs.spec)
@@ -359,24 +367,20 @@ class FrontierSurvey:
             is_inside = (iy >= 0) & (iy < distance.shape[0]) & (ix >= 0) & (ix < distance.shape[1])
             distance = distance.copy()
             distance[iy[is_inside], ix[is_inside]] = np.inf
-        roomy = np.where(costs.data <= self.config.roomy_cost, distance, np.float32(np.inf))
-        goals = self._goals_within(occupancy, groups, shift, roomy)
-        if np.any(goals < 0):
-            goals = np.where(goals < 0, self._goals_within(occupancy, groups, shift, distance), goals)
+        spec, cells, starts = occupancy.spec, groups.cells, groups.starts
+        steps, wanted = round(self.config.goal_reach / spec.resolution), self._are_long(groups)
+        visited = np.zeros(spec.width * spec.height, np.int32)
+        queue, goals = np.empty(visited.size, np.int64), np.full(len(groups), -1)
+        grids = (occupancy.data, self.config.free_below, distance, costs.data)
+        for turn, most in enumerate((self.config.roomy_cost, ANY_COST)):
+            stamp = 1 + 2 * turn * len(groups)
+            frontier_goals(*grids, most, *shift, cells, starts, wanted, steps, visited, stamp, queue, goals)
+            wanted &= goals < 0
         return goals
 
-    def _goals_within(
-        self, occupancy: OccupancyGrid, groups: FrontierGroups, shift: tuple[int, int], distance: NDArray[np.float32]
-    ) -> NDArray[np.int64]:
-        spec = occupancy.spec
-        steps = round(self.config.goal_reach / spec.resolution)
-        visited = np.zeros(spec.width * spec.height, np.int32)
-        queue = np.empty(visited.size, np.int64)
-        goals = np.empty(len(groups), np.int64)
-        free_below = self.config.free_below
-        cells, starts = groups.cells, groups.starts
-        frontier_goals(occupancy.data, free_below, distance, *shift, cells, starts, steps, visited, 1, queue, goals)
-        return goals
+    def _are_long(self, groups: FrontierGroups) -> NDArray[np.bool_]:
+        """Tell which groups (N,) are more than dust."""
+        return np.asarray(groups.sizes * groups.spec.resolution >= self.config.min_size)
 
     def _gains(
         self, occupancy: OccupancyGrid, groups: FrontierGroups, goals: NDArray[np.int64]
@@ -384,31 +388,27 @@ class FrontierSurvey:
         """Return the visible unknown area from each goal and the heading to it; both 0 for groups below the minimum size. Surfaces that
         the robot saw from near, and from the side of the group's free ground, are opaque, should the map have lost them."""
         c, resolution = self.config, occupancy.spec.resolution
-        worth_it = np.where(groups.sizes * resolution >= c.min_size, goals, -1)
+        worth_it = np.where(self._are_long(groups), goals, -1)
         gains, headings = np.empty(len(groups)), np.empty(len(groups))
         surfaces, sides = self._close.surfaces(occupancy.spec), self._close.free_sides(occupancy, groups)
         rays = (c.free_below, resolution, c.gain_range, c.gain_rays)
         visible_unknown(occupancy.data, surfaces, *rays, worth_it, sides, gains, headings)
         return gains, headings
 
-    def _judge(self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, *, is_elsewhere: bool) -> Frontier:
+    def _judge(
+        self, frontier: Frontier, gain: float, occupancy: OccupancyGrid, *, is_elsewhere: bool
+    ) -> tuple[FrontierState, str]:
+        """Return the state of a frontier that is long enough, and why it is not open."""
         c = self.config
-        if reason := self._too_small(frontier.cells, occupancy.spec.resolution):
-            return _refused(frontier, FrontierState.TOO_SMALL, reason)
         if frontier.goal is None:
-            return _refused(
-                frontier,
-                FrontierState.UNREACHABLE,
-                f"no cell that the robot can reach within {c.goal_reach:.1f} m of it",
-            )
+            return FrontierState.UNREACHABLE, f"no cell that the robot can reach within {c.goal_reach:.1f} m of it"
         if gain < c.min_gain:
-            return _refused(
-                frontier,
+            return (
                 FrontierState.TOO_SMALL,
                 f"only {gain:.2f} m² of unknown visible, less than {c.min_gain:.2f} m²",
             )
         reason = self.memory.reason_against(frontier, occupancy, is_elsewhere=is_elsewhere)
-        return _refused(frontier, FrontierState.UNREACHABLE, reason) if reason else frontier
+        return FrontierState.UNREACHABLE if reason else FrontierState.OPEN, reason
 
     def _is_shut(self, frontier: Frontier) -> bool:
         if frontier.state is not FrontierState.UNREACHABLE or frontier.reason == HIDDEN:
@@ -416,15 +416,27 @@ class FrontierSurvey:
         refusal = self.memory.find(frontier)
         return refusal is None or refusal.looks < self.config.memory.max_looks
 
-    def _judge_over(self, cells: NDArray[np.float32], centroid: tuple[float, float], resolution: float) -> Frontier:
-        if reason := self._too_small(cells, resolution):
-            return Frontier(cells, centroid, None, math.inf, FrontierState.TOO_SMALL, reason)
-        reason = f"looked at from within {self.config.close.farthest:.1f} m: nothing can be seen behind it"
-        return Frontier(cells, centroid, None, math.inf, FrontierState.UNREACHABLE, reason)
+    def _judge_over(self, over: FrontierGroups) -> list[Frontier]:
+        """Return what the robot has looked at from near."""
+        too_small = self._too_small(over.spec.resolution)
+        seen = f"looked at from within {self.config.close.farthest:.1f} m: nothing can be seen behind it"
+        out = []
+        for cells, centroid in over.parts:
+            small = too_small(len(cells))
+            state = FrontierState.TOO_SMALL if small else FrontierState.UNREACHABLE
+            out.append(Frontier(cells, centroid, None, math.inf, state, small or seen))
+        return out
 
-    def _too_small(self, cells: NDArray[np.float32], resolution: float) -> str:
-        size, least = len(cells) * resolution, self.config.min_size
-        return f"{size:.2f} m long, less than {least:.2f} m" if size < least else ""
+    def _too_small(self, resolution: float) -> Callable[[int], str]:
+        """Return what says why so many cells are too few to be a frontier, an empty text of enough; thousands are dust, of few sizes."""
+        least = self.config.min_size
+
+        @cache
+        def reason(cells: int) -> str:
+            size = cells * resolution
+            return f"{size:.2f} m long, less than {least:.2f} m" if size < least else ""
+
+        return reason
 
 
 def _cell_shift(spec: GridSpec, cost_spec: GridSpec) -> tuple[int, int]:
@@ -449,7 +461,3 @@ def _without_discs(
         is_near = np.hypot(y[rows, None] - py, x[None, columns] - px) <= radius
         away[np.ix_(rows, columns)] = np.where(is_near, np.float32(np.inf), away[np.ix_(rows, columns)])
     return away
-
-
-def _refused(frontier: Frontier, state: FrontierState, reason: str) -> Frontier:
-    return replace(frontier, state=state, reason=reason)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ambler.core.grid import COST_INSCRIBED, GridSpec
 from ambler.core.se2 import SE2
-from ambler.kernels.frontier_value import shrink_costs, spread_distances
+from ambler.kernels.frontier_value import drop_outside, shrink_costs, spread_distances
 
 U8 = NDArray[np.uint8]
 
@@ -20,7 +20,7 @@ def shrunk(costs: U8, spec: GridSpec, cell: float) -> tuple[U8, GridSpec]:
     cells are not smaller.
 
     A wall stays closed: it is inflated by the robot's inscribed radius on both sides, which is wider than a cell. A door that is a little
-    too narrow opens (`joined` tells).
+    too narrow opens (`join` tells).
     """
     factor = max(1, math.floor(cell / spec.resolution + 1e-6))
     if factor == 1:
@@ -51,16 +51,18 @@ def spread(distance: NDArray[np.float32], factor: int, costs: U8) -> NDArray[np.
     return out
 
 
-def joined(distance: NDArray[np.float32], costs: U8, spec: GridSpec, base: SE2) -> NDArray[np.float32]:
-    """Return distances [iy, ix] that were `spread`, inf where the fine cells of `costs` do not lead to the place from which they are told:
+def join(distance: NDArray[np.float32], costs: U8, spec: GridSpec, base: SE2) -> None:
+    """Set distances [iy, ix] that were `spread` to inf where the fine cells of `costs` do not lead to the place from which they are told:
     what lies behind a gap that only coarse cells pass. `base` is the robot in the frame of the grid."""
-    finite = np.flatnonzero(np.isfinite(distance))
-    if len(finite) == 0:
-        return distance
-    values = distance.ravel()[finite]
-    near = finite[values <= values.min() + 2.0 * spec.resolution]
+    least = distance.min()
+    if not np.isfinite(least):
+        return
+    near = np.flatnonzero(distance <= least + 2.0 * spec.resolution)
     iy, ix = np.divmod(near, spec.width)
     row, column = spec.cell_of(base.x, base.y)
-    begin = int(near[np.argmin((iy - row) ** 2 + (ix - column) ** 2)])
-    labels = cv2.connectedComponents((costs < COST_INSCRIBED).astype(np.uint8), connectivity=4)[1]
-    return np.where(labels == labels.ravel()[begin], distance, np.float32(np.inf))
+    begin = int(np.argmin((iy - row) ** 2 + (ix - column) ** 2))
+    passable = (costs < COST_INSCRIBED).view(np.uint8)
+    filled = np.zeros((spec.height + 2, spec.width + 2), np.uint8)  # OpenCV wants a border of one cell
+    seed = (int(ix[begin]), int(iy[begin]))
+    cv2.floodFill(passable, filled, seed, 0, flags=4 | cv2.FLOODFILL_MASK_ONLY)
+    drop_outside(filled[1:-1, 1:-1], distance)

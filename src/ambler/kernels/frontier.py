@@ -163,6 +163,8 @@ def _search_goal(
     occupancy: NDArray[np.int8],
     free_below: int,
     distance: NDArray[np.float32],
+    costs: NDArray[np.uint8],
+    most: int,
     diy: int,
     dix: int,
     max_steps: int,
@@ -187,7 +189,8 @@ def _search_goal(
         iy = f // width
         ix = f - iy * width
         cy, cx = iy + diy, ix + dix
-        if 0 <= cy < distance.shape[0] and 0 <= cx < distance.shape[1] and math.isfinite(distance[cy, cx]):
+        is_inside = 0 <= cy < distance.shape[0] and 0 <= cx < distance.shape[1]
+        if is_inside and math.isfinite(distance[cy, cx]) and costs[cy, cx] <= most:
             return f
         for ny in range(max(0, iy - 1), min(height, iy + 2)):
             for nx in range(max(0, ix - 1), min(width, ix + 2)):
@@ -206,25 +209,30 @@ def frontier_goals(
     occupancy: NDArray[np.int8],
     free_below: int,
     distance: NDArray[np.float32],
+    costs: NDArray[np.uint8],
+    most: int,
     diy: int,
     dix: int,
     cells: I64,
     starts: I64,
+    is_wanted: NDArray[np.bool_],
     max_steps: int,
     visited: NDArray[np.int32],
     first_stamp: int,
     queue: I64,
     goals: I64,
 ) -> None:
-    """Give each group its goal: the reachable free cell nearest (8-neighbour steps) to its cell nearest to the centroid.
+    """Give each group that `is_wanted` (G,) its goal: the reachable free cell nearest (8-neighbour steps) to its cell nearest to the centroid.
 
     `cells` are flat indices sorted by group, group g is cells[starts[g]:starts[g+1]]. `distance` (metres, inf where the
-    robot cannot be) is indexed [iy + diy, ix + dix]. When the middle of a group is far from every reachable cell, all of
-    its cells are tried at once. `goals[g]` is -1 without a reachable cell within `max_steps`. `visited` (as many as cells
+    robot cannot be) and `costs` are indexed [iy + diy, ix + dix]; a goal costs `most` at most. When the middle of a group is far from every reachable cell, all of
+    its cells are tried at once. `goals[g]` becomes -1 without a reachable cell within `max_steps`. `visited` (as many as cells
     of the grid) holds numbers below `first_stamp`; two stamps per group are used.
     """
     width = occupancy.shape[1]
     for g in range(len(starts) - 1):
+        if not is_wanted[g]:
+            continue
         a, b = starts[g], starts[g + 1]
         sy, sx = 0.0, 0.0
         for k in range(a, b):
@@ -242,7 +250,7 @@ def frontier_goals(
         stamp = first_stamp + 2 * g
         queue[0] = middle
         visited[middle] = stamp
-        goal = _search_goal(occupancy, free_below, distance, diy, dix, max_steps, visited, stamp, queue, 1)
+        goal = _search_goal(occupancy, free_below, distance, costs, most, diy, dix, max_steps, visited, stamp, queue, 1)
         if goal < 0:
             stamp += 1
             n = 0
@@ -250,7 +258,9 @@ def frontier_goals(
                 visited[cells[k]] = stamp
                 queue[n] = cells[k]
                 n += 1
-            goal = _search_goal(occupancy, free_below, distance, diy, dix, max_steps, visited, stamp, queue, n)
+            goal = _search_goal(
+                occupancy, free_below, distance, costs, most, diy, dix, max_steps, visited, stamp, queue, n
+            )
         goals[g] = goal
 
 
@@ -303,6 +313,56 @@ def look_around(
             break
 
 
+@jit
+def towards_free(occupancy: NDArray[np.int8], cells: I64, reach: int, free_below: int, down: I64, right: I64) -> None:
+    """Write for each flat cell the sums of the offsets (`down`, `right`) to the free cells within `reach` cells of it, less those to the unknown ones;
+    the grid's edge stands for what lies beyond it."""
+    height, width = occupancy.shape
+    for k in range(len(cells)):
+        iy, ix = cells[k] // width, cells[k] % width
+        down[k] = right[k] = 0
+        for dy in range(-reach, reach + 1):
+            y = min(max(iy + dy, 0), height - 1)
+            for dx in range(-reach, reach + 1):
+                value = occupancy[y, min(max(ix + dx, 0), width - 1)]
+                weight = -1 if value < 0 else 1 if value < free_below else 0
+                down[k] += dy * weight
+                right[k] += dx * weight
+
+
+@jit
+def has_any_around(
+    marks: NDArray[np.uint8], cells: I64, reach: int, bits: NDArray[np.uint8], out: NDArray[np.bool_]
+) -> None:
+    """Tell of each flat cell whether any cell of `marks` [iy, ix] within `reach` cells of it holds one of its `bits`."""
+    height, width = marks.shape
+    for k in range(len(cells)):
+        iy, ix = cells[k] // width, cells[k] % width
+        out[k] = False
+        for y in range(max(iy - reach, 0), min(iy + reach, height - 1) + 1):
+            for x in range(max(ix - reach, 0), min(ix + reach, width - 1) + 1):
+                if marks[y, x] & bits[k]:
+                    out[k] = True
+
+
+@jit
+def spread_steps(edge: I64, reached: NDArray[np.uint8], passable: NDArray[np.uint8], steps: int) -> None:
+    """Set to 1 in `reached` [iy, ix] what lies within so many steps, not diagonal, over `passable` cells from the flat cells of an `edge`."""
+    height, width = reached.shape
+    for _ in range(steps):
+        after = np.empty(4 * len(edge), np.int64)
+        found = 0
+        for k in range(len(edge)):
+            iy, ix = edge[k] // width, edge[k] % width
+            for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+                y, x = iy + dy, ix + dx
+                if 0 <= y < height and 0 <= x < width and passable[y, x] and not reached[y, x]:
+                    reached[y, x] = 1
+                    after[found] = y * width + x
+                    found += 1
+        edge = after[:found].copy()
+
+
 def warm_up() -> None:
     """Compile every kernel with its real dtypes; grids that come from messages are read-only."""
     occupancy = np.zeros((4, 4), np.int8)
@@ -318,6 +378,15 @@ def warm_up() -> None:
     starts = np.array([0, n], np.int64)
     visited = np.zeros(16, np.int32)
     distance = np.zeros((4, 4), np.float32)
-    frontier_goals(occupancy, 50, distance, 0, 0, cells, starts, 2, visited, 1, np.empty(16, np.int64), goals)
+    costs, wanted = np.zeros((4, 4), np.uint8), np.ones(1, np.bool_)
+    costs.flags.writeable = False
+    grids = (occupancy, 50, distance)
+    for prices in (costs, costs.copy()):
+        frontier_goals(*grids, prices, 9, 0, 0, cells, starts, wanted, 2, visited, 1, np.empty(16, np.int64), goals)
     ends, passed = np.empty(8, np.int64), np.zeros((4, 4), np.uint8)
     look_around(occupancy.copy(), 50, 2.5, 2.5, (0.0, math.pi), (0.0, 9.0), ends, passed)
+    one = np.zeros(1, np.int64)
+    for told in (occupancy, occupancy.copy()):
+        towards_free(told, one, 1, 50, np.empty(1, np.int64), np.empty(1, np.int64))
+    has_any_around(passed, one, 1, np.ones(1, np.uint8), np.empty(1, np.bool_))
+    spread_steps(one, np.zeros((4, 4), np.uint8), passed, 1)

@@ -223,6 +223,15 @@ def spread_distances(
             out[iy, ix] = coarse[cy, ix // factor] if costs[iy, ix] < limit else np.inf
 
 
+@jit
+def drop_outside(inside: NDArray[np.uint8], distance: NDArray[np.float32]) -> None:
+    """Set distances [iy, ix] to inf where `inside` is 0."""
+    for iy in range(distance.shape[0]):
+        for ix in range(distance.shape[1]):
+            if not inside[iy, ix]:
+                distance[iy, ix] = np.inf
+
+
 def warm_up() -> None:
     """Compile every kernel with its real dtypes; grids that come from messages are read-only."""
     occupancy = np.full((4, 4), -1, np.int8)
@@ -240,3 +249,4 @@ def warm_up() -> None:
     for told in (costs, costs.copy()):
         shrink_costs(told, 2, np.empty((2, 2), np.uint8))
     spread_distances(np.zeros((2, 2), np.float32), 2, costs, 253, np.empty((4, 4), np.float32))
+    drop_outside(np.zeros((4, 4), np.uint8)[1:-1, 1:-1], np.zeros((2, 2), np.float32))

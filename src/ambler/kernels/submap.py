@@ -153,17 +153,10 @@ def _is_beside_occupied(cells, iy, ix, log_odds):
 
 
 @jit
-def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidence, known):
-    """Add a submap's log odds to the global grid, each global cell reading the submap cell under its centre.
-
-    A free cell beside an occupied one counts `beside_occupied` times its log odds: submaps that place a wall one cell apart must not
-    wipe it out for each other.
-
-    `cells` uint16 (h, w) with `frame` (resolution, x, y) in the submap frame; `pose` float64 (3,) map_from_submap;
-    `log_odds` float32 (32768,); `target_frame` (resolution, x, y); `evidence` float32 (H, W), `known` uint8 (H, W).
-    """
-    h, w = cells.shape
-    height, width = evidence.shape
+def composed_box(size, frame, pose, target_frame, target_size):
+    """Return which cells iy0, iy1, ix0, ix1 of a global grid of `target_size` (H, W) a submap of `size` (h, w) may cover."""
+    h, w = size
+    height, width = target_size
     res = frame[0]
     target = target_frame[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -179,6 +172,25 @@ def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidenc
     ix1 = min(width, int(math.ceil((x_high - target_frame[1]) / target)) + 1)
     iy0 = max(0, int(math.floor((y_low - target_frame[2]) / target)))
     iy1 = min(height, int(math.ceil((y_high - target_frame[2]) / target)) + 1)
+    return iy0, iy1, ix0, ix1
+
+
+@jit
+def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidence, known):
+    """Add a submap's log odds to the global grid, each global cell reading the submap cell under its centre.
+
+    A free cell beside an occupied one counts `beside_occupied` times its log odds: submaps that place a wall one cell apart must not
+    wipe it out for each other.
+
+    `cells` uint16 (h, w) with `frame` (resolution, x, y) in the submap frame; `pose` float64 (3,) map_from_submap;
+    `log_odds` float32 (32768,); `target_frame` (resolution, x, y); `evidence` float32 (H, W), `known` uint8 (H, W), of which only the box that
+    `composed_box` tells is touched.
+    """
+    h, w = cells.shape
+    iy0, iy1, ix0, ix1 = composed_box(cells.shape, frame, pose, target_frame, evidence.shape)
+    res = frame[0]
+    target = target_frame[0]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
     inverse = 1.0 / res
     step_x, step_y = c * target * inverse, -s * target * inverse
     for iy in range(iy0, iy1):
@@ -232,4 +244,6 @@ def warm_up() -> None:
     evidence = np.zeros((4, 4), np.float32)
     known = np.zeros((4, 4), np.uint8)
     compose(cells, frame, np.zeros(3), np.zeros(32768, np.float32), 0.5, frame, evidence, known)
-    to_occupancy(evidence, known, 0.0, 0.0, np.zeros((4, 4), np.int8))
+    composed_box((4, 4), frame, np.zeros(3), frame, (4, 4))
+    part = np.s_[1:3, 1:3]
+    to_occupancy(evidence[part], known[part], 0.0, 0.0, np.zeros((4, 4), np.int8)[part])

@@ -53,22 +53,30 @@ class MapTrustConfig:
 
 
 class KnownFloor:
-    """The cells of a map that are free and lie well away from anything occupied."""
+    """The cells of a map that are free and lie well away from anything occupied. They are judged where returns lie, and only then: a hall has millions."""
 
     def __init__(self, spec: GridSpec, occupancy: NDArray[np.int8], slack: float) -> None:
         self.spec = spec
-        width = 2 * max(1, math.ceil(slack / spec.resolution)) + 1
-        near = cv2.dilate((occupancy >= OCC_OCCUPIED).view(np.uint8), np.ones((width, width), np.uint8))
-        self._kinds = np.where(occupancy < 0, 0, np.where((occupancy == OCC_FREE) & (near == 0), 2, 1)).astype(np.uint8)
+        self._occupancy = occupancy
+        self._reach = max(1, math.ceil(slack / spec.resolution))
 
     def contradiction(self, points_map: NDArray[np.floating]) -> tuple[float, int]:
         """Return the share of returns (N, 2) that lie on such floor, of those on known cells, and how many these are."""
         cells = self.spec.cells_of(np.asarray(points_map, np.float64))
         height, width = self.spec.shape
-        is_inside = (cells >= 0).all(axis=1) & (cells[:, 0] < height) & (cells[:, 1] < width)
-        kinds = self._kinds[cells[is_inside, 0], cells[is_inside, 1]]
-        known = int(np.count_nonzero(kinds))
-        return (float(np.count_nonzero(kinds == 2)) / known if known else 0.0), known
+        cells = cells[(cells >= 0).all(axis=1) & (cells[:, 0] < height) & (cells[:, 1] < width)]
+        if len(cells) == 0:
+            return 0.0, 0
+        corner = np.maximum(cells.min(axis=0) - self._reach, 0)
+        end = cells.max(axis=0) + self._reach + 1
+        around = self._occupancy[corner[0] : end[0], corner[1] : end[1]]
+        size = 2 * self._reach + 1
+        near = cv2.dilate((around >= OCC_OCCUPIED).view(np.uint8), np.ones((size, size), np.uint8))
+        rows, columns = (cells - corner).T
+        met = around[rows, columns]
+        known = int(np.count_nonzero(met >= 0))
+        floor = int(np.count_nonzero((met == OCC_FREE) & (near[rows, columns] == 0)))
+        return (floor / known if known else 0.0), known
 
 
 class MapTrustJudge:

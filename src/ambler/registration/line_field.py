@@ -45,6 +45,15 @@ class LineFit:
     is_held: bool
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedLines:
+    """The `keys` int64 (N,) and `moments` float64 (N, 6) of a field's cells."""
+
+    config: LineConfig
+    keys: NDArray[np.int64]
+    moments: F64
+
+
 class LineField:
     """Moments of the returns that were added, in the frame of a submap."""
 
@@ -61,9 +70,19 @@ class LineField:
             self._resize(wanted)
         self._rows += int(kernels.add_points(self._keys, self._moments, self._config.size, starts, points))
 
-    def trim(self) -> None:
-        """Give back the memory that is kept for points to come."""
-        self._resize(_capacity(self._rows))
+    def packed(self) -> PackedLines:
+        """Return the moments without the room that the table keeps free."""
+        is_taken = self._keys != kernels.EMPTY
+        return PackedLines(self._config, self._keys[is_taken], self._moments[is_taken])
+
+    @classmethod
+    def of(cls, packed: PackedLines) -> LineField:
+        """Return the field that was packed."""
+        field = cls(packed.config)
+        field._rows = len(packed.keys)
+        field._keys, field._moments = packed.keys, packed.moments
+        field._resize(_capacity(field._rows))
+        return field
 
     def _resize(self, capacity: int) -> None:
         keys, moments = np.full(capacity, kernels.EMPTY), np.zeros((capacity, 6))

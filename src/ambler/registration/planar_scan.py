@@ -103,7 +103,7 @@ def _table(n: int) -> NDArray[np.int64]:
 def filter_voxels(points: F32, size: float) -> F32:
     """Keep the middle point of every square voxel, in the order of the scan; (N, 2) -> (K, 2), order kept."""
     out, chosen = np.empty_like(points), np.empty(len(points), np.int64)
-    return out[: int(scan_points.voxel_filter(points, size, _table(len(points)), True, chosen, out))]
+    return out[: int(scan_points.voxel_filter(points, size, _table(len(points)), True, chosen, out))].copy()
 
 
 def filter_voxels_adaptively(points: F32, max_size: float, min_points: int, *, picks_middle: bool = True) -> F32:
@@ -114,7 +114,7 @@ def filter_voxels_adaptively(points: F32, max_size: float, min_points: int, *, p
     """
     out, chosen = np.empty_like(points), np.empty(len(points), np.int64)
     n = scan_points.adaptive_voxel_filter(points, max_size, min_points, _table(len(points)), picks_middle, chosen, out)
-    return out[: int(n)]
+    return out[: int(n)].copy()  # who keeps them need not keep the room for all points
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,6 +24,7 @@ from ambler.sim.mesh_cut import draw_mesh, draw_terrain
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
 SAMPLES = 5
+SAMPLES_AT_ONCE = 1_000_000  # a wall that stands aslant in a hall of 100 m lies in a box of 100 million
 MARGIN = 0.5
 
 
@@ -108,7 +109,15 @@ def _grid_around(world: WorldSpec, resolution: float) -> GridSpec:
 def _draw(solid: Solid, spec: GridSpec, out: NDArray[np.bool_]) -> None:
     corners = solid.corners()
     low, high = spec.cells_of(np.stack([corners.min(axis=0), corners.max(axis=0)]))
-    rows, columns = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)
+    columns = np.arange(low[1], high[1] + 1)
+    step = max(1, SAMPLES_AT_ONCE // (SAMPLES**2 * len(columns)))
+    for first in range(int(low[0]), int(high[0]) + 1, step):
+        rows = np.arange(first, min(first + step, int(high[0]) + 1))
+        out[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] |= _covered(solid, spec, rows, columns)
+
+
+def _covered(solid: Solid, spec: GridSpec, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell which cells of some rows and columns have a sample in a solid, bool [iy, ix]."""
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
     x = spec.origin_x + (columns[:, None] + offsets).ravel() * spec.resolution
     y = spec.origin_y + (rows[:, None] + offsets).ravel() * spec.resolution
@@ -120,8 +129,7 @@ def _draw(solid: Solid, spec: GridSpec, out: NDArray[np.bool_]) -> None:
         inside = (np.abs(px) <= half_x) & (np.abs(py) <= half_y)
     else:
         inside = px * px + py * py <= (0.5 * solid.size_x) ** 2
-    cells = inside.reshape(len(rows), SAMPLES, len(columns), SAMPLES).any(axis=(1, 3))
-    out[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] |= cells
+    return np.asarray(inside.reshape(len(rows), SAMPLES, len(columns), SAMPLES).any(axis=(1, 3)))
 
 
 def _local(

@@ -128,7 +128,7 @@ class LoopConfig:
     wide_window: float = 6.0
     searches_per_job: int = 24
     edges_per_pair: int = 6
-    cached_stacks: int = 48
+    cached_stacks: int = 12
     picks_middle: bool = False
     drift: DriftConfig = field(default_factory=DriftConfig)
     refine: RefineConfig = field(default_factory=lambda: RefineConfig(1.0, 0.01, 0.01, 0.01, max_iterations=4))

@@ -28,45 +28,100 @@ class PlacedSubmap:
     map_from_submap: SE2
 
 
+@dataclass(slots=True, eq=False)
+class _Canvas:
+    """What a group of submaps adds up to on the cells [iy, ix] of a grid, and which rows and columns hold something known."""
+
+    spec: GridSpec
+    evidence: NDArray[np.float32]
+    known: NDArray[np.uint8]
+    occupancy: NDArray[np.int8]
+    rows: NDArray[np.bool_]
+    columns: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, spec: GridSpec) -> _Canvas:
+        """Return an empty one."""
+        height, width = spec.shape
+        return cls(
+            *(spec, np.zeros(spec.shape, np.float32), np.zeros(spec.shape, np.uint8)),
+            *(np.full(spec.shape, -1, np.int8), np.zeros(height, np.bool_), np.zeros(width, np.bool_)),
+        )
+
+
+_Slices = tuple[slice, slice]
+
+
 class MapRenderer:
-    """Adds log odds of submaps on a lattice that contains the map's origin, and thresholds the sum."""
+    """Adds log odds of submaps on a lattice that contains the map's origin, and thresholds the sum. What changes costs time, not how large the map is."""
 
     def __init__(self, config: RenderConfig) -> None:
         self._config = config
         self._log_odds = log_odds_table()
         self._base: dict[int, SE2] = {}
-        self._spec: GridSpec | None = None
-        self._evidence = np.zeros((0, 0), np.float32)
-        self._known = np.zeros((0, 0), np.uint8)
+        self._canvas: _Canvas | None = None
 
     def render(self, placed: list[PlacedSubmap]) -> tuple[GridSpec, NDArray[np.int8]]:
         """Return the map's geometry and occupancy int8 [iy, ix] (-1 unknown, 0 free, 100 occupied), cropped to what is known."""
-        spec = self._canvas(placed)
-        finished = [p for p in placed if p.submap.is_finished]
-        if spec != self._spec or not self._is_base_of(finished):
-            self._spec = spec
-            self._evidence = np.zeros(spec.shape, np.float32)
-            self._known = np.zeros(spec.shape, np.uint8)
-            self._base = {}
-        for p in finished:
-            if p.submap.index not in self._base:
-                self._compose(p, spec, self._evidence, self._known)
-                self._base[p.submap.index] = p.map_from_submap
-        evidence, known = self._evidence.copy(), self._known.copy()
+        canvas = self._with_base([p for p in placed if p.submap.is_finished], self._extent(placed))
+        rows, columns, active = canvas.rows.copy(), canvas.columns.copy(), []
         for p in placed:
             if not p.submap.is_finished:
-                self._compose(p, spec, evidence, known)
-        occupancy = np.empty(spec.shape, np.int8)
-        kernels.to_occupancy(evidence, known, self._config.free_below, self._config.occupied_above, occupancy)
-        return self._crop(spec, known, occupancy)
+                box = self._box(p, canvas.spec)
+                active.append((box, canvas.evidence[box].copy(), canvas.known[box].copy()))
+                self._compose(p, canvas)
+                _note_known(canvas.known, box, rows, columns)
+        box = _known_box(rows, columns, math.ceil(self._config.margin / canvas.spec.resolution))
+        occupancy = canvas.occupancy[box].copy()
+        for part, _, _ in active:
+            self._threshold(canvas, part, box, occupancy)
+        for part, evidence, known in reversed(active):  # as it was: of the finished ones
+            canvas.evidence[part], canvas.known[part] = evidence, known
+        height, width = occupancy.shape
+        spec, (y0, x0) = canvas.spec, (box[0].start, box[1].start)
+        origin = spec.origin_x + x0 * spec.resolution, spec.origin_y + y0 * spec.resolution
+        return GridSpec(spec.resolution, width, height, *origin), occupancy
 
-    def _compose(
-        self, p: PlacedSubmap, spec: GridSpec, evidence: NDArray[np.float32], known: NDArray[np.uint8]
-    ) -> None:
-        frame = np.array([spec.resolution, spec.origin_x, spec.origin_y])
+    def _with_base(self, finished: list[PlacedSubmap], spec: GridSpec) -> _Canvas:
+        """Return the canvas of the finished submaps; those that it does not hold yet are added, all of them anew when one has moved."""
+        canvas = self._canvas
+        if canvas is None or spec != canvas.spec or not self._is_base_of(finished):
+            canvas, self._base = _Canvas.of(spec), {}
+            self._canvas = canvas
+        changed = []
+        for p in finished:
+            if p.submap.index not in self._base:
+                changed.append(self._box(p, spec))
+                self._compose(p, canvas)
+                self._base[p.submap.index] = p.map_from_submap
+        if changed:
+            box = _union(changed)
+            self._threshold(canvas, box, np.s_[0 : spec.height, 0 : spec.width], canvas.occupancy)
+            _note_known(canvas.known, box, canvas.rows, canvas.columns)
+        return canvas
+
+    def _threshold(self, canvas: _Canvas, part: _Slices, within: _Slices, out: NDArray[np.int8]) -> None:
+        """Write the occupancy of a part of the canvas into `out`, which holds the cells `within`, as far as these share cells."""
+        common = [slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(part, within, strict=True)]
+        if any(c.stop <= c.start for c in common):
+            return
+        rows, columns = common
+        target = out[tuple(slice(c.start - w.start, c.stop - w.start) for c, w in zip(common, within, strict=True))]
+        config = self._config
+        evidence, known = canvas.evidence[rows, columns], canvas.known[rows, columns]
+        kernels.to_occupancy(evidence, known, config.free_below, config.occupied_above, target)
+
+    def _compose(self, p: PlacedSubmap, canvas: _Canvas) -> None:
+        grid, beside, pose = p.submap.passing_grid(), self._config.beside_occupied, p.map_from_submap.as_array()
+        frame = _frame_of(canvas.spec)
+        kernels.compose(grid.cells, grid.frame, pose, self._log_odds, beside, frame, canvas.evidence, canvas.known)
+
+    def _box(self, p: PlacedSubmap, spec: GridSpec) -> _Slices:
+        """Return the cells of the canvas that a submap may cover."""
+        own = p.submap.spec
         pose = p.map_from_submap.as_array()
-        grid, beside = p.submap.grid, self._config.beside_occupied
-        kernels.compose(grid.cells, grid.frame, pose, self._log_odds, beside, frame, evidence, known)
+        y0, y1, x0, x1 = kernels.composed_box(own.shape, _frame_of(own), pose, _frame_of(spec), spec.shape)
+        return slice(int(y0), int(y1)), slice(int(x0), int(x1))
 
     def _is_base_of(self, finished: list[PlacedSubmap]) -> bool:
         now = {p.submap.index: p.map_from_submap for p in finished}
@@ -78,15 +133,14 @@ class MapRenderer:
                 return False
         return True
 
-    def _canvas(self, placed: list[PlacedSubmap]) -> GridSpec:
+    def _extent(self, placed: list[PlacedSubmap]) -> GridSpec:
         """Return a grid over all submaps whose borders lie on multiples of a block, so that it rarely changes."""
         corners = []
         for p in placed:
-            resolution, x, y = (float(v) for v in p.submap.grid.frame)
-            h, w = p.submap.grid.cells.shape
-            box = np.array(
-                [[x, y], [x + w * resolution, y], [x, y + h * resolution], [x + w * resolution, y + h * resolution]]
-            )
+            own = p.submap.spec
+            x0, y0 = own.origin_x, own.origin_y
+            x1, y1 = x0 + own.width * own.resolution, y0 + own.height * own.resolution
+            box = np.array([[x0, y0], [x1, y0], [x0, y1], [x1, y1]])
             corners.append(p.map_from_submap.transform(box))
         points = np.concatenate(corners) if corners else np.zeros((1, 2))
         low = np.floor(points.min(axis=0) / _BLOCK) * _BLOCK
@@ -100,14 +154,32 @@ class MapRenderer:
             float(low[1]),
         )
 
-    def _crop(
-        self, spec: GridSpec, known: NDArray[np.uint8], occupancy: NDArray[np.int8]
-    ) -> tuple[GridSpec, NDArray[np.int8]]:
-        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-        if len(rows) == 0:
-            return spec, occupancy
-        m = math.ceil(self._config.margin / spec.resolution)
-        y0, y1 = max(0, int(rows[0]) - m), min(spec.height, int(rows[-1]) + 1 + m)
-        x0, x1 = max(0, int(columns[0]) - m), min(spec.width, int(columns[-1]) + 1 + m)
-        origin = spec.origin_x + x0 * spec.resolution, spec.origin_y + y0 * spec.resolution
-        return GridSpec(spec.resolution, x1 - x0, y1 - y0, *origin), np.ascontiguousarray(occupancy[y0:y1, x0:x1])
+
+def _frame_of(spec: GridSpec) -> NDArray[np.float64]:
+    return np.array([spec.resolution, spec.origin_x, spec.origin_y])
+
+
+def _union(boxes: list[_Slices]) -> _Slices:
+    """Return the box around boxes."""
+    rows, columns = zip(*boxes, strict=True)
+    return (
+        slice(min(r.start for r in rows), max(r.stop for r in rows)),
+        slice(min(c.start for c in columns), max(c.stop for c in columns)),
+    )
+
+
+def _note_known(known: NDArray[np.uint8], box: _Slices, rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> None:
+    """Mark the rows (H,) and columns (W,) in which a box holds something known."""
+    part = known[box]
+    rows[box[0]] |= part.any(axis=1)
+    columns[box[1]] |= part.any(axis=0)
+
+
+def _known_box(rows: NDArray[np.bool_], columns: NDArray[np.bool_], margin: int) -> _Slices:
+    """Return the box of the rows (H,) and columns (W,) that hold something, and a margin; all where none does."""
+    out = []
+    for marks in (rows, columns):
+        marked = np.flatnonzero(marks)
+        low, high = (int(marked[0]) - margin, int(marked[-1]) + 1 + margin) if len(marked) else (0, len(marks))
+        out.append(slice(max(0, low), min(len(marks), high)))
+    return out[0], out[1]

@@ -3,41 +3,132 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2, wrap_angle
-from ambler.grids.probability_grid import Inserter, InsertionConfig, ProbabilityGrid
-from ambler.registration.line_field import LineConfig, LineField
+from ambler.grids.probability_grid import Inserter, InsertionConfig, PackedGrid, ProbabilityGrid
+from ambler.registration.line_field import LineConfig, LineField, PackedLines
 from ambler.registration.planar_scan import NOTHING_BETWEEN, BetweenReturns, PlanarScan
 
 F32 = NDArray[np.float32]
 
 METRES_PER_RADIAN = 1.0
+RECENT = 8  # finished submaps that lie unpacked
 MOST_TIMES = 8
 """As how many scans one counts at most that comes after a long way, in which a denser log would have had as many."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """What scans drew: a grid, and the lines of their returns."""
+
+    grid: ProbabilityGrid
+    lines: LineField
+
+    def packed(self) -> PackedDrawing:
+        """Return it in less memory."""
+        return PackedDrawing(self.grid.packed(), self.lines.packed())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedDrawing:
+    """A drawing of which nothing but its extent can be read."""
+
+    grid: PackedGrid
+    lines: PackedLines
+
+    def unpacked(self) -> Drawing:
+        """Return the drawing."""
+        return Drawing(self.grid.unpacked(), LineField.of(self.lines))
+
+
+class RecentDrawings:
+    """The drawings of the finished submaps that were asked for last, unpacked: scans are searched in the same few for a while. May be asked in several threads."""
+
+    def __init__(self, most: int = RECENT) -> None:
+        self._most = most
+        self._lock = threading.Lock()
+        self._drawings: OrderedDict[int, Drawing] = OrderedDict()
+
+    def get(self, index: int, packed: PackedDrawing) -> Drawing:
+        """Return a submap's drawing, by its index, and keep it ready."""
+        drawing = self.find(index)
+        drawing = packed.unpacked() if drawing is None else drawing
+        with self._lock:
+            self._drawings[index] = drawing
+            self._drawings.move_to_end(index)
+            if len(self._drawings) > self._most:
+                self._drawings.popitem(last=False)
+        return drawing
+
+    def find(self, index: int) -> Drawing | None:
+        """Return a submap's drawing if it lies ready."""
+        with self._lock:
+            return self._drawings.get(index)
+
+
 @dataclass(slots=True, eq=False)
 class Submap:
-    """A grid and the lines of its returns in its own frame; `local_from_submap` never changes and has yaw 0, so that its cells lie on the local frame's lattice."""
+    """A grid and the lines of its returns in its own frame; `local_from_submap` never changes and has yaw 0, so that its cells lie on the local frame's lattice.
+    When it is finished, its drawing is packed."""
 
     index: int
     local_from_submap: SE2
-    grid: ProbabilityGrid
-    lines: LineField
+    drawing: Drawing | PackedDrawing
+    recent: RecentDrawings
     scans: int = 0
-    is_finished: bool = False
     nodes: list[int] = field(default_factory=list)
     way: float = 0.0
     doubt: tuple[float, float] = (0.0, 0.0)
     travelled: float = 0.0
 
+    @property
+    def is_finished(self) -> bool:
+        """Whether it takes no more scans."""
+        return isinstance(self.drawing, PackedDrawing)
+
+    @property
+    def grid(self) -> ProbabilityGrid:
+        """Its cells."""
+        return self._open().grid
+
+    @property
+    def lines(self) -> LineField:
+        """Its lines."""
+        return self._open().lines
+
+    @property
+    def spec(self) -> GridSpec:
+        """The geometry of its grid, in its own frame."""
+        return self.drawing.grid.spec
+
+    def passing_grid(self) -> ProbabilityGrid:
+        """Return its cells for one who reads all submaps once, and must not put away those that others read."""
+        drawing = self.drawing
+        if isinstance(drawing, Drawing):
+            return drawing.grid
+        ready = self.recent.find(self.index)
+        return drawing.grid.unpacked() if ready is None else ready.grid
+
+    def finish(self) -> None:
+        """Take no more scans."""
+        if isinstance(self.drawing, Drawing):
+            self.drawing.grid.crop()
+            self.drawing = self.drawing.packed()
+
     def to_submap(self, local_from_base: SE2) -> SE2:
         """Return submap_from_base."""
         return self.local_from_submap.inverse() @ local_from_base
+
+    def _open(self) -> Drawing:
+        drawing = self.drawing
+        return drawing if isinstance(drawing, Drawing) else self.recent.get(self.index, drawing)
 
 
 class ActiveSubmaps:
@@ -57,6 +148,7 @@ class ActiveSubmaps:
         self._half_distance = distance_per_submap
         self._step = step
         self._last = SE2()
+        self._recent = RecentDrawings()
         self.submaps: list[Submap] = []
         self._count = 0
 
@@ -91,9 +183,7 @@ class ActiveSubmaps:
         finished = None
         if len(self.submaps) > 1 and self._is_full(self.submaps[-1], 1.0):
             finished = self.submaps.pop(0)
-            finished.grid.crop()
-            finished.lines.trim()
-            finished.is_finished = True
+            finished.finish()
         return used, finished
 
     def _is_full(self, submap: Submap, halves: float) -> bool:
@@ -104,5 +194,5 @@ class ActiveSubmaps:
         r = config.resolution
         snapped = SE2(round(local_from_base.x / r) * r, round(local_from_base.y / r) * r, 0.0)
         grid = ProbabilityGrid(r, (0.0, 0.0), config.initial_size)
-        self.submaps.append(Submap(self._count, snapped, grid, LineField(self._lines)))
+        self.submaps.append(Submap(self._count, snapped, Drawing(grid, LineField(self._lines)), self._recent))
         self._count += 1

@@ -168,8 +168,8 @@ def kind_of(result: dict[str, Any]) -> str:
 
 
 def load_of(result: dict[str, Any]) -> float | None:
-    """Return the processor seconds per simulated second that a run took with everything, the simulator too."""
-    spent, seconds = result.get("cpu_seconds"), result.get("sim_seconds")
+    """Return the processor seconds per simulated second that a run took with everything, the simulator too, until it was judged."""
+    spent, seconds = result.get("run_cpu_seconds"), result.get("sim_seconds")
     return float(spent) / float(seconds) if spent and seconds else None
 
 

@@ -52,6 +52,12 @@ _NO_TEXTURE = _CompressedImage(header_to_ros(0, ""), "", np.empty(0, np.uint8))
 _NO_MESH = _MeshFile("", np.empty(0, np.uint8))
 
 
+# Between the points and the text of a marker lie: how many colours of points; texture: resource (an empty text is one byte, and three to the next
+# number), stamp, frame, format, how many bytes; how many texture coordinates.
+_BETWEEN_LAYOUT = "II4xiII4xI4xII"
+_BETWEEN = (0, 1, 0, 0, 1, 1, 0, 0)
+
+
 def _no_points() -> NDArray[np.float64]:
     return np.zeros((0, 3))
 
@@ -170,12 +176,7 @@ def _put_marker(writer: _CdrWriter, message: m.Frontiers | m.VisibilityGraphView
     if len(shape.points):
         writer.put(8, "")
         writer.out += shape.points.tobytes()
-    writer.put(4, "I", 0)  # colours per point
-    writer.put_text("")  # texture resource
-    writer.put(4, "iI", 0, 0)  # texture: stamp, frame, format, data
-    writer.put_text("", "")
-    writer.put(4, "I", 0)
-    writer.put(4, "I", 0)  # texture coordinates
+    writer.put(4, _BETWEEN_LAYOUT, *_BETWEEN)
     writer.put_text(shape.text, "", "")  # text, mesh resource, mesh file
     writer.put(4, "IB", 0, 0)  # mesh data, no embedded materials
 
