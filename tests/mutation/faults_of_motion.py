@@ -473,6 +473,13 @@ MOTION = (
         WIDE,
     ),
     PlantedFault(
+        "arrays of a hall leave holes in the memory when they are dropped",
+        "core/large_memory.py",
+        "mallopt(_MMAP_THRESHOLD, LARGE)",
+        "mallopt(_MMAP_THRESHOLD, 8 * LARGE)",
+        ("tests/core/test_large_memory.py",),
+    ),
+    PlantedFault(
         "finished submaps keep all that they need no more",
         "grids/probability_grid.py",
         "bytes(memoryview(data))",

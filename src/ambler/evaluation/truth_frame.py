@@ -21,6 +21,7 @@ from ambler.wire.mcap_reader import read_recording
 
 F64 = NDArray[np.float64]
 STRAIGHT = 1e-9  # radians from a multiple of a right angle
+CELLS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +77,12 @@ def _sampled(grid: OccupancyGrid, world_from_map: SE2) -> tuple[GridSpec, NDArra
     low = np.floor(corners.min(axis=0) / resolution) * resolution
     width, height = np.ceil((corners.max(axis=0) - low) / resolution).astype(int).tolist()
     spec = GridSpec(resolution, width, height, float(low[0]), float(low[1]))
-    cells = np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=-1).reshape(-1, 2)
-    source = grid.spec.cells_of(world_from_map.transform(spec.centers_of(cells)))
-    inside = (source >= 0).all(axis=1) & (source < np.array(grid.spec.shape)).all(axis=1)
-    out = np.full(height * width, OCC_UNKNOWN, np.int8)
-    out[inside] = grid.data[source[inside, 0], source[inside, 1]]
-    return spec, out.reshape(height, width)
+    out = np.full(spec.shape, OCC_UNKNOWN, np.int8)
+    rows = max(1, CELLS_AT_ONCE // max(1, width))
+    for begin in range(0, height, rows):
+        part = out[begin : begin + rows]
+        cells = np.argwhere(np.ones(part.shape, np.bool_)) + np.array([begin, 0])
+        source = grid.spec.cells_of(world_from_map.transform(spec.centers_of(cells)))
+        inside = (source >= 0).all(axis=1) & (source < np.array(grid.spec.shape)).all(axis=1)
+        part.ravel()[inside] = grid.data[source[inside, 0], source[inside, 1]]
+    return spec, out

@@ -44,7 +44,7 @@ def tell_narrow_ways(
     free ground within `near` metres (along each axis) of its middle is `reached`, [iy, ix], because ways there are less than twice as wide as the robot."""
     spec, steps = occupancy.spec, round(near / occupancy.spec.resolution)
     is_free = (occupancy.data >= 0) & (occupancy.data < free_below)
-    wanted = np.zeros(spec.shape, np.int64)
+    wanted = np.zeros(spec.shape, np.int32)
     for number, frontier in enumerate(frontiers, 1):
         if len(frontier.cells) * spec.resolution < width:
             continue
@@ -64,7 +64,7 @@ def tell_narrow_ways(
 
 
 def narrowest_places(
-    occupancy: OccupancyGrid, free_below: int, reached: Mask, wanted: NDArray[np.int64]
+    occupancy: OccupancyGrid, free_below: int, reached: Mask, wanted: NDArray[np.int32]
 ) -> dict[int, NarrowPlace]:
     """Return for each number in `wanted`, [iy, ix], 0 for none, the narrowest place of the widest way to its cells from those that are
     `reached`; not of what no free ground joins to them. Unknown cells narrow nothing: there may be ground.

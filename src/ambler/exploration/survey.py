@@ -18,6 +18,7 @@ from ambler.core.se2 import SE2
 from ambler.exploration.close_looks import CloseLookConfig, CloseLooks
 from ambler.exploration.fence import Boundary, Fence, FenceConfig, Side
 from ambler.exploration.frontier_map import Box, FrontierGroups, FrontierMap, changed_box, group
+from ambler.exploration.lattice import carried
 from ambler.exploration.memory import FrontierMemory, MemoryConfig
 from ambler.exploration.narrow_ways import tell_narrow_ways
 from ambler.exploration.overlooked import Overlooked, is_hidden
@@ -230,10 +231,8 @@ class FrontierSurvey:
 
     def explained(self, survey: Survey, occupancy: OccupancyGrid, map_from_base: SE2) -> Survey:
         """Return the survey with what keeps the robot from frontiers that it cannot come near, should that be a way less than twice as wide as the robot."""
-        c, spec, shift = self.config, occupancy.spec, occupancy.spec.offset_in(survey.costs.spec)
-        cells = np.argwhere(np.isfinite(self._distances(survey.costs, map_from_base))) - shift
-        reached = np.zeros(spec.shape, np.bool_)
-        reached[tuple(cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)].T)] = True
+        c, is_reached = self.config, np.isfinite(self._distances(survey.costs, map_from_base))
+        reached = carried(is_reached, survey.costs.spec, occupancy.spec)
         near, width = 0.5 * c.goal_reach, c.min_size
         told = tell_narrow_ways(survey.frontiers, occupancy, c.free_below, reached, near=near, width=width)
         return replace(survey, frontiers=told)

@@ -1,0 +1,39 @@
+"""Large arrays must go back to the system; the C library's habits are those of a whole process, so each case has one of its own."""
+
+import subprocess
+import sys
+
+import pytest
+
+CODE = """
+import re
+import numpy as np
+from pathlib import Path
+from ambler.core.large_memory import give_back_large_arrays
+
+def held():
+    return int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1e3
+
+if {asks}:
+    assert give_back_large_arrays()
+np.ones(3_000_000)  # 24 MB: the C library takes it for a sign when it is dropped
+before, small = held(), []
+for _ in range(10):
+    large = np.ones(2_000_000)
+    small.append(np.ones(20_000))
+    del large
+    more = np.ones(1_500_000)
+    small.append(np.ones(10_000))
+    del more
+print(held() - before - sum(a.nbytes for a in small) / 1e6)
+"""
+
+
+def kept_mb(*, asks: bool) -> float:
+    done = subprocess.run([sys.executable, "-c", CODE.format(asks=asks)], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the C library of Linux")
+def test_arrays_of_a_hall_leave_no_holes() -> None:
+    assert kept_mb(asks=True) < 2.0
