@@ -101,6 +101,7 @@ def judged(
         run_seconds=30.0,
         wall_seconds=10.0,
         memory_mb=300.0,
+        cpu_seconds=20.0,
     )
     return judge(cast(Any, run)), cast(SimulatedRun, run)
 

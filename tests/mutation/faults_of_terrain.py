@@ -362,7 +362,7 @@ TERRAIN = (
     PlantedFault(
         "what hides behind a crest is looked for from afar for ever",
         "exploration/survey.py",
-        "worth_it[g] &= self.memory.find(",
+        "worth_it[g] = self.memory.find(",
         "worth_it[g] |= self.memory.find(",
         ("tests/exploration/test_survey.py",),
     ),

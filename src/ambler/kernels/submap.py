@@ -215,18 +215,17 @@ def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidenc
 
 
 @jit
-def to_occupancy(evidence, known, free_below, occupied_above, occupancy):
-    """Threshold summed log odds into int8 occupancy: -1 unknown or undecided, 0 free, 100 occupied."""
-    for iy in range(evidence.shape[0]):
-        for ix in range(evidence.shape[1]):
-            if known[iy, ix] == 0:
-                occupancy[iy, ix] = -1
-            elif evidence[iy, ix] > occupied_above:
-                occupancy[iy, ix] = 100
-            elif evidence[iy, ix] < free_below:
-                occupancy[iy, ix] = 0
-            else:
-                occupancy[iy, ix] = -1
+def to_occupancy(evidence, known, free_below, occupied_above, part, corner, occupancy):
+    """Threshold summed log odds into int8 occupancy: -1 unknown or undecided, 0 free, 100 occupied. Of the sums only the `part`
+    (iy0, iy1, ix0, ix1) is told, in `occupancy`, which begins at their cell `corner` (iy, ix)."""
+    for iy in range(part[0], part[1]):
+        for ix in range(part[2], part[3]):
+            value = -1
+            if known[iy, ix] != 0 and evidence[iy, ix] > occupied_above:
+                value = 100
+            elif known[iy, ix] != 0 and evidence[iy, ix] < free_below:
+                value = 0
+            occupancy[iy - corner[0], ix - corner[1]] = value
 
 
 def warm_up() -> None:
@@ -245,5 +244,4 @@ def warm_up() -> None:
     known = np.zeros((4, 4), np.uint8)
     compose(cells, frame, np.zeros(3), np.zeros(32768, np.float32), 0.5, frame, evidence, known)
     composed_box((4, 4), frame, np.zeros(3), frame, (4, 4))
-    part = np.s_[1:3, 1:3]
-    to_occupancy(evidence[part], known[part], 0.0, 0.0, np.zeros((4, 4), np.int8)[part])
+    to_occupancy(evidence, known, 0.0, 0.0, (1, 3, 1, 3), (1, 1), np.zeros((2, 2), np.int8))

@@ -106,10 +106,9 @@ class MapRenderer:
         if any(c.stop <= c.start for c in common):
             return
         rows, columns = common
-        target = out[tuple(slice(c.start - w.start, c.stop - w.start) for c, w in zip(common, within, strict=True))]
-        config = self._config
-        evidence, known = canvas.evidence[rows, columns], canvas.known[rows, columns]
-        kernels.to_occupancy(evidence, known, config.free_below, config.occupied_above, target)
+        config, box = self._config, (rows.start, rows.stop, columns.start, columns.stop)
+        corner = within[0].start, within[1].start
+        kernels.to_occupancy(canvas.evidence, canvas.known, config.free_below, config.occupied_above, box, corner, out)
 
     def _compose(self, p: PlacedSubmap, canvas: _Canvas) -> None:
         grid, beside, pose = p.submap.passing_grid(), self._config.beside_occupied, p.map_from_submap.as_array()
