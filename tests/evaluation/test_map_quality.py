@@ -202,6 +202,22 @@ def test_a_small_map_in_a_large_truth_is_judged_without_a_copy_of_the_truth() ->
     assert peak < 700e6
 
 
+@pytest.mark.parametrize(("resolution", "shift"), [(0.05, 0.0), (0.05, 0.025), (0.1, 0.0), (0.03, 0.01)])
+def test_the_share_that_is_known_is_that_of_the_cells_one_by_one(resolution: float, shift: float) -> None:
+    """Cells of a map may lie half a cell beside those of the truth, or be larger: then they do not follow one another."""
+    rng = np.random.default_rng(5)
+    truth_spec, truth = GridSpec(0.05, 40, 30, -1.0, 0.5), rng.choice(np.array([-1, 0, 100], np.int8), (30, 40))
+    spec = GridSpec(resolution, 35, 28, -0.8 + shift, 0.3 + shift)
+    built = rng.choice(np.array([-1, 0, 0, 100], np.int8), spec.shape)
+    known = 0
+    for iy, ix in np.argwhere(truth == 0):
+        row, column = spec.cell_of(*truth_spec.center_of(int(iy), int(ix)))
+        known += bool(spec.contains_cell(row, column) and built[row, column] == 0)
+    share = KnownShare((truth_spec, truth)).of(spec, built)
+    assert share == pytest.approx(known / np.count_nonzero(truth == 0))
+    assert share > 0.1
+
+
 @given(yaw=st.floats(0.0, 90.0), width=st.floats(0.03, 0.3), x=st.floats(0.0, 0.05), length=st.floats(1.0, 4.0))
 @settings(max_examples=60, deadline=None)
 def test_thinning_leaves_a_line_of_every_wall_however_it_lies(

@@ -14,6 +14,7 @@ from ambler.core.grid import GridSpec
 from ambler.core.messages import OccupancyGrid, PoseStamped
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
+from ambler.evaluation import truth_frame
 from ambler.evaluation.truth_frame import TruthFrame, start_frame
 from ambler.runtime.topics import TRUE_START
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -68,6 +69,21 @@ def test_any_other_angle_agrees_with_a_map_that_was_drawn_there() -> None:
     near = np.array([(wanted[y - 1 : y + 2, x - 1 : x + 2] == 100).any() for y, x in back])
     assert near.mean() > 0.98
     assert 0.8 < len(walls) / np.count_nonzero(wanted == 100) < 1.25
+
+
+def test_what_is_sampled_does_not_depend_on_how_much_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    grid = OccupancyGrid(
+        0, "world", GridSpec(0.05, 70, 50, -1.0, 2.0), rng.choice(np.array([-1, 0, 100], np.int8), (50, 70))
+    )
+    frame = TruthFrame(SE2(0.3, 3.0, 0.4))
+    spec, whole = frame.grid(grid)
+    for at_once in (1, 150, 1000):
+        monkeypatch.setattr(truth_frame, "CELLS_AT_ONCE", at_once)
+        again, strips = frame.grid(grid)
+        assert again == spec
+        np.testing.assert_array_equal(strips, whole)
+    assert {-1, 0, 100} == set(np.unique(whole).tolist())
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 90.0])

@@ -480,6 +480,20 @@ MOTION = (
         ("tests/core/test_large_memory.py",),
     ),
     PlantedFault(
+        "the truth of a robot that starts aslant is the same strip again and again",
+        "evaluation/truth_frame.py",
+        " + np.array([begin, 0])",
+        "",
+        ("tests/evaluation/test_truth_frame.py",),
+    ),
+    PlantedFault(
+        "cells of another size are compared as if they followed one another",
+        "evaluation/exploration_run.py",
+        "if (np.diff(rows) == 1).all() and (np.diff(columns) == 1).all():",
+        "if rows[-1] - rows[0] < len(rows):",
+        ("tests/evaluation/test_map_quality.py",),
+    ),
+    PlantedFault(
         "finished submaps keep all that they need no more",
         "grids/probability_grid.py",
         "bytes(memoryview(data))",

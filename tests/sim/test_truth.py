@@ -6,6 +6,7 @@ from scipy import ndimage
 
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.sim import truth
 from ambler.sim.robots import robot_named, robot_names
 from ambler.sim.scene import build_scene
 from ambler.sim.solids import Shape, Solid, WorldSpec
@@ -42,6 +43,19 @@ def test_a_wall_that_is_thinner_than_the_samples_are_apart_is_drawn(thickness: f
     for k in range(26):
         _, grid = truth_grid(closed_room(box(1.0 + 0.002 * k, 0.0, thickness, 4.5)), 0.3, 0.05)
         assert np.count_nonzero(grid == 0) <= 62 * 80
+
+
+@pytest.mark.parametrize("at_once", [1, 700, 5000])
+def test_what_is_drawn_does_not_depend_on_how_much_at_once(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    aslant = Solid("wall", Shape.BOX, SE2(0.9, -0.9, 0.6), 1.5, 0.1, 0.0, 2.0)
+    pillar = Solid("pillar", Shape.CYLINDER, SE2(-0.9, 1.1, 0.0), 0.7, 0.7, 0.0, 2.0)
+    world = closed_room(aslant, pillar)
+    spec, whole = truth_grid(world, 0.3, 0.05)
+    monkeypatch.setattr(truth, "SAMPLES_AT_ONCE", at_once)
+    again, strips = truth_grid(world, 0.3, 0.05)
+    assert again == spec
+    np.testing.assert_array_equal(strips, whole)
+    assert whole[spec.cell_of(0.9, -0.9)] != 0
 
 
 def test_low_things_are_not_cut_and_hollow_ones_stay_unknown() -> None:

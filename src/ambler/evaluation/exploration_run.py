@@ -129,7 +129,7 @@ def _block(grid: NDArray[Any], rows: NDArray[np.intp], columns: NDArray[np.intp]
     """Return rows and columns of a grid: where they follow one another without a copy, because a hall has millions of cells and thousands of maps."""
     if len(rows) == 0 or len(columns) == 0:
         return grid[:0, :0]
-    if rows[-1] - rows[0] == len(rows) - 1 and columns[-1] - columns[0] == len(columns) - 1:
+    if (np.diff(rows) == 1).all() and (np.diff(columns) == 1).all():
         return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     return grid[np.ix_(rows, columns)]
 

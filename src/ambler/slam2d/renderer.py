@@ -86,8 +86,9 @@ class MapRenderer:
         """Return the canvas of the finished submaps; those that it does not hold yet are added, all of them anew when one has moved."""
         canvas = self._canvas
         if canvas is None or spec != canvas.spec or not self._is_base_of(finished):
-            canvas, self._base = _Canvas.of(spec), {}
-            self._canvas = canvas
+            canvas = self._canvas = None  # what it held goes back before there is another
+            canvas = self._canvas = _Canvas.of(spec)
+            self._base = {}
         changed = []
         for p in finished:
             if p.submap.index not in self._base:
