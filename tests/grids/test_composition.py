@@ -59,7 +59,7 @@ def test_walls_a_cell_apart_do_not_wipe_each_other_out() -> None:
             cells = np.zeros((3, 6), np.uint16)
             cells[:, :at], cells[:, at] = free, wall
             kernels.compose(cells, frame, np.zeros(3), log_odds_table(), beside, frame, evidence, known)
-        kernels.to_occupancy(evidence, known, 0.0, 0.0, occupancy)
+        kernels.to_occupancy(evidence, known, 0.0, 0.0, (0, 3, 0, 6), (0, 0), occupancy)
         assert occupancy[1].tolist() == expected
 
 
@@ -67,10 +67,13 @@ def test_thresholds_leave_a_band_undecided() -> None:
     evidence = np.array([[-2.0, -0.1, 0.0, 0.1, 2.0, 5.0]], np.float32)
     known = np.array([[1, 1, 1, 1, 1, 0]], np.uint8)
     occupancy = np.empty((1, 6), np.int8)
-    kernels.to_occupancy(evidence, known, -0.5, 0.5, occupancy)
+    kernels.to_occupancy(evidence, known, -0.5, 0.5, (0, 1, 0, 6), (0, 0), occupancy)
     assert occupancy.tolist() == [[0, -1, -1, -1, 100, -1]]
-    kernels.to_occupancy(evidence, known, 0.0, 0.0, occupancy)
+    kernels.to_occupancy(evidence, known, 0.0, 0.0, (0, 1, 0, 6), (0, 0), occupancy)
     assert occupancy.tolist() == [[0, 0, -1, 100, 100, -1]]
+    part = np.full((1, 3), 7, np.int8)
+    kernels.to_occupancy(evidence, known, 0.0, 0.0, (0, 1, 3, 5), (0, 2), part)
+    assert part.tolist() == [[7, 100, 100]], "only the part is told, where it lies from the corner on"
 
 
 @settings(max_examples=50, deadline=None)
