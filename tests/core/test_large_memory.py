@@ -37,3 +37,39 @@ def kept_mb(*, asks: bool) -> float:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the C library of Linux")
 def test_arrays_of_a_hall_leave_no_holes() -> None:
     assert kept_mb(asks=True) < 2.0
+
+
+HOLES = """
+import re, time
+import numpy as np
+from pathlib import Path
+from ambler.core.large_memory import give_back_holes_every
+
+def held():
+    return int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1e3
+
+if {asks}:
+    give_back_holes_every(0.05)
+before = held()
+things = [np.ones(12_000) for _ in range(1000)]  # 96 MB
+things = things[::10]
+for _ in range(100 if {asks} else 5):
+    if held() - before < 30.0:
+        break
+    time.sleep(0.1)
+print(held() - before)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the C library of Linux")
+def test_holes_between_what_is_kept_go_back_while_the_process_works() -> None:
+    kept = [
+        float(
+            subprocess.run(
+                [sys.executable, "-c", HOLES.format(asks=asks)], capture_output=True, text=True, check=True
+            ).stdout
+        )
+        for asks in (True, False)
+    ]
+    assert kept[0] < 30.0
+    assert kept[1] > 80.0, "else the test tells nothing"

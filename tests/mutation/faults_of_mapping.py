@@ -114,23 +114,30 @@ MAPPING = (
     PlantedFault(
         "rays along a wall make its cells free",
         "kernels/submap.py",
-        "elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:",
+        "elif i < sure or value >= SURE or 0 < value <= EVEN:",
         "elif False:",
         ("tests/grids/test_insertion.py",),
     ),
     PlantedFault(
         "rays along a wall keep what was seen once",
         "kernels/submap.py",
-        "elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:",
+        "elif i < sure or value >= SURE or 0 < value <= EVEN:",
         "else:",
         ("tests/slam2d/test_slam.py",),
     ),
     PlantedFault(
         "a torn beam stands for a table",
         "kernels/submap.py",
-        "cells[iy, ix] & VALUE > once",
-        "cells[iy, ix] & VALUE > EVEN",
+        "flat[here] & VALUE > once",
+        "flat[here] & VALUE > EVEN",
         ("tests/grids/test_insertion.py",),
+    ),
+    PlantedFault(
+        "the best of a window is passed over",
+        "kernels/correlation.py",
+        "if mean <= best[3]:",
+        "if mean <= 1.1 * best[3]:",
+        ("tests/registration/test_correlative.py",),
     ),
     PlantedFault(
         "nothing goes on likely",
@@ -415,15 +422,15 @@ MAPPING = (
     PlantedFault(
         "surfaces overwrite what was measured",
         "kernels/submap.py",
-        "if i < sure and cells[iy, ix] == 0:",
+        "if i < sure and value == 0:",
         "if i < sure:",
         ("tests/grids/test_insertion.py",),
     ),
     PlantedFault(
         "rays of a cloud erase what they pass over in a submap",
         "kernels/submap.py",
-        "if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > once):",
-        "if is_inside:",
+        "if not (min(next_x, next_y) < high_to and flat[here] & VALUE > once):",
+        "if True:",
         ("tests/grids/test_insertion.py",),
     ),
     PlantedFault(

@@ -16,6 +16,13 @@ REACTION = ("tests/evaluation/test_scan_reaction.py", "tests/studies/test_live_m
 
 METRICS = (
     PlantedFault(
+        "a case of a campaign takes the memory of the cases before it for its own",
+        "studies/worker.py",
+        "        forget_peak()\n",
+        "",
+        ("tests/studies/test_study.py",),
+    ),
+    PlantedFault(
         "a robot acts on a scan at once",
         "evaluation/scan_reaction.py",
         "1e-9 * (command.sent_ns - scan.end_ns)",

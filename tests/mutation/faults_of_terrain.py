@@ -878,6 +878,13 @@ TERRAIN = (
         CLOSE_LOOKS,
     ),
     PlantedFault(
+        "close looks stay behind when the map grows",
+        "exploration/close_looks.py",
+        "self._corner = self._corner[0] - dy, self._corner[1] - dx",
+        "self._corner = self._corner",
+        CLOSE_LOOKS,
+    ),
+    PlantedFault(
         "nothing is visible through a wall from behind",
         "kernels/frontier_value.py",
         "if surfaces[iy, ix] & sides[k]:",

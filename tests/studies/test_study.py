@@ -6,17 +6,20 @@ import json
 import os
 import re
 import signal
+import sys
 import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ambler.cli.study_options import with_seeds
 from ambler.core.errors import BadInputError
 from ambler.core.se2 import SE2
+from ambler.evaluation.process_memory import peak_memory_mb
 from ambler.studies import pool
 from ambler.studies import study as engine
 from ambler.studies.pool import ClusterPool, LocalPool, ThisProcess
@@ -75,6 +78,21 @@ def test_results_come_in_the_order_of_the_cases_with_what_the_case_says(tmp_path
     assert told[-1].startswith("[5 of 5]")
     assert "place" not in results[0], "a table cannot hold it"
     assert results[0]["yaw"] == 0.0, "but what is plain in it"
+
+
+def hold(case: Sum, folder: Path) -> dict[str, Any]:
+    """Hold so many MB for a moment."""
+    mb, _ = np.ones((case.a, 125_000)), folder
+    return {"held": peak_memory_mb(), "shape": list(mb.shape)}
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems keep the peak of a process for ever")
+def test_each_case_has_the_memory_of_itself_alone(tmp_path: Path) -> None:
+    cases = (Sum(300, 1), Sum(1, 1), Sum(200, 1))
+    study = Study("holds", cases, hold, lambda result: "held")
+    large, small, middle = (r["held"] for r in conduct(study, tmp_path, LocalPool(1), tell=lambda line: None))
+    assert 270.0 < large - small < 330.0
+    assert 170.0 < middle - small < 230.0
 
 
 def test_a_study_goes_on_where_it_ended(tmp_path: Path, told: list[str]) -> None:

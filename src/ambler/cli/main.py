@@ -52,9 +52,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one verb and return its exit code."""
     from ambler.apps.signals import Interrupted, terminate_like_interrupt, was_interrupted
     from ambler.core.errors import AmblerError, BadInputError
-    from ambler.core.large_memory import give_back_large_arrays
+    from ambler.core.large_memory import keep_memory_small
 
-    give_back_large_arrays()
+    keep_memory_small()
     terminate_like_interrupt()
     words = sys.argv[1:] if arguments is None else arguments
     try:

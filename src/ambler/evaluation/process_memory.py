@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import resource
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from ambler.core.errors import BadInputError
 
 STATUS = Path("/proc/self/status")
+_CLEAR, _CLEAR_PEAK = Path("/proc/self/clear_refs"), "5"  # proc(5)
 
 
 def peak_memory_mb(status: Path = STATUS) -> float:
@@ -23,6 +25,12 @@ def peak_memory_mb(status: Path = STATUS) -> float:
         return told
     unit = 1.0 if sys.platform == "darwin" else 1024.0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit * 1e-6
+
+
+def forget_peak() -> None:
+    """Let the peak begin anew from what is held now: for a process that does one job after the other. Where the system cannot do that it stays the largest of all."""
+    with suppress(OSError):
+        _CLEAR.write_text(_CLEAR_PEAK, encoding="ascii")
 
 
 def memory_mb(status: Path = STATUS) -> float:

@@ -19,6 +19,7 @@ from ambler.core.robot import RobotModel, SensorKind
 from ambler.core.se2 import SE2
 from ambler.exploration.frontier_map import FrontierGroups
 from ambler.exploration.lattice import carried
+from ambler.exploration.side_counts import SideCounts
 from ambler.exploration.sides import SIDES, sides_of
 from ambler.kernels.frontier import has_any_around, look_around, towards_free
 
@@ -55,13 +56,14 @@ class CloseLookConfig:
 
 
 class CloseLooks:
-    """Counts how often looks from each side ended at each cell, [side, iy, ix]; follows the map's geometry as it grows."""
+    """Counts how often looks from each side ended at each cell; follows the map's geometry as it grows."""
 
     def __init__(self, config: CloseLookConfig, free_below: int) -> None:
         self.config = config
         self._free_below = free_below
         self._spec: GridSpec | None = None
-        self._counts: NDArray[np.uint8] = np.zeros((SIDES, 0, 0), np.uint8)
+        self._counts = SideCounts()
+        self._corner = (0, 0)  # of the map, in cells of the counts
         self._surfaces: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._stamp_ns: int | None = None
 
@@ -84,13 +86,15 @@ class CloseLooks:
         ends, passed = np.empty(c.rays, np.int64), np.zeros(around.shape, np.uint8)
         sector = (map_from_base.yaw + c.sector[0], c.sector[1])
         look_around(around, self._free_below, y - y0, x - x0, sector, reach, ends, passed)
-        counts = self._counts[:, y0:y1, x0:x1]
+        at_y, at_x = self._corner[0] + y0, self._corner[1] + x0
+        counts = self._counts.read(at_y, at_x, *around.shape)
         counts -= np.minimum(passed, counts)
         iy, ix = np.divmod(np.unique(ends[ends >= 0]), x1 - x0)
         sides = sides_of(y - y0 - iy - 0.5, x - x0 - ix - 0.5)
         for turn in range(-c.aslant, c.aslant + 1):
             at = ((sides + turn) % SIDES, iy, ix)
             counts[at] = np.minimum(counts[at] + 1, c.most)
+        self._counts.write(at_y, at_x, counts)
         self._surfaces[y0:y1, x0:x1] = np.packbits(counts >= c.looks, axis=0, bitorder="little")[0]
 
     def surfaces(self, spec: GridSpec) -> NDArray[np.uint8]:
@@ -118,11 +122,16 @@ class CloseLooks:
         return dy, dx
 
     def _move_to(self, spec: GridSpec) -> None:
-        """Take another geometry of the same lattice; what lies outside is forgotten."""
-        if spec == self._spec:
+        """Take another geometry of the same lattice; surfaces outside are forgotten until they are looked at again."""
+        old = self._spec
+        if spec == old:
             return
-        self._counts = np.stack([carried(side, self._spec, spec) for side in self._counts])
-        self._surfaces, self._spec = carried(self._surfaces, self._spec, spec), spec
+        if old is None or old.resolution != spec.resolution:
+            self._counts, self._corner = SideCounts(), (0, 0)
+        else:
+            dy, dx = old.offset_in(spec)
+            self._corner = self._corner[0] - dy, self._corner[1] - dx
+        self._surfaces, self._spec = carried(self._surfaces, old, spec), spec
 
 
 def _bits(dy: I64, dx: I64) -> NDArray[np.uint8]:

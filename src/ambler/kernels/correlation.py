@@ -44,9 +44,13 @@ def correlate(cells, frame, points, center, search, weights, unknown, sums, best
             jx = int(math.floor(ox + c * px - s * py)) - half
             jy = int(math.floor(oy + s * px + c * py)) - half
             if jx >= 0 and jy >= 0 and jx + size <= width and jy + size <= height:
-                for iy in range(size):
-                    for ix in range(size):
-                        value = np.int32(cells[jy + iy, jx + ix])
+                left, low = (
+                    np.uint64(jx),
+                    np.uint64(jy),
+                )  # never negative: else the compiler asks of each cell whether it is
+                for iy in range(np.uint64(size)):
+                    for ix in range(np.uint64(size)):
+                        value = np.int32(cells[low + iy, left + ix])
                         sums[iy, ix] += value if value != 0 else nothing
             else:
                 for iy in range(size):
@@ -56,9 +60,12 @@ def correlate(cells, frame, points, center, search, weights, unknown, sums, best
                         sums[iy, ix] += value if value != 0 else nothing
         for iy in range(size):
             for ix in range(size):
+                mean = P_LOW + P_PER_VALUE * sums[iy, ix] / n
+                if mean <= best[3]:
+                    continue  # the penalty is a factor of at most 1
                 tx, ty = (ix - half) * frame[0], (iy - half) * frame[0]
                 cost = math.hypot(tx, ty) * weights[0] + abs(turn) * weights[1]
-                score = (P_LOW + P_PER_VALUE * sums[iy, ix] / n) * math.exp(-cost * cost)
+                score = mean * math.exp(-cost * cost)
                 if score > best[3]:
                     best[0], best[1], best[2], best[3] = center[0] + tx, center[1] + ty, yaw, score
 

@@ -87,15 +87,13 @@ def lethal_distance(row_sums, resolution, out):
     """
     height, width = out.shape
     far = 1e12
-    for ix in range(width):
-        nearest = far
-        for iy in range(height):
-            nearest = 0.0 if row_sums[iy, ix + 1] > row_sums[iy, ix] else nearest + 1.0
-            out[iy, ix] = nearest
-        nearest = far
-        for iy in range(height - 1, -1, -1):
-            nearest = 0.0 if row_sums[iy, ix + 1] > row_sums[iy, ix] else nearest + 1.0
-            out[iy, ix] = min(out[iy, ix], nearest)
+    for iy in range(height):
+        for ix in range(width):
+            above = out[iy - 1, ix] + 1.0 if iy > 0 else far + 1.0
+            out[iy, ix] = 0.0 if row_sums[iy, ix + 1] > row_sums[iy, ix] else above
+    for iy in range(height - 2, -1, -1):
+        for ix in range(width):
+            out[iy, ix] = min(out[iy, ix], out[iy + 1, ix] + 1.0)
     site = np.empty(width, np.int64)
     bound = np.empty(width + 1, np.float64)
     squared = np.empty(width, np.float64)

@@ -34,7 +34,7 @@ def robust_cost_weight(chi2, kernel, width):
 
 @jit
 def edge_residual(poses, i, j, z, out):
-    """Write the residual (3,) of edge i -> j with measurement z (3,)."""
+    """Write the residual (3,) of edge i -> j with measurement z (3,); returns cosine and sine of yaw_i + yaw_z."""
     c, s = math.cos(poses[i, 2] + z[2]), math.sin(poses[i, 2] + z[2])
     cz, sz = math.cos(z[2]), math.sin(z[2])
     dx, dy = poses[j, 0] - poses[i, 0], poses[j, 1] - poses[i, 1]
@@ -42,6 +42,7 @@ def edge_residual(poses, i, j, z, out):
     out[1] = -s * dx + c * dy - (-sz * z[0] + cz * z[1])
     a = poses[j, 2] - poses[i, 2] - z[2]
     out[2] = a - 2.0 * math.pi * math.floor((a + math.pi) / (2.0 * math.pi))
+    return c, s
 
 
 @jit
@@ -125,10 +126,9 @@ def linearize(
     for k in range(len(edge_from)):
         i, j = edge_from[k], edge_to[k]
         z, omega = measurements[k], information[k]
-        edge_residual(poses, i, j, z, e)
+        c, s = edge_residual(poses, i, j, z, e)
         edge_cost, w = robust_cost_weight(_quadratic(omega, e), kernel if is_robust[k] else NO_KERNEL, width)
         cost += edge_cost
-        c, s = math.cos(poses[i, 2] + z[2]), math.sin(poses[i, 2] + z[2])
         g0 = w * (omega[0, 0] * e[0] + omega[0, 1] * e[1] + omega[0, 2] * e[2])
         g1 = w * (omega[0, 1] * e[0] + omega[1, 1] * e[1] + omega[1, 2] * e[2])
         g[0], g[1] = c * g0 - s * g1, s * g0 + c * g1

@@ -25,10 +25,8 @@ def spread_path(path_cells, distance, blocked_radius, steps, label, queue):
     `queue` int32 (H * W) is scratch, H and W below 32768.
     """
     height, width = steps.shape
-    for iy in range(height):
-        for ix in range(width):
-            steps[iy, ix] = -1
-            label[iy, ix] = -1
+    steps[:] = -1
+    label[:] = -1
     tail = 0
     for p in range(path_cells.shape[0]):
         iy, ix = path_cells[p, 0], path_cells[p, 1]
@@ -39,17 +37,22 @@ def spread_path(path_cells, distance, blocked_radius, steps, label, queue):
             tail += 1
     head = 0
     while head < tail:
-        iy, ix = queue[head] >> 16, queue[head] & 0xFFFF
+        iy, ix = np.uint64(queue[head] >> 16), np.uint64(queue[head] & 0xFFFF)
+        ahead, nearest = steps[iy, ix] + 1, label[iy, ix]
         head += 1
         for k in range(4):
-            ny = iy + (k == 0) - (k == 1)
-            nx = ix + (k == 2) - (k == 3)
-            if not (0 <= ny < height and 0 <= nx < width):
-                continue
-            if steps[ny, nx] < 0 and distance[ny, nx] >= blocked_radius:
-                steps[ny, nx] = steps[iy, ix] + 1
-                label[ny, nx] = label[iy, ix]
-                queue[tail] = ny << 16 | nx
+            # What is left of or below 0 is larger than any grid.
+            ny = iy + np.uint64((k == 0) - (k == 1))
+            nx = ix + np.uint64((k == 2) - (k == 3))
+            if (
+                ny < np.uint64(height)
+                and nx < np.uint64(width)
+                and steps[ny, nx] < 0
+                and distance[ny, nx] >= blocked_radius
+            ):
+                steps[ny, nx] = ahead
+                label[ny, nx] = nearest
+                queue[tail] = np.int64(ny) << 16 | np.int64(nx)
                 tail += 1
 
 
@@ -70,10 +73,10 @@ def locate_on_path(gx, gy, guide, resolution, out):
         first, last = max(0, label[iy, ix] - 6), min(count - 1, label[iy, ix] + 6)
         walk = steps[iy, ix] * resolution
     best, at = 1e30, first
-    for p in range(first, last + 1):
-        d = (path[p, 0] - gx) ** 2 + (path[p, 1] - gy) ** 2
+    for q in range(np.uint64(first), np.uint64(last + 1)):
+        d = (path[q, 0] - gx) ** 2 + (path[q, 1] - gy) ** 2
         if d < best:
-            best, at = d, p
+            best, at = d, np.int64(q)
     along = 0.0
     if count > 1:
         best = 1e30
@@ -111,13 +114,13 @@ def clearance_at(gx, gy, cos, sin, circles, distance, resolution):
     height, width = distance.shape
     per_metre = 1.0 / resolution
     best = 1e30
-    for c in range(circles.shape[0]):
+    for c in range(np.uint64(circles.shape[0])):
         x = gx + cos * circles[c, 0] - sin * circles[c, 1]
         y = gy + sin * circles[c, 0] + cos * circles[c, 1]
         iy, ix = int(y * per_metre), int(x * per_metre)
         gap = -circles[c, 2]
         if x >= 0.0 and y >= 0.0 and iy < height and ix < width:
-            gap += distance[iy, ix]
+            gap += distance[np.uint64(iy), np.uint64(ix)]
         else:
             iy = min(max(int(math.floor(y * per_metre)), 0), height - 1)
             ix = min(max(int(math.floor(x * per_metre)), 0), width - 1)
@@ -261,7 +264,10 @@ def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, mover
         for k in range(marks if is_free > 0.0 else 0):  # nobody asks where a collision leads
             locate_on_path(marked[k, 0], marked[k, 1], guide, resolution, place)
             path_sum += place[0]
-            heading_sum += abs((marked[k, 2] - place[2] + math.pi) % (2.0 * math.pi) - math.pi)
+            off = marked[k, 2] - place[2] + math.pi
+            if not 0.0 <= off < 2.0 * math.pi:
+                off = off % (2.0 * math.pi)
+            heading_sum += abs(off - math.pi)
         out[i, FREE] = is_free
         out[i, END_X], out[i, END_Y], out[i, END_YAW] = x, y, yaw
         out[i, OFF_PATH] = path_sum / max(marks, 1)

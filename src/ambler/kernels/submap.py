@@ -17,31 +17,30 @@ AT_END = 0.2  # metres before a return in which its ray is as low as what it mee
 
 
 @jit
-def _update(cells, iy, ix, table, touched, n):
-    value = cells[iy, ix]
+def _update(flat, place, table, touched, n):
+    value = flat[place]
     if value & MARK:
         return n
-    cells[iy, ix] = table[value] | MARK
-    touched[n] = iy * cells.shape[1] + ix
-    return n + 1
+    flat[place] = table[value] | MARK
+    touched[n] = place
+    return n + np.uint64(1)
 
 
 @jit
-def _keep(cells, iy, ix, touched, n):
+def _keep(flat, place, touched, n):
     """Count a cell as updated by this scan without changing it."""
-    value = cells[iy, ix]
+    value = flat[place]
     if value & MARK:
         return n
-    cells[iy, ix] = value | MARK
-    touched[n] = iy * cells.shape[1] + ix
-    return n + 1
+    flat[place] = value | MARK
+    touched[n] = place
+    return n + np.uint64(1)
 
 
 @jit
-def _clear_ray(cells, x0, y0, x1, y1, high_to, once, table, touched, n):
+def _clear_ray(flat, height, width, x0, y0, x1, y1, high_to, once, table, touched, n):
     """Apply a miss to every cell that the segment crosses, the end cell excluded; coordinates in cells. Up to the share `high_to` of its length
     the ray passes over what stands there: cells in which more was seen than `once`, the value of a single return, are left: a beam that an edge tears in two meets nothing where it seems to."""
-    height, width = cells.shape
     ix, iy = int(math.floor(x0)), int(math.floor(y0))
     ex, ey = int(math.floor(x1)), int(math.floor(y1))
     dx, dy = x1 - x0, y1 - y0
@@ -51,17 +50,21 @@ def _clear_ray(cells, x0, y0, x1, y1, high_to, once, table, touched, n):
     delta_y = abs(1.0 / dy) if dy != 0.0 else 1e30
     next_x = ((ix + 1 - x0) if dx > 0 else (x0 - ix)) * delta_x
     next_y = ((iy + 1 - y0) if dy > 0 else (y0 - iy)) * delta_y
+    place, row = iy * width + ix, step_y * width
     for _ in range(abs(ex - ix) + abs(ey - iy)):
-        is_inside = 0 <= ix < width and 0 <= iy < height
-        if is_inside and not (min(next_x, next_y) < high_to and cells[iy, ix] & VALUE > once):
-            n = _update(cells, iy, ix, table, touched, n)
+        if 0 <= ix < width and 0 <= iy < height:
+            here = np.uint64(place)
+            if not (min(next_x, next_y) < high_to and flat[here] & VALUE > once):
+                n = _update(flat, here, table, touched, n)
         # Never past the end cell: on a border (x0 an integer, dx = 0) `next_x` is 0, and near an end both carry rounding.
         if ix != ex and (iy == ey or next_x < next_y):
             next_x += delta_x
             ix += step_x
+            place += step_x
         else:
             next_y += delta_y
             iy += step_y
+            place += row
     return n
 
 
@@ -95,51 +98,61 @@ def insert_scan(
     float64 (N,), (M,) are the metres up to which a ray passes over things (none: nowhere), but for what it meets at its end; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
+    flat = cells.reshape(
+        height * width
+    )  # with places that are never negative: else the compiler asks of each whether it is
     inverse = 1.0 / frame[0]
-    n = 0
+    n = np.uint64(0)
     for i in range(points.shape[0]):
         ix = int(math.floor((points[i, 0] - frame[1]) * inverse))
         iy = int(math.floor((points[i, 1] - frame[2]) * inverse))
         if 0 <= ix < width and 0 <= iy < height:
-            n = _update(cells, iy, ix, hit_table, touched, n)
+            n = _update(flat, np.uint64(iy * width + ix), hit_table, touched, n)
     for i in range(surfaces.shape[0]):
         ix = int(math.floor((surfaces[i, 0] - frame[1]) * inverse))
         iy = int(math.floor((surfaces[i, 1] - frame[2]) * inverse))
         if 0 <= ix < width and 0 <= iy < height:
-            if i < sure and cells[iy, ix] == 0:
-                n = _update(cells, iy, ix, hit_table, touched, n)
-            elif i < sure or cells[iy, ix] >= SURE or 0 < cells[iy, ix] <= EVEN:
-                n = _keep(cells, iy, ix, touched, n)
+            place = np.uint64(iy * width + ix)
+            value = flat[place]
+            if i < sure and value == 0:
+                n = _update(flat, place, hit_table, touched, n)
+            elif i < sure or value >= SURE or 0 < value <= EVEN:
+                n = _keep(flat, place, touched, n)
     for i in range(points.shape[0]):
         k = i if starts.shape[0] > 1 else 0
         x0, y0 = (starts[k, 0] - frame[1]) * inverse, (starts[k, 1] - frame[2]) * inverse
         x1, y1 = (points[i, 0] - frame[1]) * inverse, (points[i, 1] - frame[2]) * inverse
         high_to = _share(lows[i], x1 - x0, y1 - y0, frame[0], AT_END) if lows.shape[0] > 0 else 0.0
-        n = _clear_ray(cells, x0, y0, x1, y1, high_to, hit_table[0], miss_table, touched, n)
+        n = _clear_ray(flat, height, width, x0, y0, x1, y1, high_to, hit_table[0], miss_table, touched, n)
     for i in range(free_points.shape[0]):
         k = i if free_starts.shape[0] > 1 else 0
         x0, y0 = (free_starts[k, 0] - frame[1]) * inverse, (free_starts[k, 1] - frame[2]) * inverse
         x1, y1 = (free_points[i, 0] - frame[1]) * inverse, (free_points[i, 1] - frame[2]) * inverse
         high_to = _share(free_lows[i], x1 - x0, y1 - y0, frame[0], 0.0) if free_lows.shape[0] > 0 else 0.0
-        n = _clear_ray(cells, x0, y0, x1, y1, high_to, hit_table[0], miss_table, touched, n)
+        n = _clear_ray(flat, height, width, x0, y0, x1, y1, high_to, hit_table[0], miss_table, touched, n)
     for k in range(n):
-        iy, ix = touched[k] // width, touched[k] % width
-        cells[iy, ix] = cells[iy, ix] & VALUE
-    return n
+        place = np.uint64(touched[k])
+        flat[place] = flat[place] & VALUE
+    return np.int64(n)
 
 
 @jit
 def known_box(cells, box):
     """Write (row_min, row_max, column_min, column_max) of the known cells into `box` int64 (4,); an empty grid gives row_min > row_max."""
     height, width = cells.shape
-    box[0], box[1], box[2], box[3] = height, -1, width, -1
+    y0, y1, x0, x1 = height, -1, width, -1
     for iy in range(height):
-        for ix in range(width):
-            if cells[iy, ix] != 0:
-                box[0] = min(box[0], iy)
-                box[1] = max(box[1], iy)
-                box[2] = min(box[2], ix)
-                box[3] = max(box[3], ix)
+        first = 0
+        while first < width and cells[iy, first] == 0:
+            first += 1
+        if first == width:
+            continue
+        last = width - 1
+        while last > x1 and cells[iy, last] == 0:
+            last -= 1
+        y0, y1 = min(y0, iy), iy
+        x0, x1 = min(x0, first), max(x1, last)
+    box[0], box[1], box[2], box[3] = y0, y1, x0, x1
 
 
 @jit

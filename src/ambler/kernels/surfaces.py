@@ -207,30 +207,28 @@ def _join_walls(positions, owners, frame, radius, support, surfaces):
 
 
 @jit
-def spread_nearest(owners, surfaces, frame, limit, squared, nearest):
-    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing's `owners`; -1 beyond `limit` metres.
+def spread_nearest(places, faces, surfaces, frame, limit, squared, nearest):
+    """Write `nearest` int32 (H, W): the surface nearest to each cell's centre, for one facing; -1 beyond `limit` metres. `places` int64 (M,) are the cells
+    (iy * W + ix) that have a face of it, ascending, and `faces` int32 (M,) which.
 
     Every surface is stamped on the square around it. `squared` float32 (H, W) ends as the squared distance (limit² where none).
     """
-    height, width = owners.shape
+    height, width = nearest.shape
     nearest[:, :] = -1
     squared[:, :] = limit * limit
     radius = int(math.ceil(limit / frame[0])) + 1
-    for iy in range(height):
-        for ix in range(width):
-            k = owners[iy, ix]
-            if k < 0:
-                continue
-            sx = (surfaces[k, 0] - frame[1]) - 0.5 * frame[0]
-            sy = (surfaces[k, 1] - frame[2]) - 0.5 * frame[0]
-            for jy in range(max(0, iy - radius), min(height, iy + radius + 1)):
-                dy = jy * frame[0] - sy
-                for jx in range(max(0, ix - radius), min(width, ix + radius + 1)):
-                    dx = jx * frame[0] - sx
-                    d = dx * dx + dy * dy
-                    if d < squared[jy, jx]:
-                        squared[jy, jx] = d
-                        nearest[jy, jx] = k
+    for m in range(places.shape[0]):
+        iy, ix, k = places[m] // width, places[m] % width, faces[m]
+        sx = (surfaces[k, 0] - frame[1]) - 0.5 * frame[0]
+        sy = (surfaces[k, 1] - frame[2]) - 0.5 * frame[0]
+        for jy in range(max(0, iy - radius), min(height, iy + radius + 1)):
+            dy = jy * frame[0] - sy
+            for jx in range(max(0, ix - radius), min(width, ix + radius + 1)):
+                dx = jx * frame[0] - sx
+                d = dx * dx + dy * dy
+                if d < squared[jy, jx]:
+                    squared[jy, jx] = d
+                    nearest[jy, jx] = k
 
 
 @jit
@@ -254,6 +252,6 @@ def warm_up() -> None:
     smooth_faces(positions, facings, owners, frame, 4, surfaces)
     nearest = np.empty((4, 5, 5), np.int32)
     squared = np.empty((5, 5), np.float32)
-    for f in range(4):
-        spread_nearest(owners[f], surfaces, frame, 1.0, squared, nearest[f])
+    places = np.flatnonzero(owners[0] >= 0)
+    spread_nearest(places, owners[0].ravel()[places], surfaces, frame, 1.0, squared, nearest[0])
     lower_distance(squared, np.ones((5, 5), np.float32))

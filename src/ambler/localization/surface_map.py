@@ -54,10 +54,14 @@ class SurfaceMap:
         surfaces = np.empty((count, 4))
         radius = max(2, round(fit_radius / spec.resolution))
         kernel.smooth_faces(positions, facings, owners, frame, radius, surfaces)
+        flat = owners.reshape(4, -1)
+        places = [np.flatnonzero(facing >= 0) for facing in flat]
+        faces = [facing[there] for facing, there in zip(flat, places, strict=True)]
+        del owners, flat, seen  # as large as what comes now
         nearest = np.empty((4, *spec.shape), np.int32)
         distance, squared = np.full(spec.shape, REACH, np.float32), np.empty(spec.shape, np.float32)
         for f in range(4):
-            kernel.spread_nearest(owners[f], surfaces, frame, REACH, squared, nearest[f])
+            kernel.spread_nearest(places[f], faces[f], surfaces, frame, REACH, squared, nearest[f])
             kernel.lower_distance(squared, distance)
         return cls(spec, cells, frame, surfaces, nearest, distance)
 

@@ -5,6 +5,7 @@ It ends with its input, and with its parent: nobody would hear of what it does.
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import signal
@@ -16,6 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from ambler.core.large_memory import give_back_holes, keep_memory_small
+from ambler.evaluation.process_memory import forget_peak
 from ambler.studies.pool import timed
 
 
@@ -24,6 +27,7 @@ def main() -> None:
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    keep_memory_small()
     is_warm = False
     while True:
         try:
@@ -34,6 +38,9 @@ def main() -> None:
         if not is_warm:
             _warm_up()
             is_warm = True
+        gc.collect()
+        give_back_holes()
+        forget_peak()
         _answer(results, timed(partial(_run, function), case, folder))
 
 
