@@ -164,8 +164,12 @@ class PackedGrid:
 
     def unpacked(self) -> ProbabilityGrid:
         """Return the grid."""
-        cells = np.frombuffer(bytearray(zstandard.decompress(self.data)), np.uint16)
-        return ProbabilityGrid.of(cells.reshape(self.shape), self.frame)
+        cells = np.empty(self.shape, np.uint16)
+        room = memoryview(cells).cast("B")
+        with zstandard.ZstdDecompressor().stream_reader(self.data) as stream:  # into its place: it may be large
+            while len(room):
+                room = room[stream.readinto(room) :]
+        return ProbabilityGrid.of(cells, self.frame)
 
 
 def _spec(shape: tuple[int, ...], frame: F64) -> GridSpec:

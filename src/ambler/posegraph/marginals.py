@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.errors import BadInputError
-from ambler.posegraph.solver import PoseGraph, SolverConfig, checked, linearize
-from ambler.posegraph.structure import NormalEquations, Structure
+from ambler.posegraph.solver import PoseGraph, SolverConfig, checked, linearize, structure_of
+from ambler.posegraph.structure import NormalEquations
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -24,7 +24,7 @@ class Marginals:
         """Raises BadInputError for a graph that is malformed, or whose edges do not determine its poses."""
         graph = checked(graph, fixed)
         self._poses = graph.poses
-        structure = Structure.of(len(graph.poses), graph.edge_from, graph.edge_to, fixed)
+        structure = structure_of(graph, fixed)
         self._equations = NormalEquations(structure)
         linearize(graph, graph.poses, config or SolverConfig(), self._equations)
         if not self._equations.factorize():

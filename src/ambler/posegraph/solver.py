@@ -78,16 +78,24 @@ class SolveResult:
     converged: bool
 
 
-def solve(graph: PoseGraph, fixed: int = 0, config: SolverConfig | None = None) -> SolveResult:
-    """Minimise the cost over all poses but `fixed`; raises BadInputError for a graph that is malformed or not connected."""
+def solve(
+    graph: PoseGraph, fixed: int = 0, config: SolverConfig | None = None, structure: Structure | None = None
+) -> SolveResult:
+    """Minimise the cost over all poses but `fixed`; raises BadInputError for a graph that is malformed or not connected. Whoever solves the same edges with
+    other weights gives the `structure` that he had `structure_of` them."""
     config = config or SolverConfig()
     graph = checked(graph, fixed)
-    equations = NormalEquations(Structure.of(len(graph.poses), graph.edge_from, graph.edge_to, fixed))
+    equations = NormalEquations(structure or structure_of(graph, fixed))
     poses, cost, iterations, converged = _best_end(graph, fixed, config, equations)
     edge_chi2 = np.empty(len(graph.edge_from))
     kernels.edge_chi2(poses, graph.edge_from, graph.edge_to, graph.measurements, graph.information, edge_chi2)
     poses[:, 2] = (poses[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return SolveResult(poses, float(edge_chi2.sum()), cost, edge_chi2, iterations, converged)
+
+
+def structure_of(graph: PoseGraph, fixed: int = 0) -> Structure:
+    """Return the sparsity of a graph's equations; raises BadInputError for one that is not connected."""
+    return Structure.of(len(graph.poses), graph.edge_from, graph.edge_to, fixed)
 
 
 _End = tuple[F64, float, int, bool]  # poses, cost, iterations, whether they converged

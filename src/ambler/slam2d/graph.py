@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambler.core.se2 import SE2
-from ambler.posegraph.solver import PoseGraph, RobustKernel, SolverConfig, solve
+from ambler.posegraph.solver import PoseGraph, RobustKernel, SolverConfig, solve, structure_of
+from ambler.posegraph.structure import Structure
 from ambler.slam2d.config import GraphConfig
 
 F64 = NDArray[np.float64]
@@ -156,19 +157,20 @@ def optimize(
     where `loosening_for` closures more are kept then, and nearly all: a looser chain bends to some of any set, also of false ones.
     """
     graph = _with_edges(snapshot, extra)
-    stiff = _solve_and_reject(graph, config)
+    structure = structure_of(graph)
+    stiff = _solve_and_reject(graph, config, structure)
     if intra is None or len(stiff.rejected) < config.loosening_for:
         return stiff
     information = graph.information.copy()
     information[: len(intra)][intra] /= config.loosening**2
-    loose = _solve_and_reject(replace(graph, information=information), config)
+    loose = _solve_and_reject(replace(graph, information=information), config, structure)
     most = min(len(stiff.rejected) - config.loosening_for, config.loosening_rejects * len(stiff.rejected))
     if len(loose.rejected) > most:
         return stiff
     return replace(loose, is_loosened=True)
 
 
-def _solve_and_reject(graph: PoseGraph, config: GraphConfig) -> OptimizedGraph:
+def _solve_and_reject(graph: PoseGraph, config: GraphConfig, structure: Structure) -> OptimizedGraph:
     solver = SolverConfig(
         robust_kernel=RobustKernel.HUBER,
         robust_width=config.robust_width,
@@ -176,7 +178,7 @@ def _solve_and_reject(graph: PoseGraph, config: GraphConfig) -> OptimizedGraph:
         cost_tolerance=1e-4,
         step_tolerance=1e-4,
     )
-    result = solve(graph, 0, solver)
+    result = solve(graph, 0, solver, structure)
     bad = graph.is_robust & (result.edge_chi2 > config.reject_width**2)
     rejected = tuple(zip(graph.edge_from[bad].tolist(), graph.edge_to[bad].tolist(), strict=True))
     if rejected:
