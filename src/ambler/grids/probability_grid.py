@@ -165,7 +165,7 @@ class PackedGrid:
     def unpacked(self) -> ProbabilityGrid:
         """Return the grid."""
         cells = np.empty(self.shape, np.uint16)
-        room = memoryview(cells).cast("B")
+        room = cells.data.cast("B")
         with zstandard.ZstdDecompressor().stream_reader(self.data) as stream:  # into its place: it may be large
             while len(room):
                 room = room[stream.readinto(room) :]
