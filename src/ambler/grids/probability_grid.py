@@ -167,8 +167,8 @@ class PackedGrid:
         cells = np.empty(self.shape, np.uint16)
         room = cells.data.cast("B")
         with zstandard.ZstdDecompressor().stream_reader(self.data) as stream:  # into its place: it may be large
-            while len(room):
-                room = room[stream.readinto(room) :]
+            while count := stream.readinto(room):
+                room = room[count:]
         return ProbabilityGrid.of(cells, self.frame)
 
 

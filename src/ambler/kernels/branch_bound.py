@@ -47,10 +47,8 @@ def sum_at(grid, pad, cells_x, cells_y, dx, dy):
     right, up = dx + pad, dy + pad
     total = 0
     for i in range(np.uint64(cells_x.shape[0])):
-        ix, iy = (
-            np.uint64(cells_x[i] + right),
-            np.uint64(cells_y[i] + up),
-        )  # what is negative becomes larger than any grid
+        # What is negative becomes larger than any grid.
+        ix, iy = np.uint64(cells_x[i] + right), np.uint64(cells_y[i] + up)
         if ix < columns and iy < rows:
             total += np.int64(grid[iy, ix])
     return total
@@ -59,7 +57,9 @@ def sum_at(grid, pad, cells_x, cells_y, dx, dy):
 @jit
 def sum_within(cells, places, offset, enough):
     """Sum the flat grid `cells` over the `places` uint64 (N,) of a scan, all of them moved by `offset` and within the grid. As soon as it is known that the sum is
-    at most `enough`, what was summed so far is returned, which is less. (Of an index that may be negative the compiler asks each time whether it is: a third of the speed.)"""
+    at most `enough`, what was summed so far is returned, which is less.
+    Of a signed index the compiler asks each time whether it is negative, which takes two thirds of the time.
+    """
     n, total = places.shape[0], 0
     moved = np.uint64(offset)  # an offset to the left too: what is beyond the largest number begins again at 0
     for start in range(0, n, BLOCK):

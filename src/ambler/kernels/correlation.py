@@ -44,10 +44,8 @@ def correlate(cells, frame, points, center, search, weights, unknown, sums, best
             jx = int(math.floor(ox + c * px - s * py)) - half
             jy = int(math.floor(oy + s * px + c * py)) - half
             if jx >= 0 and jy >= 0 and jx + size <= width and jy + size <= height:
-                left, low = (
-                    np.uint64(jx),
-                    np.uint64(jy),
-                )  # never negative: else the compiler asks of each cell whether it is
+                # Never negative: else the compiler asks of each cell whether it is.
+                left, low = np.uint64(jx), np.uint64(jy)
                 for iy in range(np.uint64(size)):
                     for ix in range(np.uint64(size)):
                         value = np.int32(cells[low + iy, left + ix])

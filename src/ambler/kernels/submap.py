@@ -98,9 +98,8 @@ def insert_scan(
     float64 (N,), (M,) are the metres up to which a ray passes over things (none: nowhere), but for what it meets at its end; `frame` float64 (3,) resolution, x, y of the grid's outer corner; `touched` int64 (>= H * W,) scratch.
     """
     height, width = cells.shape
-    flat = cells.reshape(
-        height * width
-    )  # with places that are never negative: else the compiler asks of each whether it is
+    # With places that are never negative: else the compiler asks of each whether it is.
+    flat = cells.reshape(height * width)
     inverse = 1.0 / frame[0]
     n = np.uint64(0)
     for i in range(points.shape[0]):
