@@ -73,3 +73,25 @@ def test_holes_between_what_is_kept_go_back_while_the_process_works() -> None:
     ]
     assert kept[0] < 30.0
     assert kept[1] > 80.0, "else the test tells nothing"
+
+
+OWN = """
+import sys, threading
+from ambler.cli.main import main
+
+def threads():
+    return sum(thread.name == "memory" for thread in threading.enumerate())
+
+words = ["config", "check", "/nowhere.yaml"]
+assert main(words) == 2
+assert threads() == 0, "the process is somebody else's"
+sys.argv = ["ambler", *words]
+for _ in range(2):
+    assert main() == 2
+assert threads() == 1
+"""
+
+
+def test_only_a_process_of_the_command_itself_gets_its_habits() -> None:
+    done = subprocess.run([sys.executable, "-c", OWN], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -49,12 +49,13 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one verb and return its exit code."""
+    """Run one verb and return its exit code. Without `arguments` the process is the verb's own, and so are its habits."""
     from ambler.apps.signals import Interrupted, terminate_like_interrupt, was_interrupted
     from ambler.core.errors import AmblerError, BadInputError
     from ambler.core.large_memory import keep_memory_small
 
-    keep_memory_small()
+    if arguments is None:
+        keep_memory_small()
     terminate_like_interrupt()
     words = sys.argv[1:] if arguments is None else arguments
     try:
