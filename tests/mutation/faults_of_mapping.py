@@ -420,6 +420,13 @@ MAPPING = (
         ("tests/registration/test_surfaces.py",),
     ),
     PlantedFault(
+        "one return between two walls joins them",
+        "kernels/scan_points.py",
+        "ALONG_BEAMS = 0.5",
+        "ALONG_BEAMS = 0.0",
+        ("tests/registration/test_surfaces.py",),
+    ),
+    PlantedFault(
         "surfaces overwrite what was measured",
         "kernels/submap.py",
         "if i < sure and value == 0:",

@@ -82,3 +82,28 @@ def test_a_wall_along_which_one_looks_goes_on_likely_where_its_returns_lie_far_a
 def test_two_things_far_apart_in_one_direction_are_no_wall() -> None:
     points = np.array([[6.0, 0.9], [8.0, 0.9], [8.1, 1.6]], np.float32)
     assert len(points_between_returns(PlanarScan(0, points, np.zeros((0, 2), np.float32)), 0.05).points) == 0
+
+
+def test_a_return_that_an_edge_tears_between_two_walls_is_no_wall() -> None:
+    """A wall ends before another one, 18 m away: near wall, torn return and far wall lie nearly on a beam, whatever the place of the torn one."""
+    step = math.radians(0.5)
+    for share in np.linspace(0.05, 0.95, 19):
+        ranges = 18.0 / np.cos((np.arange(40) - 20.0) * step)
+        ranges[20:] += 1.5
+        ranges[20] = 18.0 + 1.5 * share
+        between = points_between_returns(_scan(ranges, step), 0.05).points
+        off = np.minimum(np.abs(between[:, 0] - 18.0), np.abs(between[:, 0] - 19.5))
+        assert off.max() < 0.1
+
+
+def test_a_wall_along_the_beams_goes_on_to_its_ends() -> None:
+    """Four returns of a wall seen at 10°, between nothing else: no end of it is left open."""
+    step = math.radians(1.0)
+    slope = math.tan(math.radians(10.0))
+    angles = np.arange(4) * step
+    away = 5.0 * slope / (np.sin(angles) + slope * np.cos(angles))
+    points = np.column_stack((away * np.cos(angles), away * np.sin(angles)))[::-1].astype(np.float32)
+    between = points_between_returns(PlanarScan(0, points, np.zeros((0, 2), np.float32)), 0.05).points
+    ends = np.sort(np.concatenate((points, between))[:, 0])
+    assert ends[0] == points[:, 0].min()
+    assert np.diff(ends).max() < 0.0501

@@ -11,6 +11,7 @@ import numpy as np
 
 from ambler.kernels.jit import jit, read_only
 
+ALONG_BEAMS = 0.5  # sine of the incidence below which what lies one behind the other may be no surface
 UPRIGHT = (
     0.15  # metres behind the nearest return within which what is seen above it is the same thing: a person, a wall
 )
@@ -368,6 +369,12 @@ def _turn_cosine(points, i, j, k, m):
 
 
 @jit
+def _runs_on(points, i, least):
+    """Whether the segment from return i to the next one runs on to the return behind that, bent by no more than the cosine `least`."""
+    return 0 <= i and i + 2 < points.shape[0] and _turn_cosine(points, i, i + 1, i + 1, i + 2) >= least
+
+
+@jit
 def _goes_on(points, i, origin, limits):
     """Whether a surface goes on from return i to the next one; `limits` as in `fill_surfaces`."""
     dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
@@ -381,10 +388,14 @@ def _goes_on(points, i, origin, limits):
         return False
     if across < limits[3] * gap * max(math.hypot(ax, ay), math.hypot(bx, by)):
         return False
-    bend = _turn_cosine(points, i - 1, i, i, i + 1) if i > 0 else -1.0
-    if i + 2 < points.shape[0]:
-        bend = max(bend, _turn_cosine(points, i, i + 1, i + 1, i + 2))
-    return bend >= limits[4]
+    runs = int(_runs_on(points, i - 1, limits[4])) + int(_runs_on(points, i, limits[4]))
+    if runs == 0 or across >= ALONG_BEAMS * gap * max(math.hypot(ax, ay), math.hypot(bx, by)):
+        return runs > 0
+    return (
+        runs == 2
+        or (_runs_on(points, i - 1, limits[4]) and _runs_on(points, i - 2, limits[4]))
+        or (_runs_on(points, i, limits[4]) and _runs_on(points, i + 1, limits[4]))
+    )
 
 
 @jit
@@ -393,7 +404,8 @@ def fill_surfaces(points, origin, limits, out, counts):
 
     `points` float32 (N, 2) in the order of the beams, `origin` float64 (2,) the sensor; `limits` float64 (L, 5), the strictest first: (spacing, longest gap, widest angle
     between neighbouring beams, least sine of incidence, least cosine of the bend to a neighbouring segment). A wall goes on where the
-    segment before or behind runs the same way; two returns alone may be two things. `out` float32 (M, 2), filling ends when it is full; `counts` int64 (L,): how many
+    segment before or behind runs the same way; two returns alone may be two things. Where it runs along the beams, two more segments must: one thing, a farther one and a return that
+    their edge tears lie on a line as well. `out` float32 (M, 2), filling ends when it is full; `counts` int64 (L,): how many
     points are written when what each of the limits allows has been.
     """
     filled = 0
