@@ -371,7 +371,7 @@ def _turn_cosine(points, i, j, k, m):
 @jit
 def _runs_on(points, i, least):
     """Whether the segment from return i to the next one runs on to the return behind that, bent by no more than the cosine `least`."""
-    return 0 <= i and i + 2 < points.shape[0] and _turn_cosine(points, i, i + 1, i + 1, i + 2) >= least
+    return i >= 0 and i + 2 < points.shape[0] and _turn_cosine(points, i, i + 1, i + 1, i + 2) >= least
 
 
 @jit
