@@ -141,7 +141,10 @@ def roll(samples: np.ndarray, start: np.ndarray, v0: np.ndarray, costs: np.ndarr
     plan = np.array([1.0, stop, 0.02, window.radius, 9.0, 0.0, 9.0])
     rates = np.array([1.0, 1.0, 2.5, 1.5, 1.5, 2.5])
     cells, guide = footprint.LethalCells(sums, distance, RES), rollout.Guide(path, steps, label)
-    rollout.roll_out(samples, start, v0, rates, plan, cells, window.outline, guide, np.zeros((0, 6)), out)
+    marks = np.empty((len(samples), rollout.MARKS_MAX, 3))
+    rollout.roll_out(samples, start, v0, rates, plan, cells, window.outline, guide, np.zeros((0, 6)), out, marks)
+    for way, places in zip(out, marks, strict=True):
+        rollout.look_along(places, guide, RES, np.empty(3), way)
     return out
 
 
@@ -186,8 +189,8 @@ def test_a_trajectory_ends_where_the_path_ends() -> None:
         0.3,
     )
     assert math.isclose(out[0, 1], 0.8, abs_tol=1e-9)
-    assert math.isclose(out[0, 5], 0.3, abs_tol=1e-9)
-    assert out[0, 4] < 1e-9
+    assert math.isclose(out[0, rollout.ALONG], 0.3, abs_tol=1e-9)
+    assert out[0, rollout.OFF_PATH] < 1e-9
 
 
 def test_turning_and_sliding_stop_before_a_wall() -> None:

@@ -438,6 +438,20 @@ MOTION = (
         ("tests/settings/test_profiles.py",),
     ),
     PlantedFault(
+        "ways that may be the best are not looked at",
+        "kernels/rollout.py",
+        "weights, left, last_turn) > best:",
+        "weights, left, last_turn) > 0.8 * best:",
+        ("tests/control/test_best_ways.py",),
+    ),
+    PlantedFault(
+        "a path that leads through a wall is free",
+        "kernels/path_place.py",
+        "and distance[iy, ix] < radius:",
+        "and distance[iy, ix] < 0.0:",
+        ("tests/control/test_best_ways.py",),
+    ),
+    PlantedFault(
         "a goal beside the last one counts as reached",
         "control/path_tracker.py",
         "SAME_GOAL = (0.1, 0.3)",

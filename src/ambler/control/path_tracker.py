@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from ambler.core.errors import InvalidPathError
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.kernels.path_place import end_of_stretch, place_on_path
 
 F64 = NDArray[np.float64]
 
 SPACING = 0.05
+REACH = 1.0  # metres of path within which the robot is looked for, once it was found
 SAME_GOAL = (0.1, 0.3)  # metres and radians that a correction of the map moves a goal by; one farther away is another
 SAME_SHAPE = 0.3  # metres
 TURN_BACK = 2.0  # radians of turning after which a path counts as leading back
@@ -56,15 +58,8 @@ class PathTracker:
 
     def locate(self, odom_from_base: SE2) -> float:
         """Find the robot's place on the path, near its last one; returns the arc length that is left, metres."""
-        away = np.hypot(self.points[:, 0] - odom_from_base.x, self.points[:, 1] - odom_from_base.y)
-        if self._is_located:
-            away[np.abs(self.points[:, 2] - self.along) > 1.0] = np.inf
-        nearest = int(np.argmin(away))
-        self.along = float(self.points[nearest, 2])
-        if nearest + 1 < len(self.points):
-            dx, dy = self.points[nearest + 1, :2] - self.points[nearest, :2]
-            px, py = odom_from_base.x - self.points[nearest, 0], odom_from_base.y - self.points[nearest, 1]
-            self.along += min(SPACING, max(0.0, float((px * dx + py * dy) / max(1e-9, math.hypot(dx, dy)))))
+        reach = REACH if self._is_located else math.inf
+        self.along = float(place_on_path(self.points, odom_from_base.x, odom_from_base.y, SPACING, self.along, reach))
         self._is_located = True
         return self.length - self.along
 
@@ -72,10 +67,8 @@ class PathTracker:
         """Return the points from just behind the robot to `distance` metres ahead of it, at most to where the path turns back."""
         s = self.points[:, 2]
         first = max(0, int(np.searchsorted(s, self.along, side="right")) - 2)
-        last = max(int(np.searchsorted(s, self.along + distance, side="right")), first + 1)
-        turned = np.abs(np.cumsum(_wrapped(np.diff(self.points[first:last, 3]))))
-        is_back = (turned > TURN_BACK) & (s[first + 1 : last] > self.along + TURN_BACK_MIN)
-        return self.points[first : first + 1 + int(np.argmax(is_back))] if is_back.any() else self.points[first:last]
+        seen = self.along + TURN_BACK_MIN
+        return self.points[first : end_of_stretch(self.points, first, self.along + distance, TURN_BACK, seen)]
 
     def point_at(self, distance: float) -> tuple[float, float]:
         """Return the point of the path `distance` metres ahead of the robot, or its end."""
@@ -83,10 +76,6 @@ class PathTracker:
         return float(np.interp(s, self.points[:, 2], self.points[:, 0])), float(
             np.interp(s, self.points[:, 2], self.points[:, 1])
         )
-
-
-def _wrapped(angles: F64) -> F64:
-    return np.asarray((angles + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _evenly_spaced(path: F64) -> F64:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,14 @@ from ambler.core.movers import NOBODY, Movers
 from ambler.core.protocols import BodyVelocity
 from ambler.core.robot import DriveKind, RobotModel
 from ambler.core.se2 import SE2, wrap_angle
+from ambler.kernels.path_place import cells_of_path, leads_too_near
 from ambler.kernels.rollout import (
     COLUMNS,
     END_X,
     END_Y,
     END_YAW,
     FREE,
+    MARKS_MAX,
     Guide,
     best_sample,
     locate_on_path,
@@ -42,7 +45,17 @@ from ambler.kernels.rollout import (
 F64 = NDArray[np.float64]
 
 GAIN_MIN = 0.02  # metres that a trajectory must gain to be worth driving
+SLOW = 1e-9  # m/s above the slowest sample: slower is not on offer
 REFUSALS = 100  # samples about which somebody who refuses them is asked, the best first
+
+
+class Ways(NamedTuple):
+    """Wanted velocities float64 (N, 3), where they lead and the places on their ways, as `roll_out` tells them, and the path along which they are judged."""
+
+    samples: F64
+    out: F64
+    marks: F64
+    guide: Guide
 
 
 def approach_limit(distance: float, deceleration: float, reaction_time: float) -> float:
@@ -247,18 +260,21 @@ class TrajectoryRollout:
         at = self._window.placed(start)
         resolution = self._window.spec.resolution
         locate_on_path(at[0], at[1], guide, resolution, here)
-        out = np.empty((len(samples), COLUMNS))
+        out, marks = np.empty((len(samples), COLUMNS)), np.empty((len(samples), MARKS_MAX, 3))
         lim = self._limits
         rates = np.array([lim.ax_max, lim.ay_max, lim.az_max, lim.ax_brake, lim.ay_brake, lim.az_max])
         is_end_near = left <= self._config.window
         stop = max(left, resolution) if is_end_near else 1e9
         w = self._window
         v0 = np.array([velocity.vx, velocity.vy, velocity.wz])
+        slowest, fastest = self._speeds(samples)
+        slow = slowest + SLOW
         for horizon in self._horizons(samples):
-            c, slowest = self._config, self._speeds(samples)[0] + 1e-9  # slower than the slowest sample is not on offer
-            plan = np.array([horizon, stop, c.step_length, w.radius, c.near_speed, c.speed_per_clearance, slowest])
-            roll_out(samples, at, v0, rates, plan, w.cells, w.outline, guide, self._movers_ahead(), out)
-            command = self._choose(samples, out, here, path, velocity, horizon, is_gliding=is_gliding)
+            c = self._config
+            plan = np.array([horizon, stop, c.step_length, w.radius, c.near_speed, c.speed_per_clearance, slow])
+            roll_out(samples, at, v0, rates, plan, w.cells, w.outline, guide, self._movers_ahead(), out, marks)
+            ways = Ways(samples, out, marks, guide)
+            command = self._choose(ways, here, velocity, fastest * horizon, is_gliding=is_gliding)
             if command is not None:
                 return command
         return None
@@ -282,16 +298,9 @@ class TrajectoryRollout:
         return (self._config.horizon,)
 
     def _choose(
-        self,
-        samples: F64,
-        out: F64,
-        here: F64,
-        path: F64,
-        velocity: BodyVelocity,
-        horizon: float,
-        *,
-        is_gliding: bool = False,
+        self, ways: Ways, here: F64, velocity: BodyVelocity, farthest: float, *, is_gliding: bool = False
     ) -> BodyVelocity | None:
+        samples, out, path = ways.samples, ways.out, ways.guide.path
         c = self._config
         end_s = float(path[-1, 2])
         weight_path, weight_heading = c.weight_path, c.weight_heading
@@ -303,20 +312,21 @@ class TrajectoryRollout:
         ahead = end_s - float(here[1])
         weight_heading *= min(1.0, ahead / (2.0 * c.pass_radius))  # beside its end a path leads nowhere
         before = float((end_s - here[1]) + min(1.0, weight_path) * here[0])
-        gain = min(GAIN_MIN, 0.25 * before, 0.5 * self._speeds(samples)[1] * horizon)
+        gain = min(GAIN_MIN, 0.25 * before, 0.5 * farthest)
         weights = np.array(
             [
                 *(c.weight_progress, weight_path, weight_heading, c.weight_clearance, c.weight_turn_change),
                 *(weight_sideways, c.near, c.weight_movers, c.movers_near),
             ]
         )
-        args = (weights, end_s, before, gain, velocity.wz)
-        best = liked = int(best_sample(samples, out, *args))
+        resolution = self._window.spec.resolution
+        args = (samples, out, ways.marks, ways.guide, resolution, weights, end_s, before, gain, velocity.wz)
+        best = liked = int(best_sample(*args))
         for _ in range(REFUSALS):
             if best < 0 or not self._is_refused(BodyVelocity(*samples[best].tolist())):
                 break
             out[best, FREE] = 0.0
-            best = int(best_sample(samples, out, *args))
+            best = int(best_sample(*args))
         else:
             best = -1
         best = best if best >= 0 else liked
@@ -328,19 +338,18 @@ class TrajectoryRollout:
             out[best, END_Y] + spec.origin_y,
             wrap_angle(float(out[best, END_YAW])),
         ]
-        self.trajectory = np.vstack((self.trajectory, [end]))
+        self.trajectory = np.array([self.trajectory[0], end])
         return BodyVelocity(float(samples[best, 0]), float(samples[best, 1]), float(samples[best, 2]))
 
     def _is_blocked(self, path: F64) -> bool:
         """Whether the robot's centre cannot stay on the path ahead: then it may leave it to get around."""
-        spec, distance = self._window.spec, self._window.distance
-        iy, ix = np.floor(path[:, 1] / spec.resolution).astype(int), np.floor(path[:, 0] / spec.resolution).astype(int)
-        is_inside = (iy >= 0) & (iy < spec.height) & (ix >= 0) & (ix < spec.width)
-        return bool((distance[iy[is_inside], ix[is_inside]] < self._window.inscribed_radius).any())
+        w = self._window
+        return bool(leads_too_near(path, w.distance, w.spec.resolution, w.inscribed_radius))
 
     def _spread(self, path: F64) -> Guide:
         spec = self._window.spec
-        cells = np.ascontiguousarray(np.floor(path[:, [1, 0]] / spec.resolution), np.int32)
+        cells = np.empty((len(path), 2), np.int32)
+        cells_of_path(path, spec.resolution, cells)
         steps, label = np.empty(spec.shape, np.int32), np.empty(spec.shape, np.int32)
         queue = np.empty(spec.width * spec.height, np.int32)
         spread_path(cells, self._window.distance, self._window.inscribed_radius, steps, label, queue)

@@ -12,8 +12,9 @@ from ambler.kernels.jit import jit
 FAR = 0.25  # metres of clearance beyond which nobody asks how much it is exactly
 MARKS_MAX = 8  # places of a trajectory that are looked up on the path: four, and what is left of its steps
 MOVERS_FAR = 2.0  # metres of gap to movers beyond which nobody asks
-FREE, END_X, END_Y, END_YAW, OFF_PATH, ALONG, CLEARANCE, OFF_HEADING, MOVER_GAP = range(9)
-COLUMNS = 9  # of a result of `roll_out`, named in the line above
+FREE, END_X, END_Y, END_YAW, ALONG, CLEARANCE, MOVER_GAP, MARKS, OFF_PATH, OFF_HEADING = range(10)
+COLUMNS = 10  # of a result of `roll_out`, named in the line above; the last two by `look_along`
+UNSEEN = -1.0  # stands in `OFF_PATH` until somebody asks
 
 
 @jit
@@ -177,19 +178,19 @@ class Guide(NamedTuple):
 
 
 @jit
-def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, movers, out):
+def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, movers, out, marks):
     """Simulate every wanted velocity of `samples` (N, 3) from `start` (x, y, yaw), measured from the grid's origin.
 
     Axes approach the wanted velocity with `rates` (ax, ay, az, brake x, y, z). `plan` is (horizon, stop_distance,
     step_length, radius, near_speed, speed_per_clearance, slowest): a trajectory ends after the horizon or when it has covered the stop
     distance. A footprint pose may never cover more lethal cells than the one before (`no_more_covered`), and a sample faster than `slowest`
     may not be faster than near_speed + speed_per_clearance * clearance; either ends it at once, not free. `movers` as in `mover_gap`, from the start on.
-    `out` (N, COLUMNS): free (1 or 0), x, y, yaw, mean distance to the path, arc length reached, least clearance (at most FAR), mean heading
-    error, least gap to movers (at most MOVERS_FAR).
+    `out` (N, COLUMNS): free (1 or 0), x, y, yaw, arc length reached, least clearance (at most FAR), least gap to movers (at most MOVERS_FAR), how many places (x, y, yaw) of
+    the way were written to `marks` (N, MARKS_MAX, 3); the rest is `UNSEEN`, for `look_along`.
     """
     horizon, stop_distance, step_length, radius = plan[0], plan[1], plan[2], plan[3]
     near_speed, speed_per_clearance, slowest = plan[4], plan[5], plan[6]
-    place, marked = np.empty(3), np.empty((MARKS_MAX, 3))
+    place = np.zeros(3)
     has_movers = movers.shape[0] > 0
     circles, distance, resolution = outline.circles, cells.distance, cells.resolution
     inside_at_start = covered_at_start(start, cells, outline)
@@ -206,7 +207,7 @@ def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, mover
         count = min(80, max(8, int(math.ceil(fast * horizon / step_length))))
         dt = horizon / count
         inside, travelled, least, room, gap = inside_at_start, 0.0, FAR, 0.0, MOVERS_FAR
-        marks = 0
+        count_marks = 0
         stride = max(1, count // 4)
         next_mark = stride - 1
         is_free = 1.0
@@ -256,47 +257,72 @@ def roll_out(samples, start, velocity, rates, plan, cells, outline, guide, mover
                 gap = min(gap, mover_gap(x, y, c, s, circles, movers, (k + 1) * dt))
             if is_last or k == next_mark:
                 next_mark += stride
-                marked[marks, 0], marked[marks, 1], marked[marks, 2] = x, y, yaw
-                marks += 1
+                marks[i, count_marks, 0], marks[i, count_marks, 1], marks[i, count_marks, 2] = x, y, yaw
+                count_marks += 1
             if is_last:
                 break
-        path_sum, heading_sum = 0.0, 0.0
-        for k in range(marks if is_free > 0.0 else 0):  # nobody asks where a collision leads
-            locate_on_path(marked[k, 0], marked[k, 1], guide, resolution, place)
-            path_sum += place[0]
-            off = marked[k, 2] - place[2] + math.pi
-            if not 0.0 <= off < 2.0 * math.pi:
-                off = off % (2.0 * math.pi)
-            heading_sum += abs(off - math.pi)
+        if is_free > 0.0:  # nobody asks where a collision leads
+            locate_on_path(x, y, guide, resolution, place)
         out[i, FREE] = is_free
         out[i, END_X], out[i, END_Y], out[i, END_YAW] = x, y, yaw
-        out[i, OFF_PATH] = path_sum / max(marks, 1)
-        out[i, ALONG], out[i, CLEARANCE], out[i, OFF_HEADING] = place[1], least, heading_sum / max(marks, 1)
-        out[i, MOVER_GAP] = gap
+        out[i, ALONG], out[i, CLEARANCE], out[i, MOVER_GAP] = place[1], least, gap
+        out[i, MARKS], out[i, OFF_PATH], out[i, OFF_HEADING] = count_marks, UNSEEN, UNSEEN
 
 
 @jit
-def best_sample(samples, results, weights, end_s, before, gain, last_turn):
+def look_along(marks, guide, resolution, place, result):
+    """Write the mean distance to the path and the mean heading error of one way of `roll_out` into its `result`; `place` float64 (3,) is scratch."""
+    path_sum, heading_sum = 0.0, 0.0
+    count = int(result[MARKS])
+    for k in range(count):
+        locate_on_path(marks[k, 0], marks[k, 1], guide, resolution, place)
+        path_sum += place[0]
+        off = marks[k, 2] - place[2] + math.pi
+        if not 0.0 <= off < 2.0 * math.pi:
+            off = off % (2.0 * math.pi)
+        heading_sum += abs(off - math.pi)
+    result[OFF_PATH], result[OFF_HEADING] = path_sum / max(count, 1), heading_sum / max(count, 1)
+
+
+@jit
+def best_sample(samples, results, marks, guide, resolution, weights, end_s, before, gain, last_turn):
     """Return the index of the sample that costs least among those that are free and gain more than `gain` metres; -1 if there is none.
 
-    `results` are those of `roll_out`; `before` is the length of path that is left now, with the way back to the path. `weights` are (progress,
-    path, heading, clearance, turn change, sideways, near, movers, movers_near), as in `control.config.RolloutConfig`.
+    `results` and `marks` are those of `roll_out`; `before` is the length of path that is left now, with the way back to the path. `weights` (none below 0) are (progress,
+    path, heading, clearance, turn change, sideways, near, movers, movers_near), as in `control.config.RolloutConfig`. Only ways that may still be the best are looked at along the path,
+    the fastest samples first, which stand last.
     """
     best, chosen = np.inf, -1
     off = min(1.0, weights[1])
-    for i in range(samples.shape[0]):
+    place = np.empty(3)
+    for i in range(samples.shape[0] - 1, -1, -1):
         left = end_s - results[i, ALONG]
-        if results[i, FREE] <= 0.0 or not left + off * results[i, OFF_PATH] < before - gain:
+        if results[i, FREE] <= 0.0 or not left < before - gain:
             continue
-        cost = weights[0] * left + weights[1] * results[i, OFF_PATH] + weights[2] * results[i, OFF_HEADING]
-        cost += weights[3] * max(0.0, weights[6] - results[i, CLEARANCE])
-        cost += weights[4] * abs(samples[i, 2] - last_turn)
-        cost += weights[5] * abs(samples[i, 1])
-        cost -= 0.05 * samples[i, 0]
-        cost += weights[7] * max(0.0, weights[8] - results[i, MOVER_GAP])
-        if cost < best:
+        is_seen = results[i, OFF_PATH] != UNSEEN
+        if not is_seen:
+            results[i, OFF_PATH], results[i, OFF_HEADING] = 0.0, 0.0
+            if _cost(samples[i], results[i], weights, left, last_turn) > best:
+                results[i, OFF_PATH], results[i, OFF_HEADING] = UNSEEN, UNSEEN
+                continue
+            look_along(marks[i], guide, resolution, place, results[i])
+        if not left + off * results[i, OFF_PATH] < before - gain:
+            continue
+        cost = _cost(samples[i], results[i], weights, left, last_turn)
+        if cost <= best:
             best, chosen = cost, i
     return chosen
+
+
+@jit
+def _cost(sample, result, weights, left, last_turn):
+    """Return what a way costs that leaves `left` metres of path; the others as in `best_sample`."""
+    cost = weights[0] * left + weights[1] * result[OFF_PATH] + weights[2] * result[OFF_HEADING]
+    cost += weights[3] * max(0.0, weights[6] - result[CLEARANCE])
+    cost += weights[4] * abs(sample[2] - last_turn)
+    cost += weights[5] * abs(sample[1])
+    cost -= 0.05 * sample[0]
+    return cost + weights[7] * max(0.0, weights[8] - result[MOVER_GAP])
 
 
 @jit
@@ -346,8 +372,9 @@ def warm_up() -> None:
     approach_speed(0.0, 1.0, 1.0, 1.0, 0.1)
     plan = np.array([1.0, 1.0, 0.05, 0.3, 0.3, 3.5, 0.1])
     samples, results = np.array([[0.1, 0.0, 0.1]]), np.empty((1, COLUMNS))
-    roll_out(samples, start, np.zeros(3), np.ones(6), plan, cells, outline, guide, np.zeros((0, 6)), results)
-    best_sample(samples, results, np.ones(9), 1.0, 1.0, 0.02, 0.0)
+    marks = np.empty((1, MARKS_MAX, 3))
+    roll_out(samples, start, np.zeros(3), np.ones(6), plan, cells, outline, guide, np.zeros((0, 6)), results, marks)
+    best_sample(samples, results, marks, guide, 0.05, np.ones(9), 1.0, 1.0, 0.02, 0.0)
     covered_cells(0.2, 0.2, 1.0, 0.0, 0, cells, outline)
     no_more_covered(0.2, 0.2, 1.0, 0.0, 0, cells, outline)
     covered_at_start(start, cells, outline)
