@@ -427,6 +427,13 @@ MAPPING = (
         ("tests/registration/test_surfaces.py",),
     ),
     PlantedFault(
+        "the last map is not recorded",
+        "bridges/recorder.py",
+        "for grid in self._thinning.rest():",
+        "for grid in ():",
+        ("tests/runtime/test_grid_thinning.py",),
+    ),
+    PlantedFault(
         "surfaces overwrite what was measured",
         "kernels/submap.py",
         "if i < sure and value == 0:",

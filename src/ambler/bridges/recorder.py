@@ -1,4 +1,4 @@
-"""Records everything that the bus of one stack delivers but bulk, ground truth included: a tap of the executor, not a node.
+"""Records everything that the bus of one stack delivers but bulk, and of large grids some (`GridThinning`), ground truth included: a tap of the executor, not a node.
 
 Messages are encoded and written on a thread of the recorder's own, in the order in which they came. In lockstep a full queue makes
 the run wait and nothing is lost; live (`is_lossy`) what does not fit is left out and counted. A recorder that fails stops recording,
@@ -15,6 +15,7 @@ from typing import Any
 from ambler.core.messages import Message
 from ambler.runtime.bus import whole
 from ambler.runtime.conveyor import Conveyor
+from ambler.runtime.grid_thinning import GridThinning
 from ambler.runtime.topics import TRANSFORMS, Topic
 from ambler.wire.mcap_file import McapRecorder
 
@@ -45,6 +46,7 @@ class Recorder:
         self._mcap = McapRecorder(folder)
         self._tell = tell
         self._tree: Message | None = None
+        self._thinning = GridThinning()
         self._is_closed = False
         period = _PERIOD if is_lossy else _LOCKSTEP_PERIOD
         self._conveyor: Conveyor[_Delivered | None] = Conveyor(
@@ -63,20 +65,25 @@ class Recorder:
 
     def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
         """Take one message; `time_ns` is the executor's time of delivery, `writer` the node that published it."""
-        if topic.is_bulk:
-            return
-        if self.failure is None and not self._conveyor.put((topic, message, time_ns, writer)):
-            self.drops[topic.ros_name] = self.drops.get(topic.ros_name, 0) + 1
+        if not topic.is_bulk and self._thinning.takes(topic, message, time_ns, writer):
+            self._put((topic, message, time_ns, writer))
 
     def flush(self) -> None:
         """Wait until every message so far is written."""
         self._conveyor.flush()
+
+    def _put(self, delivered: _Delivered) -> None:
+        if self.failure is None and not self._conveyor.put(delivered):
+            name = delivered[0].ros_name
+            self.drops[name] = self.drops.get(name, 0) + 1
 
     def close(self) -> None:
         """Write what waits and finish the recording; calling it again does nothing."""
         if self._is_closed:
             return
         self._is_closed = True
+        for grid in self._thinning.rest():
+            self._put((grid.topic, grid.message, grid.time_ns, grid.writer))
         if not self._conveyor.close(_PATIENCE, None) and self.failure is None:
             self._fail(f"the disk did not take it within {_PATIENCE:.0f} s")
         if self.drops and self._tell is not None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from ambler.core.messages import Message
 from ambler.runtime.bus import whole
+from ambler.runtime.grid_thinning import GridThinning
 from ambler.runtime.topics import TRANSFORMS, Topic
 from ambler.wire.mcap_reader import RecordedMessage, read_recording
 from ambler.wire.ros_messages import encode
@@ -92,6 +93,7 @@ class ReplayComparison:
         self._compare_times = compare_times
         self._topics: dict[str, _Progress] = {}
         self._tree: Message | None = None
+        self._thinning = GridThinning()
         for recorded in reference:
             if self._is_wanted(recorded.topic):
                 progress = self._topics.setdefault(recorded.topic, _Progress())
@@ -99,7 +101,9 @@ class ReplayComparison:
                 progress.times_ns.append(recorded.log_time_ns)
 
     def on_message(self, topic: Topic[Any], message: Message, time_ns: int, writer: str = "") -> None:
-        """Compare the next message of a topic of the bus, whoever wrote it; transforms merged, as the recorder does it."""
+        """Compare the next message of a topic of the bus, whoever wrote it; transforms merged and large grids left out, as the recorder does it."""
+        if not self._thinning.takes(topic, message, time_ns, writer):
+            return
         if topic == TRANSFORMS:
             message = self._tree = whole(self._tree, message)
         if self._is_wanted(topic.ros_name):
@@ -131,6 +135,8 @@ class ReplayComparison:
 
     def result(self) -> RecordingComparison:
         """Return the outcome; messages that never came count as missing."""
+        for grid in self._thinning.rest():
+            self.add(grid.topic.ros_name, encode(grid.message), grid.time_ns)
         topics = tuple(self._outcome(name, self._topics[name]) for name in sorted(self._topics))
         differences = [t.first_difference for t in topics if t.first_difference is not None]
         return RecordingComparison(topics, min(differences, key=_time_of, default=None))
