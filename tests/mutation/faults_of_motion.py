@@ -1151,8 +1151,8 @@ MOTION = (
     PlantedFault(
         "coarse distances reach where the robot may not be",
         "kernels/frontier_value.py",
-        "if costs[iy, ix] < limit else np.inf",
-        "if costs[iy, ix] <= 255 else np.inf",
+        "if over[k] < limit else np.float32(np.inf)",
+        "if over[k] <= 255 else np.float32(np.inf)",
         WIDE,
     ),
     PlantedFault(

@@ -11,6 +11,13 @@ PURSUIT = ("tests/control/test_omni_pursuit.py",)
 
 PEOPLE = (
     PlantedFault(
+        "who has walked into a robot leans on it with all his weight",
+        "kernels/walkers.py",
+        "most = min(pace, push / mass[n])",
+        "most = min(pace, 10.0 * push / mass[n])",
+        ("tests/sim/test_walkers.py",),
+    ),
+    PlantedFault(
         "a bar that rays meet now and then moves",
         "kernels/movers.py",
         "if states[k] == FREE and misses[k] < GONE and",

@@ -30,7 +30,9 @@ class DrivenCells:
         self._inscribed_radius = inscribed_radius
         self._last: tuple[float, float] | None = None
         self._keys: dict[tuple[int, int], None] = {}
-        self._points: F64 = np.zeros((0, 2))
+        self._spec: GridSpec | None = None
+        self._cells: I64 = np.zeros(0, np.int64)  # of that grid
+        self._known = 0  # how many of the keys they hold
         self._resolution = 0.0
 
     def add(self, x: float, y: float, resolution: float) -> None:
@@ -51,17 +53,13 @@ class DrivenCells:
 
     def forget(self) -> None:
         """Forget all: another map, another level."""
-        self._last, self._keys, self._points = None, {}, np.zeros((0, 2))
+        self._last, self._keys, self._spec = None, {}, None
 
     def kept_open(self, costs: U8, source: U8, spec: GridSpec) -> I64:
         """Return the flat indices of cells that only the inflation shuts, though the robot was there: inscribed in `costs`, with nothing
         lethal in `source` nearer than the inscribed radius less `SLACK` cells; both uint8 [iy, ix]."""
-        news = list(islice(self._keys, len(self._points), None))
-        if news:
-            self._points = np.concatenate((self._points, (np.array(news) + 0.5) * spec.resolution))
-        cells = (spec.cells_of(self._points)[:, None] + BESIDE).reshape(-1, 2)
-        cells = cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)]
-        at: I64 = np.unique(cells[costs[cells[:, 0], cells[:, 1]] == COST_INSCRIBED] @ (spec.shape[1], 1))
+        cells = self._cells_of(spec)
+        at: I64 = np.unique(cells[np.ascontiguousarray(costs).reshape(-1)[cells] == COST_INSCRIBED])
         if len(at) == 0:
             return at
         reach = self._inscribed_radius / spec.resolution - SLACK
@@ -72,3 +70,14 @@ class DrivenCells:
         ix = (at[:, None] % spec.shape[1] + dx[is_near]).clip(0, spec.shape[1] - 1)
         is_free: NDArray[np.bool_] = (source[iy, ix] != COST_LETHAL).all(axis=1)
         return np.asarray(at[is_free], np.int64)
+
+    def _cells_of(self, spec: GridSpec) -> I64:
+        """Return the flat indices of all that was driven and lies in a grid; only what is new since the last call is looked for."""
+        if spec != self._spec:
+            self._spec, self._cells, self._known = spec, np.zeros(0, np.int64), 0
+        news = np.array(list(islice(reversed(self._keys), len(self._keys) - self._known))).reshape(-1, 2)
+        self._known = len(self._keys)
+        cells = (spec.cells_of((news + 0.5) * spec.resolution)[:, None] + BESIDE).reshape(-1, 2)
+        cells = cells[((cells >= 0) & (cells < spec.shape)).all(axis=1)]
+        self._cells = np.concatenate((self._cells, np.unique(cells @ (spec.shape[1], 1))))
+        return self._cells

@@ -202,12 +202,17 @@ def _apart(cell, other, width):
 def shrink_costs(costs: NDArray[np.uint8], factor: int, out: NDArray[np.uint8]) -> None:
     """Shrink a cost grid: each coarse cell takes the least cost of its `factor` x `factor` cells."""
     height, width = costs.shape
+    line = np.empty(width, np.uint8)
     for iy in range(out.shape[0]):
+        line[:] = 255
+        for y in range(iy * factor, min((iy + 1) * factor, height)):
+            row = costs[y]
+            for k in range(np.uint64(width)):
+                line[k] = min(line[k], row[k])
         for ix in range(out.shape[1]):
-            least = 255
-            for y in range(iy * factor, min((iy + 1) * factor, height)):
-                for x in range(ix * factor, min((ix + 1) * factor, width)):
-                    least = min(least, costs[y, x])
+            least = line[ix * factor]
+            for x in range(ix * factor + 1, min((ix + 1) * factor, width)):
+                least = min(least, line[x])
             out[iy, ix] = least
 
 
@@ -217,10 +222,16 @@ def spread_distances(
 ) -> None:
     """Give each fine cell the distance of the coarse cell that holds it, inf where its cost is `limit` or more."""
     height, width = costs.shape
+    line = np.empty(
+        width, np.float32
+    )  # of coarse distances, on fine cells: each is divided for once, and many cells are told at once
     for iy in range(height):
-        cy = iy // factor
-        for ix in range(width):
-            out[iy, ix] = coarse[cy, ix // factor] if costs[iy, ix] < limit else np.inf
+        if iy % factor == 0:
+            for ix in range(width):
+                line[ix] = coarse[iy // factor, ix // factor]
+        row, over = out[iy], costs[iy]
+        for k in range(np.uint64(width)):
+            row[k] = line[k] if over[k] < limit else np.float32(np.inf)
 
 
 @jit

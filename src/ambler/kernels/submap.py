@@ -155,13 +155,29 @@ def known_box(cells, box):
 
 
 @jit
-def _is_beside_occupied(cells, iy, ix, log_odds):
-    height, width = cells.shape
-    for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        ny, nx = iy + dy, ix + dx
-        if 0 <= ny < height and 0 <= nx < width and cells[ny, nx] != 0 and log_odds[cells[ny, nx]] > 0.0:
-            return True
-    return False
+def _is_beside_occupied(cells, iy, ix, occupied):
+    """Whether one of the four cells beside a cell has at least the value `occupied`."""
+    height, width = np.uint64(cells.shape[0]), np.uint64(cells.shape[1])
+    # What is left of or below 0 is larger than any grid.
+    return (
+        (iy - np.uint64(1) < height and cells[iy - np.uint64(1), ix] >= occupied)
+        or (iy + np.uint64(1) < height and cells[iy + np.uint64(1), ix] >= occupied)
+        or (ix - np.uint64(1) < width and cells[iy, ix - np.uint64(1)] >= occupied)
+        or (ix + np.uint64(1) < width and cells[iy, ix + np.uint64(1)] >= occupied)
+    )
+
+
+@jit
+def _least_occupied(log_odds):
+    """Return the least value of a cell that speaks for something; `log_odds` rise from value 1 on."""
+    low, high = 1, log_odds.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if log_odds[middle] > 0.0:
+            high = middle
+        else:
+            low = middle + 1
+    return low
 
 
 @jit
@@ -195,7 +211,7 @@ def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidenc
     wipe it out for each other.
 
     `cells` uint16 (h, w) with `frame` (resolution, x, y) in the submap frame; `pose` float64 (3,) map_from_submap;
-    `log_odds` float32 (32768,); `target_frame` (resolution, x, y); `evidence` float32 (H, W), `known` uint8 (H, W), of which only the box that
+    `log_odds` float32 (32768,), rising from value 1 on; `target_frame` (resolution, x, y); `evidence` float32 (H, W), `known` uint8 (H, W), of which only the box that
     `composed_box` tells is touched.
     """
     h, w = cells.shape
@@ -205,6 +221,7 @@ def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidenc
     c, s = math.cos(pose[2]), math.sin(pose[2])
     inverse = 1.0 / res
     step_x, step_y = c * target * inverse, -s * target * inverse
+    occupied = np.uint16(min(_least_occupied(log_odds), 65535))
     for iy in range(iy0, iy1):
         gy = target_frame[2] + (iy + 0.5) * target - pose[1]
         gx = target_frame[1] + (ix0 + 0.5) * target - pose[0]
@@ -215,12 +232,12 @@ def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidenc
             fx = sx + k * step_x
             fy = sy + k * step_y
             if fx >= 0.0 and fy >= 0.0:
-                jx, jy = int(fx), int(fy)
-                if jx < w and jy < h:
+                jx, jy = np.uint64(fx), np.uint64(fy)
+                if jx < np.uint64(w) and jy < np.uint64(h):
                     value = cells[jy, jx]
                     if value != 0:
                         added = log_odds[value]
-                        if added < 0.0 and _is_beside_occupied(cells, jy, jx, log_odds):
+                        if added < 0.0 and _is_beside_occupied(cells, jy, jx, occupied):
                             added *= beside_occupied
                         evidence[iy, ix] += added
                         known[iy, ix] = 1
@@ -230,14 +247,14 @@ def compose(cells, frame, pose, log_odds, beside_occupied, target_frame, evidenc
 def to_occupancy(evidence, known, free_below, occupied_above, part, corner, occupancy):
     """Threshold summed log odds into int8 occupancy: -1 unknown or undecided, 0 free, 100 occupied. Of the sums only the `part`
     (iy0, iy1, ix0, ix1) is told, in `occupancy`, which begins at their cell `corner` (iy, ix)."""
+    width = np.uint64(part[3] - part[2])
     for iy in range(part[0], part[1]):
-        for ix in range(part[2], part[3]):
-            value = -1
-            if known[iy, ix] != 0 and evidence[iy, ix] > occupied_above:
-                value = 100
-            elif known[iy, ix] != 0 and evidence[iy, ix] < free_below:
-                value = 0
-            occupancy[iy - corner[0], ix - corner[1]] = value
+        # Rows from their first cell on, and no branches: many cells at once.
+        sums, seen = evidence[iy, part[2] :], known[iy, part[2] :]
+        row = occupancy[iy - corner[0], part[2] - corner[1] :]
+        for k in range(width):
+            value = np.int8(100) if sums[k] > occupied_above else np.int8(0) if sums[k] < free_below else np.int8(-1)
+            row[k] = value if seen[k] != 0 else np.int8(-1)
 
 
 def warm_up() -> None:

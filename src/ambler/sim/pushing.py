@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.kernels.walkers import striving_forces
 from ambler.sim.solids import Solid
 
 F64 = NDArray[np.float64]
@@ -51,13 +52,14 @@ class PushingPeople:
         self._origin = np.array([model.body_pos[b, :2] for b in bodies]).reshape(-1, 2)
         self._model, self._bodies = model, np.array(bodies, np.int64)
         self._middles = np.array([model.body_pos[b, 2] for b in bodies])
-        self._mass = np.array(masses, np.float64).reshape(-1, 1)
+        self._mass = np.array(masses, np.float64)
         self._wish = self._origin.copy()
         self._rate = np.zeros_like(self._wish)
         self._data = data
         self._dt = dt
         self._since = 0.0
         self._gentle = np.zeros(self.count)
+        self._plan = np.array([0.0, dt, STIFFNESS, PACE, PUSH, LEAN_SPEED])
 
     def head_for(self, places: Sequence[tuple[float, float]]) -> None:
         """Take where everybody wants to be now; the pace follows from the last wish."""
@@ -71,20 +73,14 @@ class PushingPeople:
 
     def walk(self, *, is_met: bool) -> None:
         """Set the forces of the next step; `is_met` says whether anything touches a robot, else nobody looks at contacts."""
-        data = self._data
-        here, speed = self._here(), data.qvel[self._dofs].reshape(-1, 2)
-        behind = self._wish + self._rate * self._since - here
-        pull = STIFFNESS * STIFFNESS * behind + 2.0 * STIFFNESS * (self._rate - speed)
-        self._gentle = np.maximum(0.0, self._gentle - self._dt)
+        data, plan = self._data, self._plan
         if is_met:
             self._gentle[np.isin(self._geoms, data.contact.geom)] = AFTER
-        is_gentle = self._gentle[:, None] > 0.0
-        is_halting = is_gentle & (np.hypot(speed[:, :1], speed[:, 1:]) > LEAN_SPEED)
-        pull = np.where(is_halting, -2.0 * STIFFNESS * speed, pull)
-        most = np.where(is_gentle & ~is_halting, np.minimum(PACE, PUSH / self._mass), PACE)
-        size = np.hypot(pull[:, :1], pull[:, 1:])
-        force = self._mass * pull * np.minimum(1.0, most / np.maximum(size, 1e-9))
-        data.qfrc_applied[self._dofs] = force.ravel()
+        plan[0] = self._since
+        striving_forces(
+            *(data.qpos, data.qvel, self._qpos, self._dofs, self._origin, self._wish, self._rate, self._mass),
+            *(self._gentle, plan, data.qfrc_applied),
+        )
         self._since += self._dt
 
     def places(self) -> list[tuple[float, float]]:
