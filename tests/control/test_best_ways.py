@@ -3,9 +3,12 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ambler.control.config import RolloutConfig
+from ambler.core.errors import BadInputError
 from ambler.kernels import path_place, rollout
 
 RES = 0.05
@@ -101,3 +104,11 @@ def test_a_path_is_blocked_where_one_of_its_cells_lies_too_near(seed: int) -> No
     is_inside = (iy >= 0) & (iy < 40) & (ix >= 0) & (ix < 40)
     is_near = bool((distance[iy[is_inside], ix[is_inside]] < 0.2).any())
     assert path_place.leads_too_near(path, distance, RES, 0.2) == is_near
+
+
+@pytest.mark.parametrize("name", [name for name in RolloutConfig.__slots__ if name.startswith("weight_")])
+@pytest.mark.parametrize("value", [-0.1, math.nan])
+def test_ways_that_cannot_be_the_best_are_found_only_with_weights_that_are_no_rewards(name: str, value: float) -> None:
+    with pytest.raises(BadInputError, match=name):
+        RolloutConfig(**{name: value})
+    RolloutConfig(**{name: 0.0})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from ambler.core.errors import BadInputError
 from ambler.core.units import Radians
@@ -70,3 +70,6 @@ class RolloutConfig:
         for name in ("horizon", "vx_samples", "vy_samples", "wz_samples", "control_period", "step_length", "window"):
             if getattr(self, name) <= 0:
                 raise BadInputError(f"rollout.{name} must be positive, not {getattr(self, name):g}")
+        for each in fields(self):
+            if each.name.startswith("weight_") and not getattr(self, each.name) >= 0.0:
+                raise BadInputError(f"rollout.{each.name} must not be negative, but is {getattr(self, each.name):g}")
