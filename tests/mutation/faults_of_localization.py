@@ -189,6 +189,13 @@ LOCALIZATION = (
         NODE,
     ),
     PlantedFault(
+        "a part of a map lies where the map begins",
+        "localization/map_bend.py",
+        "origin = spec.origin_x + x0 * spec.resolution",
+        "origin = spec.origin_x",
+        BEND,
+    ),
+    PlantedFault(
         "the bend of a map is that of its yaw alone",
         "localization/map_bend.py",
         "float(np.sqrt(0.5 * (squares[0] + squares[1])))",

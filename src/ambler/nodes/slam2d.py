@@ -29,7 +29,6 @@ from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.localization.map_bend import measure_bend
 from ambler.localization.map_trust import MapTrust, MapTrustConfig, MapTrustJudge
-from ambler.localization.surface_map import SurfaceMap
 from ambler.nodes.merged_rays import MergedRays
 from ambler.perception.level_mount import Mount, level_mount
 from ambler.perception.planar import PlanarConfig, cloud_to_points, scan_duration, scan_to_points
@@ -281,7 +280,7 @@ def save_slam_map(stem: Path, slam: Slam2d) -> Path:
     if (occupancy == OCC_OCCUPIED).any() and (occupancy == OCC_FREE).any():
         chosen = range(0, slam.nodes, max(1, math.ceil(slam.nodes / BEND_KEYFRAMES)))
         scans = [(slam.points_of_node(k), slam.map_from_node(k)) for k in chosen]
-        bend = measure_bend(SurfaceMap.from_occupancy(occupancy, spec), scans)
+        bend = measure_bend(occupancy, spec, scans)
     _, description = save_map(stem, spec, occupancy, None if bend is None else (bend.position, bend.yaw))
     return description
 
