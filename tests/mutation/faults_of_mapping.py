@@ -434,6 +434,13 @@ MAPPING = (
         ("tests/runtime/test_grid_thinning.py",),
     ),
     PlantedFault(
+        "nothing to compensate is told by what is left alone",
+        "slam2d/sweep_search.py",
+        "Sweep.NONE: (1.0, 0.0, 1.0)",
+        "Sweep.NONE: (1.0, 0.0, 4.0)",
+        ("tests/slam2d/test_sweep_search.py",),
+    ),
+    PlantedFault(
         "surfaces overwrite what was measured",
         "kernels/submap.py",
         "if i < sure and value == 0:",
