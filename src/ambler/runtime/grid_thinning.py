@@ -1,6 +1,6 @@
 """Which grids of a run are recorded: small ones all, large ones the more rarely the larger they are, and the last one always.
 
-The map and the costs of a hall of 10 000 m² have millions of cells and change a little every second: whole, they were nine tenths of a recording, and a sixth of the time of the processor.
+The map and the costs of a hall of 10 000 m² have millions of cells and change a little every second: whole, they were half of a recording (nine tenths before compression) and a sixth of the time of the processor.
 """
 
 from __future__ import annotations
