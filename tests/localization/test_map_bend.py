@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ambler.core.errors import BadInputError
 from ambler.core.grid import GridSpec
 from ambler.core.se2 import SE2
 from ambler.localization import map_bend
@@ -65,3 +66,9 @@ def test_keyframes_beside_the_map_or_where_it_has_no_wall_are_left_out() -> None
     bend = measure_bend(cells, spec, [*away, *keyframes(60, 0.02, 0.004)])
     assert bend == measure_bend(cells, spec, keyframes(60, 0.02, 0.004))
     assert measure_bend(np.zeros_like(cells), spec, keyframes(30, 0.0, 0.0)) == MapBend()
+
+
+def test_a_map_that_does_not_fit_its_geometry_is_refused() -> None:
+    cells, spec = rooms.office().occupancy()
+    with pytest.raises(BadInputError, match="description"):
+        measure_bend(cells[:-1], spec, keyframes(30, 0.0, 0.0))

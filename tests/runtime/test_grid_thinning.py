@@ -37,6 +37,14 @@ def test_small_grids_are_all_recorded_and_large_ones_by_their_cells() -> None:
     assert _taken(1500, 5, writer="") == list(range(5)), "what came from outside is fed to a replay"
 
 
+def test_a_clock_that_is_set_back_ends_no_recording() -> None:
+    """Live, times of delivery are the system's."""
+    thinning = GridThinning()
+    seconds = [4000, 4001, 400, 401, 402]
+    taken = [k for k in seconds if thinning.takes(topics.MAP, _map(1000, k), k * SECOND, "slam2d")]
+    assert taken == [4000, 400, 402]
+
+
 def test_each_topic_counts_for_itself_and_what_is_no_grid_is_recorded() -> None:
     thinning = GridThinning()
     costs = CostGrid(0, "map", GridSpec(0.05, 1000, 1000, 0.0, 0.0), np.zeros((1000, 1000), np.uint8))

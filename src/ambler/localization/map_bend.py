@@ -43,7 +43,10 @@ def measure_bend(cells: NDArray[np.int8], spec: GridSpec, scans: Sequence[tuple[
     """Match the scans of keyframes, points float32 (N, 2) in the base frame with their poses, to the map int8 [iy, ix] that was made of them.
 
     Scans that do not determine the whole pose are left out; nothing is told by fewer than `LEAST`. Of a large map only the part around a place is prepared at a time.
+    Raises BadInputError where the map does not fit its geometry.
     """
+    if cells.shape != spec.shape:
+        raise BadInputError(f"the map has {cells.shape} cells, its description says {spec.shape}")
     offsets = []
     places: defaultdict[tuple[int, int], list[tuple[F32, SE2]]] = defaultdict(list)
     for points, pose in scans:

@@ -38,7 +38,7 @@ class GridThinning:
             return True
         period_ns = 1e9 * message.data.size / CELLS_PER_SECOND
         last_ns = self._taken_ns.get(topic)
-        if last_ns is not None and time_ns - last_ns < period_ns and period_ns > 1e9:
+        if period_ns > 1e9 and last_ns is not None and 0 <= time_ns - last_ns < period_ns:  # clocks are set back
             self._left[topic] = Grid(topic, message, time_ns, writer)
             return False
         self._taken_ns[topic] = time_ns
