@@ -148,7 +148,7 @@ def test_the_turtlebot_finds_itself_in_its_map(tmp_path: Path) -> None:
     assert result["points_on_walls_ratio"] > 0.7
     assert result["times_lost"] == 0
     assert (tmp_path / "out" / "map.png").stat().st_size > 5000
-    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) > 200
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) > 150
 
 
 @pytest.mark.parametrize(
@@ -157,6 +157,8 @@ def test_the_turtlebot_finds_itself_in_its_map(tmp_path: Path) -> None:
         (["nothing.log", "--map", "nothing.yaml"], "nothing.yaml: there is no such map"),
         (["nothing.log", "--map", "tests"], "tests: is a folder; give the map's YAML"),
         (["nothing.log", "--map", "nothing.yaml", "--pose", "1,2"], "--pose 1,2: is not X,Y,YAW"),
+        (["nothing.log", "--map", "nothing.yaml", "--lag", "soon"], "--lag soon: is no number of seconds, nor `auto`"),
+        (["nothing.log", "--map", "nothing.yaml", "--lag", "nan"], "--lag nan: is no number of seconds, nor `auto`"),
         (["nothing.log", "--map", "nothing.yaml", "--pose", "1,nan,2"], "not finite"),
         (["nothing.log", "--map", "nothing.yaml", "--unsupervised"], "--unsupervised needs --pose"),
     ],

@@ -33,6 +33,20 @@ def test_a_constant_twist_is_followed_exactly_also_beyond_the_newest_pose(stamp_
     np.testing.assert_allclose(motion.twist_at(stamp_ms * MS), TWIST, atol=1e-9)
 
 
+def test_a_sweep_is_known_or_steady_however_near_the_odometry_ends() -> None:
+    """A scan at one instant asks for the motion of the next 10 ms, too: it was an error where the odometry ended 0.24 to 0.25 s before."""
+    motion, otherwise = on_an_arc(), np.array([0.0, 0.0, 0.5])
+    end_ns = 19 * 20 * MS
+    for late_ms in np.arange(0.0, 270.0, 0.7):
+        for seconds in (0.0, 0.004, 0.1):
+            stamp_ns = end_ns + round(late_ms * MS)
+            sweep = motion.sweep(stamp_ns, seconds, otherwise)
+            assert sweep[0] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-12)
+            is_known = late_ms + 1e3 * sweep[-1, 0] <= 250.0
+            assert sweep[-1, 0] >= seconds
+            assert sweep[-1, 3] == pytest.approx((TWIST if is_known else otherwise)[2] * sweep[-1, 0], abs=1e-9)
+
+
 def test_twist_over_an_interval_is_the_mean() -> None:
     motion = BaseMotion()
     for stamp, x in ((0, 0.0), (100 * MS, 0.1), (200 * MS, 0.4)):

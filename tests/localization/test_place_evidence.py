@@ -148,6 +148,40 @@ def test_no_place_is_believed_of_which_much_is_contradicted(wrong: int, is_belie
     assert (relocalizer._answer(S).state is RelocalizationState.FOUND) == is_believed
 
 
+@pytest.mark.parametrize(
+    ("wrong", "quality", "confirmations", "way", "has_rival", "is_believed"),
+    [
+        (4, 0.75, 8, 3.1, False, True),
+        (4, 0.75, 7, 3.1, False, False),
+        (4, 0.75, 20, 2.9, False, False),
+        (4, 0.65, 20, 9.0, False, False),
+        (5, 0.75, 20, 9.0, False, False),
+        (4, 0.75, 20, 9.0, True, False),
+    ],
+)
+def test_a_place_that_is_found_again_and_again_along_a_way_may_have_changed_more(
+    wrong: int, quality: float, confirmations: int, way: float, has_rival: bool, is_believed: bool
+) -> None:
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*alike().occupancy()), RelocalizerConfig())
+    spots = [(1.1 + 5.0 * k, 1.1) for k in range(10)]
+    seen = evidence(view(spots[wrong:], EXPLAINED), view(spots[:wrong], TOO_NEAR))
+    place = Hypothesis(SE2(6.0, 2.0, 0.1), np.eye(3), quality, seen, confirmations + 1, confirmations, way)
+    rival = Hypothesis(SE2(20.2, 2.0, 0.1), np.eye(3), quality - 0.2, evidence(view(spots, TOO_NEAR)))
+    relocalizer._hypotheses = (place, rival) if has_rival else (place,)
+    assert (relocalizer._answer(S).state is RelocalizationState.FOUND) == is_believed
+
+
+def test_the_way_along_which_a_place_was_followed_is_told() -> None:
+    room, rng = hallway("hallway"), np.random.default_rng(4)
+    relocalizer = Relocalizer(SurfaceMap.from_occupancy(*room.occupancy()), RelocalizerConfig())
+    ways = []
+    for k in range(5):
+        odom = SE2(0.5 * k, 0.0, 0.0)
+        found = relocalizer.update(Observation(k * S, odom, room.scan(SE2(10.5, 1.2, 0.1) @ odom, rng, reach=6.0)))
+        ways.append(found.hypotheses[0].way)
+    assert ways == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0])
+
+
 @pytest.mark.parametrize(("elsewhere", "is_believed"), [(0, True), (2, True), (6, False)])
 def test_no_place_is_believed_to_which_the_way_does_not_lead(elsewhere: int, is_believed: bool) -> None:
     """The robot stands where the map does not know, and all that it sees looks like a place of the map; on most of its way there nothing did."""

@@ -56,6 +56,20 @@ LOCALIZATION = (
         ("tests/localization/test_place_evidence.py",),
     ),
     PlantedFault(
+        "turning at one place counts as a way along which it was followed",
+        "localization/relocalizer.py",
+        "and place.way >= self.config.held_way",
+        "",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
+        "a place with a rival may have changed as much as one without",
+        "localization/relocalizer.py",
+        "is_held = not has_rival and best",
+        "is_held = best",
+        ("tests/localization/test_place_evidence.py",),
+    ),
+    PlantedFault(
         "a place is believed to which the way does not lead",
         "localization/relocalizer.py",
         "if not self._may_have_come_to(best):",

@@ -41,10 +41,10 @@ def pose_text(pose: SE2) -> str:
     return f"{pose.x:.6f} {pose.y:.6f} {pose.yaw:.6f}"
 
 
-def flaser(readings: list[str]) -> list[str]:
+def flaser(readings: list[str], odometry: list[SE2] = PATH) -> list[str]:
     return [
         f"FLASER {len(r.split())} {r} {pose_text(pose)} {pose_text(pose)} {1000 + 0.1 * k:.3f} host {0.1 * k:.3f}"
-        for k, (r, pose) in enumerate(zip(readings, PATH, strict=True))
+        for k, (r, pose) in enumerate(zip(readings, odometry, strict=True))
     ]
 
 
@@ -231,3 +231,15 @@ def test_the_odometry_of_a_robot_that_stands_is_kept(tmp_path: Path, passing: in
     recording = opened(tmp_path, with_dead_poses(flaser(readings), PATH[0]))
     assert DEAD_ODOMETRY not in recording.notes
     assert all(scan.odometry for scan in recording.scans)
+
+
+def test_a_lag_that_is_told_moves_the_odometry_of_a_log(tmp_path: Path) -> None:
+    """The scans of this logger are two lines older than what the wheels tell beside them."""
+    late = 2
+    recording = opened(tmp_path, flaser(scans()[:-late], PATH[late:]), Choices(lag=0.1 * late))
+    track = [entry for scan in recording.scans for entry in scan.odometry]
+    assert len(track) == len(PATH) - 2 * late + 1  # up to the last scan, and the next one
+    for stamp_ns, pose in track:
+        true = PATH[round(stamp_ns * 1e-8) - 10_000]
+        assert pose.distance_to(true) < 1e-5
+        assert abs(pose.yaw - true.yaw) < 1e-5

@@ -26,13 +26,14 @@ from ambler.recordings import scan_recording
 from ambler.recordings.log_scans import DEAD_ODOMETRY
 from ambler.recordings.scan_recording import Choices, ScanRecording
 from ambler.recordings.sweep import Sweep
+from ambler.slam2d.lag_search import find_lag
 from ambler.slam2d.offline import run_offline
 from ambler.slam2d.sweep_search import find_sweep
 from ambler.wire.ros_messages import encode, ros_type_of
 from ambler.wire.ros_types import STORE
 from tests.public_data import public
 
-open_recording = partial(scan_recording.open_recording, find_sweep=find_sweep)
+open_recording = partial(scan_recording.open_recording, find_sweep=find_sweep, find_lag=find_lag)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 Recorded = list[tuple[str, m.Message, int]]
@@ -149,6 +150,26 @@ def test_beams_that_run_against_their_promise_are_found_and_turned(tmp_path: Pat
     assert any("beams in time: backward" in note for note in found.notes)
     assert run_offline(found.scans).points_on_walls_ratio > run_offline(plain.scans).points_on_walls_ratio + 0.004
     assert median_error(found) < 0.02
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_scans_that_are_stamped_late_are_found_and_their_odometry_is_moved(backward: bool, tmp_path: Path) -> None:
+    """As on a TurtleBot 4, whose scans turn backward and are stamped when their last beam has come."""
+    late_ns = 150_000_000
+    recorded = [
+        (topic, replace(x, stamp_ns=x.stamp_ns + late_ns) if isinstance(x, m.LaserScan) else x, ns)
+        for topic, x, ns in drive(8.0, backward=backward)
+    ]
+    bag = write_ros2(tmp_path / "bag", recorded)
+    found, left = open_recording(bag), open_recording(bag, Choices(lag=0.0))
+    (note,) = [note for note in found.notes if note.startswith("lag: scans are stamped 0.1")]
+    assert float(note.split()[4]) == pytest.approx(0.15, abs=0.011)
+    assert any(f"beams in time: {'backward' if backward else 'forward'}" in note for note in found.notes)
+    assert any("lag: scans are taken as stamped 0.00 s later" in note for note in left.notes)
+    assert not any(note.startswith("lag:") for note in open_recording(write_ros2(tmp_path / "own", drive(8.0))).notes)
+    told = open_recording(bag, Choices(lag=float(note.split()[4])))
+    for mine, theirs in zip(found.scans, told.scans, strict=True):
+        assert mine.odometry == theirs.odometry
 
 
 def test_without_odometry_the_scans_alone_do(tmp_path: Path) -> None:
@@ -439,7 +460,8 @@ def test_unusable_files_are_one_line_and_leave_nothing(
 def test_the_real_turtlebot_sweeps_backward_and_its_returns_lie_on_walls() -> None:
     recording = open_recording(public("turtlebot4/macfirst_floor_take_2"))
     assert any("beams in time: backward" in note for note in recording.notes)
-    assert run_offline(recording.scans).points_on_walls_ratio > 0.95
+    assert any("lag: scans are stamped 0.1" in note for note in recording.notes)
+    assert run_offline(recording.scans).points_on_walls_ratio > 0.957
 
 
 def test_the_real_wean_log_closes_its_loops() -> None:

@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
     from ambler.recordings.scan_recording import open_recording
+    from ambler.slam2d.lag_search import find_lag
     from ambler.slam2d.sweep_search import find_sweep
     from ambler.wire.tum import write_tum
 
@@ -65,11 +66,12 @@ def run(args: argparse.Namespace) -> int:
     check_targets(args.json, args.out)
     config = recorded_config(profile_of(args)[0])
     config.check_localizer()
+    choices = choices_of(args)
     start = None if args.pose is None else parse_pose("--pose", args.pose)
     spec, occupancy = _load(args.map)
     if start is not None and not spec.contains(start.x, start.y):
         raise BadInputError(f"{args.map}: the pose {start.x:g}, {start.y:g} m lies outside of it")
-    recording = open_recording(args.recording, choices_of(args), find_sweep=find_sweep)
+    recording = open_recording(args.recording, choices, find_sweep=find_sweep, find_lag=find_lag)
     for note in recording.notes:
         print(note)
     warm_up(imported_kernel_modules())

@@ -27,6 +27,11 @@ def add_choices(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="bags: order of a scan's beams in time; auto asks the recording (default)",
     )
+    parser.add_argument(
+        "--lag",
+        metavar="SECONDS",
+        help="by how much scans are stamped later than odometry; auto asks the recording (default)",
+    )
 
 
 def choices_of(args: argparse.Namespace) -> Choices:
@@ -35,7 +40,23 @@ def choices_of(args: argparse.Namespace) -> Choices:
     from ambler.recordings.sweep import Sweep
 
     mount = None if args.mount is None else parse_pose("--mount", args.mount)
-    return Choices(args.scan_topic, args.odom_topic, mount, Sweep(args.sweep))
+    return Choices(args.scan_topic, args.odom_topic, mount, Sweep(args.sweep), _lag_of(args.lag))
+
+
+def _lag_of(text: str | None) -> float | None:
+    import math
+
+    from ambler.core.errors import BadInputError
+
+    if text in (None, "auto"):
+        return None
+    try:
+        lag = float(text)
+    except ValueError:
+        lag = math.nan
+    if not math.isfinite(lag):
+        raise BadInputError(f"--lag {text}: is no number of seconds, nor `auto`")
+    return lag
 
 
 def parse_pose(option: str, text: str) -> SE2:

@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from ambler.evaluation.results import write_results
     from ambler.kernels.warmup import imported_kernel_modules, warm_up
     from ambler.recordings.scan_recording import open_recording
+    from ambler.slam2d.lag_search import find_lag
     from ambler.slam2d.sweep_search import find_sweep
 
     config = recorded_config(profile_of(args)[0]).slam2d.slam
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     warm_up(imported_kernel_modules())
     cpu = time.process_time()
     relations = load_relations(args.relations) if args.relations else None
-    recording = open_recording(args.log, choices_of(args), find_sweep=find_sweep)
+    recording = open_recording(args.log, choices_of(args), find_sweep=find_sweep, find_lag=find_lag)
     for note in recording.notes:
         print(note)
     stamps = list(recording.stamps)

@@ -171,9 +171,9 @@ class BaseMotion:
     def sweep(self, stamp_ns: int, seconds: float, otherwise: F64) -> F64:
         """Return where the base was during a sweep from an instant on, float64 (K, 4) of (s after it, x, y, yaw) in the base frame of that instant; where
         that is not known, what it moved with the twist `otherwise`."""
-        if not self.covers(stamp_ns, stamp_ns + round(seconds * 1e9)):
-            return steady_sweep(otherwise, seconds)
         times = _sweep_times(seconds)
+        if not self.covers(stamp_ns, stamp_ns + round(times[-1] * 1e9)):
+            return steady_sweep(otherwise, seconds)
         begin_from_odom = self.planar_at(stamp_ns).inverse()
         rows = [(t, begin_from_odom @ self.planar_at(stamp_ns + round(t * 1e9))) for t in times]
         return np.array([(t, p.x, p.y, p.yaw) for t, p in rows])

@@ -35,7 +35,8 @@ class RelocalizerConfig:
     that comes nearer (`place_evidence`), and against which no place speaks by more than `moved_things`; in an old or crowded map it must lead as much and new searches
     of the whole map must come back to it `confirmations` times. Where no other place comes within `rival` of it, `confirmations_alone` are
     enough, or one for a pose of `sure_alone`. No place is believed that more than the share `contradicted_most` of what is seen, spot by spot, contradicts: then the
-    map does not hold where the robot is; nor one from which, back along the last `past_way` metres, what was seen on them does not fit in the mean. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
+    map does not hold where the robot is, unless without any rival `held_confirmations` searches over `held_way` metres came back to a place of `sure_alone`: then it was
+    changed, by up to `contradicted_held`; nor one from which, back along the last `past_way` metres, what was seen on them does not fit in the mean. Nothing found: wait `retry_after` s. `slack`: metres (at least 1.5 cells) between a return and the map's wall that count as the same."""
 
     cell: float = 0.1
     sigma: float = 0.12
@@ -58,6 +59,9 @@ class RelocalizerConfig:
     sure_alone: float = 0.7
     confirmations_alone: int = 2
     contradicted_most: float = 0.27
+    contradicted_held: float = 0.4
+    held_confirmations: int = 8
+    held_way: float = 3.0
     past_way: float = 8.0
     retry_after: float = 0.5
     slack: float = 0.12
@@ -67,7 +71,8 @@ class RelocalizerConfig:
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
     """A place where the robot could be: refined pose, covariance float64 (3, 3) in map axes, quality: share of explained returns
-    minus twice the share that went through walls, in the mean of all `views` of it; how many of them found it anew in the whole map; and what they said of it."""
+    minus twice the share that went through walls, in the mean of all `views` of it, which were made along `way` metres; how many of them found it anew in the whole map;
+    and what they said of it."""
 
     map_from_base: SE2
     covariance: F64
@@ -75,6 +80,7 @@ class Hypothesis:
     evidence: PlaceEvidence = field(default_factory=PlaceEvidence)
     views: int = 1
     confirmations: int = 0
+    way: float = 0.0
 
 
 class RelocalizationState(enum.Enum):
@@ -239,7 +245,8 @@ class Relocalizer:
             views = hypothesis.views + 1
             mean = hypothesis.quality + (judged.quality - hypothesis.quality) / views
             if judged.quality >= self.config.accept - 0.1:
-                known = hypothesis.evidence, views, hypothesis.confirmations
+                way = hypothesis.way + math.hypot(motion.x, motion.y)
+                known = hypothesis.evidence, views, hypothesis.confirmations, way
                 carried.append(Hypothesis(judged.map_from_base, judged.covariance, mean, *known))
         carried.sort(key=lambda h: -h.quality)
         return tuple(carried)
@@ -284,6 +291,10 @@ class Relocalizer:
                 here = judged.map_from_base
         return float(np.mean(qualities)) >= self.config.accept - 0.1
 
+    def _is_followed(self, place: Hypothesis) -> bool:
+        """Say whether search after search of the whole map came back to a place along a way on which what looks alike by chance would have ended."""
+        return place.confirmations >= self.config.held_confirmations and place.way >= self.config.held_way
+
     def _is_alone(self) -> bool:
         """Say whether each other place comes much less near than the best and explains no several things instead, or explains several less; what speaks
         the other way is taken off. One thing may have been moved since the map was made; several were not, however many returns of long walls lead."""
@@ -314,11 +325,12 @@ class Relocalizer:
         best = hypotheses[0]
         lead = best.quality - (hypotheses[1].quality if len(hypotheses) > 1 else 0.0)
         is_sure = best.quality >= config.sure_quality and best.views >= 2
-        times = config.confirmations
-        if all(best.quality - h.quality >= config.rival for h in hypotheses[1:]):
+        times, has_rival = config.confirmations, any(best.quality - h.quality < config.rival for h in hypotheses[1:])
+        if not has_rival:
             times = 1 if best.quality >= config.sure_alone else config.confirmations_alone
         is_confirmed = best.confirmations >= times
-        is_here = best.evidence.contradicted <= config.contradicted_most
+        is_held = not has_rival and best.quality >= config.sure_alone and self._is_followed(best)
+        is_here = best.evidence.contradicted <= (config.contradicted_held if is_held else config.contradicted_most)
         if is_here and (is_sure or is_confirmed) and self._is_alone():
             if not self._may_have_come_to(best):
                 self._past = self._past[(len(self._past) + 1) // 2 :]  # it may have been carried

@@ -30,6 +30,7 @@ from ambler.recordings.bag_content import (
     usable_pose,
 )
 from ambler.recordings.cloud_scan import BEFORE_NS
+from ambler.recordings.lag import LagFinder, with_later_odometry
 from ambler.recordings.log_scans import (
     F64,
     CarmenScans,
@@ -56,13 +57,14 @@ _Stamped = TypeVar("_Stamped", LaserScan, Odometry)
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """What the user decides: topic names (None: the only one; `none` as odometry: without), the mount (None: from the transforms), and
-    the order of the beams in time."""
+    """What the user decides: topic names (None: the only one; `none` as odometry: without), the mount (None: from the transforms),
+    the order of the beams in time, and by how many seconds scans are stamped later than odometry (None: asked of the recording)."""
 
     scan_topic: str | None = None
     odom_topic: str | None = None
     base_from_laser: SE2 | None = None
     sweep: Sweep = Sweep.AUTO
+    lag: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,24 +82,35 @@ def open_recording(
     choices: Choices | None = None,
     config: LogScanConfig | None = None,
     find_sweep: SweepFinder | None = None,
+    find_lag: LagFinder | None = None,
 ) -> ScanRecording:
     """Read a recording, whatever its format. Who chooses `Sweep.AUTO` gives `find_sweep`, such as
-    `ambler.slam2d.sweep_search.find_sweep`; without it the beams are taken forward, as messages promise.
+    `ambler.slam2d.sweep_search.find_sweep`; without it the beams are taken forward, as messages promise. Who tells no lag gives `find_lag`,
+    such as `ambler.slam2d.lag_search.find_lag`; without it all stamps count as those of one clock.
 
     Raises BadInputError that names the line, byte or topic.
     """
     choices, config = choices or Choices(), config or LogScanConfig()
+    recording = _read(path, choices, config)
+    notes = list(recording.notes)
+    scans = _on_one_clock(recording.scans, choices.lag, find_lag, notes)
+    scans = _in_order_of_beams(scans, choices.sweep, find_sweep, notes)
+    return replace(recording, scans=scans, notes=tuple(notes))
+
+
+def _read(path: Path, choices: Choices, config: LogScanConfig) -> ScanRecording:
+    """Return the scans as they stand in the file."""
     if path.is_dir() or path.suffix in _BAG_SUFFIXES or _head(path).startswith(_BAG_MAGIC):
         with open_bag(path) as bag:
-            return _from_bag(bag, choices, config, find_sweep)
-    if choices != Choices(base_from_laser=choices.base_from_laser):
+            return _from_bag(bag, choices, config)
+    if choices != Choices(base_from_laser=choices.base_from_laser, lag=choices.lag):
         raise BadInputError(f"{path}: is no ROS bag; topics and sweep can be chosen in bags only")
     if _head(path).startswith((b"L ", b"O ")):
         log = read_wean_log(path)
         scans = [m for m in log.messages if isinstance(m, LaserScan)]
         track = [(m.stamp_ns, m.pose.to_se2()) for m in log.messages if isinstance(m, Odometry)]
         matrix = planar_matrix(choices.base_from_laser or log.base_from_laser)
-        return _recording(scans, track, matrix, config, Sweep.FORWARD, ["format: Wean Hall log"])
+        return _recording(scans, track, matrix, config, ["format: Wean Hall log"])
     carmen = load_carmen(path)
     cut = () if carmen.cut_line is None else (f"{path} is cut off in line {carmen.cut_line}: read up to there",)
     try:
@@ -115,7 +128,7 @@ def _head(path: Path) -> bytes:
         raise BadInputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_sweep: SweepFinder | None) -> ScanRecording:
+def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig) -> ScanRecording:
     scan_topic = choose_topic(bag, LaserScan, choices.scan_topic, "--scan-topic")
     if scan_topic is None:
         raise BadInputError(f"{bag.path}: no topic with laser scans, only {listed_topics(bag)}")
@@ -161,7 +174,7 @@ def _from_bag(bag: BagReader, choices: Choices, config: LogScanConfig, find_swee
     else:
         matrix, text = _mount(frames, base, scans, has_odometry=bool(track))
     notes += frames.notes
-    return _recording(scans, track, matrix, config, choices.sweep, [*notes, f"mount: {text}"], find_sweep)
+    return _recording(scans, track, matrix, config, [*notes, f"mount: {text}"])
 
 
 def _track_of(
@@ -231,13 +244,7 @@ def _told(pose: SE3) -> str:
 
 
 def _recording(
-    scans: list[LaserScan],
-    track: Track,
-    matrix: F64,
-    config: LogScanConfig,
-    sweep: Sweep,
-    notes: list[str],
-    find_sweep: SweepFinder | None = None,
+    scans: list[LaserScan], track: Track, matrix: F64, config: LogScanConfig, notes: list[str]
 ) -> ScanRecording:
     """Order by stamps; scans whose stamp another scan has already are left out, and that is told."""
     ordered: list[LaserScan] = []
@@ -255,12 +262,39 @@ def _recording(
     reach = _reach_of_unknown_range(ordered, config, notes)
     stamps = tuple(s.stamp_ns * 1e-9 for s in ordered)
     prepared = without_dead_odometry(tuple(_with_odometry(ordered, track, matrix, config, reach)), notes)
+    return ScanRecording(prepared, stamps, tuple(notes))
+
+
+def _on_one_clock(
+    scans: Iterable[LogScan], lag: float | None, find_lag: LagFinder | None, notes: list[str]
+) -> Iterable[LogScan]:
+    """Return the scans with their odometry at the instants at which they count by the scans' stamps."""
+    if lag is not None:
+        notes.append(f"lag: scans are taken as stamped {lag:.2f} s later than odometry, as given")
+        return with_later_odometry(tuple(scans), lag)
+    if find_lag is None:
+        return scans
+    scans = tuple(scans)
+    found = find_lag(scans)
+    if found is None:
+        return scans
+    notes.append(
+        f"lag: scans are stamped {found.seconds:.2f} s later than odometry, which is moved to their clock (the turns that both tell differ by"
+        f" {math.degrees(found.miss):.2f} deg instead of {math.degrees(found.miss_before):.2f}; --lag 0 leaves it)"
+    )
+    return with_later_odometry(scans, found.seconds)
+
+
+def _in_order_of_beams(
+    scans: Iterable[LogScan], sweep: Sweep, find_sweep: SweepFinder | None, notes: list[str]
+) -> Iterable[LogScan]:
     if sweep is Sweep.AUTO and find_sweep is not None:
-        sweep, on_walls = find_sweep(prepared)
+        scans = tuple(scans)
+        sweep, on_walls = find_sweep(scans)
         if on_walls:
             shares = ", ".join(f"{s.value} {100 * share:.1f} %" for s, share in on_walls.items())
             notes.append(f"beams in time: {sweep.value} (returns on walls where it turns most: {shares})")
-    return ScanRecording(tuple(swept(scan, sweep) for scan in prepared), stamps, tuple(notes))
+    return scans if sweep in (Sweep.AUTO, Sweep.FORWARD) else tuple(swept(scan, sweep) for scan in scans)
 
 
 def _has_angles(scan: LaserScan) -> bool:
