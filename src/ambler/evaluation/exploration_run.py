@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from array import array
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
@@ -58,8 +60,7 @@ def read_exploration(
     told = read_recording(recording, [t.ros_name for t in _TOPICS])
     if truth_in is not None:
         told = chain(read_recording(truth_in, [t.ros_name for t in _TOPICS if t.is_truth]), told)
-    truth: list[tuple[int, float, float, float, float]] = []
-    estimate: list[tuple[int, float, float, float]] = []
+    truth, estimate = _Rows(4), _Rows(3)
     coverage: list[tuple[float, float]] = []
     contacts: list[Contact] = []
     states: list[tuple[int, str]] = []
@@ -70,10 +71,10 @@ def read_exploration(
         message = decode(topic.type, recorded.data)
         if topic is topics.TRUE_POSE and isinstance(message, Odometry):
             pose = frame.pose(message.pose.to_se2())
-            truth.append((message.stamp_ns, pose.x, pose.y, pose.yaw, float(np.hypot(*message.linear[:2]))))
+            truth.add(message.stamp_ns, pose.x, pose.y, pose.yaw, math.hypot(*message.linear[:2]))
         elif isinstance(message, PoseStamped | Odometry):  # of SLAM, or of localization
             pose = message.pose.to_se2()
-            estimate.append((message.stamp_ns, pose.x, pose.y, pose.yaw))
+            estimate.add(message.stamp_ns, pose.x, pose.y, pose.yaw)
         elif isinstance(message, Status):
             if message.node.rpartition("/")[2] == NAVIGATOR:
                 states.append((message.stamp_ns, message.code))
@@ -83,22 +84,36 @@ def read_exploration(
             true_map = frame.grid(message)
             known = KnownShare(true_map)
         elif isinstance(message, OccupancyGrid) and known is not None:
-            begun_ns = truth[0][0] if truth else recorded.log_time_ns
+            begun_ns = truth.stamps_ns[0] if truth.stamps_ns else recorded.log_time_ns
             coverage.append(((recorded.log_time_ns - begun_ns) * 1e-9, known.of(message.spec, message.data)))
     if true_map is None:
         true_map = (GridSpec(0.05, 0, 0, 0.0, 0.0), np.zeros((0, 0), np.int8))
-    true_rows, rows = np.array(truth).reshape(-1, 5), np.array(estimate).reshape(-1, 4)
+    (true_stamps_ns, true_rows), (stamps_ns, poses) = truth.arrays(), estimate.arrays()
     return ExplorationRecord(
-        np.array([t[0] for t in truth], np.int64),
-        true_rows[:, 1:4],
-        true_rows[:, 4],
-        np.array([e[0] for e in estimate], np.int64),
-        rows[:, 1:4],
+        *(true_stamps_ns, true_rows[:, :3], true_rows[:, 3]),
+        *(stamps_ns, poses),
         np.array(coverage).reshape(-1, 2),
         tuple(contacts),
         true_map,
         seconds_in(RECOVERING, states),
     )
+
+
+class _Rows:
+    """Stamped rows of numbers, packed: as tuples, those of an hour would take tens of megabytes."""
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self.stamps_ns = array("q")
+        self._values = array("d")
+
+    def add(self, stamp_ns: int, *values: float) -> None:
+        self.stamps_ns.append(stamp_ns)
+        self._values.extend(values)
+
+    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return stamps (N,) and rows (N, width)."""
+        return np.array(self.stamps_ns, np.int64), np.array(self._values, np.float64).reshape(-1, self._width)
 
 
 def seconds_in(wanted: Collection[str], states: Sequence[tuple[int, str]]) -> float:

@@ -23,6 +23,7 @@ from ambler.core.se2 import SE2
 from ambler.sim.mesh_cut import draw_mesh, draw_terrain
 from ambler.sim.solids import Shape, Solid, WorldSpec
 
+REACHED = 2  # how a flood marks cells
 SAMPLES = 5
 SAMPLES_AT_ONCE = 1_000_000  # a wall that stands aslant in a hall of 100 m lies in a box of 100 million
 MARGIN = 0.5
@@ -68,14 +69,16 @@ def reachable_floor(
     iy, ix = spec.cell_of(world.start.x, world.start.y)
     if not spec.contains_cell(iy, ix) or not clear[iy, ix]:
         return spec, clear, np.zeros_like(clear)
-    _, regions = cv2.connectedComponents(clear.astype(np.uint8), connectivity=4)
-    return spec, clear, np.asarray(regions == regions[iy, ix])
+    reached = clear.astype(np.uint8)
+    cv2.floodFill(reached, None, (ix, iy), REACHED, flags=4)
+    return spec, clear, np.asarray(reached == REACHED)
 
 
 def distance_to_solid(solid: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
     """Return each cell's distance to the nearest solid cell, metres, float32 [iy, ix]."""
     distance = cv2.distanceTransform((~solid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance * resolution, np.float32)
+    np.multiply(distance, resolution, out=distance)
+    return np.asarray(distance, np.float32)
 
 
 def cut(world: WorldSpec, height: float, resolution: float) -> tuple[GridSpec, NDArray[np.bool_]]:

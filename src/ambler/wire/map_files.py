@@ -29,6 +29,7 @@ OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196  # just below the 50 / 255 of an unknown pixel; with 0.25 every map server reads unknown as free
 SAVED_FREE, SAVED_OCCUPIED = 25, 65  # occupancies written as free and as occupied
 PICTURES = (".png", ".pgm", ".pbm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
+_GREYS = np.arange(256, dtype=np.uint8).reshape(256, 1, 1)
 MODES = ("trinary", "scale", "raw")
 
 
@@ -110,11 +111,20 @@ def _as_saved(pixels: NDArray[np.uint8], description: _Description) -> NDArray[n
     served = _as_served(pixels, description)
     if description.mode != "trinary" or description.is_negated:
         return served
-    saved = np.where(_grey(pixels) == PIXEL_UNKNOWN, np.int8(OCC_UNKNOWN), served)
+    grey = pixels[:, :, 0] if pixels.shape[2] == 1 else _grey(pixels)
+    saved = np.where(grey == PIXEL_UNKNOWN, np.int8(OCC_UNKNOWN), served)
     return saved if np.any(saved == OCC_FREE) else served  # a plan whose floor is painted with that grey
 
 
 def _as_served(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
+    if (
+        pixels.shape[2] == 1
+    ):  # each grey once: those of a hall's pixels would be 32 MB of numbers, and several times that on the way
+        return np.take(_served(_GREYS, description)[:, 0], pixels[:, :, 0])
+    return _served(pixels, description)
+
+
+def _served(pixels: NDArray[np.uint8], description: _Description) -> NDArray[np.int8]:
     grey = _grey(pixels)
     if description.mode == "raw":
         return np.where(grey <= 100, np.rint(grey), OCC_UNKNOWN).astype(np.int8)
