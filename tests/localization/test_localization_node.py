@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -71,8 +72,9 @@ class HandMadeContext:
 class Drive:
     """Plays a robot in the office into the node: odometry at 50 Hz, scans at 10 Hz."""
 
-    def __init__(self, context: HandMadeContext, pose: SE2) -> None:
+    def __init__(self, context: HandMadeContext, pose: SE2, ahead_ns: int = 0) -> None:
         self.context, self.truth, self.odom = context, pose, SE2(5.0, 1.0, -0.4)
+        self.ahead_ns = ahead_ns
         self.rng = np.random.default_rng(0)
         self.room = rooms.office()
         self.step = 0
@@ -86,7 +88,7 @@ class Drive:
             stamp = self.context.now_ns = self.step * 20_000_000
             self.context.settle()
             if self.step % 5 == 0:
-                self.context.callbacks["scan"](self.scan(stamp))  # before the odometry of its instant
+                self.context.callbacks["scan"](self.scan(stamp + self.ahead_ns))  # before the odometry of its instant
             covariance = np.diag([1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 1e-3])
             self.context.callbacks["odometry"](
                 Odometry(
@@ -110,8 +112,10 @@ class Drive:
         )
 
 
-def start(config: LocalizationNodeConfig, *, has_map: bool = True) -> tuple[LocalizationNode, HandMadeContext]:
-    node = LocalizationNode(ROBOT, lambda m: GridTracker(m, GridTrackerConfig()), config)
+def start(
+    config: LocalizationNodeConfig, *, has_map: bool = True, robot: RobotModel = ROBOT
+) -> tuple[LocalizationNode, HandMadeContext]:
+    node = LocalizationNode(robot, lambda m: GridTracker(m, GridTrackerConfig()), config)
     context = HandMadeContext()
     node.ctx = context  # type: ignore[assignment]
     node.start()
@@ -143,6 +147,20 @@ def test_tracks_from_an_initial_pose_and_publishes_both_edges_of_it() -> None:
     sigma = np.sqrt(np.diag(poses[-1].pose_covariance)[[0, 1, 5]])
     assert (sigma < 0.01).all()
     assert poses[-1].linear[0] == pytest.approx(0.3, abs=0.03)
+
+
+@pytest.mark.parametrize("ahead_ns", [300_000_000, -150_000_000])
+def test_a_scanner_whose_stamps_are_off_tells_the_same_pose_once_that_is_known(ahead_ns: int) -> None:
+    def told(ahead_ns: int) -> list[tuple[int, tuple[float, ...]]]:
+        sensors = tuple(replace(m, clock_offset=ahead_ns * 1e-9) for m in ROBOT.sensors)
+        _, context = start(
+            LocalizationNodeConfig(initial_pose=SE2(7.2, 3.9, 0.2)), robot=replace(ROBOT, sensors=sensors)
+        )
+        Drive(context, SE2(7.0, 4.0, 0.3), ahead_ns).run(1.0, (0.3, 0.0, -0.6))
+        return [(m.stamp_ns, tuple(m.pose.to_se2().as_array())) for m in context.of(topics.LOCALIZED_POSE)]
+
+    assert len(told(0)) == 10
+    assert told(ahead_ns) == told(0)
 
 
 def test_without_a_pose_it_is_silent_until_it_has_found_itself() -> None:

@@ -58,16 +58,18 @@ def test_what_shines_beside_a_wall_counts_though_nothing_is_seen_behind_it() -> 
     assert panes.include(points_of(flush), flush.stamp_ns).any()
 
 
-def walkers_beside(*, tells_intensities: bool) -> int:
-    """Drive 3 m along a pane at 0.5 m/s; in how many scans the controller's view of `diff` knows somebody who walks there."""
+def walkers_beside(*, tells_intensities: bool, ahead_ns: int = 0) -> int:
+    """Drive 3 m along a pane at 0.5 m/s; in how many scans the controller's view of `diff` knows somebody who walks there. `ahead_ns`: of the scanner's
+    stamps, which is known."""
     model, nothing, met = robot_model("diff"), np.zeros((6, 6)), 0
+    model = replace(model, sensors=tuple(replace(m, clock_offset=ahead_ns * 1e-9) for m in model.sensors))
     view, rng = LocalView(model, LocalCostmap(LocalCostmapConfig(), model)), np.random.default_rng(3)
     mount = model.scanners[0].base_from_sensor.to_se2()
     for k in range(72):
         stamp_ns, y = round(k / 12 * 1e9), 0.5 * k / 12
         pose = SE3.from_se2(SE2(0.0, y, 0.0) @ mount.inverse())
         view.add_odometry(Odometry(stamp_ns, "odom", "base", pose, (0.0, 0.5, 0.0), (0.0,) * 3, nothing, nothing))
-        scan = replace(scan_at(y, everywhere, pane=1.2), stamp_ns=stamp_ns, frame=model.scanners[0].frame)
+        scan = replace(scan_at(y, everywhere, pane=1.2), stamp_ns=stamp_ns + ahead_ns, frame=model.scanners[0].frame)
         scan = replace(scan, ranges=scan.ranges + rng.normal(0.0, 1e-3, len(scan.ranges)).astype(np.float32))
         view.add_scan(scan if tells_intensities else replace(scan, intensities=np.zeros(0, np.float32)))
         met += len(view.tracked) > 0
@@ -77,6 +79,13 @@ def walkers_beside(*, tells_intensities: bool) -> int:
 def test_the_light_of_a_pane_that_keeps_step_with_the_robot_is_nobody() -> None:
     assert walkers_beside(tells_intensities=False) > 20
     assert walkers_beside(tells_intensities=True) == 0
+
+
+@pytest.mark.parametrize("ahead_ns", [400_000_000, -300_000_000])
+def test_a_scanner_whose_stamps_are_off_is_understood_once_that_is_known(ahead_ns: int) -> None:
+    assert walkers_beside(tells_intensities=True, ahead_ns=ahead_ns) == 0
+    with_light = walkers_beside(tells_intensities=False, ahead_ns=ahead_ns)
+    assert with_light == walkers_beside(tells_intensities=False)
 
 
 def walkers_beside_of_cloud(*, tells_intensities: bool) -> int:

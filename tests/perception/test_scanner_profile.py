@@ -12,10 +12,11 @@ import yaml
 from ambler.apps.config import RobotConfig, default_config
 from ambler.calibration.scan_calibration import ScannerEstimate
 from ambler.core.errors import BadInputError
+from ambler.core.messages import LaserScan
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.perception.merger import MergerConfig
-from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot, with_clock_offsets
+from ambler.perception.scanner_profile import ScannerCalibration, calibrated_robot
 from ambler.settings.profiles import as_values, build, load_profile, merge
 from ambler.sim.robots import robot_named
 
@@ -40,12 +41,20 @@ def test_the_robot_and_the_merger_take_the_profile_over() -> None:
     changed = calibrated_robot(model, FOUND)
     assert changed.sensor("front_left").base_from_sensor.to_se2().as_array() == pytest.approx([0.61, 0.39, 0.8])
     assert changed.sensor("rear_left") == model.sensor("rear_left")
-    merger = with_clock_offsets(MergerConfig.from_robot(changed), FOUND)
+    merger = MergerConfig.from_robot(changed)
     assert {s.frame: s.clock_offset for s in merger.scanners} == {
         "front_right": 0.0,
         "front_left": 0.02,
         "rear_left": 0.0,
     }
+
+
+def test_scans_get_the_stamps_of_when_they_were_measured() -> None:
+    changed = calibrated_robot(robot_named("amr_omni").model, FOUND)
+    none = np.zeros(0, np.float32)
+    for frame, ahead_ns in (("front_left", 20_000_000), ("rear_left", 0), ("base", 0)):
+        scan = LaserScan(5_000_000_000, frame, 0.0, 0.0, 0.0, 0.08, 0.05, 40.0, none, none)
+        assert changed.timed(scan).stamp_ns == scan.stamp_ns - ahead_ns
 
 
 def test_a_scanner_that_the_robot_lacks_is_named() -> None:

@@ -32,8 +32,8 @@ class Rig:
     """A gate whose robot is put where the test wants it, with scanners that see a pole and nothing else up to 9 m."""
 
     def __init__(self, *sensors: SensorMount, ahead: float = 0.0) -> None:
-        self.model: RobotModel = replace(BOX, sensors=sensors)
-        self.node = GateNode(self.model, clock_offsets={m.frame: ahead for m in sensors} if ahead else None)
+        self.model: RobotModel = replace(BOX, sensors=tuple(replace(m, clock_offset=ahead) for m in sensors))
+        self.node = GateNode(self.model)
         self.ahead_ns = round(ahead * 1e9)
         self.context = HandMadeContext()
         self.node.ctx = self.context  # type: ignore[assignment]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -159,6 +160,28 @@ def test_what_a_robot_sees_after_it_was_carried_away_is_not_drawn_over_its_map()
     assert after_spec == spec
     assert np.array_equal(after, before)
     assert said == ["SLAM_DEGRADED"]
+
+
+@pytest.mark.parametrize("ahead", [0.2, -0.1])
+def test_a_scanner_whose_stamps_are_off_makes_the_same_map_once_that_is_known(ahead: float) -> None:
+    """The only scanner of a robot, whose scans nobody merges."""
+
+    def mapped(clock_offset: float) -> NDArray[np.int8]:
+        robot = robot_named("diff").model
+        robot = replace(robot, sensors=tuple(replace(m, clock_offset=clock_offset) for m in robot.sensors))
+        node = Slam2dNode(robot, Slam2dNodeConfig())
+        node.ctx = HandMadeContext()  # type: ignore[assignment]
+        node.start()
+        base_from_laser = robot.sensor("laser").base_from_sensor.to_se2()
+        angles = -np.pi + 2 * np.pi / 720 * np.arange(720)
+        for k, pose in enumerate(oval(0.5)[:60]):
+            stamp = (k + 10) * 100_000_000
+            node._on_odometry(odometry(stamp, pose))
+            ranges = ranges_at(pose @ base_from_laser, angles, WALLS).astype(np.float32)
+            node._on_scan(laser_scan(stamp + round(clock_offset * 1e9), ranges))
+        return node.slam.render_map()[1]
+
+    assert np.array_equal(mapped(ahead), mapped(0.0))
 
 
 PERSON = np.array([[0.2, -0.1]])

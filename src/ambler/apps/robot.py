@@ -49,7 +49,7 @@ from ambler.nodes.stations import StationNode
 from ambler.nodes.terrain import TerrainNode
 from ambler.nodes.voxel_inputs import VoxelFeed
 from ambler.perception.merger import MergerConfig
-from ambler.perception.scanner_profile import calibrated_robot, clock_offsets, with_clock_offsets
+from ambler.perception.scanner_profile import calibrated_robot
 from ambler.planning.distance import distance_field
 from ambler.planning.grid_planner import GridPlanner
 from ambler.planning.visibility_planner import VisibilityPlanner
@@ -119,8 +119,7 @@ def robot_nodes(
         nodes += [StationNode(config.stations)] if config.holds_stations else []
     if site.docks is not None:
         nodes.append(DockingNode(robot, site.docks, config.docking))
-    offsets = clock_offsets(config.scanners)
-    gate = GateNode(robot, config.gate_for(robot), clock_offsets=offsets, specular=config.specular)
+    gate = GateNode(robot, config.gate_for(robot), specular=config.specular)
     return [*nodes, *parts.nodes, gate]
 
 
@@ -134,7 +133,7 @@ def sensing_nodes(robot: RobotModel, config: RobotConfig, *, closes_loops: bool 
     if config.uses_terrain(robot):
         nodes.append(TerrainNode(robot, config.ground))
     if len(robot.scanners) > 1:
-        nodes.append(ScanMergerNode(with_clock_offsets(MergerConfig.from_robot(robot), config.scanners)))
+        nodes.append(ScanMergerNode(MergerConfig.from_robot(robot)))
     return nodes
 
 
@@ -161,7 +160,7 @@ def _driving_nodes(robot: RobotModel, config: RobotConfig, parts: Parts, site: S
     near_layers = (*_near_layers(robot, config), *near_voxels, *parts.local_layers)
     wide = GlobalCostmap(config.global_costmap, robot, wide_layers)
     near = LocalCostmap(config.local_costmap, robot, near_layers)
-    echoes = [EchoNode(robot, clock_offsets(config.scanners), config.slam2d.planar)] if robot.rangers else []
+    echoes = [EchoNode(robot, config.slam2d.planar)] if robot.rangers else []
     return [
         *echoes,
         GlobalPlannerNode(wide, global_planner, layer_inputs=(*wide_inputs, *parts.global_inputs)),

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambler.core.messages import LaserScan, PointCloud, Range
 from ambler.core.se3 import SE3
+
+Measured = TypeVar("Measured", bound=LaserScan | PointCloud | Range)
 
 MERGED_FRAME = "merged"
 """The frame of the virtual scanner that several planar scanners are merged into."""
@@ -58,7 +62,7 @@ class SensorKind(enum.StrEnum):
 class SensorMount:
     """A sensor and its pose; `frame` names it in the transform tree. A scanner measures
     nothing nearer than `range_min` (m) and nothing well beyond `range_max`, of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
-    `elevation` limits (rad)."""
+    `elevation` limits (rad). Its stamps are `clock_offset` seconds ahead: what is stamped t was measured at t - clock_offset."""
 
     frame: str
     kind: SensorKind
@@ -67,6 +71,7 @@ class SensorMount:
     elevation: tuple[float, float] = (-math.pi, math.pi)
     azimuth: tuple[float, float] = (-math.pi, math.pi)
     range_max: float = math.inf
+    clock_offset: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", SensorKind(self.kind))  # words of a file become kinds
@@ -143,6 +148,11 @@ class RobotModel:
     def of_kind(self, kind: SensorKind) -> tuple[SensorMount, ...]:
         """Return the mounts of a kind, in their order."""
         return tuple(m for m in self.sensors if m.kind is kind)
+
+    def timed(self, message: Measured) -> Measured:
+        """Return a sensor's message with the stamp of when it was measured (`SensorMount.clock_offset`); others as they are."""
+        ahead = next((m.clock_offset for m in self.sensors if m.frame == message.frame), 0.0)
+        return replace(message, stamp_ns=message.stamp_ns - round(ahead * 1e9)) if ahead else message
 
     def sensor(self, frame: str) -> SensorMount:
         """Return the sensor mounted as `frame`; raises KeyError with the known names."""

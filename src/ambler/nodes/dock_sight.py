@@ -127,6 +127,7 @@ class DockSight:
         for them who does not know where to expect the dock."""
         if self._detector is None or not self.wants_scans:
             return None
+        scan = self._robot.timed(scan)
         mount = SE3() if scan.frame == "base" else self._robot.sensor(scan.frame).base_from_sensor
         v = self.velocity
         points = scan_to_points(scan, mount, np.array([v.vx, v.vy, v.wz]), self._planar).points

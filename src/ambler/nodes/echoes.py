@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from ambler.core.base_motion import BaseMotion
 from ambler.core.errors import StaleInputError
 from ambler.core.messages import JudgedEcho, LaserScan, Odometry, PointCloud, Range
@@ -20,18 +17,16 @@ from ambler.runtime.topics import CLOUD, ECHOES, ODOMETRY, RANGES, SCAN, SCANNER
 class EchoNode(Node):
     """Publishes ECHOES: of every measurement in RANGES what it says beside what all scanners see, as soon as something confirms it.
 
-    `clock_offsets`: seconds by which the clock of a scanner, named by its frame, is ahead. `planar` is the band of a cloud that counts.
+    `planar` is the band of a cloud that counts.
     """
 
     name = "echoes"
     outputs: Topics = (ECHOES,)
     latency = 0.002
 
-    def __init__(
-        self, robot: RobotModel, clock_offsets: Mapping[str, float] | None = None, planar: PlanarConfig | None = None
-    ) -> None:
+    def __init__(self, robot: RobotModel, planar: PlanarConfig | None = None) -> None:
+        self._robot = robot
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
-        self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
         self._planar = planar if planar is not None else default_planar(robot)
         self._view = RangeView(robot)
         self._motion = BaseMotion()
@@ -52,8 +47,7 @@ class EchoNode(Node):
         self._motion.add(odometry)
 
     def _on_scan(self, scan: LaserScan) -> None:
-        ahead_ns = self._ahead_ns.get(scan.frame, 0)
-        self._view.add_scan(replace(scan, stamp_ns=scan.stamp_ns - ahead_ns) if ahead_ns else scan)
+        self._view.add_scan(self._robot.timed(scan))
 
     def _on_cloud(self, cloud: PointCloud) -> None:
         mount = level_mount(self._mounts[cloud.frame], self._motion, cloud.stamp_ns, scan_duration(cloud))

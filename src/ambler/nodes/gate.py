@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -90,7 +88,6 @@ PANE_NEAR, PANE_BESIDE = (
 )  # metres beyond the robot's own reach: within which panes count, and by which one goes on beside
 ARC_REACH, ARC_STEP = 2.0, 0.04  # metres: how far echoes count, and between the points of their arcs
 LINK_REACH, LINK_AGE_NS = 0.5, 300_000_000  # two neighbouring arcs so near (m) and so fresh are one surface
-Stamped = TypeVar("Stamped", LaserScan, PointCloud, Range)
 
 
 class GateNode(Node):
@@ -99,7 +96,7 @@ class GateNode(Node):
     `z_band` is the height above the floor in which points of a cloud are obstacles. The default reaches from 0.15 m to above the
     robot and its scanners, because a wall close by is hit only by beams that are still high. Of several planar scanners it takes
     each one's own scans, not the merged one, and remembers what leaves its sector for where no other one looks. A sensor of the
-    robot that falls silent, or never speaks, stops it. `clock_offsets` are the seconds by which a sensor's clock is ahead, by frame:
+    robot that falls silent, or never speaks, stops it. Of a sensor whose clock is ahead (`SensorMount.clock_offset`)
     a point is taken from where the robot was when the beam was measured, and a scan is as old as it is. `specular` says how panes of glass shine.
     """
 
@@ -117,10 +114,9 @@ class GateNode(Node):
         robot: RobotModel,
         config: GateConfig | None = None,
         z_band: tuple[float, float] | None = None,
-        clock_offsets: Mapping[str, float] | None = None,
         specular: SpecularConfig | None = None,
     ) -> None:
-        self._ahead_ns = {frame: round(seconds * 1e9) for frame, seconds in (clock_offsets or {}).items()}
+        self._robot = robot
         self._config = config if config is not None else GateConfig()
         self.gate = VelocityGate(self._config, robot)
         self._mounts = {m.frame: m for m in robot.sensors}
@@ -217,7 +213,7 @@ class GateNode(Node):
         self.gate.update_lean(odometry.stamp_ns, math.acos(min(max(up, -1.0), 1.0)))
 
     def _on_scan(self, scan: LaserScan) -> None:
-        scan = self._on_host_time(scan)
+        scan = self._robot.timed(scan)
         ends = (scan.angle_min, scan.angle_min + len(scan.ranges) * scan.angle_increment)
         # The rest is measured, and thrown away.
         seen = overlap((min(ends), max(ends)), self._mounts[scan.frame].azimuth)
@@ -249,7 +245,7 @@ class GateNode(Node):
         self._sees_all_around = see_all_around(self._rim, scanners)
 
     def _on_cloud(self, cloud: PointCloud) -> None:
-        cloud, mount = self._on_host_time(cloud), self._mounts[cloud.frame]
+        cloud, mount = self._robot.timed(cloud), self._mounts[cloud.frame]
         try:
             sweep, floor = self._sweep_of(cloud), self._floor_at(cloud)
         except StaleInputError:
@@ -281,11 +277,6 @@ class GateNode(Node):
         """Where a scanner was in the level base all through its turn: a walking body leans by degrees meanwhile. Raises StaleInputError."""
         mount = self._mounts[cloud.frame].base_from_sensor
         return [_level_from_base(self._motion.pose_at(stamp_ns)) @ mount for stamp_ns in sweep_stamps(cloud)]
-
-    def _on_host_time(self, message: Stamped) -> Stamped:
-        """A sensor's message with the stamp that its clock would have given if it went right."""
-        ahead_ns = self._ahead_ns.get(message.frame, 0)
-        return replace(message, stamp_ns=message.stamp_ns - ahead_ns) if ahead_ns else message
 
     def _take_points(
         self,
@@ -345,7 +336,7 @@ class GateNode(Node):
 
     def _on_range(self, measured: Range) -> None:
         """An echo that no scanner explains is an obstacle anywhere on its arc; one that nothing confirms yet leaves the last one."""
-        measured = self._on_host_time(measured)
+        measured = self._robot.timed(measured)
         placed = self._ranges.judge(measured)
         if placed is None:
             return

@@ -38,6 +38,7 @@ class GlassMapperNode(Node):
     def __init__(
         self, robot: RobotModel, specular: SpecularConfig | None = None, config: GlassMapConfig | None = None
     ) -> None:
+        self._robot = robot
         self._spatial_mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self._mounts = {frame: mount.to_se2() for frame, mount in self._spatial_mounts.items()}
         self._motion = BaseMotion()
@@ -81,7 +82,7 @@ class GlassMapperNode(Node):
         self._map = grid
 
     def _on_scan(self, scan: LaserScan) -> None:
-        scan = upright(scan, self._spatial_mounts[scan.frame])
+        scan = upright(self._robot.timed(scan), self._spatial_mounts[scan.frame])
         self._take(scan, self._mounts[scan.frame])
 
     def _on_cloud(self, cloud: PointCloud) -> None:

@@ -52,6 +52,7 @@ class LocalView:
         movers: MoverConfig | None = None,
         specular: SpecularConfig | None = None,
     ) -> None:
+        self._robot = robot
         self._mounts = {m.frame: m.base_from_sensor for m in robot.sensors}
         self.uses_cloud = any(m.kind is SensorKind.CLOUD for m in robot.sensors)
         self.costmap = costmap
@@ -122,6 +123,9 @@ class LocalView:
 
     def add_panes(self, scan: LaserScan) -> None:
         """Take the raw scan of one of several scanners; what it shows of panes is not taken for somebody who walks."""
+        self._look_for_panes(self._robot.timed(scan))
+
+    def _look_for_panes(self, scan: LaserScan) -> None:
         with suppress(TransformError):
             self._panes.look(
                 upright(scan, self._mounts[scan.frame]),
@@ -130,9 +134,10 @@ class LocalView:
 
     def add_scan(self, scan: LaserScan) -> None:
         """Mark and clear with a planar scan, unless the scanner repeats itself."""
+        scan = self._robot.timed(scan)
         if self._is_repeated(scan.frame, scan.ranges, scan.stamp_ns):
             return
-        self.add_panes(scan)
+        self._look_for_panes(scan)
         self._mark(scan_to_points(scan, self._mount(scan), self._sweep(scan), self._planar))
 
     def add_cloud(self, cloud: PointCloud) -> None:

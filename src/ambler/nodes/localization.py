@@ -190,7 +190,7 @@ class LocalizationNode(Node):
 
     def _wait(self, message: LaserScan | PointCloud) -> None:
         """Keep a scan until odometry has reached its instant."""
-        self._waiting.append(message)
+        self._waiting.append(self._robot.timed(message))
         if len(self._waiting) > _MOST_WAITING:
             self._waiting.popleft()
             self.ctx.log("ODOMETRY_MISSING", "a scan is left out: odometry does not reach its instant")

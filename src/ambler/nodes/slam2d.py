@@ -138,6 +138,7 @@ class Slam2dNode(Node):
     def _on_scan(self, message: LaserScan) -> None:
         if self._repeats.update(message.ranges, self._odom_from_base):
             return  # not a measurement; the gate says so and stops the robot
+        message = self._robot.timed(message)
         self._update(scan_to_points(message, self._mount(message), self._sweep(message), self._config.planar))
 
     def _on_cloud(self, message: PointCloud) -> None:

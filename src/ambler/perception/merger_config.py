@@ -108,7 +108,9 @@ class MergerConfig:
         """Build from a robot's mounts of kind `scan`; the footprint is the self-mask. `changes` override fields."""
         frame = changes.get("frame", MERGED_FRAME)
         mounts = [m for m in robot.sensors if m.kind is SensorKind.SCAN and m.frame != frame]
-        scanners = tuple(ScannerConfig(m.frame, m.base_from_sensor, windows=(AngleWindow(*m.azimuth),)) for m in mounts)
+        scanners = tuple(
+            ScannerConfig(m.frame, m.base_from_sensor, (AngleWindow(*m.azimuth),), m.clock_offset) for m in mounts
+        )
         return cls(**{"scanners": scanners, "self_mask": (robot.footprint,), **changes})
 
     @property

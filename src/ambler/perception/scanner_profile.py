@@ -14,7 +14,6 @@ from ambler.core.robot import RobotModel, SensorMount
 from ambler.core.se2 import SE2
 from ambler.core.se3 import SE3
 from ambler.core.units import Radians
-from ambler.perception.merger_config import MergerConfig
 
 
 class Estimate(Protocol):
@@ -69,7 +68,7 @@ def scanner_calibrations(estimates: Iterable[Estimate]) -> dict[str, ScannerCali
 
 
 def calibrated_robot(robot: RobotModel, calibrations: ScannerCalibrations) -> RobotModel:
-    """Return the robot with its scanners where they really sit; raises BadInputError for a scanner that it does not have."""
+    """Return the robot with its scanners where they really sit, and with what their clocks are ahead; raises BadInputError for a scanner that it does not have."""
     own = {mount.frame for mount in robot.scanners}
     for frame in calibrations:
         if frame not in own:
@@ -77,20 +76,8 @@ def calibrated_robot(robot: RobotModel, calibrations: ScannerCalibrations) -> Ro
     return replace(robot, sensors=tuple(_calibrated(mount, calibrations) for mount in robot.sensors))
 
 
-def clock_offsets(calibrations: ScannerCalibrations) -> dict[str, float]:
-    """Return the seconds by which each scanner's clock is ahead."""
-    return {frame: calibration.clock_offset for frame, calibration in calibrations.items()}
-
-
-def with_clock_offsets(config: MergerConfig, calibrations: ScannerCalibrations) -> MergerConfig:
-    """Return the merger's configuration with the scanners' clock offsets."""
-    scanners = tuple(
-        replace(s, clock_offset=calibrations[s.frame].clock_offset) if s.frame in calibrations else s
-        for s in config.scanners
-    )
-    return replace(config, scanners=scanners)
-
-
 def _calibrated(mount: SensorMount, calibrations: ScannerCalibrations) -> SensorMount:
     found = calibrations.get(mount.frame)
-    return mount if found is None else replace(mount, base_from_sensor=found.applied_to(mount.base_from_sensor))
+    if found is None:
+        return mount
+    return replace(mount, base_from_sensor=found.applied_to(mount.base_from_sensor), clock_offset=found.clock_offset)

@@ -15,7 +15,7 @@ from ambler.docking.detection import DockDetector, DockObservation
 from ambler.evaluation.docking import DetectionErrors
 from ambler.nodes.dock_sight import detector_of
 from ambler.perception.merger import MergerConfig, MergeResult, ScanMerger
-from ambler.perception.scanner_profile import ScannerCalibrations, calibrated_robot, with_clock_offsets
+from ambler.perception.scanner_profile import ScannerCalibrations, calibrated_robot
 from ambler.sim.robots import robot_named
 from ambler.sim.simulation import Simulation, SimulationConfig
 from ambler.sim.world_file import load_world
@@ -60,7 +60,7 @@ def _errors(
     sim = Simulation(plan, device, SimulationConfig(seed), world_from_dock @ dock_from_base)
     model = calibrated_robot(device.model, scanners)
     detector = detector_of(dock, model, None)
-    merger = ScanMerger(with_clock_offsets(MergerConfig.from_robot(model), scanners))
+    merger = ScanMerger(MergerConfig.from_robot(model))
     errors: list[list[float]] = []
     for k in range(STEPS * looks):
         if len(errors) == looks:
