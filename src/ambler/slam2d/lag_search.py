@@ -21,7 +21,7 @@ from ambler.slam2d.turning import most_turning
 
 F64 = NDArray[np.float64]
 
-EXCERPT = 200
+EXCERPT = 150
 ROUNDS = 2
 """The first map is made with the odometry as recorded, which draws its headings to the wrong instants."""
 LAG_MAX = 1.5
@@ -61,11 +61,13 @@ def find_lag(scans: Sequence[LogScan]) -> Lag | None:
         seen = np.diff(yaws)[is_told]
         misses = np.minimum(np.abs(turns * _scale(turns[best], seen) - seen), MISS_MAX)
         best = int(misses.mean(axis=1).argmin())
-    found = Lag(float(lags[best]), float(misses[best].mean()), float(misses[none].mean()))
+        found = Lag(float(lags[best]), float(misses[best].mean()), float(misses[none].mean()))
+        is_explained = found.miss <= MISSES_LEFT * found.miss_before
+        if not is_explained:
+            return None
     is_inside = 0 < best < len(lags) - 1
-    is_explained = found.miss <= MISSES_LEFT * found.miss_before
     is_agreed = _halves_apart(misses, turns[best], lags) <= HALVES_APART
-    return found if is_inside and is_explained and is_agreed else None
+    return found if is_inside and is_agreed else None
 
 
 def _scale(turns: F64, seen: F64) -> float:
