@@ -21,25 +21,33 @@ ODOMETRY_PERIOD = 0.03
 PARTS = 12  # of a scan, each taken at one instant
 
 
-def pose_at(seconds: float) -> SE2:
+def pose_at(seconds: float, sway: float = 1.0) -> SE2:
     """Sways with up to 1.4 rad/s, never twice alike."""
-    yaw = 0.5 * math.sin(2.0 * seconds) + 0.3 * math.sin(1.3 * seconds)
+    yaw = sway * (0.5 * math.sin(2.0 * seconds) + 0.3 * math.sin(1.3 * seconds))
     return SE2(0.6 * math.sin(0.5 * seconds), 0.3 * math.sin(0.8 * seconds), yaw)
 
 
-def drive(lag: float, *, backward: bool = False, scale: float = 1.0, noise: float = 0.0) -> list[LogScan]:
+def drive(
+    lag: float,
+    *,
+    backward: bool = False,
+    scale: float = 1.0,
+    noise: float = 0.0,
+    seconds: float = SECONDS,
+    sway: float = 1.0,
+) -> list[LogScan]:
     """Return scans whose stamps are `lag` seconds late and odometry with true stamps, its turns multiplied by `scale`."""
     rng, angles = np.random.default_rng(7), beam_angles()
     part = np.arange(BEAMS) * PARTS // BEAMS
     beam = np.array([angles[0], angles[1] - angles[0], PERIOD / BEAMS])
-    odometry_times = np.arange(0.0, SECONDS, ODOMETRY_PERIOD)
+    odometry_times = np.arange(0.0, seconds, ODOMETRY_PERIOD)
     odometry = []
     for t in odometry_times:
-        pose = pose_at(float(t))
+        pose = pose_at(float(t), sway)
         odometry.append((round(t * 1e9), SE2(pose.x, pose.y, scale * pose.yaw + rng.normal(0.0, noise))))
     scans = []
-    for t in np.arange(1.0, SECONDS - 1.0, PERIOD):
-        parts = [ranges_at(pose_at(float(t) + PERIOD * (i + 0.5) / PARTS), angles) for i in range(PARTS)]
+    for t in np.arange(1.0, seconds - 1.0, PERIOD):
+        parts = [ranges_at(pose_at(float(t) + PERIOD * (i + 0.5) / PARTS, sway), angles) for i in range(PARTS)]
         ranges = np.array(parts)[part[::-1] if backward else part, np.arange(BEAMS)] + rng.normal(0.0, 0.01, BEAMS)
         stamp_ns = round((t + lag) * 1e9)
         limits, mount = np.array([0.1, 30.0, 5.0]), planar_matrix(SE2())
@@ -118,6 +126,17 @@ def test_two_halves_that_tell_different_lags_are_not_believed() -> None:
     both = [replace(scan, odometry=()) for scan in both]
     both[0] = replace(both[0], odometry=tuple(track))
     assert find_lag(with_later_odometry(both, 0.0)) is None
+
+
+@pytest.mark.parametrize("comes_and_goes", [False, True])
+def test_a_lag_that_elsewhere_explains_nothing_is_not_taken_out(comes_and_goes: bool) -> None:
+    """Later in the recording the robot turns less, and its clocks agree; or they do not, as before."""
+    first, later_ns = drive(0.2, seconds=19.0), 19_000_000_000
+    second = [
+        replace(scan, stamp_ns=scan.stamp_ns + later_ns, odometry=tuple((ns + later_ns, p) for ns, p in scan.odometry))
+        for scan in drive(0.0 if comes_and_goes else 0.2, seconds=19.0, sway=0.8)
+    ]
+    assert (find_lag([*first, *second]) is None) == comes_and_goes
 
 
 def test_later_odometry_is_handed_out_up_to_the_last_beam() -> None:

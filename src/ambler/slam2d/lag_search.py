@@ -8,7 +8,7 @@ were taken, so this is asked before the order of the beams.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ ROUNDS = 2
 """The first map is made with the odometry as recorded, which draws its headings to the wrong instants."""
 LAG_MAX = 1.5
 STEP = 0.01
+LAGS: F64 = np.linspace(-LAG_MAX, LAG_MAX, 2 * round(LAG_MAX / STEP) + 1)
+NONE = len(LAGS) // 2
 MISS_MAX = 0.2
 """Radians from which on a turn counts no more: a scan that was matched wrongly, or a leap of the odometry."""
 MISSES_LEFT = 0.6
@@ -37,37 +39,87 @@ SCALE_MAX = 2.0
 
 
 def find_lag(scans: Sequence[LogScan]) -> Lag | None:
-    """Return the lag, None where the recording does not turn enough, where no lag explains why the turns differ, or where the one half
-    of the turning tells another lag than the other."""
-    if not any(scan.odometry for scan in scans):
+    """Return the lag, None where the recording does not turn enough, where no lag explains why the turns differ, where the one half
+    of the turning tells another lag than the other, or where elsewhere in the recording the lag makes turns differ more than none."""
+    odometry = _Odometry.of(scans)
+    first = None if odometry is None else most_turning(scans, EXCERPT)
+    if odometry is None or first is None:
         return None
-    first = most_turning(scans, EXCERPT)
-    if first is None:
+    told = _compared(scans[first : first + EXCERPT], odometry)
+    if told is None:
         return None
-    excerpt = [_at_its_middle(scan) for scan in scans[first : first + EXCERPT]]
-    times = _seconds([scan.stamp_ns for scan in excerpt], excerpt[0].stamp_ns)
-    odometry = [entry for scan in scans for entry in scan.odometry]
-    odometry_times = _seconds([stamp_ns for stamp_ns, _ in odometry], excerpt[0].stamp_ns)
-    odometry_yaws = np.unwrap([pose.yaw for _, pose in odometry])
-    lags = np.linspace(-LAG_MAX, LAG_MAX, 2 * round(LAG_MAX / STEP) + 1)
-    is_covered = (times - LAG_MAX >= odometry_times[0]) & (times + LAG_MAX <= odometry_times[-1])
-    is_told = is_covered[1:] & is_covered[:-1]
+    misses, turns = told
+    miss = misses.mean(axis=1)
+    best = int(miss.argmin())
+    found = Lag(float(LAGS[best]), float(miss[best]), float(miss[NONE]))
+    is_inside = 0 < best < len(LAGS) - 1
+    is_agreed = _halves_apart(misses, turns[best]) <= HALVES_APART
+    elsewhere = max(scans[:first], scans[first + EXCERPT :], key=len)
+    return found if is_inside and is_agreed and _holds(best, elsewhere, odometry) else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Odometry:
+    """Its headings, unwrapped, float64 (N,), and when they were: seconds after `since_ns`."""
+
+    since_ns: int
+    times: F64
+    yaws: F64
+
+    @classmethod
+    def of(cls, scans: Sequence[LogScan]) -> _Odometry | None:
+        entries = [entry for scan in scans for entry in scan.odometry]
+        if not entries:
+            return None
+        since_ns = entries[0][0]
+        times = np.array([(stamp_ns - since_ns) * 1e-9 for stamp_ns, _ in entries])
+        return cls(since_ns, times, np.unwrap([pose.yaw for _, pose in entries]))
+
+    def turns_between(self, stamps_ns: Sequence[int]) -> tuple[NDArray[np.bool_], F64]:
+        """Return between which of the instants (N,) it tells the turns whatever the lag, bool (N - 1,), and those turns for each of `LAGS`, (L, M)."""
+        times = np.array([(stamp_ns - self.since_ns) * 1e-9 for stamp_ns in stamps_ns])
+        is_covered = (times - LAG_MAX >= self.times[0]) & (times + LAG_MAX <= self.times[-1])
+        is_told = is_covered[1:] & is_covered[:-1]
+        turns = np.array([np.diff(np.interp(times - lag, self.times, self.yaws)) for lag in LAGS])
+        return is_told, turns[:, is_told]
+
+
+def _compared(scans: Sequence[LogScan], odometry: _Odometry) -> tuple[F64, F64] | None:
+    """Return by how much the turns of scans and odometry differ, and those of odometry, each float64 (L, M) for each of `LAGS`; None where no lag
+    explains it."""
+    excerpt = [_at_its_middle(scan) for scan in scans]
+    is_told, turns = odometry.turns_between([scan.stamp_ns for scan in excerpt])
     if is_told.sum() < TURNS_MIN:
         return None
-    turns = np.array([np.diff(np.interp(times - lag, odometry_times, odometry_yaws)) for lag in lags])[:, is_told]
-    best = none = len(lags) // 2
+    best, misses = NONE, turns
     for _ in range(ROUNDS):
-        yaws = np.unwrap(run_offline(with_later_odometry(excerpt, float(lags[best]))).poses[:, 2])
-        seen = np.diff(yaws)[is_told]
+        seen = _turns_seen(excerpt, float(LAGS[best]))[is_told]
         misses = np.minimum(np.abs(turns * _scale(turns[best], seen) - seen), MISS_MAX)
-        best = int(misses.mean(axis=1).argmin())
-        found = Lag(float(lags[best]), float(misses[best].mean()), float(misses[none].mean()))
-        is_explained = found.miss <= MISSES_LEFT * found.miss_before
-        if not is_explained:
+        miss = misses.mean(axis=1)
+        best = int(miss.argmin())
+        if miss[best] > MISSES_LEFT * miss[NONE]:
             return None
-    is_inside = 0 < best < len(lags) - 1
-    is_agreed = _halves_apart(misses, turns[best], lags) <= HALVES_APART
-    return found if is_inside and is_agreed else None
+    return misses, turns
+
+
+def _holds(best: int, scans: Sequence[LogScan], odometry: _Odometry) -> bool:
+    """Say whether a lag explains the turns where the rest of a recording turns most, too, or nothing speaks against it there: a lag that comes and goes is
+    none that could be taken out."""
+    first = most_turning(scans, EXCERPT)
+    if first is None:
+        return True
+    excerpt = [_at_its_middle(scan) for scan in scans[first : first + EXCERPT]]
+    is_told, turns = odometry.turns_between([scan.stamp_ns for scan in excerpt])
+    if is_told.sum() < TURNS_MIN:
+        return True
+    seen = _turns_seen(excerpt, float(LAGS[best]))[is_told]
+    misses = np.minimum(np.abs(turns[[best, NONE]] * _scale(turns[best], seen) - seen), MISS_MAX).mean(axis=1)
+    return bool(misses[0] < misses[1])
+
+
+def _turns_seen(excerpt: Sequence[LogScan], lag: float) -> F64:
+    """Return how the robot turned from scan to scan, by a map of them, float64 (N - 1,)."""
+    return np.diff(np.unwrap(run_offline(with_later_odometry(excerpt, lag)).poses[:, 2]))
 
 
 def _scale(turns: F64, seen: F64) -> float:
@@ -79,14 +131,9 @@ def _at_its_middle(scan: LogScan) -> LogScan:
     return replace(swept(scan, Sweep.NONE), stamp_ns=scan.stamp_ns + round(0.5e9 * scan.duration))
 
 
-def _halves_apart(misses: F64, turns: F64, lags: F64) -> float:
-    """Return how far apart the lags of the two halves of the turning are, seconds; `misses` (lags, N)."""
+def _halves_apart(misses: F64, turns: F64) -> float:
+    """Return how far apart the lags of the two halves of the turning are, seconds."""
     turned = np.cumsum(np.abs(turns))
     is_first = turned <= 0.5 * turned[-1]
-    return abs(
-        float(lags[misses[:, is_first].mean(axis=1).argmin()] - lags[misses[:, ~is_first].mean(axis=1).argmin()])
-    )
-
-
-def _seconds(stamps_ns: list[int], since_ns: int) -> F64:
-    return np.array([(stamp_ns - since_ns) * 1e-9 for stamp_ns in stamps_ns])
+    first, second = (LAGS[misses[:, half].mean(axis=1).argmin()] for half in (is_first, ~is_first))
+    return abs(float(first - second))
