@@ -76,7 +76,20 @@ def test_other_wheels_alone_tell_another_way() -> None:
         motion = odometry_of(variant.scans[0]).inverse() @ odometry_of(variant.scans[-1])
         truth = _truth(variant)
         off = (truth[0].inverse() @ truth[-1]).distance_to(motion)
-        assert (off > 0.02) == (kind == "other_wheels"), kind
+        assert (off > 0.02) == (kind in ("other_wheels", "late")), kind
+
+
+def test_late_scans_bear_the_odometry_of_when_they_are_old() -> None:
+    log, variant = _log(), varied(_log(), "late", 3)
+    assert 0.05 <= variant.lag <= 0.6
+    for k, scan in enumerate(variant.scans[: -round(variant.lag / 0.1) - 1]):
+        true = SE2(
+            1.5 * math.cos(0.1 * k + variant.lag), 1.2 * math.sin(0.1 * k + variant.lag), 0.1 * k + variant.lag + 1.5
+        )
+        told = ODOM.inverse() @ odometry_of(scan)
+        assert told.distance_to(true) < 2e-3
+        assert abs(math.remainder(told.yaw - true.yaw, 2.0 * math.pi)) < 1e-6
+        assert scan.stamp_ns == log[k].stamp_ns
 
 
 def test_what_is_left_out_is_as_much_as_its_kind_says() -> None:

@@ -25,7 +25,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="LOG",
         help="CARMEN log with a .relations or .tum file of its name beside it",
     )
-    parser.add_argument("--kinds", nargs="+", metavar="KIND", help="some kinds of variants only (default: all)")
+    parser.add_argument(
+        "--kinds",
+        nargs="+",
+        metavar="KIND",
+        help="some kinds of variants only (default: all but `late`, for dense logs: scans that are stamped late)",
+    )
     parser.add_argument(
         "--keyframes",
         nargs="+",
@@ -42,10 +47,10 @@ def run(args: argparse.Namespace) -> int:
     """Map all; 0 when at least 95 % of the variants are good."""
     from ambler.apps.config import recorded_config
     from ambler.core.errors import BadInputError
-    from ambler.studies.log_variants import KINDS
+    from ambler.studies.log_variants import KINDS, OF_DENSE_LOGS
     from ambler.studies.log_variants_study import cases_of, log_variants_study, reference_of, summarize
 
-    kinds = names_of(args.kinds) if args.kinds else tuple(KINDS)
+    kinds = names_of(args.kinds) if args.kinds else tuple(kind for kind in KINDS if kind not in OF_DENSE_LOGS)
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         raise BadInputError(f"--kinds {unknown[0]}: one of {', '.join(KINDS)}")

@@ -1,7 +1,7 @@
 """Variants of a recorded log that should not matter to SLAM: the same way through the same place, told by another robot.
 
 Mirrored, driven backwards in time, begun later, with scans left out, with fewer beams, with a scanner that sees less far, with other wheels, or thinned to
-one scan per 0.4 to 1 m with invented stamps, as published collections of key frames have them. What is drawn is drawn from a seed.
+one scan per 0.4 to 1 m with invented stamps, as published collections of key frames have them. Or with scans that are stamped late. What is drawn is drawn from a seed.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ KEYFRAME_GAP_NS = 500_000_000  # of invented stamps
 LATER = 0.1, 0.4  # share of the log that is not driven
 CLIPPED = 0.5, 0.9  # quantile of the returns beyond which nothing comes back
 LEAST_RANGE = 8.0  # m that every scanner sees
+LAG = 0.05, 0.6  # s by which scans are stamped later than the odometry, drawn
 ODOMETRY_SCALE = 0.03, 0.05  # standard deviations of the wheels' scale, of way and of rotation
 ODOMETRY_BIAS = math.radians(0.5)  # rad/m, standard deviation
 ODOMETRY_NOISE = 0.03, math.radians(0.5)  # per root metre of way: m and rad
@@ -32,11 +33,13 @@ ODOMETRY_NOISE = 0.03, math.radians(0.5)  # per root metre of way: m and rad
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variant:
-    """`scans` in the order in which they are mapped, `rows` (N,) which of the log's scans each is, `is_mirrored` whether left and right are swapped."""
+    """`scans` in the order in which they are mapped, `rows` (N,) which of the log's scans each is, `is_mirrored` whether left and right are swapped, and
+    `lag` the seconds by which its scans are stamped later than those of the log."""
 
     scans: tuple[LogScan, ...]
     rows: I64
     is_mirrored: bool = False
+    lag: float = 0.0
 
 
 def as_recorded(log: Variant, _: np.random.Generator) -> Variant:
@@ -120,6 +123,20 @@ def other_wheels(log: Variant, rng: np.random.Generator) -> Variant:
     return replace(log, scans=tuple(scans))
 
 
+def late(log: Variant, rng: np.random.Generator) -> Variant:
+    """Give each scan the odometry of a drawn time later: it is stamped when it is that old."""
+    lag = float(rng.uniform(*LAG))
+    times = np.array([s.stamp_ns for s in log.scans], np.float64)
+    odometry = [odometry_of(s) for s in log.scans]
+    scans = []
+    for scan in log.scans:
+        k = min(int(np.searchsorted(times, scan.stamp_ns + lag * 1e9)), len(times) - 1)
+        share = min(1.0, (scan.stamp_ns + lag * 1e9 - times[k - 1]) / (times[k] - times[k - 1])) if k else 0.0
+        told = odometry[max(0, k - 1)].interpolate(odometry[k], share)
+        scans.append(replace(scan, odometry=((scan.stamp_ns, told),)))
+    return replace(log, scans=tuple(scans), lag=lag)
+
+
 KINDS: dict[str, Callable[[Variant, np.random.Generator], Variant]] = {
     "as_recorded": as_recorded,
     "mirrored": mirrored,
@@ -129,7 +146,10 @@ KINDS: dict[str, Callable[[Variant, np.random.Generator], Variant]] = {
     "thinned": thinned,
     "clipped": clipped,
     "other_wheels": other_wheels,
+    "late": late,
 }
+OF_DENSE_LOGS = ("late",)
+"""Kinds that say something only where scans follow one another closely: between key frames nobody knows what odometry would have told."""
 NOTHING_DRAWN = "as_recorded", "mirrored", "backwards"
 
 

@@ -18,7 +18,9 @@ from ambler.evaluation.proportions import wilson_interval
 from ambler.evaluation.relations import load_relations, relation_errors
 from ambler.evaluation.revisits import revisit_errors
 from ambler.evaluation.trajectory import trajectory_error, truth_at
+from ambler.recordings.lag import with_later_odometry
 from ambler.recordings.scan_recording import open_recording
+from ambler.slam2d.lag_search import find_lag
 from ambler.slam2d.offline import run_offline
 from ambler.studies.log_variants import F64, I64, NOTHING_DRAWN, poses_of_log, varied
 from ambler.studies.study import Study
@@ -91,13 +93,17 @@ def run_case(case: LogCase, folder: Path) -> dict[str, Any]:
     variant = varied(log, case.kind, case.seed, is_keyframed=case.is_keyframed)
     config = recorded_config(case.settings.profile).slam2d.slam
     cpu = time.process_time()
-    result = run_offline(variant.scans, config)
+    lag = find_lag(variant.scans)
+    scans = variant.scans if lag is None else with_later_odometry(variant.scans, lag.seconds)
+    result = run_offline(scans, config)
     cpu_seconds = time.process_time() - cpu
     rows, poses = poses_of_log(log, variant, result.poses)
     return {
         "scans": len(variant.scans),
         "slam_cpu_seconds": cpu_seconds,
         "closures": result.loop_closures,
+        "lag_s": 0.0 if lag is None else lag.seconds,
+        "lag_drawn_s": variant.lag,
         **judged(Path(case.reference), np.array(recording.stamps)[rows], poses),
     }
 
@@ -155,7 +161,20 @@ def summarize(results: Sequence[dict[str, Any]], places: Sequence[str]) -> dict[
                 f"{name}.error_median_m": statistics.median(errors),
                 f"{name}.error_worst_m": max(errors),
             }
-    return fields | {f"{r['label']}.error_m": r.get("error_m") for r in results}
+    return fields | _lag_errors(results, places) | {f"{r['label']}.error_m": r.get("error_m") for r in results}
+
+
+def _lag_errors(results: Sequence[dict[str, Any]], places: Sequence[str]) -> dict[str, Any]:
+    """Return by how much the lags of late scans were found beside those that were drawn, and that of the log itself, seconds."""
+    own = {p: r.get("lag_s", math.inf) for p, r in zip(places, results, strict=True) if r["kind"] == "as_recorded"}
+    errors = [
+        abs(r.get("lag_s", math.inf) - r.get("lag_drawn_s", 0.0) - own[p])
+        for p, r in zip(places, results, strict=True)
+        if r["kind"] == "late" and p in own
+    ]
+    return (
+        {"late.lag_error_median_s": statistics.median(errors), "late.lag_error_worst_s": max(errors)} if errors else {}
+    )
 
 
 def _nanoseconds(seconds: F64) -> I64:
