@@ -619,7 +619,10 @@ def test_looking_past_people_has_an_end() -> None:
     play.mission.meet(0, is_here=True)
     ended = play.until_ended()
     assert ended.code == "SUCCEEDED"
-    assert ended.text == "1 frontiers are left, each with its reason"
+    told = "1 frontiers are left, each with its reason"
+    assert ended.text == f"{told}; 1 could not be reached among people, and nobody knows what is behind them"
+    alone = Play(shut, company_looks=4).until_ended()
+    assert alone.text == told
 
 
 def test_who_comes_when_the_robot_is_home_again_does_not_send_it_off_once_more() -> None:

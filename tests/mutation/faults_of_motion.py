@@ -1037,6 +1037,13 @@ MOTION = (
         SURVEY,
     ),
     PlantedFault(
+        "what people shut counts as explored like the rest",
+        "missions/explore.py",
+        "if self._company.looks and self._now.shut:",
+        "if False:",
+        ("tests/missions/test_explore.py",),
+    ),
+    PlantedFault(
         "an exploration ends without looking once more",
         "missions/explore.py",
         "        if not self._has_swept:\n            return self._sweep(view)\n",

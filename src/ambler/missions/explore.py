@@ -621,6 +621,8 @@ class ExploreMission:
         remaining = len(self._now.frontiers) + len(self._left.frontiers)
         left_out = self._now.left_out
         text = "no frontier is left" if remaining == 0 else f"{remaining} frontiers are left, each with its reason"
+        if self._company.looks and self._now.shut:
+            text += f"; {len(self._now.shut)} could not be reached among people, and nobody knows what is behind them"
         return f"{text}; {left_out:.1f} m of frontier were left out on purpose" if left_out else text
 
     def _end(self, state: ExploreState, code: str, text: str) -> list[Command]:
