@@ -271,7 +271,7 @@ def _on_one_clock(
     """Return the scans with their odometry at the instants at which they count by the scans' stamps."""
     if lag is not None:
         notes.append(f"lag: scans are taken as stamped {lag:.2f} s later than odometry, as given")
-        return with_later_odometry(tuple(scans), lag)
+        return with_later_odometry(tuple(scans), lag) if lag else scans
     if find_lag is None:
         return scans
     scans = tuple(scans)
