@@ -457,22 +457,22 @@ MAPPING = (
     PlantedFault(
         "two halves that tell different lags are believed",
         "slam2d/lag_search.py",
-        "is_agreed = _halves_apart(misses, turns[best]) <= HALVES_APART",
+        "is_agreed = _halves_apart(misses, stretch.turns[best]) <= HALVES_APART",
         "is_agreed = True",
         ("tests/slam2d/test_lag_search.py",),
     ),
     PlantedFault(
         "a lag counts though elsewhere it makes turns differ more than none",
         "slam2d/lag_search.py",
-        "return bool(misses[0] < misses[1])",
+        "return bool(miss[best] < miss[NONE])",
         "return True",
         ("tests/slam2d/test_lag_search.py",),
     ),
     PlantedFault(
         "the turns of wheels that skid are compared as told",
         "slam2d/lag_search.py",
-        "np.abs(turns * _scale(turns[best], seen) - seen)",
-        "np.abs(turns - seen)",
+        "np.abs(self.turns * _scale(self.turns[mapped], seen) - seen)",
+        "np.abs(self.turns - seen)",
         ("tests/slam2d/test_lag_search.py",),
     ),
     PlantedFault(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ambler.core.se2 import SE2
-from ambler.recordings.lag import Lag, with_later_odometry
+from ambler.recordings.lag import with_later_odometry
 from ambler.recordings.log_scans import LogScan, planar_matrix
 from ambler.slam2d.lag_search import LAG_MAX, find_lag
 from ambler.slam2d.offline import run_offline
@@ -144,9 +144,9 @@ def test_later_odometry_is_handed_out_up_to_the_last_beam() -> None:
     moved = with_later_odometry(scans, 0.5)
     track, before = ([entry for scan in s for entry in scan.odometry] for s in (moved, scans))
     assert track == [(ns + 500_000_000, pose) for ns, pose in before][: len(track)]
+    assert len(track) > 0.9 * len(before)
     for scan in moved[1:]:
         if scan.odometry:
             end_ns = scan.stamp_ns + round(scan.duration * 1e9)
             assert scan.odometry[-1][0] > end_ns >= scan.odometry[-1][0] - round(ODOMETRY_PERIOD * 1e9)
     assert [scan.stamp_ns for scan in moved] == [scan.stamp_ns for scan in scans]
-    assert Lag(0.5, 0.1, 0.2).seconds == 0.5

@@ -42,20 +42,21 @@ def find_lag(scans: Sequence[LogScan]) -> Lag | None:
     """Return the lag, None where the recording does not turn enough, where no lag explains why the turns differ, where the one half
     of the turning tells another lag than the other, or where elsewhere in the recording the lag makes turns differ more than none."""
     odometry = _Odometry.of(scans)
-    first = None if odometry is None else most_turning(scans, EXCERPT)
-    if odometry is None or first is None:
+    stretch = None if odometry is None else _Stretch.of(scans, odometry)
+    if odometry is None or stretch is None:
         return None
-    told = _compared(scans[first : first + EXCERPT], odometry)
-    if told is None:
-        return None
-    misses, turns = told
-    miss = misses.mean(axis=1)
-    best = int(miss.argmin())
-    found = Lag(float(LAGS[best]), float(miss[best]), float(miss[NONE]))
+    best = NONE
+    for _ in range(ROUNDS):
+        misses = stretch.misses(best)
+        miss = misses.mean(axis=1)
+        best = int(miss.argmin())
+        if miss[best] > MISSES_LEFT * miss[NONE]:
+            return None
     is_inside = 0 < best < len(LAGS) - 1
-    is_agreed = _halves_apart(misses, turns[best]) <= HALVES_APART
-    elsewhere = max(scans[:first], scans[first + EXCERPT :], key=len)
-    return found if is_inside and is_agreed and _holds(best, elsewhere, odometry) else None
+    is_agreed = _halves_apart(misses, stretch.turns[best]) <= HALVES_APART
+    elsewhere = max(scans[: stretch.first], scans[stretch.first + EXCERPT :], key=len)
+    is_lag = is_inside and is_agreed and _holds(best, elsewhere, odometry)
+    return Lag(float(LAGS[best]), float(miss[best]), float(miss[NONE])) if is_lag else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,42 +85,41 @@ class _Odometry:
         return is_told, turns[:, is_told]
 
 
-def _compared(scans: Sequence[LogScan], odometry: _Odometry) -> tuple[F64, F64] | None:
-    """Return by how much the turns of scans and odometry differ, and those of odometry, each float64 (L, M) for each of `LAGS`; None where no lag
-    explains it."""
-    excerpt = [_at_its_middle(scan) for scan in scans]
-    is_told, turns = odometry.turns_between([scan.stamp_ns for scan in excerpt])
-    if is_told.sum() < TURNS_MIN:
-        return None
-    best, misses = NONE, turns
-    for _ in range(ROUNDS):
-        seen = _turns_seen(excerpt, float(LAGS[best]))[is_told]
-        misses = np.minimum(np.abs(turns * _scale(turns[best], seen) - seen), MISS_MAX)
-        miss = misses.mean(axis=1)
-        best = int(miss.argmin())
-        if miss[best] > MISSES_LEFT * miss[NONE]:
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """The scans from `first` on where a recording turns most, each at its middle; between which of them the odometry tells the turns, bool (N - 1,),
+    and those turns for each of `LAGS`, (L, M)."""
+
+    first: int
+    scans: tuple[LogScan, ...]
+    is_told: NDArray[np.bool_]
+    turns: F64
+
+    @classmethod
+    def of(cls, scans: Sequence[LogScan], odometry: _Odometry) -> _Stretch | None:
+        """Return that of a recording, None where nothing turns enough or the odometry tells too few turns."""
+        first = most_turning(scans, EXCERPT)
+        if first is None:
             return None
-    return misses, turns
+        excerpt = tuple(_at_its_middle(scan) for scan in scans[first : first + EXCERPT])
+        is_told, turns = odometry.turns_between([scan.stamp_ns for scan in excerpt])
+        return cls(first, excerpt, is_told, turns) if is_told.sum() >= TURNS_MIN else None
+
+    def misses(self, mapped: int) -> F64:
+        """Return by how much the odometry's turns differ from those that a map of the scans tells, (L, M); it is made with the lag number `mapped`."""
+        poses = run_offline(with_later_odometry(self.scans, float(LAGS[mapped]))).poses
+        seen = np.diff(np.unwrap(poses[:, 2]))[self.is_told]
+        return np.minimum(np.abs(self.turns * _scale(self.turns[mapped], seen) - seen), MISS_MAX)
 
 
 def _holds(best: int, scans: Sequence[LogScan], odometry: _Odometry) -> bool:
     """Say whether a lag explains the turns where the rest of a recording turns most, too, or nothing speaks against it there: a lag that comes and goes is
     none that could be taken out."""
-    first = most_turning(scans, EXCERPT)
-    if first is None:
+    elsewhere = _Stretch.of(scans, odometry)
+    if elsewhere is None:
         return True
-    excerpt = [_at_its_middle(scan) for scan in scans[first : first + EXCERPT]]
-    is_told, turns = odometry.turns_between([scan.stamp_ns for scan in excerpt])
-    if is_told.sum() < TURNS_MIN:
-        return True
-    seen = _turns_seen(excerpt, float(LAGS[best]))[is_told]
-    misses = np.minimum(np.abs(turns[[best, NONE]] * _scale(turns[best], seen) - seen), MISS_MAX).mean(axis=1)
-    return bool(misses[0] < misses[1])
-
-
-def _turns_seen(excerpt: Sequence[LogScan], lag: float) -> F64:
-    """Return how the robot turned from scan to scan, by a map of them, float64 (N - 1,)."""
-    return np.diff(np.unwrap(run_offline(with_later_odometry(excerpt, lag)).poses[:, 2]))
+    miss = elsewhere.misses(best).mean(axis=1)
+    return bool(miss[best] < miss[NONE])
 
 
 def _scale(turns: F64, seen: F64) -> float:
