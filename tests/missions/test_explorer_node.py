@@ -153,6 +153,7 @@ def test_it_explores_two_rooms_over_the_bus_and_comes_home() -> None:
     assert client.outcome.is_success
     assert client.outcome.result is not None
     assert client.outcome.result.is_home
+    assert "left" in client.outcome.text, "whoever asked is told what remains"
     assert robot.world.coverage() > 0.99
     assert robot.world.pose.distance_to(SE2(1.05, 1.05)) < 0.2
     assert robot.cleared >= 1

@@ -1037,6 +1037,13 @@ MOTION = (
         SURVEY,
     ),
     PlantedFault(
+        "what an exploration says of its end is told to nobody",
+        "nodes/explorer.py",
+        "handle.succeed(ended.result, ended.text)",
+        "handle.succeed(ended.result)",
+        ("tests/missions/test_explorer_node.py",),
+    ),
+    PlantedFault(
         "what people shut counts as explored like the rest",
         "missions/explore.py",
         "if self._company.looks and self._now.shut:",

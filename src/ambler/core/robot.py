@@ -62,7 +62,8 @@ class SensorKind(enum.StrEnum):
 class SensorMount:
     """A sensor and its pose; `frame` names it in the transform tree. A scanner measures
     nothing nearer than `range_min` (m) and nothing well beyond `range_max`, of a scan nothing outside the `azimuth` limits and of a cloud nothing outside the
-    `elevation` limits (rad). Its stamps are `clock_offset` seconds ahead: what is stamped t was measured at t - clock_offset."""
+    `elevation` limits (rad). Its stamps are `clock_offset` seconds ahead: what is stamped t was measured at t - clock_offset
+    (calibration finds it of planar scanners; of clouds only the gate asks for it)."""
 
     frame: str
     kind: SensorKind

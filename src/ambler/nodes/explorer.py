@@ -304,7 +304,7 @@ class ExplorerNode(Node):
         if handle is None:
             return
         if ended.code == "SUCCEEDED":
-            handle.succeed(ended.result)
+            handle.succeed(ended.result, ended.text)
         elif ended.code == "CANCELLED":
             handle.cancelled(ended.result)
         else:

@@ -205,7 +205,11 @@ class OperatorNode(Node):
     def _explored(self, outcome: TaskOutcome[Any]) -> None:
         """An exploration is over when its map is saved, so that later steps lose nothing."""
         if not self._is_over:
-            self._note(outcome.code, outcome.text or "exploration ended with proof", outcome.result)
+            self._note(
+                outcome.code,
+                outcome.text,
+                outcome.result,
+            )
             self._save(self._next)
 
     def _ended(self, outcome: TaskOutcome[Any]) -> None:

@@ -138,9 +138,9 @@ class GoalHandle(Generic[G, F, R]):
         if self.is_active:
             self._send_feedback(feedback)
 
-    def succeed(self, result: R) -> None:
-        """End the goal successfully."""
-        self.end(TaskOutcome("SUCCEEDED", "", result))
+    def succeed(self, result: R, text: str = "") -> None:
+        """End the goal successfully; `text` says what is worth knowing about it."""
+        self.end(TaskOutcome("SUCCEEDED", text, result))
 
     def fail(self, code: str, text: str, result: R | None = None) -> None:
         """End the goal with one of the task's named failures and one sentence that says why."""
